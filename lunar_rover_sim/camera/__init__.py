@@ -1,0 +1,1 @@
+"""The lunar image: stereo rig, reflectance, sunlight, EGL renderer and image sensor."""

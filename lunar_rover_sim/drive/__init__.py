@@ -1,0 +1,1 @@
+"""Where to go: velocity profiles and waypoint pursuit on odometry."""

@@ -1,0 +1,1 @@
+"""Judging estimates against the truth."""

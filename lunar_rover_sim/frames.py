@@ -1,0 +1,102 @@
+"""Rigid transforms, quaternions and axis conventions.
+
+`T_a_b` is a 4x4 matrix that maps points of frame b to frame a. Quaternions are wxyz, unit length;
+xyzw appears only where messages and TUM files are written. Frames:
+
+- world (`odom`): x east, y north, z up (ENU), origin at the centre of the fine terrain;
+- base (`base_link`): x forward, y left, z up (REP-103), origin at the chassis centre;
+- optical (`*_optical_frame`): x right, y down, z forward (REP-103);
+- GL camera: x right, y up, z backward.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+ODOM_FRAME = 'odom'
+BASE_FRAME = 'base_link'
+IMU_FRAME = 'imu_link'
+LEFT_OPTICAL_FRAME = 'stereo_left_optical_frame'
+RIGHT_OPTICAL_FRAME = 'stereo_right_optical_frame'
+
+# Columns are the optical axes written in body axes: right = -y, down = -z, forward = +x.
+R_BODY_OPTICAL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+R_OPTICAL_GL: Array = np.diag([1.0, -1.0, -1.0])
+
+
+def se3(rotation: ArrayLike, translation: ArrayLike) -> Array:
+    """Return the (4, 4) transform of a (3, 3) rotation and a (3,) translation [m]."""
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[:3, 3] = translation
+    return transform
+
+
+def inverse(T_a_b: ArrayLike) -> Array:
+    """Return T_b_a of a rigid (4, 4) T_a_b."""
+    matrix = np.asarray(T_a_b, dtype=float)
+    rotation = matrix[:3, :3].T
+    return se3(rotation, -rotation @ matrix[:3, 3])
+
+
+def matrix_from_wxyz(quat_wxyz: ArrayLike) -> Array:
+    """Return the (..., 3, 3) rotation matrix of (..., 4) unit quaternions."""
+    w, x, y, z = np.moveaxis(np.asarray(quat_wxyz, dtype=float), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def wxyz_from_matrix(rotation: ArrayLike) -> Array:
+    """Return the (4,) unit quaternion, w >= 0, of a (3, 3) rotation (Shepperd, 1978)."""
+    m = np.asarray(rotation, dtype=float)
+    diagonal = np.array([m[0, 0] + m[1, 1] + m[2, 2], m[0, 0], m[1, 1], m[2, 2]])
+    k = int(np.argmax(diagonal))
+    if k == 0:
+        q = [1 + diagonal[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]
+    elif k == 1:
+        q = [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0],
+             m[0, 2] + m[2, 0]]
+    elif k == 2:
+        q = [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2],
+             m[1, 2] + m[2, 1]]
+    else:
+        q = [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1],
+             1 - m[0, 0] - m[1, 1] + m[2, 2]]
+    quat = np.array(q)
+    quat /= np.linalg.norm(quat)
+    return quat if quat[0] >= 0 else -quat
+
+
+def wxyz_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
+    """Return the (4,) quaternion of fixed-axis roll, pitch, yaw [rad] (REP-103, URDF `rpy`)."""
+    cr, sr = np.cos(roll_rad / 2), np.sin(roll_rad / 2)
+    cp, sp = np.cos(pitch_rad / 2), np.sin(pitch_rad / 2)
+    cy, sy = np.cos(yaw_rad / 2), np.sin(yaw_rad / 2)
+    return np.array([cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
+                     cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy])
+
+
+def rpy_from_wxyz(quat_wxyz: ArrayLike) -> Array:
+    """Return (..., 3) fixed-axis roll, pitch, yaw [rad]; positive pitch is nose down."""
+    w, x, y, z = np.moveaxis(np.asarray(quat_wxyz, dtype=float), -1, 0)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def sun_direction(azimuth_deg: float, elevation_deg: float) -> Array:
+    """Return the (3,) unit vector to the sun, world frame.
+
+    Azimuth is counted from x (east) towards y (north), as yaw is; elevation from the horizontal.
+    """
+    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
+                     np.sin(elevation)])

@@ -1,0 +1,45 @@
+"""Time that waits: who must have answered which stamp before time may go on.
+
+There is no private protocol. A participant answers by the stamps of its ordinary messages:
+`joint_commands` bears the stamp of the state it answers, `camera_info` that of the odometry it
+shows. A `StampGate` holds the newest stamp of each awaited topic and the lag each may have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+
+class StampGate:
+    """The newest stamp of each awaited topic, against the lag it may have.
+
+    lag_ns_by_topic: topic → lag [ns]; 0 means that the present state must have been answered.
+    Before its first message a topic counts as having answered time 0, so that slow starters are
+    waited for as soon as their lag is used up.
+    """
+
+    def __init__(self, lag_ns_by_topic: Mapping[str, int]) -> None:
+        self._lag_ns = dict(lag_ns_by_topic)
+        self._stamp_ns = dict.fromkeys(self._lag_ns, 0)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The awaited topics."""
+        return tuple(self._lag_ns)
+
+    def answer(self, topic: str, stamp_ns: int) -> None:
+        """Take note that `topic` has answered up to `stamp_ns`; older stamps change nothing."""
+        self._stamp_ns[topic] = max(self._stamp_ns[topic], stamp_ns)
+
+    def is_open(self, now_ns: int) -> bool:
+        """Return whether time may go on from `now_ns`."""
+        return all(self._stamp_ns[t] >= now_ns - lag for t, lag in self._lag_ns.items())
+
+    def missing(self, now_ns: int) -> dict[str, int]:
+        """Return topic → newest stamp [ns] of those that time waits for at `now_ns`."""
+        return {t: self._stamp_ns[t] for t, lag in self._lag_ns.items()
+                if self._stamp_ns[t] < now_ns - lag}
+
+    def reset(self) -> None:
+        """Forget all stamps: time starts again at 0."""
+        self._stamp_ns = dict.fromkeys(self._lag_ns, 0)

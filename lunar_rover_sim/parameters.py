@@ -1,0 +1,214 @@
+"""Frozen, validated parameter sets: what a YAML file and a ROS parameter may say.
+
+A parameter set is a frozen dataclass that derives from `Parameters` and declares its fields with
+`param` (a value with unit, range and meaning) and `group` (a nested set). One declaration serves
+the YAML loader, the ROS parameter descriptors and the documentation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+import dataclasses
+import difflib
+import math
+import typing
+from typing import Any, TypeVar
+
+from lunar_rover_sim.errors import ConfigError
+
+T = TypeVar('T', bound='Parameters')
+
+_SCALARS = {'bool': bool, 'int': int, 'float': float, 'str': str}
+_ARRAYS = {'tuple[float, ...]': float, 'tuple[int, ...]': int, 'tuple[str, ...]': str}
+
+
+@dataclasses.dataclass(frozen=True)
+class ParamInfo:
+    """What is known of one parameter: meaning, unit, valid range or choices.
+
+    `low` and `high` are inclusive unless `open_low`; for lists they bound every element and
+    `length` bounds their number. `live` parameters may change while a node runs.
+    """
+
+    doc: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    open_low: bool = False
+    choices: tuple[str, ...] = ()
+    length: int | None = None
+    live: bool = False
+
+    def valid(self) -> str:
+        """Return what is valid, in words."""
+        parts = []
+        if self.length is not None:
+            parts.append(f'{self.length} elements')
+        if self.choices:
+            parts.append('one of ' + ', '.join(self.choices))
+        if self.low is not None:
+            parts.append(f'{">" if self.open_low else ">="} {self.low:g}')
+        if self.high is not None:
+            parts.append(f'<= {self.high:g}')
+        unit = f' [{self.unit}]' if self.unit else ''
+        return (' and '.join(parts) or 'any value of its type') + unit
+
+
+def param(default: Any, doc: str, **info: Any) -> Any:
+    """Declare a field of a parameter set; `info` as in `ParamInfo`."""
+    return dataclasses.field(default=default, metadata={'info': ParamInfo(doc, **info)})
+
+
+def group(cls: type) -> Any:
+    """Declare a nested parameter set with its defaults."""
+    return dataclasses.field(default_factory=cls)
+
+
+class Parameters:
+    """Base of every frozen parameter set; checks each field against its declaration."""
+
+    def __post_init__(self) -> None:
+        hints = _hints(type(self))
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            if 'info' in field.metadata:
+                value = check(field.name, getattr(self, field.name), hints[field.name],
+                              field.metadata['info'])
+                object.__setattr__(self, field.name, value)
+        self.validate()
+
+    def validate(self) -> None:
+        """Check what ties several fields together; raise ConfigError."""
+
+    @classmethod
+    def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str = '') -> T:
+        """Build the set from nested plain values; `where` prefixes names in errors.
+
+        Keys may be dotted (`imu.rate_hz`), as ROS 2 writes them. Raises ConfigError on an unknown
+        name (offering the nearest ones), a wrong type or a value out of range.
+        """
+        if not isinstance(mapping, Mapping):
+            raise ConfigError(f'{where or cls.__name__}: {mapping!r} is not a mapping of parameter'
+                              ' names to values')
+        fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        hints = _hints(cls)
+        values: dict[str, Any] = {}
+        for key, value in nest(mapping, where).items():
+            name = f'{where}.{key}' if where else key
+            if key not in fields:
+                raise ConfigError(f'{name}: no such parameter; {nearest(key, fields)}')
+            if 'info' in fields[key].metadata:
+                values[key] = check(name, value, hints[key], fields[key].metadata['info'])
+            else:
+                values[key] = hints[key].from_mapping(value, name)
+        try:
+            return cls(**values)
+        except ConfigError as error:
+            raise ConfigError(f'{where}.{error}' if where else str(error)) from None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return nested plain values (lists for tuples), the inverse of `from_mapping`."""
+        result: dict[str, Any] = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, Parameters):
+                value = value.to_mapping()
+            elif isinstance(value, tuple):
+                value = list(value)
+            result[field.name] = value
+        return result
+
+    def flatten(self, prefix: str = '') -> Iterator[tuple[str, Any, ParamInfo, Any]]:
+        """Yield (dotted name, value, info, type) of every parameter."""
+        hints = _hints(type(self))
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, Parameters):
+                yield from value.flatten(f'{prefix}{field.name}.')
+            else:
+                yield prefix + field.name, value, field.metadata['info'], hints[field.name]
+
+
+def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
+    """Return the mapping with dotted keys turned into nested mappings."""
+    result: dict[str, Any] = {}
+    for key, value in mapping.items():
+        if not isinstance(key, str):
+            raise ConfigError(f'{where + "." if where else ""}{key}: a parameter name is text')
+        head, _, tail = key.partition('.')
+        if tail:
+            value = {tail: value}
+        if isinstance(value, Mapping) and isinstance(result.get(head), Mapping):
+            result[head] = merge(nest(result[head]), nest(value))
+        else:
+            result[head] = value
+    return result
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `base` with the values of `over` laid on top, mapping by mapping."""
+    result = dict(base)
+    for key, value in over.items():
+        if isinstance(value, Mapping) and isinstance(result.get(key), Mapping):
+            result[key] = merge(result[key], value)
+        else:
+            result[key] = value
+    return result
+
+
+def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
+    """Return a phrase that offers the valid names nearest to `name`."""
+    names = list(valid)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    if close:
+        return 'did you mean ' + ' or '.join(close) + '?'
+    return 'valid are ' + ', '.join(sorted(names))
+
+
+def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:
+    """Return `value` in its declared type, or raise ConfigError that names `name` and the bound.
+
+    A whole number is accepted where a float is declared; nothing else is converted.
+    """
+    kind_name = _kind_name(kind)
+    if kind_name in _ARRAYS:
+        if isinstance(value, (str, bytes)) or not isinstance(value, Sequence):
+            raise ConfigError(f'{name}: {value!r} is not a list')
+        items = tuple(_scalar(name, item, _ARRAYS[kind_name]) for item in value)
+        if info.length is not None and len(items) != info.length:
+            raise ConfigError(f'{name}: {len(items)} elements given; valid is {info.valid()}')
+        for item in items:
+            _bound(name, item, info)
+        return items
+    value = _scalar(name, value, _SCALARS[kind_name])
+    _bound(name, value, info)
+    return value
+
+
+def _scalar(name: str, value: Any, kind: type) -> Any:
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'text'}
+        raise ConfigError(f'{name}: {value!r} is not {words[kind]}')
+    if kind is float and not math.isfinite(value):
+        raise ConfigError(f'{name}: {value!r} is not a finite number')
+    return value
+
+
+def _bound(name: str, value: Any, info: ParamInfo) -> None:
+    if info.choices and value not in info.choices:
+        hint = nearest(value, info.choices)
+        raise ConfigError(f'{name}: {value!r} is not valid; {hint}')
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        too_low = info.low is not None and (value < info.low
+                                            or (info.open_low and value == info.low))
+        if too_low or (info.high is not None and value > info.high):
+            raise ConfigError(f'{name}: {value} is not valid; valid is {info.valid()}')
+
+
+def _hints(cls: type) -> dict[str, Any]:
+    return typing.get_type_hints(cls)
+
+
+def _kind_name(kind: Any) -> str:
+    return kind.__name__ if isinstance(kind, type) and not typing.get_args(kind) else str(kind)

@@ -1,0 +1,1 @@
+"""The walk: MuJoCo simulation, contacts, IMU truth and IMU noise."""

@@ -1,0 +1,1 @@
+"""Semi-global matching, disparity and depth, and their error against truth."""

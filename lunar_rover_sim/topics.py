@@ -1,0 +1,86 @@
+"""The topic contract: name, type, rate class and frame of everything the graph publishes.
+
+Nodes, recorder, bag check and documentation all read this one table. Names are relative, so that
+a namespace or a remap moves them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim import frames
+
+LEGS = ('front_left', 'front_right', 'rear_left', 'rear_right')
+
+STATE = 'state'      # every publishing period of physics, 200 Hz by default
+FRAME = 'frame'      # every camera frame, 10 Hz by default
+LATCHED = 'latched'  # once, and to every late joiner
+EVENT = 'event'      # whenever there is something to say
+
+
+@dataclasses.dataclass(frozen=True)
+class Topic:
+    """One line of the contract; `type` as ROS 2 writes it, `frame_id` of its header."""
+
+    name: str
+    type: str
+    rate: str
+    node: str
+    frame_id: str = ''
+    note: str = ''
+
+
+CLOCK = Topic('clock', 'rosgraph_msgs/msg/Clock', STATE, 'physics_node', '',
+              'integer step count times integer ns')
+ODOM = Topic('odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node', frames.ODOM_FRAME,
+             'true pose and twist; twist in base_link')
+JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
+                     'leg angles [rad, unwrapped], velocities [rad/s], motor torques [N m]')
+IMU_RAW = Topic('imu/data_raw', 'sensor_msgs/msg/Imu', STATE, 'physics_node', frames.IMU_FRAME,
+                'noisy specific force and rate; no orientation (REP-145)')
+IMU_TRUTH = Topic('ground_truth/imu', 'sensor_msgs/msg/Imu', STATE, 'physics_node',
+                  frames.IMU_FRAME, 'noise-free signal with orientation')
+IMU_BIAS = Topic('ground_truth/imu_bias', 'geometry_msgs/msg/AccelStamped', STATE, 'physics_node',
+                 frames.IMU_FRAME, 'true bias: accelerometer [m/s^2], gyroscope [rad/s]')
+CONTACTS = tuple(
+    Topic(f'contacts/{leg}', 'geometry_msgs/msg/WrenchStamped', STATE, 'physics_node',
+          frames.ODOM_FRAME, 'ground reaction on that leg, world axes [N, N m]')
+    for leg in LEGS)
+JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
+                       'gait_controller_node', '',
+                       'velocity command [rad/s] and reference angle [rad]; stamp = state answered')
+CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', STATE, 'drive_node',
+                frames.BASE_FRAME, 'Twist where enable_stamped_cmd_vel is false')
+LEFT_IMAGE = Topic('stereo/left/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
+                   frames.LEFT_OPTICAL_FRAME, 'mono8')
+RIGHT_IMAGE = Topic('stereo/right/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
+                    frames.RIGHT_OPTICAL_FRAME, 'mono8')
+LEFT_INFO = Topic('stereo/left/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
+                  frames.LEFT_OPTICAL_FRAME, 'REP-104')
+RIGHT_INFO = Topic('stereo/right/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
+                   frames.RIGHT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B')
+DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', FRAME, 'render_node',
+                  frames.LEFT_OPTICAL_FRAME, 'semi-global matching on the rendered pair')
+DEPTH = Topic('stereo/depth/image', 'sensor_msgs/msg/Image', FRAME, 'render_node',
+              frames.LEFT_OPTICAL_FRAME, 'depth from SGM, 32FC1 [m], NaN where unknown (REP-118)')
+TRUE_DEPTH = Topic('ground_truth/depth/image', 'sensor_msgs/msg/Image', FRAME, 'render_node',
+                   frames.LEFT_OPTICAL_FRAME, 'depth of the scene, 32FC1 [m], +Inf for the sky')
+SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
+            'unit vector to the sun')
+WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
+                   'content hash of the world that physics collides with')
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
+                          'URDF')
+SCENARIO = Topic('scenario', 'std_msgs/msg/String', LATCHED, 'recorder_node', '',
+                 'resolved scenario, YAML')
+TF = Topic('tf', 'tf2_msgs/msg/TFMessage', STATE, 'physics_node', frames.ODOM_FRAME,
+           'odom to base_link and legs, where tf2_msgs is installed')
+TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', LATCHED, 'physics_node',
+                  frames.BASE_FRAME, 'sensors on base_link, where tf2_msgs is installed')
+RECORDED = Topic('recorder/written', 'std_msgs/msg/Header', EVENT, 'recorder_node', '',
+                 'stamp up to which everything is written')
+
+CONTRACT: tuple[Topic, ...] = (
+    CLOCK, ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, JOINT_COMMANDS, CMD_VEL,
+    LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, TRUE_DEPTH, SUN, WORLD_HASH,
+    ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED)

@@ -1,0 +1,57 @@
+"""A square height grid, centred on the world's origin, with the triangles that MuJoCo uses."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclasses.dataclass(frozen=True)
+class HeightGrid:
+    """Heights on a square grid centred on the origin.
+
+    heights_m: (n, n) float32, read-only; row 0 is south (least y), column 0 west (least x):
+        sample [iy, ix] lies at x = (ix - (n - 1) / 2) cell_m, y = (iy - (n - 1) / 2) cell_m.
+    cell_m: distance between neighbouring samples [m].
+
+    The surface is made of two triangles per cell, split along the diagonal from (ix, iy) to
+    (ix + 1, iy + 1): what MuJoCo's height field collides with, and what is drawn.
+    """
+
+    heights_m: NDArray[np.float32]
+    cell_m: float
+
+    @property
+    def n(self) -> int:
+        """Samples along one side."""
+        return self.heights_m.shape[0]
+
+    @property
+    def half_extent_m(self) -> float:
+        """Half the side length: the grid covers [-h, h] in x and in y."""
+        return 0.5 * (self.n - 1) * self.cell_m
+
+    def contains(self, xy_m: ArrayLike) -> NDArray[np.bool_]:
+        """Return, for (..., 2) positions, whether they lie on the grid."""
+        return np.all(np.abs(np.asarray(xy_m)) <= self.half_extent_m, axis=-1)
+
+    def height_at(self, xy_m: ArrayLike) -> NDArray[np.float64]:
+        """Return the height [m] of the triangulated surface at (..., 2) positions [m].
+
+        Positions outside the grid are NaN.
+        """
+        xy = np.asarray(xy_m, dtype=float)
+        grid = xy / self.cell_m + 0.5 * (self.n - 1)
+        cell = np.clip(np.nan_to_num(np.floor(grid)), 0, self.n - 2).astype(int)
+        u, v = np.moveaxis(grid - cell, -1, 0)
+        ix, iy = np.moveaxis(cell, -1, 0)
+        z = self.heights_m
+        z00, z11 = z[iy, ix].astype(float), z[iy + 1, ix + 1].astype(float)
+        # Below the diagonal the third corner is south-east, above it north-west.
+        lower = u >= v
+        corner = np.where(lower, z[iy, ix + 1], z[iy + 1, ix]).astype(float)
+        height = np.where(lower, z00 + u * (corner - z00) + v * (z11 - corner),
+                          z00 + v * (corner - z00) + u * (z11 - corner))
+        return np.where(self.contains(xy), height, np.nan)

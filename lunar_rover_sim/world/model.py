@@ -1,0 +1,57 @@
+"""The world as physics and camera see it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.rocks import Rocks, RockShape
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.world.config import WorldConfig
+
+
+@dataclasses.dataclass(frozen=True)
+class World:
+    """One piece of Moon.
+
+    levels: nested height grids, finest first, all centred on the origin. levels[0] is the ground
+        that the rover walks on (2.5 cm cells, 51.2 m wide by default); each further level is
+        coarser and wider and covers the inner ones too, to at least 1 km. At the border of a
+        level its heights are those of the next level's surface, so that there is no crack.
+    albedo: (n, n) float32 on the samples of levels[0]: factor on the single-scattering albedo,
+        about 1; outside levels[0] the factor is 1
+    rocks, rock_shapes: instances and the library they index
+    config: the parameters it was built from
+    hash: hexadecimal content hash of everything above
+    """
+
+    levels: tuple[HeightGrid, ...]
+    albedo: NDArray[np.float32]
+    rocks: Rocks
+    rock_shapes: tuple[RockShape, ...]
+    config: WorldConfig
+    hash: str
+
+    @property
+    def ground(self) -> HeightGrid:
+        """The finest level: what is collided with."""
+        return self.levels[0]
+
+    def height_at(self, xy_m: ArrayLike) -> NDArray[np.float64]:
+        """Return the ground height [m] (rocks not included) at (..., 2) positions [m].
+
+        Each position takes the finest level that contains it; beyond all levels it is NaN.
+        """
+        xy = np.asarray(xy_m, dtype=float)
+        height = np.full(xy.shape[:-1], np.nan)
+        for level in self.levels:
+            todo = np.isnan(height)
+            if not np.any(todo):
+                break
+            height = np.where(todo, level.height_at(xy), height)
+        return height

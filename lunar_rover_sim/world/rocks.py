@@ -1,0 +1,50 @@
+"""Rocks: where they lie, and the library of convex shapes they are instances of."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclasses.dataclass(frozen=True)
+class RockShape:
+    """A convex, closed triangle mesh of unit size (its largest horizontal diameter is 1).
+
+    vertices: (v, 3) float32, centred on its centroid; faces: (f, 3) int32, counter-clockwise
+    seen from outside.
+    """
+
+    name: str
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+
+
+@dataclasses.dataclass(frozen=True)
+class Rocks:
+    """Instances of the shapes; arrays of equal length m, read-only.
+
+    shape: (m,) int32 index into the shape library
+    size: (m,) int32 index into `size_classes_m`
+    position_m: (m, 3) float64 centroid, world frame
+    orientation_wxyz: (m, 4) float64
+    albedo: (m,) float32 factor on the single-scattering albedo of the rock parameter set
+    size_classes_m: (k,) diameters [m]; sizes come in classes so that physics and camera can share
+        one mesh among many rocks
+    """
+
+    shape: NDArray[np.int32]
+    size: NDArray[np.int32]
+    position_m: NDArray[np.float64]
+    orientation_wxyz: NDArray[np.float64]
+    albedo: NDArray[np.float32]
+    size_classes_m: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.shape)
+
+    @property
+    def diameter_m(self) -> NDArray[np.float64]:
+        """(m,) diameter of each rock [m]: the factor on its unit shape."""
+        return self.size_classes_m[self.size]
