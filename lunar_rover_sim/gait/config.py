@@ -1,0 +1,84 @@
+"""Parameters of the gait."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.gait.shaping import ShapingFunction
+from lunar_rover_sim.parameters import param, Parameters
+
+# Phase offsets [cycles] of front_left, front_right, rear_left, rear_right.
+GAIT_ARRAYS: dict[str, tuple[float, float, float, float]] = {
+    'trot': (0.0, 0.5, 0.5, 0.0),
+    'pace': (0.0, 0.5, 0.0, 0.5),
+    'bound': (0.0, 0.0, 0.5, 0.5),
+    'crawl': (0.0, 0.5, 0.75, 0.25),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class GaitConfig(Parameters):
+    """How the legs move; all but the number of spokes may change while walking."""
+
+    spokes: int = param(3, 'spokes per leg: one cycle turns a leg by 360 / spokes', low=2, high=12)
+    duty_factor: float = param(0.6, 'share of the cycle that a leg is in stance', low=0.0,
+                               high=1.0, open_low=True, live=True)
+    foot_width_deg: float = param(60.0, 'angle swept in stance, less than the spoke pitch',
+                                  unit='deg', low=0.0, high=180.0, open_low=True, live=True)
+    stance_smoothing: float = param(0.2, 'share of the stance with changing slope', low=0.0,
+                                    high=1.0, live=True)
+    flight_smoothing: float = param(0.6, 'share of the flight with changing slope', low=0.0,
+                                    high=1.0, live=True)
+    gait: str = param('trot', 'phase offsets by name; custom takes phase_offsets',
+                      choices=(*GAIT_ARRAYS, 'custom'), live=True)
+    phase_offsets: tuple[float, ...] = param(
+        (0.0, 0.5, 0.5, 0.0), 'offsets of front_left, front_right, rear_left, rear_right, used by'
+        ' gait custom; below 1', unit='cycles', low=0.0, high=1.0, length=4, live=True)
+    phase_gain: float = param(2.0, 'how fast a leg finds its phase: rate per phase error',
+                              unit='1/s', low=0.0, high=50.0, live=True)
+    position_gain: float = param(8.0, 'velocity per angle error', unit='1/s', low=0.0, high=100.0,
+                                 live=True)
+    velocity_gain: float = param(0.2, 'velocity per velocity error: feedback from the motor',
+                                 low=0.0, high=5.0, live=True)
+    max_angle_lead_deg: float = param(25.0, 'a reference waits for a leg that is blocked when it'
+                                      ' leads by this much', unit='deg', low=0.0, high=90.0,
+                                      open_low=True, live=True)
+    max_phase_rate_hz: float = param(2.5, 'most cycles per second', unit='Hz', low=0.0, high=10.0,
+                                     open_low=True, live=True)
+    phase_acceleration_hzps: float = param(2.0, 'most change of the phase rate', unit='Hz/s',
+                                           low=0.0, high=100.0, open_low=True, live=True)
+    settle_rate_hz: float = param(0.5, 'phase rate at which legs settle to their stand', unit='Hz',
+                                  low=0.0, high=5.0, open_low=True, live=True)
+    max_joint_velocity_radps: float = param(20.0, 'most velocity ever commanded', unit='rad/s',
+                                            low=0.0, high=200.0, open_low=True, live=True)
+    blend_time_s: float = param(0.5, 'time in which changed parameters and turns take effect',
+                                unit='s', low=0.0, high=10.0, open_low=True, live=True)
+    cmd_timeout_s: float = param(0.5, 'a velocity command older than this stops the rover',
+                                 unit='s', low=0.0, open_low=True, live=True)
+    calibration: str = param('', 'file with the measured map from velocity to gait; empty takes'
+                             ' the packaged one')
+
+    def validate(self) -> None:
+        """Raise ConfigError where duty, foot width, smoothing or offsets do not fit together."""
+        self.shaping()
+        for offset in self.phase_offsets:
+            if offset >= 1.0:
+                raise ConfigError(f'phase_offsets: {offset:g} is not valid; valid is >= 0 and < 1'
+                                  ' [cycles]')
+
+    @property
+    def pitch_rad(self) -> float:
+        """Angle between neighbouring spokes [rad]."""
+        return 2.0 * math.pi / self.spokes
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """Phase offsets [cycles] of the four legs, by name or custom."""
+        return GAIT_ARRAYS.get(self.gait, self.phase_offsets)
+
+    def shaping(self) -> ShapingFunction:
+        """Return the shaping function of these parameters."""
+        return ShapingFunction(self.duty_factor, math.radians(self.foot_width_deg),
+                               self.stance_smoothing, self.flight_smoothing, self.pitch_rad)
