@@ -4,13 +4,19 @@
 front_right, rear_left, rear_right, in this order everywhere. Each turns about an axle parallel
 to base +y; the joint `<leg>_joint` turns positively about +y, so that a positive velocity walks
 forward (the lower spoke tip moves backward).
+
+At joint angle 0 spoke 0 points straight down. Spoke k of n stands at the angle a = q + k 2 pi / n
+from straight down, q being the joint angle: it points along (-sin a, 0, -cos a) in base axes. So
+a > 0 is behind the axle, a < 0 in front of it, and a stance goes from negative to positive a.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import group, param, Parameters
 from lunar_rover_sim.topics import LEGS
 
@@ -45,6 +51,17 @@ class Legs(Parameters):
     axle_y_m: float = param(0.105, 'leg planes at +y and -y', unit='m', low=0.0, open_low=True)
     axle_z_m: float = param(-0.02, 'axle height', unit='m')
 
+    def validate(self) -> None:
+        """Check that the tip ends the spoke."""
+        if self.tip_radius_m >= self.spoke_length_m:
+            raise ConfigError(f'tip_radius_m: {self.tip_radius_m} is not valid; valid is less than'
+                              f' spoke_length_m = {self.spoke_length_m} [m]')
+
+    def spoke_directions(self) -> tuple[tuple[float, float, float], ...]:
+        """Return the unit vectors from axle to tip at joint angle 0, in base axes."""
+        angles = [k * self.spoke_pitch_rad for k in range(self.spokes)]
+        return tuple((-math.sin(a), 0.0, -math.cos(a)) for a in angles)
+
     @property
     def spoke_pitch_rad(self) -> float:
         """Angle between neighbouring spokes."""
@@ -54,6 +71,74 @@ class Legs(Parameters):
         """Return the (4, 3) axle positions in base_link, in the order of LEG_NAMES."""
         x, y, z = self.axle_x_m, self.axle_y_m, self.axle_z_m
         return ((x, y, z), (x, -y, z), (-x, y, z), (-x, -y, z))
+
+
+@dataclasses.dataclass(frozen=True)
+class Motor(Parameters):
+    """One brushed DC gear motor per leg with a velocity loop (current-controlled driver).
+
+    Stall torque and no-load speed are those of the bare motor at the supply voltage, as a data
+    sheet gives them. The defaults are those of a 16 mm motor with precious-metal brushes and an
+    84:1 planetary gear: 13.1 rad/s and at most 1.3 N m at the leg.
+    """
+
+    supply_voltage_v: float = param(12.0, 'supply', unit='V', low=0.0, open_low=True)
+    stall_torque_nm: float = param(0.042, 'of the bare motor at the supply voltage', unit='N m',
+                                   low=0.0, open_low=True)
+    no_load_speed_radps: float = param(1100.0, 'of the bare motor at the supply voltage',
+                                       unit='rad/s', low=0.0, open_low=True)
+    gear_ratio: float = param(84.0, 'turns of the motor per turn of the leg', low=0.0,
+                              open_low=True)
+    rotor_inertia_kgm2: float = param(1.2e-7, 'of rotor and first gear stage', unit='kg m^2',
+                                      low=0.0, open_low=True)
+    current_limit_a: float = param(1.4, 'of the driver', unit='A', low=0.0, open_low=True)
+    coulomb_friction_nm: float = param(0.03, 'dry friction of the gear, at the leg', unit='N m',
+                                       low=0.0)
+    viscous_friction_nms: float = param(0.002, 'viscous friction of the gear, at the leg',
+                                        unit='N m s/rad', low=0.0)
+    velocity_gain_nms: float = param(1.0, 'gain of the velocity loop, at the leg',
+                                     unit='N m s/rad', low=0.0, open_low=True)
+
+    @property
+    def motor_constant(self) -> float:
+        """Torque constant = back-EMF constant of the bare motor [N m/A = V s/rad]."""
+        return self.supply_voltage_v / self.no_load_speed_radps
+
+    @property
+    def resistance_ohm(self) -> float:
+        """Terminal resistance [ohm]."""
+        return self.motor_constant * self.supply_voltage_v / self.stall_torque_nm
+
+    @property
+    def reflected_inertia_kgm2(self) -> float:
+        """Rotor inertia as the leg feels it [kg m^2]."""
+        return self.rotor_inertia_kgm2 * self.gear_ratio ** 2
+
+    @property
+    def leg_stall_torque_nm(self) -> float:
+        """Most torque at the leg, by current limit or winding [N m]."""
+        return self.gear_ratio * min(self.stall_torque_nm,
+                                     self.motor_constant * self.current_limit_a)
+
+    @property
+    def leg_no_load_speed_radps(self) -> float:
+        """Speed of the leg without load [rad/s]."""
+        return self.no_load_speed_radps / self.gear_ratio
+
+    def current_a(self, leg_torque_nm: Any) -> Any:
+        """Return the winding current [A] that makes the electric torque at the leg [N m]."""
+        return leg_torque_nm / (self.gear_ratio * self.motor_constant)
+
+    def electric_power_w(self, leg_torque_nm: Any, leg_speed_radps: Any) -> Any:
+        """Return the power drawn from the supply [W]: i^2 R + torque times speed."""
+        current = self.current_a(leg_torque_nm)
+        return current ** 2 * self.resistance_ohm + leg_torque_nm * leg_speed_radps
+
+    def torque_limit_nm(self, leg_speed_radps: float) -> float:
+        """Return the most driving torque at the leg [N m] at a speed >= 0 [rad/s]."""
+        voltage_bound = self.gear_ratio * self.stall_torque_nm * (
+            1.0 - leg_speed_radps / self.leg_no_load_speed_radps)
+        return max(0.0, min(self.leg_stall_torque_nm, voltage_bound))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,5 +169,11 @@ class RoverDescription(Parameters):
 
     chassis: Chassis = group(Chassis)
     legs: Legs = group(Legs)
+    motor: Motor = group(Motor)
     stereo: StereoMount = group(StereoMount)
     imu: ImuMount = group(ImuMount)
+
+    @property
+    def total_mass_kg(self) -> float:
+        """Chassis and four legs [kg]."""
+        return self.chassis.mass_kg + 4.0 * self.legs.mass_kg

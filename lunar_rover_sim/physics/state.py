@@ -1,0 +1,45 @@
+"""The state of the rover that physics hands out."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim.frames import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class RoverState:
+    """Pose, motion and forces at one stamp.
+
+    Kinematic values hold at the stamp. Forces, torques, currents and the IMU signals are means
+    over the interval since the state before, which ends at the stamp: so their sums over time are
+    exact impulses, and contact spikes do not alias.
+
+    time_ns: steps since the start times the step [ns]
+    position_m: (3,) origin of base_link, world frame
+    orientation_wxyz: (4,) base_link in the world frame
+    linear_velocity_mps: (3,) of the origin of base_link, base axes
+    angular_velocity_radps: (3,) base axes
+    joint_angle_rad: (4,) unwrapped, order of LEG_NAMES
+    joint_velocity_radps: (4,)
+    motor_torque_nm: (4,) electric torque at the leg, before the friction of the gear
+    motor_current_a: (4,) winding current
+    contact_force_n: (4, 3) ground reaction on each leg, world axes
+    contact_torque_nm: (4, 3) its torque about the axle, world axes
+    specific_force_mps2: (3,) at the IMU, IMU axes; +g upwards at rest
+    imu_rate_radps: (3,) IMU axes
+    """
+
+    time_ns: int
+    position_m: Array
+    orientation_wxyz: Array
+    linear_velocity_mps: Array
+    angular_velocity_radps: Array
+    joint_angle_rad: Array
+    joint_velocity_radps: Array
+    motor_torque_nm: Array
+    motor_current_a: Array
+    contact_force_n: Array
+    contact_torque_nm: Array
+    specific_force_mps2: Array
+    imu_rate_radps: Array

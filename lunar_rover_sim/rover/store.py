@@ -1,0 +1,35 @@
+"""Rover descriptions as YAML files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.rover.description import RoverDescription
+
+
+def load_rover(path: str | Path | None = None) -> RoverDescription:
+    """Return the rover of a YAML file, or the default rover where no file is given.
+
+    Raises ConfigError if the file cannot be read or says something invalid.
+    """
+    if path is None:
+        return RoverDescription()
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: cannot be read ({error})') from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f'{path}: not valid YAML ({" ".join(str(error).split())})') from None
+    try:
+        return RoverDescription.from_mapping({} if content is None else content)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from None
+
+
+def save_rover(rover: RoverDescription, path: str | Path) -> None:
+    """Write the rover to a YAML file that `load_rover` reads back."""
+    Path(path).write_text(yaml.safe_dump(rover.to_mapping(), sort_keys=False), encoding='utf-8')
