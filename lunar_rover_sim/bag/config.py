@@ -1,0 +1,20 @@
+"""What to record and how."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim.parameters import param, Parameters
+
+ALL = 'all'
+
+
+@dataclasses.dataclass(frozen=True)
+class RecorderConfig(Parameters):
+    """Parameters of a recording."""
+
+    output: str = param('', 'folder of the bag; it must not exist')
+    topics: tuple[str, ...] = param((ALL,), 'topics to record, or all')
+    exclude: tuple[str, ...] = param((), 'topics to leave out')
+    storage: str = param('mcap', 'file format', choices=('mcap', 'sqlite3'))
+    compression: str = param('none', 'compression of the storage', choices=('none', 'zstd'))

@@ -1,0 +1,236 @@
+"""Reading bags: complete ones, cut-off ones, MCAP and SQLite, of ours and of others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+import functools
+from pathlib import Path
+import sqlite3
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys.store import Typestore
+
+from lunar_rover_sim import topics as contract
+from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.mcap_storage import PartialMcapReader
+from lunar_rover_sim.bag.sqlite_storage import PartialSqlite3Reader
+from lunar_rover_sim.bag.stamps import StampTable
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.parameters import nearest
+
+
+class RawMessage(NamedTuple):
+    """A serialised message; `time_ns` is the bag time, `data` CDR with its encapsulation."""
+
+    topic: str
+    msgtype: str
+    time_ns: int
+    data: bytes
+
+
+class _PartialReader(Reader):
+    """rosbags' reader over storages without an end."""
+
+    STORAGE_PLUGINS = {'.mcap': PartialMcapReader, '.db3': PartialSqlite3Reader}
+
+
+class Bag:
+    """An open bag; use as a context manager, or call `close`.
+
+    path: what was opened; incomplete: why the recording is not complete, or None.
+    Topic arguments are names as in the bag, or names of the topic contract without namespace.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self._reader: AnyReader | None = None
+        if not self.path.exists():
+            raise BagError(f'{self.path}: there is no such bag')
+        self.incomplete = (marker.why_incomplete(self.path) if self.path.is_dir() else None)
+        finished = self.path.is_file() or (self.path / marker.METADATA_NAME).is_file()
+        self.storage_path = self.path if self.path.is_file() else _storage_file(self.path)
+        try:
+            try:
+                self._reader = _open(self.path if finished else self.storage_path, not finished)
+            except (AnyReaderError, ReaderError) as error:
+                # A bare storage file that was cut off; a folder says so itself.
+                if not self.path.is_file():
+                    raise
+                self._reader = _open(self.path, partial=True)
+                self.incomplete = f'it has no end ({error})'
+        except (AnyReaderError, ReaderError, OSError, sqlite3.Error, ValueError, KeyError,
+                TypeError, AttributeError, IndexError, AssertionError) as error:
+            words = ' '.join(str(error).split()) or type(error).__name__
+            raise BagError(f'{self.path}: cannot be read as a bag: {words}') from None
+
+    @property
+    def reader(self) -> AnyReader:
+        """rosbags' reader below."""
+        if self._reader is None:
+            raise BagError(f'{self.path}: the bag is closed')
+        return self._reader
+
+    @property
+    def typestore(self) -> Typestore:
+        """The message types of this bag."""
+        return self.reader.typestore
+
+    @property
+    def connections(self) -> list[Connection]:
+        """rosbags' connections: topic, type, offered QoS, count."""
+        return list(self.reader.connections)
+
+    @functools.cached_property
+    def types(self) -> dict[str, str]:
+        """Topic → message type."""
+        return {c.topic: c.msgtype for c in self.reader.connections}
+
+    @functools.cached_property
+    def counts(self) -> dict[str, int]:
+        """Topic → number of messages."""
+        counts = dict.fromkeys(self.types, 0)
+        for connection in self.reader.connections:
+            counts[connection.topic] += connection.msgcount
+        return counts
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all topics."""
+        return self.reader.message_count
+
+    @property
+    def start_ns(self) -> int:
+        """Bag time of the first message [ns]; 0 in an empty bag."""
+        return self.reader.start_time if self.message_count else 0
+
+    @property
+    def end_ns(self) -> int:
+        """Bag time of the last message [ns]; 0 in an empty bag."""
+        return self.reader.end_time - 1 if self.message_count else 0
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes on the disk."""
+        if self.path.is_file():
+            return self.path.stat().st_size
+        return sum(f.stat().st_size for f in self.path.iterdir() if f.is_file())
+
+    @functools.cached_property
+    def namespaces(self) -> tuple[str, ...]:
+        """Namespaces ('' for none) under which the contract's odometry or left image is found."""
+        found = {topic[:-len(name) - 1] for topic in self.types
+                 for name in (contract.ODOM.name, contract.LEFT_IMAGE.name)
+                 if topic.endswith('/' + name)}
+        return tuple(sorted(found))
+
+    @property
+    def namespace(self) -> str:
+        """The one namespace of this bag; BagError where there are several."""
+        if len(self.namespaces) > 1:
+            raise BagError(f'{self.path}: holds several rovers ({", ".join(self.namespaces)}); '
+                           'name topics in full')
+        return self.namespaces[0] if self.namespaces else ''
+
+    def has(self, topic: str) -> bool:
+        """Return whether the topic (full name, or name in the contract) is there."""
+        with suppress(BagError):
+            self.resolve(topic)
+            return True
+        return False
+
+    def resolve(self, topic: str) -> str:
+        """Return the full name of a topic given in full or as in the contract.
+
+        Raises BagError, offering the nearest names, where there is none.
+        """
+        if topic in self.types:
+            return topic
+        name = topic.lstrip('/')
+        for candidate in (f'{self.namespace}/{name}', f'/{name}'):
+            if candidate in self.types:
+                return candidate
+        raise BagError(f'{self.path}: has no topic {topic}; {nearest(topic, self.types)}')
+
+    def raw(self, topics: Iterable[str] = (), start_ns: int | None = None,
+            stop_ns: int | None = None) -> Iterator[RawMessage]:
+        """Yield serialised messages of the topics (all by default), by bag time.
+
+        start_ns inclusive, stop_ns exclusive. Raises BagError where the file is damaged.
+        """
+        names = {self.resolve(topic) for topic in topics}
+        connections = [c for c in self.reader.connections if not names or c.topic in names]
+        try:
+            for c, time_ns, data in self.reader.messages(connections, start_ns, stop_ns):
+                yield RawMessage(c.topic, c.msgtype, time_ns, data)
+        except (AnyReaderError, ReaderError, OSError, ValueError) as error:
+            raise BagError(f'{self.path}: is damaged: {error}') from None
+
+    def messages(self, topics: Iterable[str] = (), start_ns: int | None = None,
+                 stop_ns: int | None = None) -> Iterator[tuple[str, int, Any]]:
+        """Yield (topic, bag time [ns], message), messages as `rosbags` makes them."""
+        for topic, msgtype, time_ns, data in self.raw(topics, start_ns, stop_ns):
+            yield topic, time_ns, self.decode(data, msgtype)
+
+    def decode(self, data: bytes, msgtype: str) -> Any:
+        """Return the message of CDR bytes."""
+        try:
+            return self.reader.deserialize(data, msgtype)
+        except (AnyReaderError, AssertionError) as error:
+            raise BagError(f'{self.path}: a {msgtype} cannot be decoded: {error}') from None
+
+    def first(self, topic: str) -> Any:
+        """Return the first message of a topic; BagError where there is none."""
+        for _, _, message in self.messages([topic]):
+            return message
+        raise BagError(f'{self.path}: topic {topic} holds no message')
+
+    @functools.cached_property
+    def _stamp_table(self) -> StampTable:
+        return StampTable(self.typestore)
+
+    def stamp_ns(self, message: RawMessage) -> int | None:
+        """Return the stamp inside a serialised message [ns]; None where its type has none."""
+        return self._stamp_table.stamp_ns(message.msgtype, message.data)
+
+    def close(self) -> None:
+        """Close the files."""
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            reader.close()
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+
+def open_bag(path: Path | str) -> Bag:
+    """Open a bag folder, or a bare `.mcap` or `.db3` file; also one that was cut off.
+
+    Raises BagError where it is missing or no bag.
+    """
+    return Bag(Path(path))
+
+
+def _open(path: Path, partial: bool) -> AnyReader:
+    reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+    if partial:
+        reader.readers = [_PartialReader(path)]
+    reader.open()
+    return reader
+
+
+def _storage_file(path: Path) -> Path:
+    for suffix in ('.mcap', '.db3'):
+        files = sorted(path.glob(f'*{suffix}'))
+        if files:
+            return files[0]
+    raise BagError(f'{path}: is no bag: it holds neither .mcap nor .db3 files')
