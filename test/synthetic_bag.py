@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
+from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.writer import BagWriter
@@ -74,16 +75,24 @@ def pose_at(t: float) -> np.ndarray:
     return frames.se3(frames.matrix_from_wxyz(quat), position)
 
 
-def motion_at(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return linear velocity and angular velocity in base, and specific force in base."""
-    h = 1e-4
-    before, now, after = pose_at(t - h), pose_at(t), pose_at(t + h)
-    rotation = now[:3, :3]
-    velocity = rotation.T @ (after[:3, 3] - before[:3, 3]) / (2 * h)
-    acceleration = (after[:3, 3] - 2 * now[:3, 3] + before[:3, 3]) / h**2
-    spin = rotation.T @ (after[:3, :3] - before[:3, :3]) / (2 * h)
-    omega = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
-    return velocity, omega, rotation.T @ (acceleration + [0.0, 0.0, GRAVITY])
+def velocity_at(t: float) -> np.ndarray:
+    """Return the velocity of base in the world [m/s]."""
+    h = 1e-5
+    return (pose_at(t + h)[:3, 3] - pose_at(t - h)[:3, 3]) / (2 * h)
+
+
+def turn(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return the rotation vector [rad] from attitude `before` to `after`, in base."""
+    return Rotation.from_matrix(before[:3, :3].T @ after[:3, :3]).as_rotvec()
+
+
+def motion_at(t: float, interval_s: float) -> tuple[np.ndarray, ...]:
+    """Return velocity and rate in base, and mean rate and specific force of the last interval."""
+    h = 1e-5
+    then, middle, now = pose_at(t - interval_s), pose_at(t - interval_s / 2), pose_at(t)
+    gain = (velocity_at(t) - velocity_at(t - interval_s)) / interval_s
+    return (now[:3, :3].T @ velocity_at(t), turn(pose_at(t - h), pose_at(t + h)) / (2 * h),
+            turn(then, now) / interval_s, middle[:3, :3].T @ (gain + [0.0, 0.0, GRAVITY]))
 
 
 def T_base_camera(side: float) -> np.ndarray:
@@ -144,11 +153,11 @@ def imu(ns: int, rate: np.ndarray, force: np.ndarray, quat: Any = None) -> Any:
                linear_acceleration_covariance=np.zeros(9))
 
 
-def state_items(ns: int, rng: np.random.Generator) -> list[Item]:
+def state_items(ns: int, step_ns: int, rng: np.random.Generator) -> list[Item]:
     """Return everything that comes with every publishing period of physics."""
     t = ns * 1e-9
     T = pose_at(t)
-    velocity, omega, force = motion_at(t)
+    velocity, omega, rate, force = motion_at(t, step_ns * 1e-9)
     quat = frames.wxyz_from_matrix(T[:3, :3])
     x, y, z = (float(c) for c in T[:3, 3])
     pose = msg('geometry_msgs/Pose', position=msg('geometry_msgs/Point', x=x, y=y, z=z),
@@ -172,8 +181,8 @@ def state_items(ns: int, rng: np.random.Generator) -> list[Item]:
         (topics.ODOM, odom),
         (topics.JOINT_STATES, joints),
         (topics.JOINT_COMMANDS, joints),
-        (topics.IMU_TRUTH, imu(ns, omega, force, quat)),
-        (topics.IMU_RAW, imu(ns, omega + 1e-3 * rng.standard_normal(3),
+        (topics.IMU_TRUTH, imu(ns, rate, force, quat)),
+        (topics.IMU_RAW, imu(ns, rate + 1e-3 * rng.standard_normal(3),
                              force + 1e-2 * rng.standard_normal(3))),
         (topics.IMU_BIAS, msg('geometry_msgs/AccelStamped', header=header(ns, frames.IMU_FRAME),
                               accel=bias)),
@@ -238,7 +247,7 @@ def drive(duration_s: float = 1.0, state_hz: int = 200, frame_hz: int = 10,
     step_ns = 10**9 // state_hz
     frame_ns = 10**9 // frame_hz
     for ns in range(step_ns, round(duration_s * 1e9) + 1, step_ns):
-        items += state_items(ns, rng)
+        items += state_items(ns, step_ns, rng)
         if ns % frame_ns == 0:
             items += frame_items(ns, scene)
     return items

@@ -230,13 +230,15 @@ class BagWriter:
         if definition is None:
             raise BagError(f'{topic}: type {msgtype} is not known and no definition of it is '
                            'given; leave the topic out or give its .msg text')
+        known = self._typestore.fielddefs
         try:
-            types = get_types_from_msg(definition, msgtype)
-            known = self._typestore.fielddefs
-            self._typestore.register({name: fields for name, fields in types.items()
-                                      if name not in known})
-            self._typestore.hash_rihs01(msgtype)
+            types = {name: fields for name, fields
+                     in get_types_from_msg(definition, msgtype).items() if name not in known}
+            trial = get_typestore(Stores.EMPTY)
+            trial.register({**known, **types})
+            trial.hash_rihs01(msgtype)
         except (TypesysError, KeyError) as error:
             raise BagError(f'{topic}: the definition of {msgtype} cannot be read: '
                            f'{in_words(error)}') from None
+        self._typestore.register(types)
         self._stamps.forget(msgtype)
