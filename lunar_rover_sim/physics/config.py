@@ -31,7 +31,7 @@ class ContactConfig(Parameters):
     damping_nspm: float = param(60.0, 'normal force per sinkage rate of one contact point',
                                 unit='N s/m', low=0.0, open_low=True)
     shear_damping_nspm: float = param(
-        3000.0, 'tangential force per creep rate inside the friction cone', unit='N s/m', low=0.0,
+        30000.0, 'tangential force per creep rate inside the friction cone', unit='N s/m', low=0.0,
         open_low=True)
 
 

@@ -33,6 +33,7 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     option.integrator = _INTEGRATORS[config.integrator]
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)  # one rover: one island
     _add_ground(spec, world)
     _add_rocks(spec, world)
     model = spec.compile()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.errors import PhysicsError
-from lunar_rover_sim.frames import Array, wxyz_from_rpy
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, wxyz_from_rpy
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.placement import place
@@ -41,6 +41,7 @@ class Simulation:
         self._model: mujoco.MjModel | None = build_model(world, rover, config)
         self._data: mujoco.MjData | None = mujoco.MjData(self._model)
         self._gear = rover.motor.gear_ratio
+        self._torque_per_ampere = rover.motor.gear_ratio * rover.motor.motor_constant
         model, data = self._model, self._data
         legs = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, leg) for leg in LEG_NAMES]
         base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
@@ -52,14 +53,17 @@ class Simulation:
         self._com = data.subtree_com[base]
         self._axles = data.xpos[legs[0]:legs[0] + 4]
         self._imu_position = np.array(rover.imu.position_m)
-        self._q_base_imu = wxyz_from_rpy(*np.radians(rover.imu.rpy_deg))
+        self._R_base_imu = matrix_from_wxyz(wxyz_from_rpy(*np.radians(rover.imu.rpy_deg)))
         self._gravity = np.array([0.0, 0.0, -config.gravity_mps2])
         self._steps = 0
         place(model, data, world.ground, rover, config.start)
+        self._last_quat = self._qpos[3:7].copy()
+        self._last_imu_velocity = np.zeros(3)
         self._settle()
         self._start = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, self._start, _STATE)
         self._start_state = self._state
+        self._start_motion = self._last_quat, self._last_imu_velocity
 
     def __enter__(self) -> Simulation:
         return self
@@ -99,7 +103,7 @@ class Simulation:
         """
         velocity = np.asarray(velocity_radps, dtype=float)
         if velocity.shape != (4,) or not np.isfinite(velocity).all():
-            raise PhysicsError(f'command: {velocity_radps} is not valid; valid are four finite'
+            raise PhysicsError(f'command: {velocity_radps!r} is not valid; valid are four finite'
                                ' velocities [rad/s]')
         self._ctrl[:] = velocity * self._gear
 
@@ -115,17 +119,18 @@ class Simulation:
         if n_steps < 1:
             raise PhysicsError(f'advance: {n_steps} steps asked for; valid is >= 1')
         model, data = self.model, self.data
-        before = _Motion(self._qpos, self._qvel, self._imu_position)
+        step, accelerations = mujoco.mj_step, mujoco.mj_rnePostConstraint
         wrench, torque = np.zeros((4, 6)), np.zeros(4)
         for _ in range(n_steps):
-            mujoco.mj_step(model, data)
-            mujoco.mj_rnePostConstraint(model, data)
+            step(model, data)
+            accelerations(model, data)  # fills the contact wrenches
             wrench += self._leg_wrench
             torque += self._motor
         self._steps += n_steps
         self._check()
-        self._state = self._observe(before, wrench / n_steps, torque / n_steps,
-                                    n_steps * self.config.step_ns * 1e-9)
+        wrench /= n_steps
+        torque /= n_steps
+        self._state = self._observe(wrench, torque, n_steps * self.config.step_ns * 1e-9)
         return self._state
 
     def reset(self) -> RoverState:
@@ -134,6 +139,7 @@ class Simulation:
         mujoco.mj_setState(self.model, self.data, self._start, _STATE)
         self._steps = 0
         self._state = self._start_state
+        self._last_quat, self._last_imu_velocity = self._start_motion
         return self._state
 
     def _settle(self) -> None:
@@ -146,41 +152,51 @@ class Simulation:
         self._steps = 0
         self._state = dataclasses.replace(self._state, time_ns=0)
 
-    def _observe(self, before: _Motion, wrench: Array, torque: Array,
-                 interval_s: float) -> RoverState:
+    def _observe(self, wrench: Array, torque: Array, interval_s: float) -> RoverState:
+        """Return the state now; IMU signals from the motion since the state before.
+
+        The rate is the constant rate that turns the one attitude into the other. The specific
+        force is the mean acceleration of the IMU less gravity, in the axes halfway between.
+        """
         qpos, qvel = self._qpos, self._qvel
-        now = _Motion(qpos, qvel, self._imu_position)
-        rate, middle = np.empty(3), before.quat.copy()
-        mujoco.mju_subQuat(rate, now.quat, before.quat)
+        quat, rotation, swing = qpos[3:7].copy(), np.empty(9), np.empty(3)
+        mujoco.mju_quat2Mat(rotation, quat)
+        R_world_base = rotation.reshape(3, 3)
+        mujoco.mju_cross(swing, qvel[3:6], self._imu_position)
+        imu_velocity = R_world_base @ swing
+        imu_velocity += qvel[:3]
+        rate, middle = np.empty(3), self._last_quat.copy()
+        mujoco.mju_subQuat(rate, quat, middle)
         rate /= interval_s
         mujoco.mju_quatIntegrate(middle, rate, 0.5 * interval_s)
-        force = (now.imu_velocity - before.imu_velocity) / interval_s - self._gravity
-        force = _rotate_back(self._q_base_imu, _rotate_back(middle, force))
-        pull = wrench[:, 3:]
+        mujoco.mju_quat2Mat(rotation_middle := np.empty(9), middle)
+        force = (imu_velocity - self._last_imu_velocity) / interval_s
+        force -= self._gravity
+        force = force @ rotation_middle.reshape(3, 3) @ self._R_base_imu
+        self._last_quat, self._last_imu_velocity = quat, imu_velocity
+        pull, turn, moment = wrench[:, 3:].copy(), wrench[:, :3].copy(), np.empty(3)
         lever = self._com - self._axles
-        contact_torque = wrench[:, :3] + np.stack([
-            lever[:, 1] * pull[:, 2] - lever[:, 2] * pull[:, 1],
-            lever[:, 2] * pull[:, 0] - lever[:, 0] * pull[:, 2],
-            lever[:, 0] * pull[:, 1] - lever[:, 1] * pull[:, 0]], axis=1)
+        for leg in range(4):
+            mujoco.mju_cross(moment, lever[leg], pull[leg])
+            turn[leg] += moment
         return RoverState(
             time_ns=self.time_ns,
             position_m=qpos[:3].copy(),
-            orientation_wxyz=now.quat,
-            linear_velocity_mps=_rotate_back(now.quat, qvel[:3]),
+            orientation_wxyz=quat,
+            linear_velocity_mps=qvel[:3] @ R_world_base,
             angular_velocity_radps=qvel[3:6].copy(),
             joint_angle_rad=qpos[7:11].copy(),
             joint_velocity_radps=qvel[6:10].copy(),
             motor_torque_nm=torque,
-            motor_current_a=self.rover.motor.current_a(torque),
-            contact_force_n=pull.copy(),
-            contact_torque_nm=contact_torque,
+            motor_current_a=torque / self._torque_per_ampere,
+            contact_force_n=pull,
+            contact_torque_nm=turn,
             specific_force_mps2=force,
-            imu_rate_radps=_rotate_back(self._q_base_imu, rate))
+            imu_rate_radps=rate @ self._R_base_imu)
 
     def _check(self) -> None:
         """Raise PhysicsError if the state is no longer that of a rover on the ground."""
-        speed = np.abs(self._qvel).max()
-        if not speed < MAX_SPEED or self.data.warning[_CONTACTFULL].number:
+        if not self._qvel @ self._qvel < MAX_SPEED ** 2 or self.data.warning[_CONTACTFULL].number:
             raise PhysicsError(self._diagnosis())
         x, y = self._qpos[0], self._qpos[1]
         if max(abs(x), abs(y)) > self._half_extent_m:
@@ -197,24 +213,3 @@ class Simulation:
         return (f'the simulation diverged at {self.time_ns * 1e-9:.3f} s in body {name} (speed'
                 f' {values.max():.3g}); use a shorter step_s or a softer contact'
                 + ''.join(f'; {text}' for text in warnings))
-
-
-class _Motion:
-    """Attitude and the velocity of the IMU in world axes, copied from MuJoCo's state."""
-
-    __slots__ = ('quat', 'imu_velocity')
-
-    def __init__(self, qpos: Array, qvel: Array, imu_position: Array) -> None:
-        self.quat = qpos[3:7].copy()
-        swing, velocity = np.empty(3), np.empty(3)
-        mujoco.mju_cross(swing, qvel[3:6], imu_position)
-        mujoco.mju_rotVecQuat(velocity, swing, self.quat)
-        self.imu_velocity = velocity + qvel[:3]
-
-
-def _rotate_back(quat: Array, vector: Array) -> Array:
-    """Return R(quat)^T vector."""
-    inverse, result = np.empty(4), np.empty(3)
-    mujoco.mju_negQuat(inverse, quat)
-    mujoco.mju_rotVecQuat(result, vector, inverse)
-    return result
