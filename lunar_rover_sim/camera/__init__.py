@@ -1,1 +1,1 @@
-"""The lunar image: stereo rig, reflectance, sunlight, EGL renderer and image sensor."""
+"""The camera: rig, reflectance, sunlight, EGL renderer and image sensor."""

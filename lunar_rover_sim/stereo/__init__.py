@@ -1,1 +1,1 @@
-"""Semi-global matching, disparity and depth, and their error against truth."""
+"""Stereo: semi-global matching, disparity and depth, error against truth."""

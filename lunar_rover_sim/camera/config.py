@@ -1,0 +1,155 @@
+"""What can be chosen about the image: camera, sun, ground reflectance, sensor."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import group, param, Parameters
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraConfig(Parameters):
+    """Two equal pinhole cameras; where they sit is the rover's affair."""
+
+    width: int = param(640, 'image width', unit='px', low=16, high=8192)
+    height: int = param(480, 'image height', unit='px', low=16, high=8192)
+    horizontal_fov_deg: float = param(70.0, 'horizontal field of view', unit='deg', low=1.0,
+                                      high=150.0)
+    distortion: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0, 0.0, 0.0), 'Brown-Conrady k1, k2, p1, p2, k3; all zero: rectified images',
+        low=-2.0, high=2.0, length=5)
+    near_m: float = param(0.02, 'nearest drawn depth', unit='m', low=1e-3, high=10.0)
+    far_m: float = param(20e3, 'farthest drawn depth', unit='m', low=10.0, high=1e6)
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length [px]; pixels are square."""
+        return 0.5 * self.width / math.tan(0.5 * math.radians(self.horizontal_fov_deg))
+
+    @property
+    def distorted(self) -> bool:
+        """Whether the images are distorted."""
+        return any(self.distortion)
+
+    def validate(self) -> None:
+        """Check that the distortion can be inverted everywhere in the image."""
+        if not self.distorted:
+            return
+        from lunar_rover_sim.camera.distortion import check_invertible
+        check_invertible(self)
+
+
+@dataclasses.dataclass(frozen=True)
+class SunConfig(Parameters):
+    """Where the sun stands; it does not move during a run."""
+
+    azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
+                               unit='deg', low=-360.0, high=360.0)
+    elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
+                                 unit='deg', low=-1.0, high=90.0)
+    angular_diameter_deg: float = param(0.533, 'apparent diameter of the disc', unit='deg',
+                                        low=0.01, high=5.0)
+    irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
+                              unit='W/m^2', low=0.0, high=1e5)
+
+
+@dataclasses.dataclass(frozen=True)
+class ReflectanceConfig(Parameters):
+    """Which regolith lies there, and how bright it is; see `hapke` for the sets."""
+
+    ground: str = param('highland', 'parameter set of the ground',
+                        choices=('highland', 'mare', 'rock', 'lambert'))
+    rocks: str = param('rock', 'parameter set of the rocks',
+                       choices=('highland', 'mare', 'rock', 'lambert'))
+    albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
+                                low=0.0, high=3.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorConfig(Parameters):
+    """A monochrome machine-vision camera; defaults follow a Sony IMX273 binned 2 x 2.
+
+    Values are of the order of that sensor's EMVA 1288 figures (3.45 um pixels, 10.7 ke- full
+    well, 2.3 e- read noise), summed over four pixels.
+    """
+
+    encoding: str = param('mono8', 'pixel format of the images',
+                          choices=('mono8', 'mono16', 'rgb8'))
+    bits: int = param(12, 'resolution of the converter; mono8 and rgb8 show its upper 8 bits',
+                      low=8, high=16)
+    exposure_mode: str = param(
+        'sunlit', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '
+        'auto: follows the images', choices=('sunlit', 'fixed', 'auto'))
+    exposure_s: float = param(1e-3, 'exposure time in mode fixed, and first one in mode auto',
+                              unit='s', low=0.0, open_low=True, high=10.0)
+    target_level: float = param(0.40, 'level that sunlit and auto aim at, of full scale', low=0.01,
+                                high=0.95)
+    auto_lag: float = param(0.6, 'share of the old exposure that auto keeps per frame', low=0.0,
+                            high=0.99)
+    f_number: float = param(4.0, 'aperture', low=0.5, high=64.0)
+    transmission: float = param(0.9, 'of the lens', low=0.01, high=1.0)
+    pixel_pitch_m: float = param(6.9e-6, 'side of a pixel', unit='m', low=0.5e-6, high=1e-4)
+    electrons_per_joule: float = param(
+        6.5e17, 'photo-electrons per joule of whole sunlight on the pixel (quantum efficiency '
+        'folded with the solar spectrum)', unit='1/J', low=1e14, high=1e19)
+    full_well_e: float = param(42800.0, 'electrons at full scale', unit='e-', low=10.0, high=1e7)
+    read_noise_e: float = param(4.6, 'standard deviation per read', unit='e-', low=0.0, high=1e4)
+    dark_current_e_s: float = param(20.0, 'dark signal', unit='e-/s', low=0.0, high=1e7)
+    prnu: float = param(0.006, 'fixed-pattern gain, standard deviation', low=0.0, high=0.5)
+    dsnu_e: float = param(1.5, 'fixed-pattern offset, standard deviation', unit='e-', low=0.0,
+                          high=1e4)
+    vignetting: float = param(1.0, 'exponent share of the cos^4 fall-off; 0 switches it off',
+                              low=0.0, high=2.0)
+    psf_sigma_px: float = param(0.45, 'point spread; 0 switches it off', unit='px', low=0.0,
+                                high=1.2)
+    black_level: float = param(0.004, 'offset of the converter, of full scale', low=0.0, high=0.5)
+    shot_noise: bool = param(True, 'photon and dark shot noise')
+    read_noise: bool = param(True, 'read noise')
+    fixed_pattern: bool = param(True, 'gain and offset of each pixel')
+
+
+@dataclasses.dataclass(frozen=True)
+class DetailConfig(Parameters):
+    """How much is drawn."""
+
+    full_resolution_m: float = param(8.5, 'the ground is drawn at its own resolution up to here',
+                                     unit='m', low=0.5, high=100.0)
+    cells_per_distance: float = param(
+        80.0, 'beyond, the cell of the mesh is the distance divided by this', low=5.0, high=1000.0)
+    relief_rms_slope: float = param(0.16, 'slope of the relief below the grid, standard deviation',
+                                    low=0.0, high=0.6)
+    pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',
+                                low=0.0, high=0.4)
+    rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn', unit='px', low=0.0,
+                               high=20.0)
+    bounce: bool = param(True, 'light that lit ground scatters into shadows')
+
+
+@dataclasses.dataclass(frozen=True)
+class LampConfig(Parameters):
+    """A spot light beside the cameras, with inverse square fall-off and a shadow of its own."""
+
+    power_w: float = param(0.0, 'radiant flux; 0 switches it off', unit='W', low=0.0, high=1e4)
+    position_m: tuple[float, ...] = param((0.13, 0.0, 0.24), 'in base_link', unit='m', length=3)
+    pitch_deg: float = param(14.0, 'downward tilt', unit='deg', low=-90.0, high=90.0)
+    cone_deg: float = param(70.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class RenderConfig(Parameters):
+    """Everything about the image."""
+
+    camera: CameraConfig = group(CameraConfig)
+    sun: SunConfig = group(SunConfig)
+    reflectance: ReflectanceConfig = group(ReflectanceConfig)
+    sensor: SensorConfig = group(SensorConfig)
+    detail: DetailConfig = group(DetailConfig)
+    lamp: LampConfig = group(LampConfig)
+
+    def validate(self) -> None:
+        """Check what ties the sets together."""
+        if self.camera.near_m >= self.camera.far_m:
+            raise ConfigError(f'camera.near_m: {self.camera.near_m} is not valid; valid is '
+                              f'< camera.far_m ({self.camera.far_m:g})')

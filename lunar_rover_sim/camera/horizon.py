@@ -1,0 +1,195 @@
+"""Which ground the sun sees: shadow boundaries over nested height grids.
+
+The sun does not move during a run, so this is done once per (world, sun). For every sample of
+every level two numbers are kept, both measured along the central ray from the ground to the sun:
+
+- clearance_m: how far the ray passes above (negative: below) what limits it, square to the ray;
+- occluder_m: the distance to that limit.
+
+Their quotient is the angle between the centre of the sun's disc and the horizon. Kept apart, each
+varies linearly across the edge of a shadow, so that the edge is crisp and straight between
+samples, and the penumbra of the disc follows from the quotient.
+
+The shadow that falls from a point at horizontal distance t sunward reaches down to
+S = h(t) - t tan e here. S obeys S(P) = max(h(P'), S(P')) - step tan e with P' one step sunward, so
+one sweep away from the sun serves the whole grid (as the sweep of Stewart, 1998, does per sector).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lunar_rover_sim.world.grid import HeightGrid
+
+F32 = NDArray[np.float32]
+
+# Sweeps run at the sun's elevation and below it: shadow heights of a lower sun are those of far
+# occluders, and their difference gives the distance.
+_ELEVATION_OFFSETS_DEG = (-0.6, -0.3, 0.0)
+_NOTHING = np.float32(-1e6)
+_MAX_SWEEP_DEG = 80.0
+
+
+@dataclasses.dataclass(frozen=True)
+class SunGeometry:
+    """The direction to the sun, split as the sweep needs it."""
+
+    azimuth_rad: float
+    elevation_rad: float
+
+    @property
+    def sweep_rad(self) -> NDArray[np.float64]:
+        """(3,) elevations of the sweeps; a very high sun is swept as if it stood lower."""
+        top = min(self.elevation_rad, np.radians(_MAX_SWEEP_DEG))
+        return top + np.radians(_ELEVATION_OFFSETS_DEG)
+
+    @property
+    def direction_xy(self) -> NDArray[np.float64]:
+        """(2,) horizontal unit vector towards the sun."""
+        return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad)])
+
+
+class ShadowLevel:
+    """Shadow boundaries of one height grid.
+
+    shadow_m: (3, n, n) float32, for the three sweeps the height [m] down to which shadow reaches
+        at each sample from anything that stands sunward (not from the sample itself)
+    """
+
+    def __init__(self, grid: HeightGrid, sun: SunGeometry, outer: ShadowLevel | None,
+                 heights_m: F32 | None = None) -> None:
+        self.grid = grid
+        self.sun = sun
+        self.heights_m = grid.heights_m if heights_m is None else heights_m
+        self.shadow_m = _sweep(self.heights_m, grid.cell_m, sun, outer)
+
+    def shadow_at(self, xy_m: ArrayLike, *, with_ground: bool = False) -> NDArray[np.float64]:
+        """Return (3, ...) shadow heights [m] at (..., 2) positions, bilinear, clamped."""
+        n = self.grid.n
+        grid = np.asarray(xy_m, dtype=float) / self.grid.cell_m + 0.5 * (n - 1)
+        grid = np.clip(grid, 0.0, n - 1.0)
+        cell = np.minimum(grid.astype(int), n - 2)
+        u, v = np.moveaxis(grid - cell, -1, 0)
+        ix, iy = np.moveaxis(cell, -1, 0)
+
+        def corner(dy: int, dx: int) -> NDArray[np.float64]:
+            value = self.shadow_m[:, iy + dy, ix + dx]
+            if with_ground:
+                value = np.maximum(value, self.heights_m[iy + dy, ix + dx])
+            return value
+        return ((1 - v) * ((1 - u) * corner(0, 0) + u * corner(0, 1))
+                + v * ((1 - u) * corner(1, 0) + u * corner(1, 1)))
+
+    def clearance(self) -> tuple[F32, F32]:
+        """Return (clearance_m, occluder_m), each (n, n) float32."""
+        return split(self.heights_m[None] - self.shadow_m, self.sun)
+
+    def clearance_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
+        """Return (clearance_m, occluder_m) of (..., 3) points on or above the ground."""
+        points = np.asarray(points_m, dtype=float)
+        above = points[..., 2] - self.shadow_at(points[..., :2])
+        return split(above.astype(np.float32), self.sun)
+
+
+def split(above_m: F32, sun: SunGeometry) -> tuple[F32, F32]:
+    """Turn (3, ...) heights above the three shadows into clearance and occluder distance [m].
+
+    The height above the shadow is min over occluders of (h - h_t + t tan e): concave in tan e,
+    with the horizontal distance t as slope, and zero where the sun would touch the horizon. The
+    zero is extrapolated from the highest sweeps that are in shadow, since above it the nearest
+    ground, not the horizon, limits the height.
+    """
+    tangent = np.tan(sun.sweep_rad).astype(np.float32)
+    dark = above_m[2] < 0.0
+    occluder = np.where(dark, (above_m[2] - above_m[1]) / (tangent[2] - tangent[1]),
+                        (above_m[1] - above_m[0]) / (tangent[1] - tangent[0]))
+    np.clip(occluder, np.float32(1e-3), np.float32(5e4), out=occluder)
+    clearance = np.where(dark, above_m[2], above_m[1] + (tangent[2] - tangent[1]) * occluder)
+    cosine = np.float32(np.cos(sun.sweep_rad[2]))
+    clearance *= cosine
+    occluder /= cosine
+    # A very high sun was swept lower than it stands: give the difference back.
+    lift = np.float32(sun.elevation_rad - sun.sweep_rad[2])
+    if lift > 0.0:
+        clearance += lift * occluder
+    # Only the quotient matters where both are huge; keep within what half floats hold.
+    scale = np.float32(100.0) / np.maximum(np.maximum(np.abs(clearance), occluder * 0.02),
+                                           np.float32(100.0))
+    return clearance * scale, occluder * scale
+
+
+def disc_fraction(angle_rad: ArrayLike, radius_rad: float) -> NDArray[np.float64]:
+    """Return the visible share of a disc whose centre is `angle_rad` above a straight edge."""
+    x = np.clip(np.asarray(angle_rad, dtype=float) / radius_rad, -1.0, 1.0)
+    return 0.5 + (x * np.sqrt(1.0 - x * x) + np.arcsin(x)) / np.pi
+
+
+def shadow_levels(levels: Sequence[HeightGrid], sun: SunGeometry) -> list[ShadowLevel]:
+    """Return the shadow boundaries of nested grids (finest first), outer relief included."""
+    result: list[ShadowLevel] = []
+    outer: ShadowLevel | None = None
+    for grid in reversed(levels):
+        outer = ShadowLevel(grid, sun, outer)
+        result.insert(0, outer)
+    return result
+
+
+def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel | None) -> F32:
+    """Return (3, n, n) shadow heights; see the module's text.
+
+    The grid is turned so that the sun lies towards larger rows and not towards smaller columns;
+    a line towards the sun then crosses every row, `shear` columns farther each time. Lines are a
+    whole column apart, so that within a row all samples have the same fractional position.
+    """
+    sx, sy = sun.direction_xy
+    swap = abs(sx) > abs(sy)
+    along, across = (sx, sy) if swap else (sy, sx)
+    z = heights_m.T if swap else heights_m
+    flip_rows, flip_columns = along < 0.0, across < 0.0
+    z = z[::-1] if flip_rows else z
+    z = np.ascontiguousarray(z[:, ::-1] if flip_columns else z)
+    shear = abs(across) / abs(along)
+    n = z.shape[0]
+    tangent = np.tan(sun.sweep_rad).astype(np.float32)[:, None]
+    drop = np.float32(cell_m * np.hypot(1.0, shear)) * tangent
+    offset = int(np.ceil(shear * (n - 1)))
+    lines = n + offset
+    current = np.full((3, lines), _NOTHING, np.float32)
+    if outer is not None:
+        column = np.arange(lines) - offset
+        with np.errstate(divide='ignore', invalid='ignore'):
+            row = np.minimum(n - 1.0, np.floor((n - 1 - column) / shear) if shear > 0 else n - 1.0)
+        entry = np.stack([row + 1.0, column + shear * (row + 1.0)], axis=-1) - 0.5 * (n - 1)
+        entry[:, 0] *= -1.0 if flip_rows else 1.0
+        entry[:, 1] *= -1.0 if flip_columns else 1.0
+        xy = (entry if swap else entry[:, ::-1]) * cell_m
+        current[:] = outer.shadow_at(xy, with_ground=True)
+    result = np.empty((3, n, n), np.float32)
+    for row in range(n - 1, -1, -1):
+        whole = int(np.floor(shear * row))
+        fraction = np.float32(shear * row - whole)
+        first = offset - whole  # line whose sample lies at column `fraction`
+        ground = z[row]
+        if fraction > 1e-6:
+            last = first + n - 1
+            ground_line = ground[:-1] + fraction * (ground[1:] - ground[:-1])
+        else:
+            last = first + n
+            ground_line = ground
+        active = current[:, first:last]
+        active -= drop
+        out = result[:, row]
+        if fraction > 1e-6:
+            out[:, 1:-1] = active[:, 1:] + fraction * (active[:, :-1] - active[:, 1:])
+            out[:, 0] = active[:, 0]
+            out[:, -1] = active[:, -1]
+        else:
+            out[:] = active
+        np.maximum(active, ground_line, out=active)
+    result = result[:, ::-1] if flip_rows else result
+    result = result[:, :, ::-1] if flip_columns else result
+    return np.ascontiguousarray(result.transpose(0, 2, 1) if swap else result)

@@ -1,0 +1,69 @@
+"""The stereo rig: intrinsics, projection matrices and mounting of the two cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.frames import Array, inverse, R_BODY_OPTICAL, se3, wxyz_from_rpy
+from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.rover.description import RoverDescription
+
+
+class StereoRig:
+    """Two equal cameras whose optical axes are parallel and whose rows correspond.
+
+    Pixel coordinates follow OpenCV and ROS: the centre of the upper left pixel is (0, 0).
+
+    K: (3, 3) intrinsics [px] of both cameras
+    D: (5,) Brown-Conrady distortion k1, k2, p1, p2, k3 (`plumb_bob`) of the raw images
+    R: (3, 3) rectification, the identity: the cameras are mounted rectified
+    P_left, P_right: (3, 4) projections of the left optical frame; P_right[0, 3] = -fx baseline_m
+    T_base_left, T_base_right: (4, 4) optical frames in base_link
+    """
+
+    def __init__(self, rover: RoverDescription, camera: CameraConfig) -> None:
+        self.width, self.height = camera.width, camera.height
+        self.baseline_m = rover.stereo.baseline_m
+        focal = camera.focal_px
+        self.K: Array = np.array([[focal, 0.0, 0.5 * (self.width - 1)],
+                                  [0.0, focal, 0.5 * (self.height - 1)],
+                                  [0.0, 0.0, 1.0]])
+        self.D: Array = np.array(camera.distortion)
+        self.R: Array = np.eye(3)
+        self.P_left: Array = np.hstack([self.K, np.zeros((3, 1))])
+        self.P_right: Array = self.P_left.copy()
+        self.P_right[0, 3] = -focal * self.baseline_m
+        tilt = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(rover.stereo.pitch_deg), 0.0))
+        centre = np.array(rover.stereo.position_m)
+        half = 0.5 * self.baseline_m * tilt[:, 1]
+        self.T_base_left: Array = se3(tilt @ R_BODY_OPTICAL, centre + half)
+        self.T_base_right: Array = se3(tilt @ R_BODY_OPTICAL, centre - half)
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length [px]."""
+        return float(self.K[0, 0])
+
+    def project(self, points_world_m: ArrayLike, T_world_base: ArrayLike) -> tuple[Array, Array]:
+        """Project (..., 3) world points into both rectified images.
+
+        Returns (left_px, right_px), each (..., 2); points behind the cameras are NaN.
+        """
+        T_left_world = inverse(np.asarray(T_world_base, dtype=float) @ self.T_base_left)
+        points = np.asarray(points_world_m, dtype=float)
+        optical = points @ T_left_world[:3, :3].T + T_left_world[:3, 3]
+        homogeneous = np.concatenate([optical, np.ones(optical.shape[:-1] + (1,))], axis=-1)
+        pixels = []
+        for P in (self.P_left, self.P_right):
+            uvw = homogeneous @ P.T
+            depth = np.where(uvw[..., 2:] > 0.0, uvw[..., 2:], np.nan)
+            pixels.append(uvw[..., :2] / depth)
+        return pixels[0], pixels[1]
+
+    def rays(self) -> Array:
+        """Return the (height, width, 3) ray of each rectified pixel, optical frame, with z = 1."""
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        return np.stack([(u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1],
+                         np.ones(u.shape)], axis=-1)

@@ -1,0 +1,135 @@
+"""Semi-global matching (Hirschmueller, 2008) of a rectified pair, by OpenCV's StereoSGBM."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import param, Parameters
+
+_MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
+          'hh4': cv2.STEREO_SGBM_MODE_HH4, '3way': cv2.STEREO_SGBM_MODE_SGBM_3WAY}
+
+
+@dataclasses.dataclass(frozen=True)
+class SgmConfig(Parameters):
+    """Matching: search range, costs, and what is thrown away as doubtful."""
+
+    mode: str = param('sgbm', 'paths of the aggregation: sgbm 5, hh 8 (three times slower), hh4 '
+                      '4, 3way 3 (faster)', choices=tuple(_MODES))
+    min_disparity: int = param(0, 'disparity of the farthest point looked for', unit='px',
+                               low=-512, high=1024)
+    num_disparities: int = param(128, 'search range; 128 reaches ground 0.36 m away with the '
+                                 'default rig', unit='px', low=16, high=1024)
+    block_size: int = param(7, 'side of the matched block, odd', unit='px', low=1, high=31)
+    p1: int = param(0, 'cost of a disparity step of 1; 0: 8 block_size^2', low=0, high=100000)
+    p2: int = param(0, 'cost of a larger step; 0: 32 block_size^2', low=0, high=100000)
+    pre_filter_cap: int = param(31, 'gradient at which matching costs are cut off', low=1,
+                                high=63)
+    uniqueness_percent: int = param(8, 'by how much the best match must beat the others',
+                                    unit='%', low=0, high=100)
+    left_right_max_px: int = param(1, 'allowed difference of left and right match; -1 switches '
+                                   'the check off', unit='px', low=-1, high=64)
+    speckle_window_px: int = param(60, 'smaller patches are thrown away; 0 keeps them',
+                                   unit='px', low=0, high=10000)
+    speckle_range_px: int = param(2, 'disparity steps within a patch', unit='px', low=1, high=32)
+    dark_level: int = param(10, 'rows above the first with a brighter pixel are sky and not '
+                            'matched; 0 matches all rows', unit='of 255', low=0, high=255)
+
+    def validate(self) -> None:
+        """Check what OpenCV demands."""
+        if self.num_disparities % 16:
+            raise ConfigError(f'num_disparities: {self.num_disparities} is not valid; valid is a '
+                              'multiple of 16')
+        if self.block_size % 2 == 0:
+            raise ConfigError(f'block_size: {self.block_size} is not valid; valid is an odd number')
+        if self.p2 and self.p2 <= self.p1:
+            raise ConfigError(f'p2: {self.p2} is not valid; valid is > p1 ({self.p1}) or 0')
+
+
+@dataclasses.dataclass(frozen=True)
+class DisparityMap:
+    """A disparity image and what a reader must know of it.
+
+    disparity_px: (h, w) float32, left column minus right column of a point; invalid pixels are
+        min_disparity_px - 1, as in ROS's stereo_image_proc
+    delta_d_px: the smallest step of disparity
+    valid_window: x, y, width, height of the part in which matches are possible
+    """
+
+    disparity_px: NDArray[np.float32]
+    min_disparity_px: float
+    max_disparity_px: float
+    delta_d_px: float
+    valid_window: tuple[int, int, int, int]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(h, w) whether the pixel has a disparity."""
+        return self.disparity_px >= self.min_disparity_px
+
+
+class SgmMatcher:
+    """Matches rectified pairs; not thread-safe."""
+
+    def __init__(self, config: SgmConfig) -> None:
+        self.config = config
+        area = config.block_size**2
+        self._matcher = cv2.StereoSGBM_create(
+            minDisparity=config.min_disparity, numDisparities=config.num_disparities,
+            blockSize=config.block_size, P1=config.p1 or 8 * area, P2=config.p2 or 32 * area,
+            disp12MaxDiff=config.left_right_max_px, preFilterCap=config.pre_filter_cap,
+            uniquenessRatio=config.uniqueness_percent,
+            speckleWindowSize=config.speckle_window_px, speckleRange=config.speckle_range_px,
+            mode=_MODES[config.mode])
+
+    def match(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> DisparityMap:
+        """Match two (h, w) or (h, w, 3) images, uint8 or uint16.
+
+        Raises ConfigError if their shapes differ or the search range exceeds the width.
+        """
+        config = self.config
+        if left.shape != right.shape:
+            raise ConfigError(f'right: shape {right.shape} is not valid; valid is that of the '
+                              f'left image, {left.shape}')
+        if left.shape[1] <= config.num_disparities + config.min_disparity:
+            raise ConfigError(f'num_disparities: {config.num_disparities} is not valid; valid is '
+                              f'less than the image width, {left.shape[1]}')
+        left8, right8 = _gray(left), _gray(right)
+        height, width = left8.shape
+        invalid = float(config.min_disparity - 1)
+        disparity = np.full((height, width), invalid, np.float32)
+        top = self._first_row(left8, right8)
+        if height - top > config.block_size:
+            fixed = self._matcher.compute(left8[top:], right8[top:])
+            part = disparity[top:]
+            np.multiply(fixed, np.float32(1.0 / 16.0), out=part)
+            part[fixed < 16 * config.min_disparity] = invalid
+        reach = config.min_disparity + config.num_disparities
+        margin = config.block_size // 2
+        x = max(reach - 1, 0) + margin
+        window = (x, margin, max(width - x - margin, 0), height - 2 * margin)
+        return DisparityMap(disparity, float(config.min_disparity), float(reach - 1), 1.0 / 16.0,
+                            window)
+
+    def _first_row(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> int:
+        """Return the first row worth matching: some rows above the first that is not black."""
+        level = self.config.dark_level
+        if level == 0:
+            return 0
+        bright = np.maximum(left.max(axis=1), right.max(axis=1)) > level
+        if not bright.any():
+            return left.shape[0]
+        return max(int(np.argmax(bright)) - self.config.block_size, 0)
+
+
+def _gray(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)  # type: ignore[operator]
+    if image.ndim == 3:
+        image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return np.ascontiguousarray(image, dtype=np.uint8)
