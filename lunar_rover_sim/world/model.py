@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -28,6 +30,8 @@ class World:
     rocks, rock_shapes: instances and the library they index
     config: the parameters it was built from
     hash: hexadecimal content hash of everything above
+    craters: those that were drawn
+    report: what is worth knowing of the source: the height of the origin there, gaps, overhangs
     """
 
     levels: tuple[HeightGrid, ...]
@@ -36,6 +40,8 @@ class World:
     rock_shapes: tuple[RockShape, ...]
     config: WorldConfig
     hash: str
+    craters: Craters = dataclasses.field(default_factory=lambda: Craters.join([]))
+    report: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def ground(self) -> HeightGrid:

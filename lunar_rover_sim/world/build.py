@@ -1,0 +1,157 @@
+"""Making a world from its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+import scipy.ndimage
+
+from lunar_rover_sim.world import craters as crater_population
+from lunar_rover_sim.world import levels as nest
+from lunar_rover_sim.world import relief, rockfield, shapes, stamping, store
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.model import World
+
+logger = logging.getLogger(__name__)
+
+Progress = Callable[[str, float], None]
+
+# Cells along the diameter of the smallest crater that a level shows, by itself and at all.
+_RESOLVED_CELLS, _FULL_CELLS, _LEAST_CELLS = 8.0, 24.0, 6.0
+
+
+def build(config: WorldConfig, seed: int = 0, progress: Progress | None = None) -> World:
+    """Return the world that the parameters describe.
+
+    seed: used where `config.seed` is negative; the world's config then bears it. The same
+    parameters and seed give the same world on one machine.
+    progress: called with what is being done and the fraction done so far.
+
+    Raises WorldError if the source cannot be read or used.
+    """
+    config = dataclasses.replace(config, seed=config.seed if config.seed >= 0 else seed)
+    tell = progress or (lambda what, fraction: None)
+    builder = _Builder(config, tell)
+    grids = builder.levels()
+    tell('albedo and rocks', 0.85)
+    drawn = Craters.join(builder.drawn)
+    albedo = _albedo(config, drawn, builder.rng('albedo'))
+    library = shapes.library()
+    rocks = rockfield.scatter(config.rocks, grids[0], library, drawn, config.clear_radius_m,
+                              builder.rng('rocks'))
+    tell('hash', 0.95)
+    world = store.sealed(World(grids, albedo, rocks, library, config, '', drawn, builder.report))
+    tell('done', 1.0)
+    return world
+
+
+class _Builder:
+    """Builds levels from the coarsest to the finest, then seals the seams."""
+
+    def __init__(self, config: WorldConfig, tell: Progress) -> None:
+        self.config = config
+        self.tell = tell
+        self.plan = nest.plan(config)
+        self.drawn: list[Craters] = []
+        self.report: dict = {}
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        """Return a generator that depends on the seed and the purpose alone."""
+        return np.random.default_rng([self.config.seed, *purpose.encode()])
+
+    def levels(self) -> tuple[HeightGrid, ...]:
+        """Return all levels, finest first."""
+        spectrum = relief.spectrum(self.config.relief)
+        deferred = Craters.join([])
+        finished: list[tuple[NDArray[np.float32], float]] = []
+        parent: HeightGrid | None = None
+        for k in reversed(range(len(self.plan))):
+            n, cell = self.plan[k]
+            self.tell(f'relief at {cell:g} m', 0.8 * (1 - (k + 1) / len(self.plan)))
+            heights = (nest.refine(parent, n, cell) if parent is not None
+                       else np.zeros((n, n), np.float32))
+            here, deferred = self._craters(k, deferred)
+            self.drawn.append(here)
+            stamping.stamp(heights, cell, here, self.config.craters, self.rng(f'outlines {k}'))
+            heights += relief.synthesise(spectrum, n, cell, parent.cell_m if parent else None,
+                                         k == 0, self.rng(f'relief {k}'))
+            if parent is not None:
+                nest.fit_border(heights, cell, parent)
+            parent = HeightGrid(heights, cell)
+            finished.append((heights, cell))
+        return self._sealed(finished[::-1])
+
+    def _craters(self, k: int, deferred: Craters) -> tuple[Craters, Craters]:
+        """Return the craters drawn on level k, and those left to the next finer level.
+
+        Each level makes the sizes that it resolves and its parent does not. A crater that would
+        be coarse here and lies within the finer level as a whole is left to that one.
+        """
+        n, cell = self.plan[k]
+        config = self.config.craters
+        half = 0.5 * (n - 1) * cell
+        last = k == len(self.plan) - 1
+        low = _RESOLVED_CELLS * cell if k else _LEAST_CELLS * cell
+        high = np.inf if last else _RESOLVED_CELLS * self.plan[k + 1][1]
+        made = crater_population.populate(config, half, low, high, k, self.rng(f'craters {k}'))
+        made = crater_population.keep_clear(made, config, self.config.clear_radius_m)
+        made = crater_population.survivors(made, Craters.join(self.drawn + [deferred]))
+        made = Craters.join([deferred, made])
+        if k == 0:
+            return made, Craters.join([])
+        inner_n, inner_cell = self.plan[k - 1]
+        inner = 0.5 * (inner_n - 1) * inner_cell - nest.FADE_CELLS * inner_cell
+        reach = np.abs(made.position_m).max(axis=1, initial=0.0) + 1.3 * made.diameter_m
+        finer = (reach < inner) & (made.diameter_m < _FULL_CELLS * cell)
+        left = made.select(finer)
+        return made.select(~finer), dataclasses.replace(left, level=left.level - 1)
+
+    def _sealed(self, arrays: list[tuple[NDArray[np.float32], float]]) -> tuple[HeightGrid, ...]:
+        """Shift the origin to height zero and give coarse levels what lies within them."""
+        offset = float(HeightGrid(*arrays[0]).height_at((0.0, 0.0)))
+        self.report['origin_height_m'] = offset
+        for heights, _ in arrays:
+            heights -= np.float32(offset)
+        for (child, cell), parent in zip(arrays[-2::-1], arrays[::-1]):
+            nest.close_seam(child, cell, HeightGrid(*parent))
+        for (child, _), (heights, _) in zip(arrays, arrays[1:]):
+            nest.embed(heights, child)
+        for heights, _ in arrays:
+            heights.setflags(write=False)
+        return tuple(HeightGrid(heights, cell) for heights, cell in arrays)
+
+
+def _albedo(config: WorldConfig, craters: Craters,
+            rng: np.random.Generator) -> NDArray[np.float32]:
+    """Return the albedo factor on the samples of the ground, 1 on average and at the border."""
+    n, cell = config.samples, config.cell_m
+    variation = np.zeros((n, n), np.float32)
+    if config.albedo.variation > 0.0:
+        # Patches from 3 decimetres to some metres, each octave fainter towards the small.
+        for wavelength, part in ((6.4, 0.75), (1.6, 0.55), (0.4, 0.35)):
+            sigma = min(wavelength / 4.0 / cell, n / 8.0)
+            coarse = max(int(sigma / 2.0), 1)
+            small = rng.standard_normal((n // coarse + 3,) * 2, dtype=np.float32)
+            small = scipy.ndimage.gaussian_filter(small, sigma / coarse, mode='wrap')
+            axis = np.arange(small.shape[0]) * float(coarse)
+            fine = nest.spline(axis, axis, small, np.arange(n, dtype=float),
+                               np.arange(n, dtype=float))
+            variation += np.float32(part / fine.std()) * fine
+        variation *= np.float32(config.albedo.variation)
+    if config.albedo.grain > 0.0:
+        variation += np.float32(config.albedo.grain) * rng.standard_normal((n, n),
+                                                                          dtype=np.float32)
+    variation -= variation.mean()
+    if config.albedo.fresh_crater > 0.0:
+        stamping.brighten(variation, cell, craters, config.albedo.fresh_crater)
+    edge = nest.fade(n)
+    variation *= edge[:, None] * edge
+    albedo = np.clip(1.0 + variation, 0.4, 1.8, dtype=np.float32)
+    albedo.setflags(write=False)
+    return albedo

@@ -1,0 +1,268 @@
+"""What a recipe says about a world: its source, relief, craters, rocks, albedo, surroundings.
+
+The defaults are the `baseline` world: a smooth highland site, cratered, with a rover's share of
+rocks. Each default that is a property of the Moon names where it comes from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+import pathlib
+from typing import Any
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import group, nearest, nest, param, Parameters
+
+PROCEDURAL, DEM, MESH = 'procedural', 'dem', 'mesh'
+
+# Cells of the ground per cell of the first coarse level; the side of the ground must hold an even
+# number of the latter, so that the corners of both levels meet.
+LEVEL_RATIO = 8
+
+
+@dataclasses.dataclass(frozen=True)
+class DemConfig(Parameters):
+    """Which part of an elevation model is used, and how it is read."""
+
+    center_mode: str = param(
+        'offset', 'meaning of `center`: metres east and north of the middle of the file, '
+        'coordinates of its CRS, longitude and latitude in degrees, or column and row in pixels',
+        choices=('offset', 'crs', 'lonlat', 'pixel'))
+    center: tuple[float, ...] = param(
+        (0.0, 0.0), 'middle of the world in the file, as `center_mode` says', length=2)
+    band: int = param(1, 'raster band', low=1)
+    height_scale: float = param(1.0, 'metres per unit of height', unit='m')
+    pixel_m: float = param(0.0, 'pixel size where the file states none; 0: the file states it',
+                           unit='m', low=0.0)
+    nodata: str = param('refuse', 'what to do with pixels without data under the ground; in '
+                        'the surroundings they are always filled', choices=('refuse', 'fill'))
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshConfig(Parameters):
+    """How a triangle mesh becomes a height field."""
+
+    up_axis: str = param('auto', 'axis of the file that points up; auto: y for GLB and glTF, '
+                         'else z', choices=('auto', 'x', 'y', 'z'))
+    scale: float = param(1.0, 'metres per unit of length', unit='m', low=0.0, open_low=True)
+    center: tuple[float, ...] = param(
+        (0.0, 0.0), 'middle of the world: metres east and north of the middle of the mesh',
+        unit='m', length=2)
+    resolution_m: float = param(
+        0.0, 'spacing at which the mesh is sampled; below it, relief and craters are added; 0: '
+        'the cell of the world, nothing is added', unit='m', low=0.0)
+    holes: str = param('refuse', 'what to do where the ground has no mesh below it',
+                       choices=('refuse', 'fill'))
+
+
+@dataclasses.dataclass(frozen=True)
+class ReliefConfig(Parameters):
+    """Self-affine relief: RMS deviation ~ baseline^hurst (Shepard et al. 2001).
+
+    The regolith's own part acts at all scales. Helfenstein & Shepard (1999) measured Hurst
+    exponents of 0.5 to 0.7 on undisturbed regolith in Apollo stereo close-ups, whose RMS slope
+    has fallen to a few degrees at decimetres. The far part carries the terrain: Rosenburg et al.
+    (2011) found, with LOLA, median slopes at 17 m of 7.5 deg in highlands and 2.0 deg in maria,
+    with median Hurst exponents of 0.95 and 0.76. The default far slope lies between, as at a site
+    that one would land on; craters add their own slopes to both.
+    """
+
+    hurst: float = param(0.65, 'Hurst exponent of the regolith', low=0.05, high=0.99)
+    rms_slope_deg: float = param(2.2, 'RMS slope of the regolith at `baseline_m`', unit='deg',
+                                 low=0.0, high=45.0)
+    baseline_m: float = param(0.3, 'baseline of `rms_slope_deg`', unit='m', low=0.0,
+                              open_low=True)
+    far_hurst: float = param(0.95, 'Hurst exponent of the terrain', low=0.05, high=0.99)
+    far_rms_slope_deg: float = param(3.0, 'RMS slope of the terrain at `far_baseline_m`',
+                                     unit='deg', low=0.0, high=45.0)
+    far_baseline_m: float = param(17.0, 'baseline of `far_rms_slope_deg`; the terrain has no '
+                                  'wavelength below it', unit='m', low=0.0, open_low=True)
+    longest_wavelength_m: float = param(1000.0, 'relief ends at this wavelength', unit='m',
+                                        low=1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class CraterConfig(Parameters):
+    """A population of craters in equilibrium.
+
+    N(>D) = density 1.54 D0^-2 (D / D0)^-slope per m2 with D0 = 10 m. 1.54 D^-2 is geometric
+    saturation (Gault 1970); small lunar craters stand in equilibrium at a few per cent of it with
+    a slope near 2 (Gault 1970; Xiao & Werner 2015; Minton et al. 2019). Fresh depth and rim
+    height are those of Pike (1977) for simple craters, which age by diffusion (Fassett &
+    Thomson 2014) until their depth is the oldest that is still counted.
+    """
+
+    density: float = param(0.05, 'fraction of geometric saturation; 0: no craters', low=0.0,
+                           high=0.5)
+    slope: float = param(2.0, 'exponent of the cumulative size distribution', low=1.0, high=4.0)
+    min_diameter_m: float = param(0.15, 'smallest crater', unit='m', low=0.0, open_low=True)
+    max_diameter_m: float = param(200.0, 'largest crater', unit='m', low=0.0, open_low=True)
+    fresh_depth: float = param(0.2, 'depth from rim to floor of a fresh crater, in diameters',
+                               low=0.02, high=0.4)
+    fresh_rim: float = param(0.04, 'rim height of a fresh crater, in diameters', low=0.0,
+                             high=0.1)
+    oldest_depth: float = param(0.04, 'depth of the oldest crater, in diameters', low=0.005,
+                                high=0.2)
+    age_exponent: float = param(1.0, 'age = u^(1/age_exponent) of the lifetime, u uniform: 1 is '
+                                'equilibrium, more makes more old craters', low=0.1, high=10.0)
+    irregularity: float = param(0.05, 'RMS deviation of the outline from a circle, in radii',
+                                low=0.0, high=0.15)
+
+
+@dataclasses.dataclass(frozen=True)
+class RockConfig(Parameters):
+    """Rocks on the ground.
+
+    Cumulative fractional area F(>D) = k exp(-q D), the form of Golombek & Rapp (1997), with
+    q(k) = 0.5648 + 0.01258 / k as fitted to the Moon by Li & Wu (2018); k = 0.0125 is what Di et
+    al. (2016) counted at the Chang'e-3 site. They stand out of the ground by about 0.6 of their
+    diameter or less (Demidov & Basilevsky 2014).
+    """
+
+    abundance: float = param(0.0125, 'k: area covered by rocks of all sizes; 0: no rocks',
+                             low=0.0, high=0.3)
+    decay_per_m: float = param(0.0, 'q; 0: follows from the abundance', unit='1/m', low=0.0)
+    min_diameter_m: float = param(0.03, 'smallest rock', unit='m', low=0.005, high=2.0)
+    max_diameter_m: float = param(2.0, 'largest rock', unit='m', low=0.005, high=20.0)
+    max_number: int = param(20000, 'if there were more, the smallest are left out', low=0,
+                            high=200000)
+    size_classes: int = param(28, 'sizes come in this many logarithmic classes', low=1, high=64)
+    burial: float = param(0.3, 'mean part of the height that is below ground', low=0.02, high=0.9)
+    near_craters: float = param(4.0, 'density around the rim of a fresh crater over that of the '
+                                'plain, minus 1', low=0.0, high=100.0)
+    tilt_deg: float = param(8.0, 'RMS tilt against the ground', unit='deg', low=0.0, high=90.0)
+    albedo_variation: float = param(0.06, 'RMS variation of the albedo factor among rocks',
+                                    low=0.0, high=0.3)
+
+
+@dataclasses.dataclass(frozen=True)
+class AlbedoConfig(Parameters):
+    """Variation of the albedo factor over the ground; its mean is 1.
+
+    How bright the ground is as a whole belongs to the reflectance. Fresh craters excavate
+    brighter, immature soil (e.g. Lucey et al. 2000).
+    """
+
+    variation: float = param(0.035, 'RMS of patches from decimetres to metres', low=0.0, high=0.3)
+    grain: float = param(0.02, 'RMS from cell to cell', low=0.0, high=0.3)
+    fresh_crater: float = param(0.15, 'brightening at the centre of a fresh crater', low=0.0,
+                                high=1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class SurroundingsConfig(Parameters):
+    """Coarse levels around the ground."""
+
+    extent_m: float = param(1000.0, 'reach at least so far from the middle in x and in y',
+                            unit='m', low=0.0, high=20000.0)
+    samples: int = param(2049, 'samples along a side of a coarse level', low=65, high=4097)
+
+
+@dataclasses.dataclass(frozen=True)
+class WorldConfig(Parameters):
+    """One world, complete."""
+
+    source: str = param(PROCEDURAL, 'where the large shape comes from',
+                        choices=(PROCEDURAL, DEM, MESH))
+    path: str = param('', 'GeoTIFF, folder with dem.npy and dem.yaml, or mesh file')
+    seed: int = param(-1, 'seed of everything random; -1: that of the scenario', low=-1)
+    size_m: float = param(51.2, 'side of the fine ground', unit='m', low=0.0, open_low=True,
+                          high=1000.0)
+    cell_m: float = param(0.025, 'cell of the fine ground', unit='m', low=0.001, high=10.0)
+    clear_radius_m: float = param(0.6, 'no rocks and no steep crater within this distance of the '
+                                  'origin', unit='m', low=0.0)
+    dem: DemConfig = group(DemConfig)
+    mesh: MeshConfig = group(MeshConfig)
+    relief: ReliefConfig = group(ReliefConfig)
+    craters: CraterConfig = group(CraterConfig)
+    rocks: RockConfig = group(RockConfig)
+    albedo: AlbedoConfig = group(AlbedoConfig)
+    surroundings: SurroundingsConfig = group(SurroundingsConfig)
+
+    def validate(self) -> None:
+        """Check sizes against each other and the source against its path."""
+        step = 2 * LEVEL_RATIO
+        cells = self.size_m / self.cell_m
+        if abs(cells - round(cells)) > 1e-6 or round(cells) % step or not 0 < cells <= 8192:
+            near = min(max(round(cells / step), 1), 8192 // step) * step * self.cell_m
+            raise ConfigError(f'size_m: {self.size_m:g} is not a multiple of {step} cells of '
+                              f'{self.cell_m:g} m up to 8192; the nearest is {near:g}')
+        for what in (self.craters, self.rocks):
+            if what.min_diameter_m > what.max_diameter_m:
+                name = 'craters' if what is self.craters else 'rocks'
+                raise ConfigError(f'{name}.min_diameter_m: {what.min_diameter_m:g} is above '
+                                  f'{name}.max_diameter_m ({what.max_diameter_m:g})')
+        if self.craters.oldest_depth > self.craters.fresh_depth:
+            raise ConfigError(f'craters.oldest_depth: {self.craters.oldest_depth:g} is above '
+                              f'craters.fresh_depth ({self.craters.fresh_depth:g})')
+        if self.craters.fresh_rim >= self.craters.fresh_depth:
+            raise ConfigError(f'craters.fresh_rim: {self.craters.fresh_rim:g} is not below '
+                              f'craters.fresh_depth ({self.craters.fresh_depth:g})')
+        if self.source != PROCEDURAL and not self.path:
+            raise ConfigError(f'path: empty; source {self.source} needs a file')
+
+    @property
+    def samples(self) -> int:
+        """Samples along a side of the ground."""
+        return round(self.size_m / self.cell_m) + 1
+
+
+# A flat world has nothing on it, to the horizon.
+PRESETS: dict[str, dict[str, Any]] = {
+    'baseline': {},
+    'feature_sparse': {
+        'relief': {'rms_slope_deg': 0.9, 'far_rms_slope_deg': 1.5},
+        'craters': {'density': 0.012, 'min_diameter_m': 0.4, 'age_exponent': 3.0},
+        'rocks': {'abundance': 0.0015, 'min_diameter_m': 0.05},
+        'albedo': {'variation': 0.015, 'grain': 0.01},
+    },
+    'low_albedo': {
+        'relief': {'far_rms_slope_deg': 1.6, 'far_hurst': 0.76},
+        'rocks': {'abundance': 0.010},
+    },
+    'flat': {
+        'relief': {'rms_slope_deg': 0.0, 'far_rms_slope_deg': 0.0},
+        'craters': {'density': 0.0},
+        'rocks': {'abundance': 0.0},
+        'albedo': {'variation': 0.0, 'grain': 0.0},
+    },
+}
+
+
+def preset(name: str) -> WorldConfig:
+    """Return the world of that name; raise ConfigError if there is none."""
+    if name not in PRESETS:
+        raise ConfigError(f'world: no preset {name!r}; {nearest(name, PRESETS)}')
+    return WorldConfig.from_mapping(PRESETS[name], 'world')
+
+
+def world_section(document: Any, where: str) -> dict[str, Any]:
+    """Return the parameters of the world in a YAML document, nested.
+
+    Accepts a section `world:` (with or without `ros__parameters:`), or the parameters alone.
+    `where` names the document in errors.
+    """
+    if document is None:
+        return {}
+    if not isinstance(document, Mapping):
+        raise ConfigError(f'{where}: not a mapping of parameter names to values')
+    section = document.get('world', document)
+    if isinstance(section, Mapping) and 'ros__parameters' in section:
+        section = section['ros__parameters']
+    if section is None:
+        return {}
+    if not isinstance(section, Mapping):
+        raise ConfigError(f'{where}: world: not a mapping of parameter names to values')
+    return nest(section, 'world')
+
+
+def read_config(path: str | pathlib.Path) -> WorldConfig:
+    """Return the world that a YAML file declares; raise ConfigError."""
+    import yaml
+    try:
+        with open(path, encoding='utf-8') as stream:
+            document = yaml.safe_load(stream)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f'{path}: {" ".join(str(error).split())}') from None
+    return WorldConfig.from_mapping(world_section(document, str(path)), 'world')

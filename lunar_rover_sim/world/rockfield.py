@@ -1,0 +1,193 @@
+"""The population of rocks: how many of each size, where they lie, how deep they sit."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from lunar_rover_sim.world.config import RockConfig
+from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.rocks import Rocks, RockShape
+
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+
+
+def decay_per_m(config: RockConfig) -> float:
+    """Return q [1/m] of F(>D) = k exp(-q D)."""
+    return config.decay_per_m or 0.5648 + 0.01258 / config.abundance
+
+
+def number_per_m2(config: RockConfig, diameter_m: Array) -> Array:
+    """Return the cumulative number N(>D) per m2, up to the largest diameter.
+
+    The area of a rock is pi D^2 / 4, so dN = -4 / (pi D^2) dF = 4 k q / pi exp(-q D) / D^2 dD
+    (Golombek & Rapp 1997 integrate it in the same way).
+    """
+    q = decay_per_m(config)
+    edge = np.geomspace(config.min_diameter_m, config.max_diameter_m, 4097)
+    density = 4.0 * config.abundance * q / np.pi * np.exp(-q * edge) / edge ** 2
+    piece = 0.5 * (density[1:] + density[:-1]) * np.diff(edge)
+    above = np.append(np.cumsum(piece[::-1])[::-1], 0.0)
+    return np.interp(diameter_m, edge, above)
+
+
+def size_classes(config: RockConfig) -> Array:
+    """Return the diameters [m] that rocks may have, ascending, evenly spaced in the logarithm."""
+    edges = np.geomspace(config.min_diameter_m, config.max_diameter_m, config.size_classes + 1)
+    return np.sqrt(edges[1:] * edges[:-1])
+
+
+def no_rocks(config: RockConfig) -> Rocks:
+    """Return an empty field."""
+    return _rocks(np.empty(0, int), np.empty(0, int), np.empty((0, 3)), np.empty((0, 4)),
+                  np.empty(0), size_classes(config))
+
+
+def scatter(config: RockConfig, ground: HeightGrid, shapes: tuple[RockShape, ...],
+            craters: Craters, clear_radius_m: float, rng: np.random.Generator) -> Rocks:
+    """Return rocks laid on the ground.
+
+    The number and the sizes follow the distribution; places are denser around the rims of fresh
+    craters. Larger rocks choose their place first, and smaller ones that would overlap them move
+    or, at last, go. Near the origin lies nothing that a rover would stand on.
+    """
+    if config.abundance == 0.0 or config.max_number == 0:
+        return no_rocks(config)
+    side = 2.0 * ground.half_extent_m
+    diameter = _diameters(config, side * side, rng)
+    classes = size_classes(config)
+    size = np.clip(np.searchsorted(np.sqrt(classes[1:] * classes[:-1]), diameter), 0,
+                   len(classes) - 1)
+    diameter = classes[size]
+    cumulative = _density(config, ground, craters)
+    xy, kept = _places(diameter, cumulative, ground, clear_radius_m, rng)
+    xy, size, diameter = xy[kept], size[kept], diameter[kept]
+    count = len(size)
+    shape = rng.integers(0, len(shapes), count)
+    # Beta with this shape: most rocks are shallowly buried, some up to the crown.
+    buried = rng.beta(2.4, 2.4 * (1.0 - config.burial) / config.burial, count)
+    position, orientation = _settle(ground, shapes, shape, diameter, xy, buried,
+                                    np.radians(config.tilt_deg), rng)
+    albedo = np.clip(1.0 + config.albedo_variation * rng.standard_normal(count), 0.6, 1.4)
+    logger.info('%d rocks from %.2g to %.2g m', count, diameter.min(initial=np.inf),
+                diameter.max(initial=0.0))
+    return _rocks(shape, size, position, orientation, albedo, classes)
+
+
+def _diameters(config: RockConfig, area_m2: float, rng: np.random.Generator) -> Array:
+    """Return diameters, largest first."""
+    grid = np.geomspace(config.min_diameter_m, config.max_diameter_m, 2049)
+    above = number_per_m2(config, grid) * area_m2
+    count = int(rng.poisson(above[0]))
+    kept = min(count, config.max_number)
+    diameter = np.interp(rng.uniform(0.0, above[0], count), above[::-1], grid[::-1])
+    diameter = np.sort(diameter)[::-1][:kept]
+    if kept < count:
+        logger.warning('rocks.max_number: %d of %d rocks are left out, all below %.3g m',
+                       count - kept, count, diameter.min(initial=np.inf))
+    return diameter
+
+
+def _density(config: RockConfig, ground: HeightGrid, craters: Craters) -> tuple[Array, int]:
+    """Return the running sum of the density over coarse cells, and the cells along a side."""
+    n = int(np.clip(ground.half_extent_m * 2.0 / 0.2, 8, 512))
+    density = np.ones((n, n))
+    cell = 2.0 * ground.half_extent_m / n
+    fresh = (craters.age < 0.25) & (craters.diameter_m > 0.8)
+    for (x, y), diameter, age in zip(craters.position_m[fresh], craters.diameter_m[fresh],
+                                     craters.age[fresh]):
+        axis = (np.arange(n) + 0.5) * cell - ground.half_extent_m
+        rho = np.hypot(axis - x, (axis - y)[:, None]) / (0.5 * diameter)
+        density += (config.near_craters * (1.0 - age / 0.25)
+                    * np.exp(-0.5 * ((rho - 1.15) / 0.4) ** 2))
+    return np.cumsum(density.ravel()), n
+
+
+def _places(diameter: Array, cumulative: tuple[Array, int], ground: HeightGrid,
+            clear_radius_m: float, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    """Return (m, 2) positions for rocks in descending order of size, and which found one."""
+    total, n = cumulative
+    cell = 2.0 * ground.half_extent_m / n
+    xy = np.empty((len(diameter), 2))
+    todo = np.arange(len(diameter))
+    for _ in range(12):
+        index = np.searchsorted(total, rng.uniform(0.0, total[-1], len(todo)))
+        index = np.minimum(index, n * n - 1)
+        corner = np.stack([index % n, index // n], axis=-1)
+        xy[todo] = (corner + rng.random((len(todo), 2))) * cell - ground.half_extent_m
+        todo = _misplaced(xy, diameter, ground, clear_radius_m)
+        if not len(todo):
+            break
+    kept = np.ones(len(diameter), bool)
+    kept[todo] = False
+    return xy, kept
+
+
+def _misplaced(xy: Array, diameter: Array, ground: HeightGrid,
+               clear_radius_m: float) -> NDArray[np.int64]:
+    """Return the rocks that touch the clearing, the border, or a larger rock."""
+    clearing = clear_radius_m + 3.0 * diameter
+    bad = np.linalg.norm(xy, axis=1) < clearing
+    bad |= np.abs(xy).max(axis=1) > ground.half_extent_m - diameter
+    tree = cKDTree(xy)
+    start = 0
+    while start < len(diameter):
+        # Rocks of like size ask together: their reach bounds that of the smaller ones.
+        stop = int(np.searchsorted(-diameter, -0.6 * diameter[start], side='right'))
+        for i, near in zip(range(start, stop),
+                           tree.query_ball_point(xy[start:stop], 0.9 * diameter[start])):
+            later = np.array([j for j in near if j > i], int)
+            if len(later):
+                gap = np.linalg.norm(xy[later] - xy[i], axis=1)
+                bad[later[gap < 0.45 * (diameter[later] + diameter[i])]] = True
+        start = stop
+    return np.flatnonzero(bad)
+
+
+def _settle(ground: HeightGrid, shapes: tuple[RockShape, ...], shape: NDArray, diameter: Array,
+            xy: Array, buried: Array, tilt_rad: float,
+            rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return centroids (m, 3) and orientations (m, 4) of rocks that sit in the ground."""
+    count = len(diameter)
+    ring = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    around = np.stack([np.cos(ring), np.sin(ring)], axis=-1)
+    reach = 0.45 * diameter[:, None, None] * around
+    rim = ground.height_at(xy[:, None] + reach)
+    slope = np.einsum('mi,ik->mk', rim, around) / (4.0 * 0.45 * diameter[:, None])
+    height = np.minimum(ground.height_at(xy), rim.mean(axis=1))
+    # Tilted with the ground, then by chance, about a horizontal axis; turned at random before.
+    lean = np.clip(-slope, -1.0, 1.0) + tilt_rad / np.sqrt(2.0) * rng.standard_normal((count, 2))
+    angle = np.linalg.norm(lean, axis=1)
+    axis = np.column_stack([-lean[:, 1], lean[:, 0]]) / np.maximum(angle, 1e-12)[:, None]
+    yaw = rng.uniform(-np.pi, np.pi, count)
+    w, s = np.cos(angle / 2), np.sin(angle / 2)
+    tilt = np.column_stack([w, axis[:, 0] * s, axis[:, 1] * s, np.zeros(count)])
+    c, d = np.cos(yaw / 2), np.sin(yaw / 2)
+    quat = np.column_stack([tilt[:, 0] * c, tilt[:, 1] * c + tilt[:, 2] * d,
+                            tilt[:, 2] * c - tilt[:, 1] * d, tilt[:, 0] * d])
+    low, high = np.empty(count), np.empty(count)
+    up = np.column_stack([  # last row of the rotation matrix: what becomes of z
+        2.0 * (quat[:, 1] * quat[:, 3] - quat[:, 0] * quat[:, 2]),
+        2.0 * (quat[:, 2] * quat[:, 3] + quat[:, 0] * quat[:, 1]),
+        1.0 - 2.0 * (quat[:, 1] ** 2 + quat[:, 2] ** 2)])
+    for index, kind in enumerate(shapes):
+        chosen = shape == index
+        z = up[chosen] @ kind.vertices.T.astype(float)
+        low[chosen], high[chosen] = z.min(axis=1, initial=0.0), z.max(axis=1, initial=0.0)
+    z = height - (low + buried * (high - low)) * diameter
+    return np.column_stack([xy, z]), quat
+
+
+def _rocks(shape: NDArray, size: NDArray, position: Array, orientation: Array, albedo: NDArray,
+           classes: Array) -> Rocks:
+    arrays = (shape.astype(np.int32), size.astype(np.int32), position.astype(np.float64),
+              orientation.astype(np.float64), albedo.astype(np.float32),
+              classes.astype(np.float64))
+    for array in arrays:
+        array.setflags(write=False)
+    return Rocks(*arrays)

@@ -1,0 +1,113 @@
+"""Drawing craters into a height field and into an albedo map, oldest first."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.world.config import CraterConfig
+from lunar_rover_sim.world.craters import Craters, profile_table, RADII, REACH
+from lunar_rover_sim.world.relief import smoothstep
+
+# A crater erases what lies within its rim, and no more beyond this radius.
+_ERASED, _UNTOUCHED = 0.85, 1.45
+
+
+def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config: CraterConfig,
+          rng: np.random.Generator) -> None:
+    """Draw craters into heights [m] (row 0 south, centred on the origin), in order of time.
+
+    Within its rim a crater takes away what was there: the ground is drawn towards the plane that
+    fits it best, which keeps the large-scale slope, and the profile of its age is laid upon it.
+    """
+    table = profile_table(config)
+    order = np.argsort(-craters.time, kind='stable')
+    # Two to four lobes with random phases make an outline; power falls with the order.
+    weights = config.irregularity * np.array([0.75, 0.5, 0.43])
+    lobes = (rng.standard_normal((len(craters), 3)) + 1j * rng.standard_normal((len(craters), 3))
+             ) * weights
+    half = 0.5 * (heights.shape[0] - 1)
+    bins = np.arange(0.0, 1.0, 0.02)
+    profiles = [table.at(age).astype(np.float32) for age in bins]
+    per_radius = np.float32(1.0 / RADII[1])
+    for i in order:
+        radius = 0.5 * craters.diameter_m[i] / cell_m  # in cells
+        x0, y0 = craters.position_m[i] / cell_m + half
+        window = _window(x0, y0, REACH * radius, heights.shape[0])
+        if window is None:
+            continue
+        rows, columns = window
+        dx = (np.arange(columns.start, columns.stop, dtype=np.float32) - np.float32(x0))
+        dy = (np.arange(rows.start, rows.stop, dtype=np.float32) - np.float32(y0))
+        dx, dy = dx / np.float32(radius), dy / np.float32(radius)
+        rho = np.sqrt(dx * dx + (dy * dy)[:, None])
+        shaped = _irregular(rho, dx, dy, lobes[i]) if config.irregularity else rho
+        patch = heights[rows, columns]
+        _flatten(patch, dx, dy, shaped)
+        index = np.minimum(shaped * per_radius, np.float32(len(RADII) - 2))
+        lower = index.astype(np.int32)
+        index -= lower
+        profile = profiles[int(craters.age[i] / 0.02)] * np.float32(craters.diameter_m[i])
+        patch += profile[lower] + index * (profile[1:] - profile[:-1])[lower]
+
+
+def _window(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice] | None:
+    """Return the rows and columns within reach of a centre, all in cells; None if there are none.
+    """
+    left, right = max(int(np.ceil(x0 - reach)), 0), min(int(np.floor(x0 + reach)) + 1, n)
+    low, high = max(int(np.ceil(y0 - reach)), 0), min(int(np.floor(y0 + reach)) + 1, n)
+    if right - left < 2 or high - low < 2:
+        return None
+    return slice(low, high), slice(left, right)
+
+
+def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArray:
+    """Return the radii as the lobed outline has them."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        inverse = 1.0 / np.maximum(rho, np.float32(1e-3))
+    c, s = dx * inverse, dy[:, None] * inverse
+    c2, s2 = c * c - s * s, 2.0 * c * s
+    a, b, d = (np.complex64(lobe) for lobe in lobes)
+    lobed = a.real * c2 + a.imag * s2
+    lobed += b.real * (c2 * c - s2 * s) + b.imag * (s2 * c + c2 * s)
+    lobed += d.real * (c2 * c2 - s2 * s2) + d.imag * (2.0 * c2 * s2)
+    return rho * (1.0 + np.clip(lobed, -0.3, 0.3))
+
+
+def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray) -> None:
+    """Draw the patch towards its best plane within the rim; in place."""
+    inner_x, inner_y = np.abs(dx) < 1.2, np.abs(dy) < 1.2
+    if inner_x.sum() < 2 or inner_y.sum() < 2:
+        return
+    columns = slice(int(inner_x.argmax()), len(dx) - int(inner_x[::-1].argmax()))
+    rows = slice(int(inner_y.argmax()), len(dy) - int(inner_y[::-1].argmax()))
+    core, x, y = patch[rows, columns], dx[columns], dy[rows]
+    mx, my, mean = x.mean(), y.mean(), core.mean()
+    sx = (core.mean(axis=0) - mean) @ (x - mx) / np.sum((x - mx) ** 2)
+    sy = (core.mean(axis=1) - mean) @ (y - my) / np.sum((y - my) ** 2)
+    outer_x, outer_y = np.abs(dx) < 1.8, np.abs(dy) < 1.8
+    columns = slice(int(outer_x.argmax()), len(dx) - int(outer_x[::-1].argmax()))
+    rows = slice(int(outer_y.argmax()), len(dy) - int(outer_y[::-1].argmax()))
+    ground, x, y = patch[rows, columns], dx[columns], dy[rows]
+    plane = (mean + sx * (x - mx)) + (sy * (y - my))[:, None]
+    t = np.clip((_UNTOUCHED - rho[rows, columns]) / (_UNTOUCHED - _ERASED), 0.0, 1.0)
+    ground += t * t * (3.0 - 2.0 * t) * (plane - ground)
+
+
+def brighten(albedo: NDArray[np.float32], cell_m: float, craters: Craters,
+             amount: float) -> None:
+    """Brighten the surroundings of fresh craters in an albedo map, fading with age."""
+    half = 0.5 * (albedo.shape[0] - 1)
+    fresh = np.flatnonzero((craters.age < 0.2) & (craters.diameter_m > 6.0 * cell_m))
+    for i in fresh[np.argsort(-craters.time[fresh], kind='stable')]:
+        radius = 0.5 * craters.diameter_m[i] / cell_m
+        x0, y0 = craters.position_m[i] / cell_m + half
+        window = _window(x0, y0, 3.5 * radius, albedo.shape[0])
+        if window is None:
+            continue
+        dx = (np.arange(window[1].start, window[1].stop) - x0) / radius
+        dy = (np.arange(window[0].start, window[0].stop) - y0) / radius
+        rho = np.sqrt(dx * dx + (dy * dy)[:, None]).astype(np.float32)
+        strength = amount * (1.0 - craters.age[i] / 0.2) ** 2
+        fall = np.exp(-0.5 * (np.maximum(rho - 0.8, 0.0) / 0.9) ** 2)
+        albedo[window] += np.float32(strength) * fall * smoothstep(3.5 - rho).astype(np.float32)
