@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import types
 
 import pytest
 import synthetic_bag as synthetic
@@ -15,9 +16,10 @@ import synthetic_bag as synthetic
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS, contract_qos, STORAGES
+from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS, STORAGES
 from lunar_rover_sim.errors import BagError
 
 VARIANTS = [(storage, compression) for storage in STORAGES for compression in COMPRESSIONS]
@@ -115,6 +117,17 @@ def test_latched_topics_are_offered_transient_local():
     assert contract_qos('/rover1/world_hash').durability.name == 'TRANSIENT_LOCAL'
     assert contract_qos('/tf_static').durability.name == 'TRANSIENT_LOCAL'
     assert contract_qos('/rover1/odom').durability.name == 'VOLATILE'
+
+
+def test_profiles_of_rclpy_are_taken():
+    forever = types.SimpleNamespace(nanoseconds=2**63 - 1)
+    profile = types.SimpleNamespace(
+        history=3, depth=0, reliability=2, durability=2, deadline=forever, lifespan=forever,
+        liveliness=1, liveliness_lease_duration=forever, avoid_ros_namespace_conventions=False)
+    recorded = as_recorded(profile, '/user/points')
+    assert (recorded.history.name, recorded.depth) == ('KEEP_LAST', 10)
+    assert recorded.reliability.name == 'BEST_EFFORT'
+    assert (recorded.deadline.sec, recorded.deadline.nsec) == (9223372036, 854775807)
 
 
 def test_own_types_come_with_their_definition(tmp_path):

@@ -7,45 +7,27 @@ second ago, can be read.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 import time
 from types import TracebackType
 from typing import Any
 
-from rosbags.interfaces import (
-    Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, WriterError
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 
 from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.recovery import (
     DISK_ERRORS, DurableWriter, in_words, METADATA_VERSION, PLUGINS, recover)
 from lunar_rover_sim.bag.stamps import NS_PER_S, StampTable
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.topics import CONTRACT, LATCHED
 
 STORAGES = ('mcap', 'sqlite3')
 COMPRESSIONS = ('none', 'zstd')
 
 _MODES = {'mcap': CompressionMode.STORAGE, 'sqlite3': CompressionMode.MESSAGE}
-
-
-def reliable_qos(depth: int = 10, latched: bool = False) -> Qos:
-    """Return a RELIABLE, KEEP_LAST profile; `latched` makes it TRANSIENT_LOCAL."""
-    forever = QosTime(9223372036, 854775807)
-    return Qos(QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE,
-               QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-               forever, forever, QosLiveliness.AUTOMATIC, forever, False)
-
-
-def contract_qos(topic: str) -> Qos:
-    """Return the profile of a topic of the contract, under any namespace; 10 deep else."""
-    for known in CONTRACT:
-        if known.rate == LATCHED and ('/' + topic).endswith('/' + known.name):
-            return reliable_qos(1, latched=True)
-    return reliable_qos()
 
 
 class BagWriter:
@@ -97,11 +79,11 @@ class BagWriter:
         """Newest bag time [ns] written so far."""
         return self._newest_ns
 
-    def add_topic(self, topic: str, msgtype: str, qos: Qos | Sequence[Qos] | None = None,
+    def add_topic(self, topic: str, msgtype: str, qos: Any = None,
                   definition: str | None = None) -> None:
         """Register a topic before its first message.
 
-        qos: offered profile(s); by default that of the topic contract.
+        qos: offered profile of rosbags or of rclpy; by default that of the topic contract.
         definition: the `.msg` text of a type that ROS 2 Jazzy does not bring along; the types it
             uses follow in sections `===…` + `MSG: package/Type`, as MCAP and `ros2bag` lay it out.
 
@@ -116,13 +98,11 @@ class BagWriter:
             return
         if msgtype not in self._typestore.fielddefs:
             self._learn(topic, msgtype, definition)
-        if qos is None:
-            qos = contract_qos(topic)
-        profiles = [qos] if isinstance(qos, Qos) else list(qos)
+        profile = contract_qos(topic) if qos is None else as_recorded(qos, topic)
         writer = self._open_writer()
         try:
             connection = writer.add_connection(topic, msgtype, typestore=self._typestore,
-                                               offered_qos_profiles=profiles)
+                                               offered_qos_profiles=[profile])
         except DISK_ERRORS as error:
             raise self._fail(error) from None
         self._connections[topic] = connection

@@ -1,0 +1,113 @@
+"""A hash of what a bag says, whatever order, storage or compression it is written in.
+
+Per topic a SHA-256 over (stamp, payload) of its messages; the bag's hash is one over the names,
+types and hashes of all topics, by name. So the order between topics, which two runs do not
+share, does not count; neither does the bag time of messages without a stamp, only their order.
+Messages of one topic with one stamp (several publishers) count in any order.
+
+The payload is the message deserialised and serialised again: CDR aligns numbers with padding
+bytes, and a middleware may leave there whatever its buffer held before. That also brings both
+byte orders to one.
+
+Not counted is what tells of wall time or of the process rather than of the run, `SKIPPED`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import hashlib
+from pathlib import Path
+import struct
+
+from rosbags.typesys.base import TypesysError
+
+from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.topics import RECORDED
+
+SKIPPED: Mapping[str, str] = {
+    'rosout': 'log lines bear wall time',
+    'parameter_events': 'bear wall time',
+    'transition_event': 'life cycle of a node, at wall time',
+    'diagnostics': 'health of processes, at wall time',
+    'statistics': 'wall-time statistics of the middleware',
+    RECORDED.name: 'progress of the recorder',
+}
+
+_STAMP = struct.Struct('<q')
+_NO_STAMP = b'no stamp'
+
+
+class _TopicHash:
+    """The hash of one topic; messages of equal stamps are put into a fixed order."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+        self._stamp_ns: int | None = None
+        self._group: list[bytes] = []
+
+    def add(self, stamp_ns: int | None, payload: bytes | memoryview) -> None:
+        digest = hashlib.sha256(payload).digest()
+        if stamp_ns is None:
+            self._hash.update(_NO_STAMP + digest)
+            return
+        if stamp_ns != self._stamp_ns:
+            self._fold()
+            self._stamp_ns = stamp_ns
+        self._group.append(digest)
+
+    def hexdigest(self) -> str:
+        self._fold()
+        return self._hash.hexdigest()
+
+    def _fold(self) -> None:
+        if self._stamp_ns is not None:
+            self._hash.update(_STAMP.pack(self._stamp_ns) + b''.join(sorted(self._group)))
+        self._stamp_ns = None
+        self._group.clear()
+
+
+def is_skipped(topic: str) -> bool:
+    """Return whether a topic, under any namespace, does not count."""
+    return any(('/' + topic).endswith('/' + name) for name in SKIPPED)
+
+
+def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -> dict[str, str]:
+    """Return topic → hexadecimal hash; `progress` is called once a message.
+
+    Raises BagError where the bag cannot be read.
+    """
+    with open_bag(path) as bag:
+        return _hash_topics(bag, progress)
+
+
+def bag_hash(path: Path | str) -> str:
+    """Return the hexadecimal hash of a bag; BagError where it cannot be read or is incomplete."""
+    with open_bag(path) as bag:
+        if bag.incomplete:
+            raise BagError(f'{path}: is incomplete ({bag.incomplete}); its hash would say nothing')
+        return combine(_hash_topics(bag, None), bag.types)
+
+
+def combine(hashes: Mapping[str, str], types: Mapping[str, str]) -> str:
+    """Return the hash of a bag from those of its topics and their types."""
+    lines = [f'{topic} {types[topic]} {digest}\n' for topic, digest in sorted(hashes.items())]
+    return hashlib.sha256(''.join(lines).encode()).hexdigest()
+
+
+def _hash_topics(bag: Bag, progress: Callable[[], None] | None) -> dict[str, str]:
+    topics = [topic for topic in bag.types if not is_skipped(topic)]
+    states = {topic: _TopicHash() for topic in topics}
+    store = bag.typestore
+    if topics:
+        for message in bag.raw(topics):
+            decoded = bag.decode(message.data, message.msgtype)
+            try:
+                payload = store.serialize_cdr(decoded, message.msgtype, little_endian=True)
+            except (TypesysError, struct.error) as error:
+                raise BagError(f'{bag.path}: a {message.msgtype} cannot be hashed: '
+                               f'{error}') from None
+            states[message.topic].add(bag.stamp_ns(message), payload)
+            if progress is not None:
+                progress()
+    return {topic: state.hexdigest() for topic, state in states.items()}

@@ -1,0 +1,60 @@
+"""What a bag says about its own making: the scenario that the recorder put into it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from typing import Any
+
+import yaml
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.errors import BagError
+
+_SHARED = '/**'
+_KEY = 'ros__parameters'
+_MAX_CHARACTERS = 1 << 20
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordedScenario:
+    """Sections of a scenario file, values as YAML gives them; empty where none was recorded."""
+
+    sections: Mapping[str, Mapping[str, Any]]
+
+    def __bool__(self) -> bool:
+        return bool(self.sections)
+
+    def get(self, section: str, name: str, default: Any = None) -> Any:
+        """Return `section.name` (dotted names reach into groups), or the shared `/**` value."""
+        for values in (self.sections.get(section, {}), self.sections.get(_SHARED, {})):
+            value: Any = values
+            for part in name.split('.'):
+                value = value.get(part) if isinstance(value, Mapping) else None
+            if value is not None:
+                return value
+        return default
+
+    def number(self, section: str, name: str, default: float) -> float:
+        """Return a number; the default where it is not there or no number."""
+        value = self.get(section, name)
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return float(value)
+        return default
+
+
+def recorded_scenario(bag: Bag) -> RecordedScenario:
+    """Return the scenario in the bag; an empty one where there is none that can be read."""
+    if not bag.has(topics.SCENARIO.name):
+        return RecordedScenario({})
+    try:
+        text = str(bag.first(topics.SCENARIO.name).data)
+        document = yaml.safe_load(text) if len(text) <= _MAX_CHARACTERS else None
+    except (BagError, yaml.YAMLError, AttributeError, RecursionError):
+        return RecordedScenario({})
+    if not isinstance(document, Mapping):
+        return RecordedScenario({})
+    return RecordedScenario({
+        str(name): body.get(_KEY) or {} for name, body in document.items()
+        if isinstance(body, Mapping) and isinstance(body.get(_KEY), (Mapping, type(None)))})
