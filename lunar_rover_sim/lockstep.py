@@ -13,9 +13,11 @@ from collections.abc import Mapping
 class StampGate:
     """The newest stamp of each awaited topic, against the lag it may have.
 
-    lag_ns_by_topic: topic → lag [ns]; 0 means that the present state must have been answered.
-    Before its first message a topic counts as having answered time 0, so that slow starters are
-    waited for as soon as their lag is used up.
+    lag_ns_by_topic: topic → lag [ns]. Time may go on from `now` when every topic has answered
+    `now` itself or a stamp younger than `now - lag`. So lag 0 awaits the answer to every state;
+    a topic of period T and lag T is awaited once a period, and with lag 2 T it may be one
+    message behind. Before its first message a topic counts as having answered time 0, so that
+    slow starters are waited for as soon as their lag is used up.
     """
 
     def __init__(self, lag_ns_by_topic: Mapping[str, int]) -> None:
@@ -31,15 +33,23 @@ class StampGate:
         """Take note that `topic` has answered up to `stamp_ns`; older stamps change nothing."""
         self._stamp_ns[topic] = max(self._stamp_ns[topic], stamp_ns)
 
+    def has_answered(self, topic: str) -> bool:
+        """Return whether `topic` has answered any stamp after 0."""
+        return self._stamp_ns[topic] > 0
+
     def is_open(self, now_ns: int) -> bool:
         """Return whether time may go on from `now_ns`."""
-        return all(self._stamp_ns[t] >= now_ns - lag for t, lag in self._lag_ns.items())
+        for topic, lag_ns in self._lag_ns.items():
+            stamp_ns = self._stamp_ns[topic]
+            if stamp_ns < now_ns and stamp_ns <= now_ns - lag_ns:
+                return False
+        return True
 
     def missing(self, now_ns: int) -> dict[str, int]:
         """Return topic → newest stamp [ns] of those that time waits for at `now_ns`."""
-        return {t: self._stamp_ns[t] for t, lag in self._lag_ns.items()
-                if self._stamp_ns[t] < now_ns - lag}
+        return {t: s for t, s in self._stamp_ns.items()
+                if s < now_ns and s <= now_ns - self._lag_ns[t]}
 
-    def reset(self) -> None:
-        """Forget all stamps: time starts again at 0."""
-        self._stamp_ns = dict.fromkeys(self._lag_ns, 0)
+    def behind(self, now_ns: int) -> dict[str, int]:
+        """Return topic → newest stamp [ns] of those that have not answered `now_ns` itself."""
+        return {t: s for t, s in self._stamp_ns.items() if s < now_ns}

@@ -1,0 +1,134 @@
+"""The graph of a run: which nodes, with which parameters, waiting for whom.
+
+Pure planning, without ROS: `lunar_rover_sim run` and the launch file both start what `plan` says.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.config import ALL
+from lunar_rover_sim.config import NODE_CONFIGS, Scenario, WaitConfig
+from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.rover.store import save_rover
+
+SCENARIO_FILE = 'scenario.yaml'
+ROVER_FILE = 'rover.yaml'
+BAG_FOLDER = 'bag'
+LOG_FOLDER = 'logs'
+
+# The order in which nodes are told to stop: the recorder last, since it takes what they say.
+STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node',
+              'recorder_node')
+
+_RECORDER_LAG_S = 0.5
+_RECORDER_LAG_FRAMES = 5
+
+
+@dataclasses.dataclass(frozen=True)
+class NodePlan:
+    """One process: its console script, and the parameters that name places on this machine."""
+
+    name: str
+    parameters: dict[str, str]
+
+    def ros_arguments(self, params_file: Path) -> list[str]:
+        """Return the arguments of the process."""
+        arguments = ['--ros-args', '--params-file', str(params_file)]
+        for name, value in self.parameters.items():
+            # Quoted, so that a path of digits stays text.
+            arguments += ['-p', f'{name}:="{value}"']
+        return arguments
+
+
+def resolve(scenario: Scenario) -> Scenario:
+    """Return the scenario with everything spelled out that depends on the nodes of the run.
+
+    The duration is rounded up to whole camera frames; in lockstep physics waits for the gait
+    controller, the renderer (one frame behind at most) and the recorder, and the gait controller
+    for drive_node.
+    """
+    nodes = scenario.run.nodes
+    frame_s = scenario.render_node.frame_period_ns / 1e9
+    duration_s = math.ceil(round(scenario.run.duration_s / frame_s, 6)) * frame_s
+    duration_s = round(duration_s, 9)
+    physics, gait = scenario.physics_node, scenario.gait_controller_node
+    recorder = scenario.recorder_node
+    if scenario.shared.lockstep:
+        if not physics.wait.topics:
+            physics = dataclasses.replace(physics, wait=_physics_wait(scenario, frame_s))
+        drives = 'drive_node' in nodes and scenario.drive_node.mode != 'none'
+        if drives and not gait.wait.topics:
+            gait = dataclasses.replace(gait, wait=dataclasses.replace(
+                gait.wait, topics=(topics.CMD_VEL.name,),
+                lags_s=(1.0 / scenario.drive_node.rate_hz,)))
+        if not recorder.acknowledge:
+            recorder = dataclasses.replace(recorder, acknowledge=_acknowledged(scenario))
+    return dataclasses.replace(
+        scenario, run=dataclasses.replace(scenario.run, duration_s=duration_s),
+        physics_node=dataclasses.replace(physics, duration_s=duration_s),
+        gait_controller_node=gait, recorder_node=recorder)
+
+
+def _physics_wait(scenario: Scenario, frame_s: float) -> WaitConfig:
+    awaited = []
+    nodes = scenario.run.nodes
+    if 'gait_controller_node' in nodes:
+        awaited.append((topics.JOINT_COMMANDS.name, 0.0))
+    if 'render_node' in nodes:
+        awaited.append((topics.LEFT_INFO.name, 2.0 * frame_s))
+    if 'recorder_node' in nodes and _acknowledged(scenario):
+        lag_s = _RECORDER_LAG_S
+        if 'render_node' in nodes:
+            lag_s = min(lag_s, _RECORDER_LAG_FRAMES * frame_s)
+        awaited.append((topics.RECORDED.name, lag_s))
+    return dataclasses.replace(scenario.physics_node.wait,
+                               topics=tuple(topic for topic, _ in awaited),
+                               lags_s=tuple(lag_s for _, lag_s in awaited))
+
+
+def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
+    """Return the periodic topics of the contract that this run publishes and records."""
+    recorder = scenario.recorder_node
+    result = []
+    for topic in topics.CONTRACT:
+        periodic = topic.rate in (topics.STATE, topics.FRAME)
+        if topic.node not in scenario.run.nodes or not periodic:
+            continue
+        # Not every machine has tf2_msgs, and cmd_vel comes at a rate of its own.
+        if topic in (topics.TF, topics.CMD_VEL):
+            continue
+        listed = ALL in recorder.topics or topic.name in recorder.topics
+        if listed and topic.name not in recorder.exclude:
+            result.append(topic.name)
+    return tuple(result)
+
+
+def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
+    """Write the resolved scenario and the rover to the run's folder; return the nodes' plans.
+
+    Raises BagError where the folder exists already: nothing is ever overwritten.
+    """
+    if not scenario.run.nodes:
+        raise ConfigError(f'run.nodes: [] is not valid; valid are some of '
+                          f'{", ".join(NODE_CONFIGS)}')
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise BagError(f'{folder}: exists already; give -o a folder that does not') from None
+    except OSError as error:
+        raise BagError(f'{folder}: cannot be made: {error.strerror}') from None
+    (folder / SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
+    save_rover(scenario.rover, folder / ROVER_FILE)
+    places = {'world': str(world), 'rover': str(folder / ROVER_FILE)}
+    plans = []
+    for name in scenario.run.nodes:
+        parameters = dict(places)
+        if name == 'recorder_node':
+            parameters['output'] = str(folder / BAG_FOLDER)
+            parameters['scenario_file'] = str(folder / SCENARIO_FILE)
+        plans.append(NodePlan(name, parameters))
+    return plans

@@ -1,0 +1,68 @@
+"""drive_node: follows a velocity profile or waypoints on odometry."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+
+from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.config import DriveNodeConfig
+from lunar_rover_sim.drive.driver import Driver
+from lunar_rover_sim.nodes import conversions, main as node_main, qos
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.world.store import load as load_world
+
+
+class DriveNode(Node):
+    """Answers the odometry of every command period with a velocity that bears its stamp."""
+
+    def __init__(self) -> None:
+        super().__init__('drive_node')
+        self._config = config = declare(self, DriveNodeConfig)
+        half_extent_m = load_world(config.world).ground.half_extent_m if config.world else np.inf
+        self._driver = Driver(config, half_extent_m)
+        self._period_ns = 1_000_000_000 // config.rate_hz
+        self._last_period = 0 if config.lockstep else -1
+        self._status = ''
+        stamped = config.enable_stamped_cmd_vel
+        self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
+                                                topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
+        self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
+                                 qos.requested(topics.ODOM, config.lockstep), raw=True)
+
+    def _odom_callback(self, raw: bytes) -> None:
+        now_ns = stamp_ns(topics.ODOM.type, raw)
+        if now_ns is None or now_ns // self._period_ns <= self._last_period:
+            return
+        self._last_period = now_ns // self._period_ns
+        odom = deserialize_message(raw, Odometry)
+        T_world_base = conversions.pose_of(odom)
+        command = self._driver.update(now_ns, T_world_base[:3, 3],
+                                      frames.wxyz_from_matrix(T_world_base[:3, :3]))
+        if command.status != self._status:
+            self._status = command.status
+            self.get_logger().info(f'{command.status} at {now_ns / 1e9:.2f} s'
+                                   + (f': {command.reason}' if command.reason else ''))
+        twist = Twist()
+        twist.linear.x = float(command.forward_mps)
+        twist.angular.z = float(command.yaw_rate_radps)
+        if not self._config.enable_stamped_cmd_vel:
+            self._publisher.publish(twist)
+            return
+        msg = TwistStamped(twist=twist)
+        msg.header.stamp = odom.header.stamp
+        msg.header.frame_id = frames.BASE_FRAME
+        self._publisher.publish(msg)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(DriveNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,100 @@
+"""gait_controller_node: cmd_vel to leg phases to joint commands."""
+
+from __future__ import annotations
+
+import collections
+
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.config import GaitNodeConfig
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.nodes import conversions, main as node_main, qos
+from lunar_rover_sim.nodes.answers import AnswerListener
+from lunar_rover_sim.nodes.parameters import declare, on_change
+
+
+class GaitControllerNode(Node):
+    """Answers every joint state with a joint command that bears its stamp.
+
+    In lockstep, where it waits for a stamped cmd_vel, it uses the newest one that is not younger
+    than the state it answers, whenever that arrived: the answer depends on stamps alone.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('gait_controller_node')
+        self._config = config = declare(self, GaitNodeConfig)
+        self._controller = GaitController(config, GaitCalibration.load(config.calibration or None))
+        self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
+        self._states: collections.deque[JointState] = collections.deque()
+        self._commands: collections.deque[tuple[int, Twist]] = collections.deque()
+        self._refused = 0
+
+        self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
+                                                qos.offered(topics.JOINT_COMMANDS))
+        self._listener = AnswerListener(
+            self, config.wait, self._answer_while_open,
+            {topics.CMD_VEL.name: lambda raw, ns: self._commands.append(
+                (ns, deserialize_message(raw, TwistStamped).twist))})
+        if not self._waits:
+            stamped = config.enable_stamped_cmd_vel
+            self.create_subscription(
+                TwistStamped if stamped else Twist, topics.CMD_VEL.name,
+                (lambda msg: self._command(msg.twist)) if stamped else self._command,
+                qos.requested(topics.CMD_VEL, lockstep=False))
+        self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
+                                 qos.requested(topics.JOINT_STATES, config.lockstep))
+        on_change(self, config, self._controller.configure)
+        self.create_timer(0.5, self._watch)
+        self._now_ns = 0
+
+    def _state_callback(self, msg: JointState) -> None:
+        self._states.append(msg)
+        self._answer_while_open()
+
+    def _answer_while_open(self) -> None:
+        while self._states:
+            state = self._states[0]
+            stamp_ns = conversions.time_ns(state.header.stamp)
+            if self._waits:
+                if not self._listener.gate.is_open(stamp_ns):
+                    return
+                while self._commands and self._commands[0][0] <= stamp_ns:
+                    command_ns, twist = self._commands.popleft()
+                    self._command(twist, command_ns)
+            self._states.popleft()
+            self._now_ns = stamp_ns
+            self._answer(state, stamp_ns)
+            self._listener.progress()
+
+    def _answer(self, state: JointState, stamp_ns: int) -> None:
+        command = self._controller.update(stamp_ns, conversions.legs_of(state, 'position'),
+                                          conversions.legs_of(state, 'velocity'))
+        self._publisher.publish(conversions.joint_state(
+            state.header.stamp, command.angle_rad, command.velocity_radps))
+
+    def _command(self, twist: Twist, stamp_ns: int | None = None) -> None:
+        # An unstamped command is as new as the state that is answered next.
+        stamp_ns = self._now_ns if stamp_ns is None else stamp_ns
+        if not self._controller.set_velocity(twist.linear.x, twist.angular.z, stamp_ns):
+            self._refused += 1
+            self.get_logger().warning(
+                f'cmd_vel: linear.x = {twist.linear.x}, angular.z = {twist.angular.z} refused '
+                f'({self._refused} so far); valid is finite', throttle_duration_sec=1.0)
+
+    def _watch(self) -> None:
+        if self._waits and self._states:
+            self._listener.check_silence(conversions.time_ns(self._states[0].header.stamp))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(GaitControllerNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,97 @@
+"""Parameter sets as ROS 2 parameters: one declaration, descriptors and checks included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
+                                SetParametersResult)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from lunar_rover_sim.config import NodeConfig
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import nearest, ParamInfo
+
+C = TypeVar('C', bound=NodeConfig)
+
+_ARRAY_TYPES = {'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
+                'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
+                'tuple[str, ...]': Parameter.Type.STRING_ARRAY}
+# Parameters that rclpy itself gives every node, and those of the shared section of a scenario.
+_RESERVED = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+
+
+def declare(node: Node, cls: type[C]) -> C:
+    """Declare every parameter of `cls` on the node and return the set with its overrides.
+
+    Raises ConfigError on an override of the wrong type or out of range, and on one of a name that
+    is not declared.
+    """
+    defaults = cls()
+    overrides: dict[str, Parameter] = node._parameter_overrides
+    names = [name for name, *_ in defaults.flatten()]
+    shared = {name for name, *_ in NodeConfig().flatten()}
+    for name in overrides:
+        if name not in names and name not in shared and not name.startswith(_RESERVED):
+            raise ConfigError(f'{name}: no such parameter of {node.get_name()}; '
+                              f'{nearest(name, names)}')
+    values = {name: _plain(overrides[name].value) for name in names if name in overrides}
+    config = cls.from_mapping(values)
+    for name, value, info, kind in config.flatten():
+        parameter = _parameter(name, value, kind)
+        node.declare_parameter(name, parameter.value if parameter.value != [] else
+                               parameter.type_, _descriptor(info, kind), ignore_override=True)
+        if parameter.value == []:
+            node.set_parameters([parameter])
+    return config
+
+
+def on_change(node: Node, config: C, apply: Callable[[C], None]) -> None:
+    """Let live parameters change: check the new set, hand it to `apply`, refuse with the reason.
+
+    Parameters that are not live are read-only by their descriptors.
+    """
+    current = [config]
+
+    def callback(parameters: list[Parameter]) -> SetParametersResult:
+        values = {name: value for name, value, *_ in current[0].flatten()}
+        values.update({p.name: _plain(p.value) for p in parameters if p.name in values})
+        try:
+            changed = type(config).from_mapping(values)
+            apply(changed)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        current[0] = changed
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(callback)
+
+
+def _plain(value: Any) -> Any:
+    """Return the value of a ROS parameter with arrays as lists."""
+    if value is None or isinstance(value, (bool, int, float, str, bytes)):
+        return value
+    return list(value)
+
+
+def _parameter(name: str, value: Any, kind: Any) -> Parameter:
+    if isinstance(value, tuple):
+        return Parameter(name, _ARRAY_TYPES[str(kind)], list(value))
+    return Parameter(name, value=value)
+
+
+def _descriptor(info: ParamInfo, kind: Any) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        description=info.doc + (f' [{info.unit}]' if info.unit else ''),
+        additional_constraints=f'valid: {info.valid()}', read_only=not info.live)
+    # Ranges of ROS 2 are closed on both sides and hold for scalars only.
+    if info.low is not None and info.high is not None:
+        if kind is float:
+            descriptor.floating_point_range = [FloatingPointRange(
+                from_value=float(info.low), to_value=float(info.high))]
+        elif kind is int:
+            descriptor.integer_range = [IntegerRange(
+                from_value=int(info.low), to_value=int(info.high))]
+    return descriptor

@@ -1,0 +1,185 @@
+"""physics_node: the rover in MuJoCo, its state, contacts and IMU as topics, and the clock."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.config import PhysicsNodeConfig
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.nodes import conversions, main as node_main, qos
+from lunar_rover_sim.nodes.answers import AnswerListener
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.state_publisher import StatePublisher
+from lunar_rover_sim.physics.imu import ImuNoise
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.rover.store import load_rover
+from lunar_rover_sim.rover.urdf import urdf
+from lunar_rover_sim.world.store import load as load_world
+
+_MAX_STATES_PER_CALLBACK = 20
+
+
+class PhysicsNode(Node):
+    """Steps the simulation, in lockstep with those it waits for or by the wall clock."""
+
+    def __init__(self) -> None:
+        super().__init__('physics_node')
+        self._config = config = declare(self, PhysicsNodeConfig)
+        if not config.world:
+            raise ConfigError("world: '' is not valid; valid is a folder made by "
+                              '`lunar_rover_sim world build`')
+        world = load_world(config.world)
+        rover = load_rover(config.rover or None)
+        self._simulation = Simulation(world, rover, config)
+        self._imu = ImuNoise(config.imu, config.state_rate_hz,
+                             np.random.default_rng([config.seed, 1]))
+        self._steps = config.state_period_ns // config.step_ns
+        self._end_ns = round(config.duration_s * 1e9)
+        self._paused = config.start_paused
+
+        self._publisher = StatePublisher(self, rover, self._imu)
+        self._latched = [self._latch(topics.WORLD_HASH, world.hash),
+                         self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
+
+        self._listener = AnswerListener(self, config.wait, self._advance_while_open,
+                                        {topics.JOINT_COMMANDS.name: self._command_callback})
+        if topics.JOINT_COMMANDS.name not in config.wait.topics:
+            self.create_subscription(
+                JointState, topics.JOINT_COMMANDS.name, self._apply,
+                qos.requested(topics.JOINT_COMMANDS, lockstep=False))
+        self.create_service(Trigger, '~/reset', self._reset_callback)
+        self.create_service(SetBool, '~/pause', self._pause_callback)
+        self.create_service(Trigger, '~/step', self._step_callback)
+
+        self._wall_start = time.monotonic()
+        self._wall_start_ns = self._now_ns = 0
+        if config.lockstep:
+            # The first state needs no answer; later ones are triggered by the answers.
+            self.create_timer(0.005, self._advance_while_open)
+        else:
+            self.create_timer(config.state_period_ns / 1e9 / config.real_time_factor,
+                              self._advance_by_wall_clock)
+        self.create_timer(0.5, self._watch)
+
+    def destroy_node(self) -> None:
+        """Release the simulation."""
+        self._simulation.close()
+        super().destroy_node()
+
+    def _latch(self, topic: topics.Topic, text: str) -> object:
+        publisher = self.create_publisher(String, topic.name, qos.offered(topic))
+        publisher.publish(String(data=text))
+        return publisher
+
+    # Time
+
+    def _advance_while_open(self) -> None:
+        if self._paused or not self._config.lockstep:
+            return
+        for _ in range(_MAX_STATES_PER_CALLBACK):
+            if not self._listener.gate.is_open(self._now_ns) or self._at_end():
+                break
+            self._advance()
+        if self._at_end() and not self._listener.gate.behind(self._now_ns):
+            self._finish()
+
+    def _advance_by_wall_clock(self) -> None:
+        if self._paused:
+            return
+        wall_s = time.monotonic() - self._wall_start
+        due_ns = self._wall_start_ns + round(wall_s * 1e9 * self._config.real_time_factor)
+        period_ns = self._config.state_period_ns
+        behind = (due_ns - self._now_ns) // period_ns
+        if behind > _MAX_STATES_PER_CALLBACK:
+            # Too slow for this factor: go on from here instead of racing after the clock.
+            self.get_logger().warning(
+                f'real_time_factor {self._config.real_time_factor:g} is not reached: '
+                f'{behind * period_ns / 1e9:.2f} s behind', throttle_duration_sec=5.0)
+            self._restart_wall_clock()
+            behind = 1
+        for _ in range(behind):
+            if self._at_end():
+                self._finish()
+            self._advance()
+
+    def _restart_wall_clock(self) -> None:
+        self._wall_start, self._wall_start_ns = time.monotonic(), self._now_ns
+
+    def _advance(self) -> RoverState:
+        state = self._simulation.advance(self._steps)
+        self._now_ns += self._config.state_period_ns
+        self._publisher.publish(state, self._now_ns)
+        self._listener.progress()
+        return state
+
+    def _at_end(self) -> bool:
+        return 0 < self._end_ns <= self._now_ns
+
+    def _finish(self) -> None:
+        self.get_logger().info(f'finished at {self._now_ns / 1e9:.3f} s')
+        raise node_main.Finished
+
+    def _watch(self) -> None:
+        if self._paused or not self._config.lockstep:
+            self._listener.progress()
+        else:
+            self._listener.check_silence(self._now_ns)
+
+    # Commands
+
+    def _command_callback(self, raw: bytes, stamp_ns: int) -> None:
+        self._apply(deserialize_message(raw, JointState))
+
+    def _apply(self, msg: JointState) -> None:
+        velocity = conversions.legs_of(msg, 'velocity')
+        if not np.all(np.isfinite(velocity)):
+            self.get_logger().warning(f'joint_commands: velocity {velocity.tolist()} refused; '
+                                      'valid is finite', throttle_duration_sec=1.0)
+            return
+        self._simulation.command(velocity)
+
+    # Services
+
+    def _reset_callback(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._simulation.reset()
+        response.success = True
+        response.message = 'the rover is back at its start; time goes on'
+        return response
+
+    def _pause_callback(self, request: SetBool.Request,
+                        response: SetBool.Response) -> SetBool.Response:
+        self._paused = request.data
+        self._restart_wall_clock()
+        self._listener.progress()
+        response.success = True
+        response.message = ('paused' if self._paused else 'running') + \
+            f' at {self._now_ns / 1e9:.3f} s'
+        return response
+
+    def _step_callback(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._paused and self._listener.gate.is_open(self._now_ns)
+        if response.success:
+            self._advance()
+            response.message = f'at {self._now_ns / 1e9:.3f} s'
+        else:
+            response.message = 'not paused; call ~/pause first' if not self._paused else \
+                'waiting for ' + ', '.join(self._listener.gate.missing(self._now_ns))
+        return response
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(PhysicsNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

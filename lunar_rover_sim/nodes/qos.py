@@ -1,0 +1,60 @@
+"""Quality of service of every topic, in one place.
+
+Everything is RELIABLE and offered TRANSIENT_LOCAL with a history at least as long as any
+lag of lockstep, so that a participant that is discovered late still gets the first messages. Readers ask for
+that history in lockstep only: then publishers without it (a teleop, a script) fit as well.
+"""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from lunar_rover_sim.topics import FRAME, LATCHED, Topic
+
+STATE_DEPTH = 1000
+FRAME_DEPTH = 10
+COMMAND_DEPTH = 10
+
+
+def _profile(depth: int, durable: bool) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if durable else DurabilityPolicy.VOLATILE)
+
+
+def depth(topic: Topic | None) -> int:
+    """Return the history depth of a topic of the contract; unknown topics count as state."""
+    if topic is not None and topic.rate == LATCHED:
+        return 1
+    if topic is not None and topic.rate == FRAME:
+        return FRAME_DEPTH
+    return STATE_DEPTH
+
+
+def offered(topic: Topic) -> QoSProfile:
+    """Return what our publishers offer."""
+    return _profile(depth(topic), durable=True)
+
+
+def requested(topic: Topic, lockstep: bool) -> QoSProfile:
+    """Return what our subscriptions ask for; outside lockstep only the newest counts."""
+    if topic.rate == LATCHED:
+        return _profile(1, durable=True)
+    return _profile(depth(topic) if lockstep else COMMAND_DEPTH, durable=lockstep)
+
+
+def newest(durable: bool = False) -> QoSProfile:
+    """Return a profile that keeps the newest message only."""
+    return _profile(1, durable)
+
+
+def adapted(history: int, durable: bool) -> QoSProfile:
+    """Return a profile for a publisher that was discovered: its durability, our depth."""
+    return _profile(history, durable)
+
+
+def best_effort(history: int) -> QoSProfile:
+    """Return a profile that also matches best-effort publishers, such as sensors' drivers."""
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=history,
+                      reliability=ReliabilityPolicy.BEST_EFFORT,
+                      durability=DurabilityPolicy.VOLATILE)

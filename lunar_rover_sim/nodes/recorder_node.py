@@ -1,0 +1,118 @@
+"""recorder_node: topics to rosbag2, as serialised, with message stamps as bag time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_msgs.msg import Header, String
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.config import ALL
+from lunar_rover_sim.bag.writer import BagWriter
+from lunar_rover_sim.config import RecorderNodeConfig
+from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.nodes import conversions, main as node_main, qos
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.types import message_class
+
+# What says something of a run, not of the Moon: wall time, log lines, our own acknowledgement.
+_NEVER = ('rosout', 'parameter_events')
+_DISCOVERY_S = 0.05
+
+
+class RecorderNode(Node):
+    """Subscribes to what is listed, or to everything, as it appears; writes raw messages."""
+
+    def __init__(self) -> None:
+        super().__init__('recorder_node')
+        self._config = config = declare(self, RecorderNodeConfig)
+        if not config.output:
+            raise ConfigError("output: '' is not valid; valid is a folder that does not exist")
+        self._contract = {self.resolve_topic_name(t.name): t for t in topics.CONTRACT}
+        self._own = self.resolve_topic_name(topics.RECORDED.name)
+        self._listed = None if ALL in config.topics else \
+            {self.resolve_topic_name(name) for name in config.topics}
+        self._excluded = {self.resolve_topic_name(name) for name in config.exclude}
+        self._excluded.add(self._own)
+        self._acknowledged = {self.resolve_topic_name(name): 0 for name in config.acknowledge}
+        self._subscribed: dict[str, str] = {}
+        self._written_ns = self._clock_ns = 0
+
+        self._writer = BagWriter(Path(config.output), config.storage, config.compression)
+        if config.scenario_file:
+            self._scenario = self.create_publisher(String, topics.SCENARIO.name,
+                                                   qos.offered(topics.SCENARIO))
+            self._scenario.publish(String(data=_read(config.scenario_file)))
+        self._publisher = self.create_publisher(Header, topics.RECORDED.name,
+                                                qos.offered(topics.RECORDED))
+        self.create_timer(_DISCOVERY_S, self._discover)
+
+    def destroy_node(self) -> None:
+        """Finish the bag; what was received is in it."""
+        self._writer.close()
+        super().destroy_node()
+
+    def _discover(self) -> None:
+        for name, types in self.get_topic_names_and_types():
+            if name in self._subscribed or not self._is_wanted(name):
+                continue
+            infos = self.get_publishers_info_by_topic(name)
+            if infos:
+                self._subscribe(name, types[0], infos)
+
+    def _is_wanted(self, name: str) -> bool:
+        if self._listed is not None:
+            return name in self._listed
+        return name not in self._excluded and name.rsplit('/', 1)[-1] not in _NEVER
+
+    def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
+        self._subscribed[name] = type_name
+        topic = self._contract.get(name)
+        profiles = [info.qos_profile for info in infos]
+        durable = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+        reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
+        profile = qos.adapted(qos.depth(topic), durable) if reliable else \
+            qos.best_effort(qos.depth(topic))
+        try:
+            cls = message_class(type_name)
+        except GraphError as error:
+            self.get_logger().warning(f'{name} is not recorded: {error}')
+            return
+        self._writer.add_topic(name, type_name, qos=profiles[0])
+        latched = topic is not None and topic.rate == topics.LATCHED
+
+        def callback(raw: bytes) -> None:
+            # What bears no stamp takes the newest clock; what is latched stands at the start.
+            stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._clock_ns)
+            self._take_note(name, stamp_ns)
+
+        self.create_subscription(cls, name, callback, profile, raw=True)
+
+    def _take_note(self, name: str, stamp_ns: int) -> None:
+        self._clock_ns = max(self._clock_ns, stamp_ns)
+        if name not in self._acknowledged:
+            return
+        self._acknowledged[name] = stamp_ns
+        written_ns = min(self._acknowledged.values())
+        if written_ns > self._written_ns:
+            self._written_ns = written_ns
+            self._publisher.publish(Header(stamp=conversions.time_msg(written_ns)))
+
+
+def _read(path: str) -> str:
+    try:
+        return Path(path).read_text(encoding='utf-8')
+    except OSError as error:
+        raise ConfigError(f'scenario_file: {path}: {error.strerror}') from None
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(RecorderNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,142 @@
+"""Starts the nodes of a run as processes, watches them, stops them in order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import ctypes
+import importlib.util
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from types import TracebackType
+
+from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.graph import LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
+
+_POLL_S = 0.1
+_STOP_S = 15.0
+_PR_SET_PDEATHSIG = 1
+
+
+def require_ros() -> None:
+    """Raise GraphError with the remedy where rclpy is not to be had."""
+    if importlib.util.find_spec('rclpy') is None:
+        raise GraphError('rclpy is missing: source /opt/ros/jazzy/setup.bash, or '
+                         "pip install 'lunar_rover_sim[ros]'")
+
+
+class Graph:
+    """The processes of one run; context manager that leaves none behind.
+
+    silence_s: wall time without progress of the clock after which physics counts as hung; None
+        where time may stand still (paused, real time).
+    """
+
+    def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int,
+                 silence_s: float | None) -> None:
+        self._folder = folder
+        self._silence_s = silence_s
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        (folder / LOG_FOLDER).mkdir(exist_ok=True)
+        environment = dict(os.environ, ROS_DOMAIN_ID=str(domain), PYTHONUNBUFFERED='1',
+                           ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+        environment.pop('ROS_LOCALHOST_ONLY', None)
+        # The monitor of this process joins the same graph.
+        os.environ.update(environment)
+        for plan in plans:
+            command = [sys.executable, '-m', f'lunar_rover_sim.nodes.{plan.name}',
+                       *plan.ros_arguments(folder / SCENARIO_FILE)]
+            with open(self._log(plan.name), 'wb') as log:
+                # A session of its own: Ctrl-C reaches the runner only, which stops in order.
+                self._processes[plan.name] = subprocess.Popen(
+                    command, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+                    env=environment, start_new_session=True, preexec_fn=_die_with_parent)
+
+    def wait(self, on_progress: Callable[[int], None]) -> None:
+        """Return when physics has finished; raise GraphError when a node dies or time stands.
+
+        on_progress: called about ten times a second with the simulated time [ns].
+        """
+        from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
+
+        with ClockMonitor() as clock:
+            last_ns, last_progress = 0, time.monotonic()
+            while True:
+                ended = self._ended()
+                if ended:
+                    on_progress(clock.now_ns())
+                    return
+                now_ns = clock.now_ns()
+                if now_ns != last_ns:
+                    last_ns, last_progress = now_ns, time.monotonic()
+                elif (self._silence_s is not None and last_ns
+                      and time.monotonic() - last_progress > self._silence_s):
+                    raise GraphError(f'physics_node has been silent for {self._silence_s:g} s at '
+                                     f'{last_ns / 1e9:.3f} s of simulated time; see '
+                                     f'{self._log("physics_node")}')
+                on_progress(now_ns)
+                time.sleep(_POLL_S)
+
+    def stop(self) -> None:
+        """Stop all nodes in order, the recorder last; raise GraphError if one ends badly."""
+        failures = []
+        for name in STOP_ORDER:
+            process = self._processes.get(name)
+            if process is None:
+                continue
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                try:
+                    process.wait(_STOP_S)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+                    failures.append(f'{name} did not stop within {_STOP_S:g} s and was killed')
+                    continue
+            if process.returncode != 0:
+                failures.append(self._obituary(name))
+        if failures:
+            raise GraphError('; '.join(failures))
+
+    def __enter__(self) -> Graph:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 traceback: TracebackType | None) -> None:
+        try:
+            self.stop()
+        except GraphError:
+            # What went wrong first is what counts.
+            if error is None:
+                raise
+
+    def _ended(self) -> bool:
+        """Return whether physics has finished; raise GraphError for whoever died."""
+        for name, process in self._processes.items():
+            status = process.poll()
+            if status is None:
+                continue
+            if name == 'physics_node' and status == 0:
+                return True
+            raise GraphError(self._obituary(name))
+        return False
+
+    def _obituary(self, name: str) -> str:
+        status = self._processes[name].returncode
+        how = f'status {status}' if status >= 0 else signal.Signals(-status).name
+        lines = self._log(name).read_text(errors='replace').splitlines()
+        fatal = [line[len('FATAL '):] for line in lines if line.startswith('FATAL ')]
+        last = [line.strip() for line in lines if line.strip()]
+        reason = fatal[0] if fatal else (last[-1] if last else 'it said nothing')
+        return f'{name} ended with {how}: {reason} (log: {self._log(name)})'
+
+    def _log(self, name: str) -> Path:
+        return self._folder / LOG_FOLDER / f'{name}.log'
+
+
+def _die_with_parent() -> None:
+    """Let the kernel end the node when the runner is killed, so that no orphan walks on."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -1,0 +1,64 @@
+"""Installation of the ROS 2 package lunar_rover_sim (ament_python)."""
+
+from glob import glob
+import os
+
+from setuptools import find_packages, setup
+
+NAME = 'lunar_rover_sim'
+SHARE = os.path.join('share', NAME)
+
+
+def folder(path):
+    """Return data_files entries for every file below `path`, keeping its folders."""
+    return [(os.path.join(SHARE, root), [os.path.join(root, name) for name in sorted(names)])
+            for root, _, names in os.walk(path) if names]
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='A spoke-leg micro rover on the Moon: MuJoCo walk, photorealistic stereo, rosbag2',
+    license='Apache-2.0',
+    maintainer='lunar_rover_sim developers',
+    maintainer_email='lunar-rover-sim@example.com',
+    packages=find_packages(include=[NAME, NAME + '.*']),
+    package_data={NAME: ['camera/shaders/*.glsl']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
+        (SHARE, ['package.xml']),
+        (os.path.join(SHARE, 'launch'), sorted(glob('lunar_rover_sim/launch/*.launch.py'))),
+        *folder('config'),
+    ],
+    zip_safe=False,
+    python_requires='>=3.10',
+    install_requires=[
+        'matplotlib>=3.8',
+        'moderngl>=5.12',
+        # 4 is the first with the contact and actuator models that the rover is tuned on.
+        'mujoco>=4,<5',
+        # 1.26 for the rclpy of Ubuntu 24.04, 2 with the wheels.
+        'numpy>=1.26,<3',
+        'opencv-python-headless>=4.9,<6',
+        'PyYAML>=6',
+        'rasterio>=1.4',
+        'rich>=13',
+        'rosbags>=0.11,<0.12',
+        'scipy>=1.11',
+        'trimesh>=4',
+    ],
+    extras_require={
+        # Where no ROS 2 is installed: real rclpy from PyPI. Never beside a sourced /opt/ros.
+        'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
+        'test': ['pytest>=8', 'flake8>=7', 'flake8-quotes>=3', 'mypy>=1.10', 'types-PyYAML',
+                 'mcap>=1.2', 'mcap-ros2-support>=0.5'],
+    },
+    entry_points={'console_scripts': [
+        'lunar_rover_sim = lunar_rover_sim.cli.main:main',
+        'physics_node = lunar_rover_sim.nodes.physics_node:main',
+        'gait_controller_node = lunar_rover_sim.nodes.gait_controller_node:main',
+        'render_node = lunar_rover_sim.nodes.render_node:main',
+        'recorder_node = lunar_rover_sim.nodes.recorder_node:main',
+        'drive_node = lunar_rover_sim.nodes.drive_node:main',
+    ]},
+)
