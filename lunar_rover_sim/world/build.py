@@ -74,14 +74,20 @@ class _Builder:
         for k in reversed(range(len(self.plan))):
             n, cell = self.plan[k]
             self.tell(f'relief at {cell:g} m', 0.8 * (1 - (k + 1) / len(self.plan)))
-            heights = (nest.refine(parent, n, cell) if parent is not None
-                       else np.zeros((n, n), np.float32))
+            detail = relief.synthesise(spectrum, n, cell, parent.cell_m if parent else None,
+                                       k == 0, self.rng(f'relief {k}'))
             here, deferred = self._craters(k, deferred)
             self.drawn.append(here)
-            stamping.stamp(heights, cell, here, self.config.craters, self.rng(f'outlines {k}'))
-            heights += relief.synthesise(spectrum, n, cell, parent.cell_m if parent else None,
-                                         k == 0, self.rng(f'relief {k}'))
-            if parent is not None:
+            outlines = self.rng(f'outlines {k}')
+            if parent is None:
+                # The relief of the largest scales is older than the craters, that of the others
+                # is what has become of the soil since: it lies on top.
+                heights = detail
+                stamping.stamp(heights, cell, here, self.config.craters, outlines)
+            else:
+                heights = nest.refine(parent, n, cell)
+                stamping.stamp(heights, cell, here, self.config.craters, outlines)
+                heights += detail
                 nest.fit_border(heights, cell, parent)
             parent = HeightGrid(heights, cell)
             finished.append((heights, cell))

@@ -74,7 +74,7 @@ class ReliefConfig(Parameters):
     baseline_m: float = param(0.3, 'baseline of `rms_slope_deg`', unit='m', low=0.0,
                               open_low=True)
     far_hurst: float = param(0.95, 'Hurst exponent of the terrain', low=0.05, high=0.99)
-    far_rms_slope_deg: float = param(3.0, 'RMS slope of the terrain at `far_baseline_m`',
+    far_rms_slope_deg: float = param(2.5, 'RMS slope of the terrain at `far_baseline_m`',
                                      unit='deg', low=0.0, high=45.0)
     far_baseline_m: float = param(17.0, 'baseline of `far_rms_slope_deg`; the terrain has no '
                                   'wavelength below it', unit='m', low=0.0, open_low=True)
@@ -93,7 +93,7 @@ class CraterConfig(Parameters):
     Thomson 2014) until their depth is the oldest that is still counted.
     """
 
-    density: float = param(0.05, 'fraction of geometric saturation; 0: no craters', low=0.0,
+    density: float = param(0.04, 'fraction of geometric saturation; 0: no craters', low=0.0,
                            high=0.5)
     slope: float = param(2.0, 'exponent of the cumulative size distribution', low=1.0, high=4.0)
     min_diameter_m: float = param(0.15, 'smallest crater', unit='m', low=0.0, open_low=True)
@@ -102,7 +102,7 @@ class CraterConfig(Parameters):
                                low=0.02, high=0.4)
     fresh_rim: float = param(0.04, 'rim height of a fresh crater, in diameters', low=0.0,
                              high=0.1)
-    oldest_depth: float = param(0.04, 'depth of the oldest crater, in diameters', low=0.005,
+    oldest_depth: float = param(0.03, 'depth of the oldest crater, in diameters', low=0.005,
                                 high=0.2)
     age_exponent: float = param(1.0, 'age = u^(1/age_exponent) of the lifetime, u uniform: 1 is '
                                 'equilibrium, more makes more old craters', low=0.1, high=10.0)

@@ -12,6 +12,7 @@ from lunar_rover_sim.world.config import RockConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.rocks import Rocks, RockShape
+from lunar_rover_sim.world.stamping import window_of
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -101,10 +102,14 @@ def _density(config: RockConfig, ground: HeightGrid, craters: Craters) -> tuple[
     fresh = (craters.age < 0.25) & (craters.diameter_m > 0.8)
     for (x, y), diameter, age in zip(craters.position_m[fresh], craters.diameter_m[fresh],
                                      craters.age[fresh]):
+        window = window_of((x + ground.half_extent_m) / cell - 0.5,
+                           (y + ground.half_extent_m) / cell - 0.5, 1.3 * diameter / cell, n)
+        if window is None:
+            continue
         axis = (np.arange(n) + 0.5) * cell - ground.half_extent_m
-        rho = np.hypot(axis - x, (axis - y)[:, None]) / (0.5 * diameter)
-        density += (config.near_craters * (1.0 - age / 0.25)
-                    * np.exp(-0.5 * ((rho - 1.15) / 0.4) ** 2))
+        rho = np.hypot(axis[window[1]] - x, (axis[window[0]] - y)[:, None]) / (0.5 * diameter)
+        density[window] += (config.near_craters * (1.0 - age / 0.25)
+                            * np.exp(-0.5 * ((rho - 1.15) / 0.4) ** 2))
     return np.cumsum(density.ravel()), n
 
 

@@ -13,12 +13,22 @@ from lunar_rover_sim.world.relief import smoothstep
 _ERASED, _UNTOUCHED = 0.85, 1.45
 
 
+def window_of(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice] | None:
+    """Return the rows and columns within reach of a centre, all in cells; None: there are none."""
+    left, right = max(int(np.ceil(x0 - reach)), 0), min(int(np.floor(x0 + reach)) + 1, n)
+    low, high = max(int(np.ceil(y0 - reach)), 0), min(int(np.floor(y0 + reach)) + 1, n)
+    if right - left < 2 or high - low < 2:
+        return None
+    return slice(low, high), slice(left, right)
+
+
 def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config: CraterConfig,
           rng: np.random.Generator) -> None:
     """Draw craters into heights [m] (row 0 south, centred on the origin), in order of time.
 
     Within its rim a crater takes away what was there: the ground is drawn towards the plane that
     fits it best, which keeps the large-scale slope, and the profile of its age is laid upon it.
+    The older the crater, the more the ground has got its own relief back.
     """
     table = profile_table(config)
     order = np.argsort(-craters.time, kind='stable')
@@ -33,7 +43,7 @@ def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config:
     for i in order:
         radius = 0.5 * craters.diameter_m[i] / cell_m  # in cells
         x0, y0 = craters.position_m[i] / cell_m + half
-        window = _window(x0, y0, REACH * radius, heights.shape[0])
+        window = window_of(x0, y0, REACH * radius, heights.shape[0])
         if window is None:
             continue
         rows, columns = window
@@ -43,22 +53,12 @@ def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config:
         rho = np.sqrt(dx * dx + (dy * dy)[:, None])
         shaped = _irregular(rho, dx, dy, lobes[i]) if config.irregularity else rho
         patch = heights[rows, columns]
-        _flatten(patch, dx, dy, shaped)
+        _flatten(patch, dx, dy, shaped, 1.0 - 0.7 * craters.age[i])
         index = np.minimum(shaped * per_radius, np.float32(len(RADII) - 2))
         lower = index.astype(np.int32)
         index -= lower
         profile = profiles[int(craters.age[i] / 0.02)] * np.float32(craters.diameter_m[i])
         patch += profile[lower] + index * (profile[1:] - profile[:-1])[lower]
-
-
-def _window(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice] | None:
-    """Return the rows and columns within reach of a centre, all in cells; None if there are none.
-    """
-    left, right = max(int(np.ceil(x0 - reach)), 0), min(int(np.floor(x0 + reach)) + 1, n)
-    low, high = max(int(np.ceil(y0 - reach)), 0), min(int(np.floor(y0 + reach)) + 1, n)
-    if right - left < 2 or high - low < 2:
-        return None
-    return slice(low, high), slice(left, right)
 
 
 def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArray:
@@ -74,8 +74,8 @@ def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArra
     return rho * (1.0 + np.clip(lobed, -0.3, 0.3))
 
 
-def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray) -> None:
-    """Draw the patch towards its best plane within the rim; in place."""
+def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, amount: float) -> None:
+    """Draw the patch towards its best plane within the rim, by `amount` of 1; in place."""
     inner_x, inner_y = np.abs(dx) < 1.2, np.abs(dy) < 1.2
     if inner_x.sum() < 2 or inner_y.sum() < 2:
         return
@@ -91,7 +91,7 @@ def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray) -> None:
     ground, x, y = patch[rows, columns], dx[columns], dy[rows]
     plane = (mean + sx * (x - mx)) + (sy * (y - my))[:, None]
     t = np.clip((_UNTOUCHED - rho[rows, columns]) / (_UNTOUCHED - _ERASED), 0.0, 1.0)
-    ground += t * t * (3.0 - 2.0 * t) * (plane - ground)
+    ground += np.float32(amount) * t * t * (3.0 - 2.0 * t) * (plane - ground)
 
 
 def brighten(albedo: NDArray[np.float32], cell_m: float, craters: Craters,
@@ -102,7 +102,7 @@ def brighten(albedo: NDArray[np.float32], cell_m: float, craters: Craters,
     for i in fresh[np.argsort(-craters.time[fresh], kind='stable')]:
         radius = 0.5 * craters.diameter_m[i] / cell_m
         x0, y0 = craters.position_m[i] / cell_m + half
-        window = _window(x0, y0, 3.5 * radius, albedo.shape[0])
+        window = window_of(x0, y0, 3.5 * radius, albedo.shape[0])
         if window is None:
             continue
         dx = (np.arange(window[1].start, window[1].stop) - x0) / radius
