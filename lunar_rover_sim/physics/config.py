@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import group, param, Parameters
 
 INTEGRATORS = ('implicitfast', 'discrete', 'euler')
@@ -64,3 +65,64 @@ class PhysicsConfig(Parameters):
     def step_ns(self) -> int:
         """Time step [ns]."""
         return round(self.step_s * 1e9)
+
+
+FROM_PRESET = -1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class ImuConfig(Parameters):
+    """Errors of the IMU; densities and random walks in continuous-time units.
+
+    The four noise parameters come from the preset unless they are given (>= 0). Presets and their
+    sources: `physics/imu.py`. With `enabled` false the signal is the truth.
+    """
+
+    enabled: bool = param(True, 'false publishes the true signal')
+    preset: str = param('adis16448', 'part that the noise parameters are taken from',
+                        choices=('none', 'adis16448', 'bmi160'))
+    accel_noise_density: float = param(
+        FROM_PRESET, 'white noise of the accelerometer; -1: from the preset',
+        unit='m/s^2/sqrt(Hz)', low=-1.0)
+    gyro_noise_density: float = param(
+        FROM_PRESET, 'white noise of the gyroscope; -1: from the preset', unit='rad/s/sqrt(Hz)',
+        low=-1.0)
+    accel_bias_random_walk: float = param(
+        FROM_PRESET, 'random walk of the accelerometer bias; -1: from the preset',
+        unit='m/s^3/sqrt(Hz)', low=-1.0)
+    gyro_bias_random_walk: float = param(
+        FROM_PRESET, 'random walk of the gyroscope bias; -1: from the preset',
+        unit='rad/s^2/sqrt(Hz)', low=-1.0)
+    accel_initial_bias_mps2: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'bias of the accelerometer at time 0', unit='m/s^2', length=3)
+    gyro_initial_bias_radps: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'bias of the gyroscope at time 0', unit='rad/s', length=3)
+    accel_scale_error: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'relative error of the scale factor per axis', low=-0.5, high=0.5,
+        length=3)
+    gyro_scale_error: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'relative error of the scale factor per axis', low=-0.5, high=0.5,
+        length=3)
+    accel_misalignment_deg: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'rotation vector from imu_link to the true sensor axes', unit='deg',
+        low=-20.0, high=20.0, length=3)
+    gyro_misalignment_deg: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'rotation vector from imu_link to the true sensor axes', unit='deg',
+        low=-20.0, high=20.0, length=3)
+    accel_range_mps2: float = param(0.0, 'signal saturates at this magnitude; 0: unlimited',
+                                    unit='m/s^2', low=0.0)
+    gyro_range_radps: float = param(0.0, 'signal saturates at this magnitude; 0: unlimited',
+                                    unit='rad/s', low=0.0)
+    accel_resolution_mps2: float = param(0.0, 'step of quantisation; 0: none', unit='m/s^2',
+                                         low=0.0)
+    gyro_resolution_radps: float = param(0.0, 'step of quantisation; 0: none', unit='rad/s',
+                                         low=0.0)
+
+    def validate(self) -> None:
+        """Check that a noise parameter is either given or left to the preset."""
+        for name in ('accel_noise_density', 'gyro_noise_density', 'accel_bias_random_walk',
+                     'gyro_bias_random_walk'):
+            value = getattr(self, name)
+            if value < 0.0 and value != FROM_PRESET:
+                raise ConfigError(f'{name}: {value} is not valid; valid is >= 0, or -1 for the'
+                                  f' value of the preset')

@@ -1,0 +1,152 @@
+"""IMU errors: what a real part would have measured of the true signals.
+
+Per sensor, with true signal s (specific force or angular rate, IMU axes):
+
+    s~ = (I + E) M s + b + n                                               (accelerometer, gyro)
+
+where E holds scale errors, M the rotation of the sensor's axes, n is white noise and b a random
+walk. With E = 0 and M = I this is a~ = a + b_a + n_a, w~ = w + b_g + n_g. The continuous-time
+densities sigma [unit/sqrt(Hz)] and sigma_b [unit s^-1/sqrt(Hz)] become, at a sampling interval dt,
+
+    n[k] ~ N(0, sigma^2 / dt),   b[k + 1] = b[k] + N(0, sigma_b^2 dt)
+
+(Crassidis, Sigma-point Kalman filtering for integrated GPS and inertial navigation, IEEE Trans.
+Aerospace and Electronic Systems 42 (2), 2006). The sum is then rounded and clipped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.physics.config import FROM_PRESET, ImuConfig
+
+
+@dataclasses.dataclass(frozen=True)
+class ImuNoiseParameters:
+    """Continuous-time noise of one part.
+
+    accel_noise_density [m/s^2/sqrt(Hz)], gyro_noise_density [rad/s/sqrt(Hz)],
+    accel_bias_random_walk [m/s^3/sqrt(Hz)], gyro_bias_random_walk [rad/s^2/sqrt(Hz)]
+    """
+
+    accel_noise_density: float
+    gyro_noise_density: float
+    accel_bias_random_walk: float
+    gyro_bias_random_walk: float
+
+
+PRESETS = {
+    'none': ImuNoiseParameters(0.0, 0.0, 0.0, 0.0),
+    # Analog Devices ADIS16448 as in the EuRoC data sets (Burri et al., The EuRoC micro aerial
+    # vehicle datasets, IJRR 35 (10), 2016; file imu0/sensor.yaml).
+    'adis16448': ImuNoiseParameters(2.0e-3, 1.6968e-4, 3.0e-3, 1.9393e-5),
+    # Bosch BMI160, a consumer part, as measured for the TUM VI data sets (Schubert et al., The
+    # TUM VI benchmark for evaluating visual-inertial odometry, IROS 2018).
+    'bmi160': ImuNoiseParameters(1.4e-3, 8.0e-5, 8.6e-5, 2.2e-6),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class ImuSample:
+    """Measured signals and the true biases in them; (3,), or (n, 3) for many samples.
+
+    specific_force [m/s^2], rate [rad/s], accel_bias [m/s^2], gyro_bias [rad/s]; IMU axes.
+    """
+
+    specific_force: Array
+    rate: Array
+    accel_bias: Array
+    gyro_bias: Array
+
+
+def noise_parameters(config: ImuConfig) -> ImuNoiseParameters:
+    """Return the preset's noise with the values that the configuration gives itself."""
+    preset = dataclasses.asdict(PRESETS[config.preset])
+    own = {name: getattr(config, name) for name in preset}
+    return ImuNoiseParameters(**{name: preset[name] if value == FROM_PRESET else value
+                                 for name, value in own.items()})
+
+
+class ImuNoise:
+    """Turns true into measured signals, sample by sample; the bias walks on with each.
+
+    rate_hz: sampling rate [Hz]; rng: where the randomness comes from.
+    """
+
+    def __init__(self, config: ImuConfig, rate_hz: float, rng: np.random.Generator) -> None:
+        if not rate_hz > 0.0:
+            raise ConfigError(f'rate_hz: {rate_hz} is not valid; valid is > 0 [Hz]')
+        noise = noise_parameters(config)
+        interval_s = 1.0 / rate_hz
+        self._enabled = config.enabled
+        self._rng = rng
+        # Columns: accelerometer x y z, gyroscope x y z.
+        self._white = np.repeat([noise.accel_noise_density, noise.gyro_noise_density],
+                                3) / np.sqrt(interval_s)
+        self._walk = np.repeat([noise.accel_bias_random_walk, noise.gyro_bias_random_walk],
+                               3) * np.sqrt(interval_s)
+        self._bias = np.array([*config.accel_initial_bias_mps2, *config.gyro_initial_bias_radps])
+        self._mixing = np.zeros((6, 6))
+        self._mixing[:3, :3] = _axes(config.accel_scale_error, config.accel_misalignment_deg)
+        self._mixing[3:, 3:] = _axes(config.gyro_scale_error, config.gyro_misalignment_deg)
+        self._resolution = np.repeat([config.accel_resolution_mps2, config.gyro_resolution_radps],
+                                     3)
+        limits = np.repeat([config.accel_range_mps2, config.gyro_range_radps], 3)
+        self._limit = np.where(limits > 0.0, limits, np.inf)
+
+    def white_noise_variances(self) -> tuple[float, float]:
+        """Return the variance of one sample: accelerometer [m^2/s^4], gyroscope [rad^2/s^2].
+
+        White noise and, where there is one, the rounding of the quantiser.
+        """
+        if not self._enabled:
+            return 0.0, 0.0
+        variance = self._white ** 2 + self._resolution ** 2 / 12.0
+        return float(variance[0]), float(variance[3])
+
+    def measure(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:
+        """Return the measurement of one true (3,) specific force and (3,) rate."""
+        many = self.measure_many(np.reshape(np.asarray(specific_force, float), (1, 3)),
+                                 np.reshape(np.asarray(rate, float), (1, 3)))
+        return ImuSample(many.specific_force[0], many.rate[0], many.accel_bias[0],
+                         many.gyro_bias[0])
+
+    def measure_many(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:
+        """Return the measurements of (n, 3) true signals, one sampling interval apart.
+
+        The same as n calls of `measure`.
+        """
+        true = np.concatenate([np.asarray(specific_force, float), np.asarray(rate, float)], axis=1)
+        if not self._enabled:
+            zero = np.zeros_like(true)
+            return ImuSample(true[:, :3], true[:, 3:], zero[:, :3], zero[:, 3:])
+        draws = self._rng.standard_normal((len(true), 12))
+        bias = np.empty((len(true) + 1, 6))
+        bias[0] = self._bias
+        bias[1:] = self._walk * draws[:, 6:]
+        np.cumsum(bias, axis=0, out=bias)
+        self._bias = bias[-1]
+        bias = bias[:-1]
+        measured = true @ self._mixing.T + bias + self._white * draws[:, :6]
+        for column, step in enumerate(self._resolution):
+            if step > 0.0:
+                measured[:, column] = step * np.round(measured[:, column] / step)
+        measured = np.clip(measured, -self._limit, self._limit)
+        return ImuSample(measured[:, :3], measured[:, 3:], bias[:, :3], bias[:, 3:])
+
+
+def _axes(scale_error: tuple[float, ...], misalignment_deg: tuple[float, ...]) -> Array:
+    """Return the (3, 3) matrix from true signals, IMU axes, to what the three sensors feel."""
+    vector = np.radians(misalignment_deg)
+    angle = float(np.linalg.norm(vector))
+    rotation = np.eye(3)
+    if angle > 0.0:
+        x, y, z = vector / angle
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        rotation += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    return np.diag(1.0 + np.asarray(scale_error)) @ rotation.T
