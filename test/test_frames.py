@@ -1,0 +1,57 @@
+"""Rotations and frames: identities."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim import frames
+
+
+@pytest.fixture()
+def quats(rng_seed: int = 3) -> np.ndarray:
+    """Random unit quaternions, w >= 0, with the corner cases of the conversion."""
+    rng = np.random.default_rng(rng_seed)
+    quats = rng.normal(size=(200, 4))
+    quats = np.vstack([quats, np.eye(4), [[0, 1, 1, 0], [0, 0, 1, -1]]])
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    return np.where(quats[:, :1] < 0, -quats, quats)
+
+
+def test_quaternion_matrix_round_trip(quats: np.ndarray) -> None:
+    """q and -q are the same rotation; the conversion back picks w >= 0."""
+    for quat in quats:
+        back = frames.wxyz_from_matrix(frames.matrix_from_wxyz(quat))
+        assert min(np.abs(back - quat).max(), np.abs(back + quat).max()) < 1e-12
+
+
+def test_rpy_round_trip() -> None:
+    """Fixed-axis roll, pitch, yaw come back."""
+    rpy = np.array([0.3, -0.7, 2.5])
+    assert np.allclose(frames.rpy_from_wxyz(frames.wxyz_from_rpy(*rpy)), rpy)
+
+
+def test_positive_pitch_is_nose_down() -> None:
+    """REP-103: x forward, y left, so a positive turn about y lowers the nose."""
+    forward = frames.matrix_from_wxyz(frames.wxyz_from_rpy(0, 0.1, 0)) @ [1, 0, 0]
+    assert forward[2] < 0
+
+
+def test_inverse(quats: np.ndarray) -> None:
+    """inverse(T) T is the identity."""
+    T = frames.se3(frames.matrix_from_wxyz(quats[0]), [1, 2, 3])
+    assert np.allclose(frames.inverse(T) @ T, np.eye(4))
+
+
+def test_optical_axes() -> None:
+    """Optical z looks along body x, optical x to the right, optical y down."""
+    assert np.allclose(frames.R_BODY_OPTICAL @ [0, 0, 1], [1, 0, 0])
+    assert np.allclose(frames.R_BODY_OPTICAL @ [1, 0, 0], [0, -1, 0])
+    assert np.allclose(frames.R_BODY_OPTICAL @ [0, 1, 0], [0, 0, -1])
+    assert np.isclose(np.linalg.det(frames.R_BODY_OPTICAL), 1)
+
+
+def test_sun_direction() -> None:
+    """Azimuth from x towards y, elevation from the horizontal."""
+    assert np.allclose(frames.sun_direction(90, 0), [0, 1, 0])
+    assert np.allclose(frames.sun_direction(0, 90), [0, 0, 1])

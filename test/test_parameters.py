@@ -1,0 +1,85 @@
+"""Parameter sets: declaration, checks, errors that name the parameter, round trip."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import group, merge, nest, param, Parameters
+
+
+@dataclasses.dataclass(frozen=True)
+class Inner(Parameters):
+    """A nested set."""
+
+    size_m: float = param(1.0, 'size', unit='m', low=0.0, open_low=True)
+    kind: str = param('a', 'kind', choices=('a', 'b'))
+
+
+@dataclasses.dataclass(frozen=True)
+class Outer(Parameters):
+    """A set with every type."""
+
+    count: int = param(3, 'count', low=0, high=10)
+    on: bool = param(True, 'on')
+    offsets: tuple[float, ...] = param((0.0, 0.5), 'offsets', low=0.0, high=1.0, length=2)
+    names: tuple[str, ...] = param((), 'names')
+    inner: Inner = group(Inner)
+
+    def validate(self) -> None:
+        """Tie two fields together."""
+        if self.count == 7 and not self.on:
+            raise ConfigError('count: 7 is not valid while on is false')
+
+
+def test_round_trip() -> None:
+    """What `to_mapping` writes, `from_mapping` reads; dotted names are the same thing."""
+    outer = Outer.from_mapping({'count': 4, 'inner.size_m': 2, 'inner.kind': 'b',
+                                'offsets': [0, 1], 'names': ['x']})
+    assert outer.inner == Inner(2.0, 'b')
+    assert isinstance(outer.inner.size_m, float)
+    assert outer.offsets == (0.0, 1.0)
+    assert Outer.from_mapping(outer.to_mapping()) == outer
+    assert {name for name, *_ in outer.flatten()} == {
+        'count', 'on', 'offsets', 'names', 'inner.size_m', 'inner.kind'}
+
+
+@pytest.mark.parametrize(('values', 'match'), [
+    ({'cuont': 1}, r'^o\.cuont: no such parameter; did you mean count'),
+    ({'inner': {'sizem': 1}}, r'^o\.inner\.sizem: no such parameter; did you mean size_m'),
+    ({'count': 11}, r'^o\.count: 11 is not valid; valid is >= 0 and <= 10'),
+    ({'count': 1.5}, r'^o\.count: 1\.5 is not a whole number'),
+    ({'count': True}, r'^o\.count: True is not a whole number'),
+    ({'on': 1}, r'^o\.on: 1 is not true or false'),
+    ({'offsets': [0.1]}, r'^o\.offsets: 1 elements given; valid is 2 elements'),
+    ({'offsets': [0.1, 1.1]}, r'^o\.offsets: 1\.1 is not valid'),
+    ({'offsets': 0.1}, r'^o\.offsets: 0\.1 is not a list'),
+    ({'names': 'abc'}, r"^o\.names: 'abc' is not a list"),
+    ({'inner.size_m': 0}, r'^o\.inner\.size_m: 0\.0 is not valid; valid is > 0 \[m\]'),
+    ({'inner.size_m': math.nan}, r'not a finite number'),
+    ({'inner.size_m': 'big'}, r"'big' is not a number"),
+    ({'inner.kind': 'c'}, r"^o\.inner\.kind: 'c' is not valid; valid are a, b"),
+    ({'inner': 3}, r'^o\.inner: 3 is not a mapping'),
+    ({'count': 7, 'on': False}, r'^o\.count: 7 is not valid while'),
+    ({1: 2}, 'a parameter name is text'),
+])
+def test_errors_name_the_parameter(values: dict, match: str) -> None:
+    """Every mistake is one line with name, value and what is valid."""
+    with pytest.raises(ConfigError, match=match) as error:
+        Outer.from_mapping(values, 'o')
+    assert '\n' not in str(error.value)
+
+
+def test_constructor_checks_too() -> None:
+    """A set made in code is held to the same bounds."""
+    with pytest.raises(ConfigError, match='count: -1'):
+        Outer(count=-1)
+
+
+def test_nest_and_merge() -> None:
+    """Dotted and nested names meet; the later value wins."""
+    assert nest({'a.b': 1, 'a': {'c': 2}}) == {'a': {'b': 1, 'c': 2}}
+    assert merge({'a': {'b': 1, 'c': 2}}, {'a': {'b': 3}}) == {'a': {'b': 3, 'c': 2}}
