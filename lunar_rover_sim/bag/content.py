@@ -1,0 +1,171 @@
+"""What a single message must fulfil: finite numbers, unit quaternions, images of their size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+import math
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
+
+BYTES_PER_PIXEL = {'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2, 'rgb8': 3, 'bgr8': 3,
+                   'rgba8': 4, 'bgra8': 4, '32FC1': 4}
+QUATERNION_TOLERANCE = 1e-6
+
+_FLOATS = ('float32', 'float64')
+
+# Dotted names of float fields, of float arrays, and of sequences of messages with their type.
+_Leaves = tuple[list[str], list[str], list[tuple[str, str]]]
+
+
+class FiniteCheck:
+    """Finds numbers that are not finite in any message of a typestore."""
+
+    def __init__(self, typestore: Typestore) -> None:
+        self._typestore = typestore
+        self._leaves: dict[str, _Leaves] = {}
+
+    def problem(self, msgtype: str, message: Any) -> str:
+        """Return the first field that holds NaN or infinity, or ''."""
+        if msgtype not in self._leaves:
+            self._leaves[msgtype] = self._find(msgtype, '')
+        scalars, arrays, sequences = self._leaves[msgtype]
+        for name in scalars:
+            if not math.isfinite(_get(message, name)):
+                return f'{name} is {_get(message, name)}'
+        for name in arrays:
+            values = np.asarray(_get(message, name), dtype=float)
+            if not np.all(np.isfinite(values)):
+                return f'{name} holds {values[~np.isfinite(values)][0]}'
+        for name, inner in sequences:
+            for i, element in enumerate(_get(message, name)):
+                found = self.problem(inner, element)
+                if found:
+                    return f'{name}[{i}].{found}'
+        return ''
+
+    def _find(self, msgtype: str, prefix: str) -> _Leaves:
+        scalars: list[str] = []
+        arrays: list[str] = []
+        sequences: list[tuple[str, str]] = []
+        for name, (kind, detail) in _fields(self._typestore, msgtype):
+            path = prefix + name
+            if kind == Nodetype.BASE:
+                if detail[0] in _FLOATS:
+                    scalars.append(path)
+            elif kind == Nodetype.NAME:
+                inner = self._find(detail, path + '.')
+                scalars += inner[0]
+                arrays += inner[1]
+                sequences += inner[2]
+            else:
+                element_kind, element = detail[0]
+                if element_kind == Nodetype.NAME:
+                    sequences.append((path, element))
+                elif element[0] in _FLOATS:
+                    arrays.append(path)
+        return scalars, arrays, sequences
+
+
+def _fields(typestore: Typestore, msgtype: str) -> Iterable[tuple[str, Any]]:
+    fields: Any = typestore.fielddefs[msgtype][1]
+    return fields
+
+
+def _get(message: Any, path: str) -> Any:
+    return attrgetter(path)(message)
+
+
+def image_problem(image: Any) -> str:
+    """Return what is wrong with the layout of a sensor_msgs/Image, or ''."""
+    bytes_per_pixel = BYTES_PER_PIXEL.get(image.encoding)
+    if bytes_per_pixel is None:
+        return f'encoding {image.encoding!r} is not known'
+    if image.step < image.width * bytes_per_pixel:
+        return f'step {image.step} is less than a row of {image.width} pixels'
+    if len(image.data) != image.step * image.height:
+        return f'data holds {len(image.data)} bytes, not {image.step * image.height}'
+    if not image.width or not image.height:
+        return 'it has no pixels'
+    return ''
+
+
+def pixels(image: Any) -> np.ndarray:
+    """Return the (h, w) or (h, w, c) pixels of a sensor_msgs/Image, a view where possible.
+
+    The image must pass `image_problem`.
+    """
+    kinds: dict[str, type] = {'mono16': np.uint16, '16UC1': np.uint16, '32FC1': np.float32}
+    kind = kinds.get(image.encoding, np.uint8)
+    channels = BYTES_PER_PIXEL[image.encoding] // np.dtype(kind).itemsize
+    rows = np.asarray(image.data, np.uint8).reshape(image.height, image.step)
+    rows = rows[:, :image.width * BYTES_PER_PIXEL[image.encoding]]
+    result: np.ndarray = np.ascontiguousarray(rows).view(kind)
+    if image.is_bigendian and result.dtype.itemsize > 1:
+        result = result.byteswap()
+    return result.reshape(image.height, image.width, channels) if channels > 1 else result
+
+
+def true_depth_problem(image: Any) -> str:
+    """Depth of the scene: positive everywhere, +Inf for the sky, never NaN."""
+    depth = pixels(image)
+    if np.isnan(depth).any():
+        return f'{int(np.isnan(depth).sum())} pixels are NaN'
+    if (depth <= 0.0).any():
+        return f'{int((depth <= 0.0).sum())} pixels are not in front of the camera'
+    return ''
+
+
+def depth_problem(image: Any) -> str:
+    """Depth from matching: positive and finite, or NaN where it is not known (REP-118)."""
+    depth = pixels(image)
+    known = depth[~np.isnan(depth)]
+    if not np.all(np.isfinite(known) & (known > 0.0)):
+        return 'pixels are neither positive nor NaN'
+    return ''
+
+
+def disparity_problem(message: Any) -> str:
+    """Disparity: its image, a positive focal length and baseline."""
+    if not (message.f > 0.0 and message.t > 0.0):
+        return f'f = {message.f:g} px and t = {message.t:g} m; both must be positive'
+    if message.image.encoding != '32FC1':
+        return f'encoding {message.image.encoding!r}; valid is 32FC1'
+    return image_problem(message.image) or (
+        '' if np.all(np.isfinite(pixels(message.image))) else 'pixels are NaN or infinite')
+
+
+def quaternion_problem(name: str) -> Callable[[Any], str]:
+    """Return a check that the quaternion at the dotted field `name` has length 1."""
+    def problem(message: Any) -> str:
+        q = _get(message, name)
+        norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            return f'{name} has length {norm:.6f}, not 1'
+        return ''
+    return problem
+
+
+def joints_problem(message: Any) -> str:
+    """Every joint has a position and a velocity; effort is complete or empty."""
+    n = len(message.name)
+    lengths = {'position': len(message.position), 'velocity': len(message.velocity)}
+    if len(message.effort):
+        lengths['effort'] = len(message.effort)
+    for name, length in lengths.items():
+        if length != n:
+            return f'{name} holds {length} values for {n} joints'
+    return ''
+
+
+def camera_info_problem(message: Any) -> str:
+    """Focal lengths positive, K and P of one kind, a size."""
+    k, p = message.k.reshape(3, 3), message.p.reshape(3, 4)
+    if not (k[0, 0] > 0.0 and k[1, 1] > 0.0 and p[0, 0] > 0.0):
+        return f'focal lengths K {k[0, 0]:g}, {k[1, 1]:g}, P {p[0, 0]:g} are not positive'
+    if not message.width or not message.height:
+        return 'it has no size'
+    return ''

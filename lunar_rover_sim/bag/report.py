@@ -1,0 +1,54 @@
+"""What a check found: one line per check, and whether the bag can be trusted."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+
+class Status(enum.Enum):
+    """Outcome of one check; only FAIL condemns a bag."""
+
+    PASS = 'pass'
+    WARN = 'warn'
+    FAIL = 'fail'
+    SKIP = 'skip'
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """One line of the result: what was checked, how it came out, and in which numbers."""
+
+    check: str
+    status: Status
+    detail: str
+
+
+@dataclasses.dataclass
+class Report:
+    """All findings on one bag."""
+
+    findings: list[Finding] = dataclasses.field(default_factory=list)
+
+    def add(self, check: str, status: Status, detail: str) -> None:
+        """Append a finding."""
+        self.findings.append(Finding(check, status, detail))
+
+    def verdict(self, check: str, problems: list[str], fine: str,
+                bad: Status = Status.FAIL) -> None:
+        """Append a finding that passes where `problems` is empty; the first ones are told."""
+        if not problems:
+            self.add(check, Status.PASS, fine)
+            return
+        more = f' (and {len(problems) - 3} more)' if len(problems) > 3 else ''
+        self.add(check, bad, '; '.join(problems[:3]) + more)
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing failed."""
+        return not self.failed
+
+    @property
+    def failed(self) -> list[Finding]:
+        """The findings that condemn the bag."""
+        return [f for f in self.findings if f.status is Status.FAIL]

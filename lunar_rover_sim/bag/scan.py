@@ -1,0 +1,223 @@
+"""One pass over a bag: stamps and contents of every topic, and the signals to compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag import content
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.topics import Topic
+
+_BY_NAME = {topic.name: topic for topic in topics.CONTRACT}
+_IMAGES = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.DEPTH.name,
+           topics.TRUE_DEPTH.name)
+_CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
+    topics.ODOM.name: (content.quaternion_problem('pose.pose.orientation'),),
+    topics.IMU_TRUTH.name: (content.quaternion_problem('orientation'),),
+    topics.JOINT_STATES.name: (content.joints_problem,),
+    topics.JOINT_COMMANDS.name: (content.joints_problem,),
+    topics.LEFT_IMAGE.name: (content.image_problem,),
+    topics.RIGHT_IMAGE.name: (content.image_problem,),
+    topics.DEPTH.name: (content.image_problem, content.depth_problem),
+    topics.TRUE_DEPTH.name: (content.image_problem, content.true_depth_problem),
+    topics.DISPARITY.name: (content.disparity_problem,),
+    topics.LEFT_INFO.name: (content.camera_info_problem,),
+    topics.RIGHT_INFO.name: (content.camera_info_problem,),
+}
+
+
+@dataclasses.dataclass
+class TopicScan:
+    """What one topic of the contract held; `stamps_ns` in the order of bag time."""
+
+    topic: Topic
+    name: str
+    msgtype: str
+    stamps_ns: list[int] = dataclasses.field(default_factory=list)
+    late: int = 0  # messages whose bag time is not their stamp
+    frame_ids: set[str] = dataclasses.field(default_factory=set)
+    problems: list[str] = dataclasses.field(default_factory=list)
+    last: Any = None
+
+
+@dataclasses.dataclass(frozen=True)
+class FrameError:
+    """Disparity of one frame against its true depth.
+
+    error_px: (n,) difference of matched and true disparity where both are known
+    matched: share of the pixels with a true disparity in range that were matched
+    depth_ratio: largest relative difference of the depth image from f t / d, NaN where not there
+    """
+
+    stamp_ns: int
+    median_px: float
+    bias_px: float
+    outliers: float
+    matched: float
+
+
+@dataclasses.dataclass
+class Scan:
+    """Everything one namespace of a bag holds, by name in the contract."""
+
+    namespace: str
+    topics: dict[str, TopicScan] = dataclasses.field(default_factory=dict)
+    signals: dict[str, list[tuple[float, ...]]] = dataclasses.field(default_factory=dict)
+    frames: list[FrameError] = dataclasses.field(default_factory=list)
+    depth_mismatch: list[str] = dataclasses.field(default_factory=list)
+    contrast: int = 0  # left images that are not of one grey
+
+    def signal(self, topic: Topic) -> tuple[np.ndarray, np.ndarray]:
+        """Return stamps (n,) [ns] and the values (n, k) that `_SIGNALS` picks."""
+        rows = self.signals.get(topic.name, [])
+        stamps = np.array(self.topics[topic.name].stamps_ns if rows else [], dtype=np.int64)
+        return stamps, np.array(rows, dtype=float)
+
+
+def _odometry(m: Any) -> tuple[float, ...]:
+    p, q, t = m.pose.pose.position, m.pose.pose.orientation, m.twist.twist
+    return (p.x, p.y, p.z, q.w, q.x, q.y, q.z, t.linear.x, t.linear.y, t.linear.z, t.angular.x,
+            t.angular.y, t.angular.z)
+
+
+def _imu(m: Any) -> tuple[float, ...]:
+    w, f, q = m.angular_velocity, m.linear_acceleration, m.orientation
+    return (w.x, w.y, w.z, f.x, f.y, f.z, q.w, q.x, q.y, q.z)
+
+
+def _accel(m: Any) -> tuple[float, ...]:
+    w, f = m.accel.angular, m.accel.linear
+    return (w.x, w.y, w.z, f.x, f.y, f.z)
+
+
+_SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    topics.ODOM.name: _odometry, topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
+    topics.IMU_BIAS.name: _accel}
+
+
+def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -> Scan:
+    """Read the contract's topics under `namespace` once and take note of everything."""
+    result = Scan(namespace)
+    by_topic: dict[str, TopicScan] = {}
+    for known in topics.CONTRACT:
+        for name in (f'{namespace}/{known.name}', f'/{known.name}'):
+            if name in bag.types:
+                by_topic[name] = result.topics[known.name] = TopicScan(known, name,
+                                                                       bag.types[name])
+                break
+    if not by_topic:
+        return result
+    finite = content.FiniteCheck(bag.typestore)
+    pair = _DepthPair(result)
+    for message in bag.raw(by_topic):
+        if progress is not None:
+            progress()
+        topic = by_topic[message.topic]
+        stamp_ns = bag.stamp_ns(message)
+        where = message.time_ns if stamp_ns is None else stamp_ns
+        topic.stamps_ns.append(where)
+        if stamp_ns and stamp_ns != message.time_ns:
+            topic.late += 1
+        try:
+            decoded = bag.decode(message.data, message.msgtype)
+        except BagError as error:
+            topic.problems.append(f'at {where * 1e-9:.3f} s: {error}')
+            topic.last = None
+            continue
+        _look(topic, decoded, where, finite, result, pair)
+    return result
+
+
+def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: content.FiniteCheck,
+          result: Scan, pair: _DepthPair) -> None:
+    name = topic.topic.name
+    topic.last = message
+    header = getattr(message, 'header', None)
+    if header is not None:
+        topic.frame_ids.add(header.frame_id)
+    problem = ''
+    if message.__msgtype__ == topic.topic.type:
+        problem = next((found for check in _CONTENT.get(name, ()) if (found := check(message))),
+                       '')
+    if not problem:
+        problem = finite.problem(topic.msgtype, message)
+    if problem:
+        topic.problems.append(f'at {stamp_ns * 1e-9:.3f} s {problem}')
+    if message.__msgtype__ != topic.topic.type:
+        return
+    if name in _SIGNALS:
+        result.signals.setdefault(name, []).append(_SIGNALS[name](message))
+    if problem:
+        return
+    if name in (topics.DISPARITY.name, topics.TRUE_DEPTH.name, topics.DEPTH.name):
+        pair.take(name, stamp_ns, message)
+    elif name == topics.LEFT_IMAGE.name:
+        grey = content.pixels(message)
+        result.contrast += int(grey.min() != grey.max())
+
+
+class _DepthPair:
+    """Holds disparity and depths until all of one stamp are there, then compares them."""
+
+    def __init__(self, result: Scan) -> None:
+        self._result = result
+        self._waiting: dict[int, dict[str, Any]] = {}
+        self._wanted = {name for name in (topics.DISPARITY.name, topics.TRUE_DEPTH.name,
+                                          topics.DEPTH.name) if name in result.topics}
+
+    def take(self, name: str, stamp_ns: int, message: Any) -> None:
+        entry = self._waiting.setdefault(stamp_ns, {})
+        entry[name] = message
+        if self._wanted <= set(entry):
+            self._compare(stamp_ns, self._waiting.pop(stamp_ns))
+        while len(self._waiting) > 16:  # incomplete sets; they are reported as missing stamps
+            del self._waiting[min(self._waiting)]
+
+    def _compare(self, stamp_ns: int, entry: dict[str, Any]) -> None:
+        if topics.DISPARITY.name not in entry:
+            return
+        message = entry[topics.DISPARITY.name]
+        disparity = content.pixels(message.image)
+        valid = (disparity >= message.min_disparity) & (disparity > 0.0)
+        product = message.f * message.t
+        if topics.TRUE_DEPTH.name in entry:
+            depth = content.pixels(entry[topics.TRUE_DEPTH.name])
+            if depth.shape == disparity.shape:
+                self._result.frames.append(
+                    _frame_error(stamp_ns, disparity, valid, depth, product, message))
+        if topics.DEPTH.name in entry:
+            depth = content.pixels(entry[topics.DEPTH.name])
+            both = valid & ~np.isnan(depth) if depth.shape == disparity.shape else None
+            if both is None:
+                self._result.depth_mismatch.append(f'at {stamp_ns * 1e-9:.3f} s sizes differ')
+            elif both.any():
+                ratio = np.abs(depth[both] * disparity[both] / product - 1.0).max()
+                if ratio > 1e-3:
+                    self._result.depth_mismatch.append(
+                        f'at {stamp_ns * 1e-9:.3f} s depth differs from f t / d by '
+                        f'{100 * ratio:.1f} %')
+
+
+def _frame_error(stamp_ns: int, disparity: np.ndarray, valid: np.ndarray, depth: np.ndarray,
+                 product: float, message: Any) -> FrameError:
+    true = product / depth.astype(float)
+    roi = message.valid_window
+    in_range = (true >= max(message.min_disparity, 1.0)) & (true <= message.max_disparity)
+    if roi.width and roi.height:
+        window = np.zeros(in_range.shape, dtype=bool)
+        window[roi.y_offset:roi.y_offset + roi.height,
+               roi.x_offset:roi.x_offset + roi.width] = True
+        in_range &= window
+    both = valid & in_range
+    if not both.any():
+        return FrameError(stamp_ns, np.nan, np.nan, np.nan, 0.0)
+    error = disparity[both] - true[both]
+    return FrameError(stamp_ns, float(np.median(np.abs(error))), float(np.median(error)),
+                      float(np.mean(np.abs(error) > 2.0)),
+                      float(both.sum() / max(1, in_range.sum())))
