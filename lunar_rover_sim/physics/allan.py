@@ -92,9 +92,12 @@ def fit_noise(curve: AllanCurve) -> NoiseFit:
 
 def _non_negative(matrix: Array, target: Array) -> Array:
     """Return the least-squares solution with two entries >= 0."""
-    best = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    best: Array = np.linalg.lstsq(matrix, target, rcond=None)[0].astype(np.float64)
     if np.all(best >= 0.0):
         return best
     single = np.maximum(0.0, matrix.T @ target / np.maximum(np.sum(matrix ** 2, axis=0), 1e-300))
     errors = [np.sum((matrix[:, k] * single[k] - target) ** 2) for k in range(2)]
-    return np.where(np.arange(2) == int(np.argmin(errors)), single, 0.0)
+    best[:] = 0.0
+    winner = int(np.argmin(errors))
+    best[winner] = single[winner]
+    return best

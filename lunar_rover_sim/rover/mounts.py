@@ -1,0 +1,29 @@
+"""Where the sensors are: poses in base_link."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
+from lunar_rover_sim.rover.description import RoverDescription
+
+
+def imu_pose(rover: RoverDescription) -> Array:
+    """Return T_base_imu (4, 4)."""
+    return se3(matrix_from_wxyz(wxyz_from_rpy(*np.radians(rover.imu.rpy_deg))),
+               rover.imu.position_m)
+
+
+def camera_poses(rover: RoverDescription) -> tuple[Array, Array]:
+    """Return T_base_camera (4, 4) of left and right camera, x along the optical axis, z up."""
+    tilt = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(rover.stereo.pitch_deg), 0.0))
+    centre = np.array(rover.stereo.position_m)
+    half = 0.5 * rover.stereo.baseline_m * tilt[:, 1]
+    return se3(tilt, centre + half), se3(tilt, centre - half)
+
+
+def optical_poses(rover: RoverDescription) -> tuple[Array, Array]:
+    """Return T_base_optical (4, 4) of left and right camera, z along the optical axis."""
+    left, right = camera_poses(rover)
+    turn = se3(R_BODY_OPTICAL, np.zeros(3))
+    return left @ turn, right @ turn
