@@ -1,55 +1,236 @@
-"""The map from a commanded velocity to the stride that makes it."""
+"""The measured, invertible map from a commanded velocity to the stride that makes it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 import yaml
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
+from lunar_rover_sim.parameters import nearest
+
+Array = NDArray[np.float64]
+
+DEAD_SPEED_MPS = 2e-4   # what is slower than this (forward, or at the feet by yaw) is standing
+# Paper and pencil: advance per cycle and half the track that a skidding turn seems to have, of
+# the default rover (0.3 m x 0.21 m between the feet, 8 cm spokes).
+_ADVANCE_M, _HALF_TRACK_M = 0.14, 0.25
+_HEADER = """\
+# Map from velocity to gait, measured on flat ground: rows are phase rates, columns are turns
+# (0 straight on, 1 on the spot). Written by `lunar_rover_sim calibrate gait`.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
 class GaitCalibration:
-    """Analytic map: feet that stand still on the ground, and a track wider than the real one."""
+    """Forward speed and yaw rate over phase rate and turn, and their inverse.
 
-    advance_m: float = 0.14
-    half_track_m: float = 0.2
-    max_rate_hz: float = 2.5
+    phase_rates_hz: (n,) increasing, > 0; turns: (m,) increasing from 0 to 1, see `Stride.turning`
+    forward_mps, yaw_rate_radps: (n, m) mean velocities that were measured, turning left
+    duty_factor, foot_width_deg: of the gait that was measured; another gait is scaled by the
+        ratio of its advance per cycle, 2 l sin(width / 2) / duty
+    conditions: what else held while it was measured, for the reader
+
+    Turning right is taken as turning left in a mirror, backward as forward in a mirror. In
+    between, with r the half track, a velocity (v, w) has the course c = atan2(w r, v) and the
+    speed s = hypot(v, w r). Along each row, the turn is a monotonic function of the course (what
+    was measured is made so: a stretch without effect is skipped, not divided by), and along each
+    course the speed is a monotonic function of the phase rate; both are inverted by linear
+    interpolation. Raises ConfigError where the table cannot be inverted.
+    """
+
+    phase_rates_hz: tuple[float, ...]
+    turns: tuple[float, ...]
+    forward_mps: tuple[tuple[float, ...], ...]
+    yaw_rate_radps: tuple[tuple[float, ...], ...]
+    duty_factor: float = 0.6
+    foot_width_deg: float = 60.0
+    conditions: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    _half_track_m: float = dataclasses.field(init=False, repr=False, compare=False)
+    _course: Array = dataclasses.field(init=False, repr=False, compare=False)
+    _speed: Array = dataclasses.field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        rates, turns = np.array(self.phase_rates_hz), np.array(self.turns)
+        forward = _table('forward_mps', self.forward_mps, (len(rates), len(turns)))
+        yaw_rate = _table('yaw_rate_radps', self.yaw_rate_radps, (len(rates), len(turns)))
+        if len(rates) < 1 or rates[0] <= 0.0 or np.any(np.diff(rates) <= 0.0):
+            raise ConfigError(f'phase_rates_hz: {list(self.phase_rates_hz)} is not valid; valid is'
+                              ' one or more, > 0 and increasing [Hz]')
+        if len(turns) < 2 or np.any(np.diff(turns) <= 0.0) or turns[0] != 0.0 or turns[-1] != 1.0:
+            raise ConfigError(f'turns: {list(self.turns)} is not valid; valid is increasing from 0'
+                              ' to 1')
+        if np.any(forward[:, 0] <= 0.0) or np.any(yaw_rate[:, -1] <= 0.0):
+            raise ConfigError('forward_mps, yaw_rate_radps: the first column must walk forward and'
+                              ' the last one turn left (> 0)')
+        half_track = float(np.median(forward[:, 0] / yaw_rate[:, -1]))
+        course = np.arctan2(yaw_rate * half_track, forward)
+        # By symmetry straight on is straight on, and on the spot is on the spot.
+        course[:, 0], course[:, -1] = 0.0, 0.5 * math.pi
+        course = np.clip(_increasing(course), 0.0, 0.5 * math.pi)
+        speed = np.hypot(forward, yaw_rate * half_track)
+        object.__setattr__(self, '_half_track_m', half_track)
+        object.__setattr__(self, '_course', course)
+        object.__setattr__(self, '_speed', speed)
 
     @classmethod
     def default(cls) -> GaitCalibration:
-        """Return the analytic map for the default rover."""
-        return cls()
+        """Return the analytic map of feet that stand still on the ground, until one is measured.
+
+        The speed of a side is advance per cycle times phase rate, times its sweep, by its share
+        of the duty factor; the trial that it rests on: 0.14 m/s at 1 Hz, duty 0.6, 60 deg.
+        """
+        turns, duty = tuple(k / 20.0 for k in range(21)), 0.6
+        forward, yaw_rate = [], []
+        for turn in turns:
+            stride = Stride.turning(1.0, turn)
+            left = _ADVANCE_M * stride.left_sweep * duty / (duty + stride.duty_offset)
+            right = _ADVANCE_M * stride.right_sweep * duty / (duty - stride.duty_offset)
+            forward.append(0.5 * (left + right))
+            yaw_rate.append(0.5 * (right - left) / _HALF_TRACK_M)
+        rates = (1.0, 2.5)
+        return cls(rates, turns, tuple(tuple(r * v for v in forward) for r in rates),
+                   tuple(tuple(r * w for w in yaw_rate) for r in rates),
+                   conditions={'source': 'analytic'})
 
     @classmethod
     def load(cls, path: str | Path | None) -> GaitCalibration:
-        """Read a table; None gives the analytic default. Raises ConfigError."""
+        """Read a table from YAML; None gives the analytic default.
+
+        Raises ConfigError that names the file where it is missing, unreadable or not a table.
+        """
         if path is None:
             return cls.default()
         try:
-            return cls(**yaml.safe_load(Path(path).read_text()))
-        except (OSError, TypeError, yaml.YAMLError) as error:
-            raise ConfigError(f'calibration: {path} cannot be read: {error}') from None
+            document = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            reason = ' '.join(str(error).split())
+            raise ConfigError(f'calibration: {path} cannot be read: {reason}; make it with'
+                              ' `lunar_rover_sim calibrate gait`') from None
+        fields = [f.name for f in dataclasses.fields(cls) if f.init]
+        if not isinstance(document, dict):
+            raise ConfigError(f'calibration: {path} is not a table of {", ".join(fields)}')
+        for name in document:
+            if name not in fields:
+                raise ConfigError(f'calibration: {path}: {name}: no such entry;'
+                                  f' {nearest(str(name), fields)}')
+        missing = [name for name in fields[:4] if name not in document]
+        if missing:
+            raise ConfigError(f'calibration: {path}: {", ".join(missing)} missing')
+        try:
+            for name in fields[:2]:
+                document[name] = tuple(float(x) for x in document[name])
+            for name in fields[2:4]:
+                document[name] = tuple(tuple(float(x) for x in row) for row in document[name])
+            return cls(**document)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f'calibration: {path} is not a table of numbers: {error}') from None
+        except ConfigError as error:
+            raise ConfigError(f'calibration: {path}: {error}') from None
 
     def save(self, path: str | Path) -> None:
-        """Write the table."""
-        Path(path).write_text(yaml.safe_dump(dataclasses.asdict(self)))
+        """Write the table as YAML; an existing file is replaced at once or not at all."""
+        document: dict[str, Any] = {
+            'conditions': dict(self.conditions), 'duty_factor': self.duty_factor,
+            'foot_width_deg': self.foot_width_deg, 'phase_rates_hz': list(self.phase_rates_hz),
+            'turns': list(self.turns)}
+        for name in ('forward_mps', 'yaw_rate_radps'):
+            document[name] = [[round(x, 5) for x in row] for row in getattr(self, name)]
+        text = _HEADER + yaml.safe_dump(document, sort_keys=False, width=99,
+                                        default_flow_style=None)
+        path = Path(path)
+        partial = path.with_name(path.name + '.part')
+        try:
+            partial.write_text(text, encoding='utf-8')
+            partial.replace(path)
+        except OSError as error:
+            raise ConfigError(f'calibration: {path} cannot be written: {error}') from None
 
-    def stride(self, forward_mps: float, yaw_rate_radps: float) -> tuple[Stride, float]:
-        """Return the stride for a velocity, and the factor (<= 1) by which it was scaled."""
-        left = forward_mps - yaw_rate_radps * self.half_track_m
-        right = forward_mps + yaw_rate_radps * self.half_track_m
-        top = max(abs(left), abs(right))
-        if top < 1e-4:
+    def stride(self, forward_mps: float, yaw_rate_radps: float,
+               config: GaitConfig | None = None) -> tuple[Stride, float]:
+        """Return the stride that makes a velocity, and the factor (<= 1) it was scaled by.
+
+        Beyond the phase rates of the table or `max_phase_rate_hz`, or beyond `max_yaw_rate_radps`,
+        both velocities are scaled by one factor, which keeps the curvature.
+        """
+        config = config or GaitConfig()
+        scale = 1.0
+        if abs(yaw_rate_radps) > config.max_yaw_rate_radps:
+            scale = config.max_yaw_rate_radps / abs(yaw_rate_radps)
+        v, w = abs(forward_mps) * scale, yaw_rate_radps * scale
+        if forward_mps < 0.0:
+            w = -w
+        side = abs(w) * self._half_track_m
+        speed = math.hypot(v, side) / self._advance_ratio(config)
+        if speed < DEAD_SPEED_MPS:
             return STAND, 1.0
-        rate = top / self.advance_m
-        scale = min(1.0, self.max_rate_hz / rate)
-        return Stride(rate * scale, 0.0, left / top, right / top), scale
+        rates, turns, speeds = self._along(math.atan2(side, v))
+        top = float(np.interp(config.max_phase_rate_hz, rates, speeds))
+        if speed > top:
+            scale, speed = scale * top / speed, top
+        rate = float(np.interp(speed, speeds, rates))
+        turn = math.copysign(float(np.interp(rate, rates, turns)), w)
+        stride = Stride.turning(rate, turn)
+        return (stride.reversed() if forward_mps < 0.0 else stride), scale
+
+    def velocity(self, phase_rate_hz: float, turn: float,
+                 config: GaitConfig | None = None) -> tuple[float, float]:
+        """Return the velocity [m/s, rad/s] of `Stride.turning(phase_rate_hz, turn)`.
+
+        The inverse of `stride` within the table, for strides that go forward.
+        """
+        low, high = 0.0, 0.5 * math.pi
+        for _ in range(60):
+            course = 0.5 * (low + high)
+            rates, turns, _speeds = self._along(course)
+            if np.interp(phase_rate_hz, rates, turns) < abs(turn):
+                low = course
+            else:
+                high = course
+        rates, _turns, speeds = self._along(course)
+        speed = float(np.interp(phase_rate_hz, rates, speeds))
+        speed *= self._advance_ratio(config or GaitConfig())
+        yaw_rate = speed * math.sin(course) / self._half_track_m
+        return speed * math.cos(course), math.copysign(yaw_rate, turn)
+
+    def _along(self, course: float) -> tuple[Array, Array, Array]:
+        """Return phase rates, turns and speeds along one course, from standing on."""
+        turns = np.array([np.interp(course, row, self.turns) for row in self._course])
+        speeds = np.array([np.interp(turn, self.turns, row)
+                           for turn, row in zip(turns, self._speed)])
+        # Below the first row speed is proportional to the rate, and the turn is that of the row.
+        return (np.r_[0.0, self.phase_rates_hz], np.r_[turns[0], turns],
+                _increasing(np.r_[0.0, speeds]))
+
+    def _advance_ratio(self, config: GaitConfig) -> float:
+        now = math.sin(math.radians(config.foot_width_deg) / 2.0) / config.duty_factor
+        return now * self.duty_factor / math.sin(math.radians(self.foot_width_deg) / 2.0)
 
 
-def _sign(value: float) -> float:
-    return math.copysign(1.0, value)
+def _table(name: str, rows: Sequence[Sequence[float]], shape: tuple[int, int]) -> Array:
+    try:
+        table = np.array(rows, dtype=float)
+    except (TypeError, ValueError):
+        table = np.empty(0)
+    if table.shape != shape or not np.all(np.isfinite(table)):
+        raise ConfigError(f'{name}: not a table of {shape[0]} rows (phase rates) of {shape[1]}'
+                          ' finite numbers (turns)')
+    return table
+
+
+def _increasing(values: Array) -> Array:
+    """Return values made to increase along the last axis: the mean of the envelopes of both ends.
+
+    What increases already is unchanged but for a slope too small to matter.
+    """
+    up = np.maximum.accumulate(values, axis=-1)
+    down = np.flip(np.minimum.accumulate(np.flip(values, -1), axis=-1), -1)
+    return 0.5 * (up + down) + 1e-9 * np.arange(values.shape[-1])

@@ -45,8 +45,10 @@ class GaitConfig(Parameters):
     max_angle_lead_deg: float = param(25.0, 'a reference waits for a leg that is blocked when it'
                                       ' leads by this much', unit='deg', low=0.0, high=90.0,
                                       open_low=True, live=True)
-    max_phase_rate_hz: float = param(2.5, 'most cycles per second', unit='Hz', low=0.0, high=10.0,
+    max_phase_rate_hz: float = param(2.2, 'most cycles per second', unit='Hz', low=0.0, high=10.0,
                                      open_low=True, live=True)
+    max_yaw_rate_radps: float = param(0.6, 'most yaw rate; faster turns shake the rover',
+                                      unit='rad/s', low=0.0, high=5.0, open_low=True, live=True)
     phase_acceleration_hzps: float = param(2.0, 'most change of the phase rate', unit='Hz/s',
                                            low=0.0, high=100.0, open_low=True, live=True)
     settle_rate_hz: float = param(0.5, 'phase rate at which legs settle to their stand', unit='Hz',

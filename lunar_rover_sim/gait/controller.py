@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
 
 Array = NDArray[np.float64]
 
-_LEFT = np.array([True, False, True, False])  # of front_left, front_right, rear_left, rear_right
-_SETTLE_GAIN = 3.0    # phase rate per phase error when standing [1/s]
+_SIDES = (0, 1, 0, 1)  # left or right, of front_left, front_right, rear_left, rear_right
 _MIN_DUTY, _MAX_DUTY = 0.1, 0.9
-_MIN_SWEEP = 0.05     # below this share of the foot width a stance is as good as still
+_MIN_SWEEP = 0.05      # below this share of the foot width a stance is as good as still
 _SHAPE_FIELDS = ('duty_factor', 'foot_width_deg', 'stance_smoothing', 'flight_smoothing')
 
 
@@ -39,15 +39,17 @@ class LegCommand:
 class GaitController:
     """Walks by phases: each leg follows its share of one clock through the shaping function.
 
-    Each leg i has a phase of its own that is drawn to the clock plus its offset; the drawing is
-    bounded, so that from any start angle, after a block or a change of gait the leg slides into
-    its place without a jump. The velocity command of a leg has three terms,
+    The velocity command of a leg has three terms,
 
-        u = r' s(p) + k_p (a(p) - q) + k_v (r' s(p) - q'),
+        u = p' s(p) + k_p (a(p) - q) + k_v (p' s(p) - q'),
 
-    feedforward from the slope s of the shaping function at the phase p that advances with r',
-    feedback of the angle error against the shaped angle a(p), and of the motor's velocity error.
-    A reference that leads its leg by `max_angle_lead_deg` waits for it.
+    feedforward from the slope s of the shaping function at the phase p that advances with p',
+    feedback of the angle error against the shaped angle a(p), and feedback of the velocity of the
+    motor. A reference that leads its leg by `max_angle_lead_deg` waits for it, so that a blocked
+    leg is pushed by a bounded command; freed, it is drawn back to its phase (`LegPhases`).
+
+    A command of zero, none, or one older than `cmd_timeout_s` makes it stand: each leg goes to
+    its nearest spoke and holds it straight down.
 
     Nothing here reads a clock: the same calls give the same commands.
     """
@@ -83,21 +85,18 @@ class GaitController:
         """Forget time, phases and command: the next update starts from the angles it is given."""
         self._last_ns: int | None = None
         self._command_ns: int | None = None
+        self._velocity = (0.0, 0.0)
         self._stride = self._commanded = STAND
         self._saturated = self._said_saturated = False
         self._reports: list[str] = []
-        self._clock = 0.0                 # [cycles]
-        self._clock_rate = 0.0            # [Hz], >= 0
-        self._phase = np.zeros(4)
-        self._rate = np.zeros(4)          # [Hz]
-        self._direction = np.ones(4)
-        self._sweep = np.ones(2)          # left, right: share of the foot width
+        self._phases = LegPhases()
+        self._sweeps = [1.0, 1.0]         # left, right: share of the foot width
         self._duty_offset = 0.0
-        self._walking = False
         self._shape = {name: getattr(self._config, name) for name in _SHAPE_FIELDS}
         self._shape_from = dict(self._shape)
         self._blend_s = math.inf          # time since the parameters changed
-        self._sides = self._make_sides()
+        self._settings: list[tuple[float, ...]] = []
+        self._make_sides()
 
     def set_velocity(self, forward_mps: float, yaw_rate_radps: float, stamp_ns: int) -> bool:
         """Take a velocity command: forward [m/s] and yaw rate [rad/s, left positive].
@@ -109,18 +108,16 @@ class GaitController:
             self.refused += 1
             return False
         self._command_ns = stamp_ns
-        self._commanded, scale = self._calibration.stride(forward_mps, yaw_rate_radps)
-        if self._commanded.phase_rate_hz > self._config.max_phase_rate_hz:
-            scale *= self._config.max_phase_rate_hz / self._commanded.phase_rate_hz
-            self._commanded = dataclasses.replace(
-                self._commanded, phase_rate_hz=self._config.max_phase_rate_hz)
-        self._saturated = scale < 1.0
-        if self._saturated and not self._said_saturated:
-            self._said_saturated = True
-            self._reports.append(
-                f'velocity command {forward_mps:.3f} m/s, {yaw_rate_radps:.3f} rad/s is beyond'
-                f' reach: scaled by {scale:.2f}, curvature kept (said once)')
+        if (forward_mps, yaw_rate_radps) != self._velocity:
+            self._velocity = (forward_mps, yaw_rate_radps)
+            self._look_up()
         return True
+
+    def set_stride(self, stride: Stride, stamp_ns: int) -> None:
+        """Ask for a stride itself, past the calibration: what a calibration is made with."""
+        self._command_ns = stamp_ns
+        self._velocity = (math.nan, math.nan)
+        self._commanded, self._saturated = stride, False
 
     def take_reports(self) -> list[str]:
         """Return what there is to say since the last call, one line each."""
@@ -138,6 +135,8 @@ class GaitController:
         self._shape_from = dict(self._shape)
         self._blend_s = 0.0
         self._config = config
+        if math.isfinite(self._velocity[0]):
+            self._look_up()
 
     def update(self, stamp_ns: int, joint_angle_rad: ArrayLike,
                joint_velocity_radps: ArrayLike) -> LegCommand:
@@ -146,104 +145,92 @@ class GaitController:
         joint_angle_rad, joint_velocity_radps: (4,) as measured, angles unwrapped. Time that goes
         backward starts the controller anew.
         """
-        angle = np.asarray(joint_angle_rad, dtype=float)
-        velocity = np.asarray(joint_velocity_radps, dtype=float)
+        angle = np.asarray(joint_angle_rad, dtype=float).tolist()
+        velocity = np.asarray(joint_velocity_radps, dtype=float).tolist()
         if self._last_ns is not None and stamp_ns < self._last_ns:
             self.reset()
+        dt = 0.0
         if self._last_ns is None:
-            self._sides = self._make_sides()
-            self._phase = self._sides[0].phase(angle)
-            dt = 0.0
+            self._phases.start([float(self._sides[side].phase(q))
+                                for side, q in zip(_SIDES, angle)])
         else:
             dt = (stamp_ns - self._last_ns) * 1e-9
         self._last_ns = stamp_ns
-        self._choose_stride(stamp_ns)
+        self._stride = self._commanded if self._is_fresh(stamp_ns) else STAND
         self._blend(dt)
-        self._advance(dt, angle)
-        reference = self._by_side('angle', self._phase)
-        forward = self._rate * self._by_side('slope', self._phase)
-        command = (forward + self._config.position_gain * (reference - angle)
-                   + self._config.velocity_gain * (forward - velocity))
-        limit = self._config.max_joint_velocity_radps
-        return LegCommand(np.clip(command, -limit, limit), reference, self._phase.copy())
+        self._follow(dt, angle)
+        return self._command(angle, velocity)
 
-    def _choose_stride(self, stamp_ns: int) -> None:
-        fresh = (self._command_ns is not None
-                 and stamp_ns - self._command_ns <= self._config.cmd_timeout_s * 1e9)
-        self._stride = self._commanded if fresh else STAND
-        if self._stride.stands:
-            self._walking = False
-            return
-        self._direction = np.where(_LEFT, math.copysign(1.0, self._stride.left_sweep),
-                                   math.copysign(1.0, self._stride.right_sweep))
-        if not self._walking:
-            self._walking = True
-            self._clock = self._nearest_clock()
+    def _look_up(self) -> None:
+        """Find the stride of the commanded velocity."""
+        self._commanded, scale = self._calibration.stride(*self._velocity, self._config)
+        self._saturated = scale < 1.0
+        if self._saturated and not self._said_saturated:
+            self._said_saturated = True
+            forward, yaw_rate = self._velocity
+            self._reports.append(
+                f'velocity command {forward:.3f} m/s, {yaw_rate:.3f} rad/s is beyond reach: scaled'
+                f' by {scale:.2f}, curvature kept (said once)')
+
+    def _is_fresh(self, stamp_ns: int) -> bool:
+        return (self._command_ns is not None
+                and stamp_ns - self._command_ns <= self._config.cmd_timeout_s * 1e9)
 
     def _blend(self, dt: float) -> None:
-        """Move shape, sweep and duty offset towards what is asked for."""
+        """Move shape, sweeps and duty offset towards what is asked for."""
         self._blend_s += dt
         x = min(self._blend_s / self._config.blend_time_s, 1.0)
         x = x * x * (3.0 - 2.0 * x)
         for name in _SHAPE_FIELDS:
             start = self._shape_from[name]
             self._shape[name] = start + x * (getattr(self._config, name) - start)
-        step = dt / self._config.blend_time_s
         if not self._stride.stands:
-            sweep = np.abs([self._stride.left_sweep, self._stride.right_sweep])
-            self._sweep += np.clip(sweep - self._sweep, -step, step)
-            self._duty_offset += float(np.clip(self._stride.duty_offset - self._duty_offset,
-                                               -step, step))
-        self._sides = self._make_sides()
+            step = dt / self._config.blend_time_s
+            for side, sweep in enumerate((self._stride.left_sweep, self._stride.right_sweep)):
+                self._sweeps[side] += _bounded(abs(sweep) - self._sweeps[side], step)
+            self._duty_offset += _bounded(self._stride.duty_offset - self._duty_offset, step)
+        self._make_sides()
 
-    def _make_sides(self) -> tuple[ShapingFunction, ShapingFunction]:
-        shape = self._shape
-        left, right = (
-            ShapingFunction(min(max(shape['duty_factor'] + offset, _MIN_DUTY), _MAX_DUTY),
-                            math.radians(shape['foot_width_deg']) * max(sweep, _MIN_SWEEP),
-                            shape['stance_smoothing'], shape['flight_smoothing'],
-                            self._config.pitch_rad)
-            for offset, sweep in ((self._duty_offset, float(self._sweep[0])),
-                                  (-self._duty_offset, float(self._sweep[1]))))
-        return left, right
+    def _make_sides(self) -> None:
+        """Make the shaping functions of left and right, where anything has changed."""
+        duty, width, *smoothing = (self._shape[name] for name in _SHAPE_FIELDS)
+        settings = [(min(max(duty + sign * self._duty_offset, _MIN_DUTY), _MAX_DUTY),
+                     math.radians(width) * max(sweep, _MIN_SWEEP), *smoothing,
+                     self._config.pitch_rad)
+                    for sign, sweep in zip((1.0, -1.0), self._sweeps)]
+        if settings != self._settings:
+            self._settings = settings
+            self._sides = [ShapingFunction(*values) for values in settings]
 
-    def _by_side(self, method: str, phase: Array) -> Array:
-        left, right = self._sides
-        return np.where(_LEFT, getattr(left, method)(phase), getattr(right, method)(phase))
+    def _follow(self, dt: float, angle: list[float]) -> None:
+        """Advance the phases, as far as the legs can follow."""
+        config, phases = self._config, self._phases
+        for leg, side in enumerate(_SIDES):
+            # A leg that was turned by hand: the nearest spoke is as good.
+            lead = self._sides[side].angle_at(phases.phase[leg]) - angle[leg]
+            phases.phase[leg] -= round(lead / config.pitch_rad)
+        held = list(phases.phase)
+        phases.advance(dt, config, self._stride)
+        limit = math.radians(config.max_angle_lead_deg)
+        for leg, side in enumerate(_SIDES):
+            lead = self._sides[side].angle_at(phases.phase[leg]) - angle[leg]
+            if abs(lead) > limit and lead * phases.rate[leg] > 0.0:
+                phases.phase[leg] = held[leg]
 
-    def _advance(self, dt: float, angle: Array) -> None:
-        """Advance the clock and the phase of each leg."""
-        config = self._config
-        # A leg that was turned by hand, or a new start: the nearest spoke is as good.
-        lead = self._by_side('angle', self._phase) - angle
-        self._phase -= np.round(lead / config.pitch_rad)
-        step = config.phase_acceleration_hzps * dt
-        self._clock_rate += min(max(self._stride.phase_rate_hz - self._clock_rate, -step), step)
-        if self._walking:
-            self._clock += self._clock_rate * dt
-            error = _wrap(self._direction * (self._clock + np.array(config.offsets))
-                          - self._phase)
-            pull = np.clip(config.phase_gain * error * self._direction,
-                           -0.75 * self._clock_rate, 0.5 * self._clock_rate + 0.2)
-            target = self._direction * (self._clock_rate + pull)
-        else:
-            target = np.clip(-_SETTLE_GAIN * _wrap(self._phase), -config.settle_rate_hz,
-                             config.settle_rate_hz)
-        self._rate += np.clip(target - self._rate, -4.0 * step, 4.0 * step)
-        phase = self._phase + self._rate * dt
-        # A reference does not run away from a leg that cannot follow.
-        lead = self._by_side('angle', phase) - angle
-        waits = ((np.abs(lead) > math.radians(config.max_angle_lead_deg))
-                 & (lead * self._rate > 0.0))
-        self._phase = np.where(waits, self._phase, phase)
-
-    def _nearest_clock(self) -> float:
-        """Return the clock [cycles] that asks least of the legs as they stand."""
-        clocks = np.arange(64) / 64.0
-        target = self._direction * (clocks[:, None] + np.array(self._config.offsets))
-        return float(clocks[np.argmin(np.sum(_wrap(target - self._phase) ** 2, axis=1))])
+    def _command(self, angle: list[float], velocity: list[float]) -> LegCommand:
+        config, phases = self._config, self._phases
+        limit = config.max_joint_velocity_radps
+        commands, references = [], []
+        for leg, side in enumerate(_SIDES):
+            shaping, phase = self._sides[side], phases.phase[leg]
+            reference = shaping.angle_at(phase)
+            forward = phases.rate[leg] * shaping.slope_at(phase)
+            command = (forward + config.position_gain * (reference - angle[leg])
+                       + config.velocity_gain * (forward - velocity[leg]))
+            commands.append(_bounded(command, limit))
+            references.append(reference)
+        return LegCommand(np.array(commands), np.array(references), np.array(phases.phase))
 
 
-def _wrap(phase: Array) -> Array:
-    """Return phases wrapped to [-1/2, 1/2)."""
-    return (phase + 0.5) % 1.0 - 0.5
+def _bounded(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)

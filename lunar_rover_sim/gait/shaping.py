@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 
 import numpy as np
@@ -81,21 +82,36 @@ class ShapingFunction:
 
     def angle(self, phase: ArrayLike) -> Array:
         """Return the leg angle [rad] at (...) phases [cycles], unwrapped as the phase is."""
-        phase = np.asarray(phase, dtype=float)
-        turns = np.round(phase)
-        local = phase - turns
-        return turns * self.pitch_rad + np.sign(local) * self._half_angle(np.abs(local))
+        return self._each(self.angle_at, phase)
 
     def slope(self, phase: ArrayLike) -> Array:
         """Return d angle / d phase [rad/cycle] at (...) phases [cycles]."""
-        phase = np.asarray(phase, dtype=float)
-        x = np.abs(phase - np.round(phase))
+        return self._each(self.slope_at, phase)
+
+    def angle_at(self, phase: float) -> float:
+        """Return the leg angle [rad] at one phase [cycles]."""
+        turns = round(phase)
+        x = abs(phase - turns)
         h, a, b = self._half_stance, self._stance_flank, self._flight_flank
-        slope = np.where(x <= h, self._stance_plateau, self._flight_plateau)
-        slope = np.where((x > h - a) & (x <= h),
-                         _blend(self._stance_plateau, self._edge, x - (h - a), a), slope)
-        return np.where((x > h) & (x < h + b),
-                        _blend(self._edge, self._flight_plateau, x - h, b), slope)
+        half = self._stance_plateau * min(x, h - a)
+        if x > h - a:
+            half += _blend_integral(self._stance_plateau, self._edge, min(x - (h - a), a), a)
+        if x > h:
+            half += (_blend_integral(self._edge, self._flight_plateau, min(x - h, b), b)
+                     + self._flight_plateau * max(x - h - b, 0.0))
+        return turns * self.pitch_rad + math.copysign(half, phase - turns)
+
+    def slope_at(self, phase: float) -> float:
+        """Return d angle / d phase [rad/cycle] at one phase [cycles]."""
+        x = abs(phase - round(phase))
+        h, a, b = self._half_stance, self._stance_flank, self._flight_flank
+        if x <= h - a:
+            return self._stance_plateau
+        if x <= h:
+            return _blend(self._stance_plateau, self._edge, (x - (h - a)) / a)
+        if x < h + b:
+            return _blend(self._edge, self._flight_plateau, (x - h) / b)
+        return self._flight_plateau
 
     def phase(self, angle_rad: ArrayLike) -> Array:
         """Return the phase [cycles] at (...) angles [rad]: the inverse of `angle`, to 1e-12.
@@ -111,26 +127,20 @@ class ShapingFunction:
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         return 0.5 * (low + high)
 
-    def _half_angle(self, x: Array) -> Array:
-        """Return the angle [rad] at local phases x in [0, 1/2]."""
-        h, a, b = self._half_stance, self._stance_flank, self._flight_flank
-        ps, pf, m = self._stance_plateau, self._flight_plateau, self._edge
-        stance = ps * np.minimum(x, h - a) + _blend_integral(ps, m, np.clip(x - (h - a), 0.0, a),
-                                                             a)
-        flight = (_blend_integral(m, pf, np.clip(x - h, 0.0, b), b)
-                  + pf * np.clip(x - h - b, 0.0, None))
-        return stance + flight
+    @staticmethod
+    def _each(function: Callable[[float], float], phase: ArrayLike) -> Array:
+        values = np.asarray(phase, dtype=float)
+        return np.array([function(x) for x in values.ravel().tolist()]).reshape(values.shape)
 
 
-def _blend(start: float, end: float, x: Array, length: float) -> Array:
-    """Return a raised cosine from `start` at x = 0 to `end` at x = length."""
+def _blend(start: float, end: float, x: float) -> float:
+    """Return a raised cosine from `start` at x = 0 to `end` at x = 1."""
+    return start + (end - start) * 0.5 * (1.0 - math.cos(math.pi * x))
+
+
+def _blend_integral(start: float, end: float, x: float, length: float) -> float:
+    """Return the integral from 0 to x of a raised cosine that ends at `length`."""
     if length == 0.0:
-        return np.full_like(x, end)
-    return start + (end - start) * 0.5 * (1.0 - np.cos(np.pi * x / length))
-
-
-def _blend_integral(start: float, end: float, x: Array, length: float) -> Array:
-    """Return the integral of `_blend` from 0 to x."""
-    if length == 0.0:
-        return np.zeros_like(x)
-    return start * x + (end - start) * 0.5 * (x - length / np.pi * np.sin(np.pi * x / length))
+        return 0.0
+    return start * x + (end - start) * 0.5 * (
+        x - length / math.pi * math.sin(math.pi * x / length))

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
+MAX_DUTY_OFFSET = 0.2
+_OFFSET_ALONE = 0.4   # up to this turn the duty offset turns alone
+
 
 @dataclasses.dataclass(frozen=True)
 class Stride:
@@ -21,10 +24,34 @@ class Stride:
     left_sweep: float = 1.0
     right_sweep: float = 1.0
 
+    @classmethod
+    def turning(cls, phase_rate_hz: float, turn: float) -> Stride:
+        """Return the forward stride of one turn: 0 straight on, 1 left on the spot, -1 right.
+
+        Wide curves are made by the duty offset alone, up to `MAX_DUTY_OFFSET`. For tighter ones
+        the inner side shortens its sweep and in the end reverses it, while the offset goes back
+        to 0: on the spot both sides do the same in opposite directions.
+        """
+        amount = abs(turn)
+        beyond = max(0.0, (amount - _OFFSET_ALONE) / (1.0 - _OFFSET_ALONE))
+        offset = MAX_DUTY_OFFSET * min(amount / _OFFSET_ALONE, 1.0 - beyond)
+        inner = 1.0 - 2.0 * beyond
+        if turn < 0.0:
+            return cls(phase_rate_hz, -offset, 1.0, inner)
+        return cls(phase_rate_hz, offset, inner, 1.0)
+
     @property
     def stands(self) -> bool:
         """Whether nothing moves."""
         return self.phase_rate_hz == 0.0
+
+    def reversed(self) -> Stride:
+        """Return the same motion backward: as seen in a mirror across the rover.
+
+        Speed changes its sign and, since the same side still moves less, so does the yaw rate.
+        """
+        return dataclasses.replace(self, left_sweep=-self.left_sweep,
+                                   right_sweep=-self.right_sweep)
 
 
 STAND = Stride()
