@@ -1,0 +1,172 @@
+"""Measuring what the gait does on flat ground: the table that turns velocities into strides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+import concurrent.futures
+import dataclasses
+import math
+import multiprocessing
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.frames import rpy_from_wxyz
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.gait.stride import Stride
+from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world.config import preset
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.rocks import Rocks
+
+PHASE_RATES_HZ = (0.2, 0.35, 0.5, 0.7, 1.0, 1.3, 1.6, 1.9, 2.2)
+TURNS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.46, 0.52, 0.58, 0.64, 0.7, 0.76, 0.82, 0.88, 0.94, 1.0)
+STATE_PERIOD_S = 0.005   # how often the gait controller answers
+SKIP_S, SKIP_CYCLES = 5.0, 1.0
+MEASURE_S, MEASURE_CYCLES = 20.0, 4.0
+
+Progress = Callable[[int, int], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Walk:
+    """A walk as it was recorded, one sample per controller period.
+
+    time_s (n,); position_m (n, 3); rpy_rad (n, 3), yaw unwrapped, positive pitch nose down;
+    joint_angle_rad, joint_velocity_radps, motor_torque_nm, reference_rad, phase (n, 4);
+    contact_force_n (n, 4, 3) world axes.
+    """
+
+    time_s: NDArray[np.float64]
+    position_m: NDArray[np.float64]
+    rpy_rad: NDArray[np.float64]
+    joint_angle_rad: NDArray[np.float64]
+    joint_velocity_radps: NDArray[np.float64]
+    motor_torque_nm: NDArray[np.float64]
+    contact_force_n: NDArray[np.float64]
+    reference_rad: NDArray[np.float64]
+    phase: NDArray[np.float64]
+
+    def mean_velocity(self, from_s: float, to_s: float) -> tuple[float, float]:
+        """Return the mean forward speed [m/s] and yaw rate [rad/s] between two times."""
+        chosen = (self.time_s >= from_s - 1e-9) & (self.time_s <= to_s + 1e-9)
+        xy, yaw = self.position_m[chosen, :2], self.rpy_rad[chosen, 2]
+        duration = np.ptp(self.time_s[chosen])
+        step, heading = np.diff(xy, axis=0), 0.5 * (yaw[1:] + yaw[:-1])
+        forward = np.sum(step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading))
+        return float(forward / duration), float((yaw[-1] - yaw[0]) / duration)
+
+
+def flat_world(half_extent_m: float = 15.0, cell_m: float = 0.025) -> World:
+    """Return perfectly flat, empty ground."""
+    n = 2 * math.ceil(half_extent_m / cell_m) + 1
+    ground = HeightGrid(np.zeros((n, n), np.float32), cell_m)
+    rocks = Rocks(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)),
+                  np.zeros((0, 4)), np.zeros(0, np.float32), np.array([0.1]))
+    return World((ground,), np.ones((n, n), np.float32), rocks, (), preset('flat'), 'flat')
+
+
+def walk(simulation: Simulation, controller: GaitController, duration_s: float,
+         command: Callable[[GaitController, int], object]) -> Walk:
+    """Walk from the start for a time; `command(controller, stamp_ns)` is asked before each answer.
+
+    The controller answers every `STATE_PERIOD_S`, and its answer holds until the next.
+    """
+    steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
+    state = simulation.reset()
+    controller.reset()
+    rows: list[tuple] = []
+    for _ in range(round(duration_s / (steps * simulation.config.step_s))):
+        command(controller, state.time_ns)
+        legs = controller.update(state.time_ns, state.joint_angle_rad, state.joint_velocity_radps)
+        simulation.command(legs.velocity_radps, legs.angle_rad)
+        state = simulation.advance(steps)
+        rows.append((state.time_ns * 1e-9, state.position_m,
+                     rpy_from_wxyz(state.orientation_wxyz), state.joint_angle_rad,
+                     state.joint_velocity_radps, state.motor_torque_nm, state.contact_force_n,
+                     legs.angle_rad, legs.phase))
+    columns = [np.array(column) for column in zip(*rows)]
+    columns[2][:, 2] = np.unwrap(columns[2][:, 2])
+    return Walk(*columns)
+
+
+def measure_stride(simulation: Simulation, gait: GaitConfig,
+                   stride: Stride) -> tuple[float, float]:
+    """Return the mean velocity [m/s, rad/s] of a stride, over whole cycles after the start."""
+    rate = stride.phase_rate_hz
+    skip_s = max(SKIP_S, SKIP_CYCLES / rate)
+    cycles = math.ceil(max(MEASURE_CYCLES, MEASURE_S * rate))
+    end_s = skip_s + cycles / rate
+    done = walk(simulation, GaitController(gait), end_s + STATE_PERIOD_S,
+                lambda controller, stamp_ns: controller.set_stride(stride, stamp_ns))
+    return done.mean_velocity(skip_s, end_s)
+
+
+def measure(rover: RoverDescription | None = None, physics: PhysicsConfig | None = None,
+            gait: GaitConfig | None = None, rates_hz: Sequence[float] = PHASE_RATES_HZ,
+            turns: Sequence[float] = TURNS, workers: int = 1,
+            progress: Progress | None = None) -> GaitCalibration:
+    """Walk every stride of a table on flat ground, turning left and right, and return the table.
+
+    Left and right are averaged. `workers` processes share the walks; their number does not change
+    the result. `progress(done, all)` is called after each. Raises EvaluationError where a walk
+    cannot be simulated.
+    """
+    rover, physics, gait = rover or RoverDescription(), physics or PhysicsConfig(), \
+        gait or GaitConfig()
+    strides = [Stride.turning(rate, sign * turn) for rate in rates_hz for turn in turns
+               for sign in (1.0, -1.0)]
+    results: list[tuple[float, float]] = []
+    for result in _each(strides, (rover, physics, gait), workers):
+        results.append(result)
+        if progress is not None:
+            progress(len(results), len(strides))
+    table = np.array(results).reshape(len(rates_hz), len(turns), 2, 2)
+    forward = table[:, :, :, 0].mean(axis=2)
+    yaw_rate = 0.5 * (table[:, :, 0, 1] - table[:, :, 1, 1])
+    contact = physics.contact
+    return GaitCalibration(
+        tuple(rates_hz), tuple(turns), tuple(tuple(row) for row in forward.tolist()),
+        tuple(tuple(row) for row in yaw_rate.tolist()), gait.duty_factor, gait.foot_width_deg,
+        {'gait': gait.gait, 'stance_smoothing': gait.stance_smoothing,
+         'flight_smoothing': gait.flight_smoothing, 'gravity_mps2': physics.gravity_mps2,
+         'sliding_friction': contact.sliding_friction, 'stiffness_npm': contact.stiffness_npm,
+         'rover_mass_kg': rover.chassis.mass_kg + 4.0 * rover.legs.mass_kg,
+         'spoke_length_m': rover.legs.spoke_length_m})
+
+
+_shared: tuple[Simulation, GaitConfig] | None = None  # of one worker process
+
+
+def _each(strides: Sequence[Stride],
+          settings: tuple[RoverDescription, PhysicsConfig, GaitConfig],
+          workers: int) -> Iterable[tuple[float, float]]:
+    if workers <= 1:
+        rover, physics, gait = settings
+        with Simulation(flat_world(), rover, physics) as simulation:
+            for stride in strides:
+                yield measure_stride(simulation, gait, stride)
+        return
+    with concurrent.futures.ProcessPoolExecutor(
+            workers, multiprocessing.get_context('spawn'), _start_worker, settings) as pool:
+        try:
+            yield from pool.map(_measure_shared, strides)
+        except concurrent.futures.process.BrokenProcessPool as error:
+            raise EvaluationError(f'calibration: a worker process died: {error}') from None
+
+
+def _start_worker(rover: RoverDescription, physics: PhysicsConfig, gait: GaitConfig) -> None:
+    global _shared
+    _shared = (Simulation(flat_world(), rover, physics), gait)
+
+
+def _measure_shared(stride: Stride) -> tuple[float, float]:
+    if _shared is None:
+        raise EvaluationError('calibration: the worker process has not started')
+    return measure_stride(*_shared, stride)
