@@ -53,26 +53,24 @@ def check(path: Path | str, progress: Callable[[], None] | None = None) -> Repor
         else:
             report.add('complete', Status.PASS, f'{bag.message_count} messages on '
                        f'{len(bag.types)} topics')
-        scenario = recorded_scenario(bag)
         if not bag.namespaces:
             report.add('contract', Status.FAIL, 'no odometry and no stereo images in the bag')
             return report
         for namespace in bag.namespaces:
-            _Check(bag, namespace, scenario, report).run(progress)
+            _Check(bag, namespace, report).run(progress)
     return report
 
 
 class _Check:
     """The checks on one rover of a bag."""
 
-    def __init__(self, bag: Bag, namespace: str, scenario: RecordedScenario,
-                 report: Report) -> None:
+    def __init__(self, bag: Bag, namespace: str, report: Report) -> None:
         self._bag = bag
-        self._scenario = scenario
+        self._scenario: RecordedScenario = recorded_scenario(bag, namespace)
         self._report = report
         self._prefix = f'{namespace.lstrip("/")} ' if len(bag.namespaces) > 1 else ''
         self._namespace = namespace
-        self._real_time = scenario.get('physics_node', 'time_mode', 'lockstep') == 'real_time'
+        self._real_time = self._scenario.get('physics_node', 'time_mode') == 'real_time'
         self._scan = Scan(namespace)
         self._state_ns = self._frame_ns = self._end_ns = 0
 

@@ -44,12 +44,16 @@ class RecordedScenario:
         return default
 
 
-def recorded_scenario(bag: Bag) -> RecordedScenario:
-    """Return the scenario in the bag; an empty one where there is none that can be read."""
-    if not bag.has(topics.SCENARIO.name):
+def recorded_scenario(bag: Bag, namespace: str | None = None) -> RecordedScenario:
+    """Return the scenario in the bag; an empty one where there is none that can be read.
+
+    namespace: of the rover, where the bag holds several.
+    """
+    topic = topics.SCENARIO.name if namespace is None else f'{namespace}/{topics.SCENARIO.name}'
+    if not bag.has(topic):
         return RecordedScenario({})
     try:
-        text = str(bag.first(topics.SCENARIO.name).data)
+        text = str(bag.first(topic).data)
         document = yaml.safe_load(text) if len(text) <= _MAX_CHARACTERS else None
     except (BagError, yaml.YAMLError, AttributeError, RecursionError):
         return RecordedScenario({})

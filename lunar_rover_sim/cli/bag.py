@@ -1,0 +1,156 @@
+"""`lunar_rover_sim bag`: look into, check, hash, mend and export recordings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+import contextlib
+from pathlib import Path
+
+EXPORT_FORMATS = ('euroc', 'tum', 'kitti')
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the commands."""
+    text = 'look into, check, hash, mend and export recordings'
+    bags = subparsers.add_parser('bag', help=text, description=text).add_subparsers(
+        metavar='WHAT', required=True)
+    _add(bags, 'info', 'topics, types, counts and times', _info)
+    _add(bags, 'check', 'whether a bag can be trusted; exits with 1 if not', _check)
+    parser = _add(bags, 'hash', 'a hash of what the bag says, whatever its storage', _hash)
+    parser.add_argument('--topics', action='store_true', help='also one hash per topic')
+    parser = _add(bags, 'preview', 'PNG pictures: stereo, trajectory, attitude, IMU', _preview)
+    parser.add_argument('-o', '--output', type=Path, metavar='DIR',
+                        help='folder of the pictures; by default BAG_preview beside the bag')
+    _add(bags, 'recover', 'write what a cut-off bag lacks to be read by every tool', _recover)
+    parser = _add(bags, 'export', 'write the sequence for SLAM programs', _export)
+    parser.add_argument('-o', '--output', type=Path, metavar='DIR', required=True,
+                        help='folder of the sequence; must not exist')
+    parser.add_argument('--format', choices=EXPORT_FORMATS, default='euroc')
+
+
+def _add(bags: argparse._SubParsersAction, name: str, text: str,
+         run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = bags.add_parser(name, help=text, description=text)
+    parser.add_argument('bag', type=Path, metavar='BAG', help='a bag folder')
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _info(args: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.table import Table
+
+    from lunar_rover_sim.bag.reader import open_bag
+
+    console = Console()
+    with open_bag(args.bag) as bag:
+        table = Table(box=None, pad_edge=False)
+        for title in ('topic', 'type', 'messages', 'rate'):
+            table.add_column(title, justify='left' if title in ('topic', 'type') else 'right')
+        span_s = (bag.end_ns - bag.start_ns) * 1e-9
+        for topic, msgtype in sorted(bag.types.items()):
+            count = bag.counts[topic]
+            rate = f'{count / span_s:.1f} Hz' if count > 2 and span_s > 0 else ''
+            table.add_row(topic, msgtype, str(count), rate)
+        console.print(table)
+        console.print(f'{bag.message_count} messages, {bag.start_ns * 1e-9:.3f} s to '
+                      f'{bag.end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
+                      f'{bag.storage_path.suffix.lstrip(".")}', highlight=False)
+        if bag.incomplete:
+            console.print(f'INCOMPLETE: {bag.incomplete}', highlight=False)
+    return 0
+
+
+def _check(args: argparse.Namespace) -> int:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from lunar_rover_sim.bag.check import check
+    from lunar_rover_sim.bag.report import Status
+
+    console = Console()
+    with _counting(args.bag, 'checking') as progress:
+        report = check(args.bag, progress)
+    styles = {Status.PASS: 'green', Status.WARN: 'yellow', Status.FAIL: 'bold red',
+              Status.SKIP: 'dim'}
+    table = Table(box=None, pad_edge=False)
+    for title in ('check', '', 'found'):
+        table.add_column(title)
+    for finding in report.findings:
+        table.add_row(finding.check, Text(finding.status.value, styles[finding.status]),
+                      Text(finding.detail))
+    console.print(table)
+    failed = len(report.failed)
+    console.print(f'{args.bag}: ' + (f'{failed} of {len(report.findings)} checks failed'
+                                     if failed else 'passed'), highlight=False)
+    return 0 if report.ok else 1
+
+
+def _hash(args: argparse.Namespace) -> int:
+    from lunar_rover_sim.bag.digest import combine, topic_hashes
+    from lunar_rover_sim.bag.reader import open_bag
+
+    with open_bag(args.bag) as bag:
+        types = bag.types
+    with _counting(args.bag, 'hashing') as progress:
+        hashes = topic_hashes(args.bag, progress)
+    if args.topics:
+        for topic, digest in sorted(hashes.items()):
+            print(f'{digest}  {topic}')
+    print(combine(hashes, types))
+    return 0
+
+
+def _preview(args: argparse.Namespace) -> int:
+    from lunar_rover_sim.bag.preview import preview
+
+    folder = args.bag.resolve()
+    output = args.output or folder.with_name(f'{folder.stem}_preview')
+    for path in preview(args.bag, output):
+        print(path)
+    return 0
+
+
+def _recover(args: argparse.Namespace) -> int:
+    from lunar_rover_sim.bag.recovery import recover
+
+    count = recover(args.bag)
+    print(f'{args.bag}: {count} messages; every tool can read it now, and it stays marked '
+          'incomplete')
+    return 0
+
+
+def _export(args: argparse.Namespace) -> int:
+    from lunar_rover_sim.bag.export import export
+
+    with _counting(args.bag, 'exporting') as progress:
+        notes = export(args.bag, args.output, args.format, progress)
+    for note in notes:
+        print(note)
+    return 0
+
+
+@contextlib.contextmanager
+def _counting(path: Path, text: str) -> Iterator[Callable[[], None]]:
+    """Show a progress bar over the messages of a bag; yields what to call for each."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from lunar_rover_sim.bag.reader import open_bag
+
+    with open_bag(path) as bag:
+        total = bag.message_count
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(text, total=total)
+        pending = 0
+
+        def progress() -> None:
+            nonlocal pending
+            pending += 1
+            if pending == 200:
+                bar.update(task, advance=pending)
+                pending = 0
+
+        yield progress
