@@ -33,7 +33,9 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     option.integrator = _INTEGRATORS[config.integrator]
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)  # one rover: one island
+    # With this flag the poses of static geoms, thousands of rocks, are computed only once. The
+    # rover itself never sleeps.
+    option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     _add_ground(spec, world)
     _add_rocks(spec, world)
     model = spec.compile()

@@ -24,6 +24,10 @@ logger = logging.getLogger(__name__)
 
 MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unless it diverges
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+# (a @ _CROSS).reshape(3, 3) @ b is the cross product of a and b.
+_CROSS = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
+                   [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
+                   [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
 _CONTACTFULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
 
 
@@ -158,32 +162,33 @@ class Simulation:
         The rate is the constant rate that turns the one attitude into the other. The specific
         force is the mean acceleration of the IMU less gravity, in the axes halfway between.
         """
+        # ndarray.dot and MuJoCo's functions take a third of the time of @ and np.cross here.
         qpos, qvel = self._qpos, self._qvel
-        quat, rotation, swing = qpos[3:7].copy(), np.empty(9), np.empty(3)
-        mujoco.mju_quat2Mat(rotation, quat)
-        R_world_base = rotation.reshape(3, 3)
-        mujoco.mju_cross(swing, qvel[3:6], self._imu_position)
-        imu_velocity = R_world_base @ swing
-        imu_velocity += qvel[:3]
-        rate, middle = np.empty(3), self._last_quat.copy()
+        quat, rate, middle = qpos[3:7].copy(), np.empty(3), self._last_quat.copy()
+        swing, matrix, matrix_middle = np.empty(3), np.empty(9), np.empty(9)
         mujoco.mju_subQuat(rate, quat, middle)
         rate /= interval_s
         mujoco.mju_quatIntegrate(middle, rate, 0.5 * interval_s)
-        mujoco.mju_quat2Mat(rotation_middle := np.empty(9), middle)
-        force = (imu_velocity - self._last_imu_velocity) / interval_s
+        mujoco.mju_quat2Mat(matrix, quat)
+        mujoco.mju_quat2Mat(matrix_middle, middle)
+        R_world_base, R_world_middle = matrix.reshape(3, 3), matrix_middle.reshape(3, 3)
+        mujoco.mju_cross(swing, qvel[3:6], self._imu_position)
+        velocity = qvel[:3]
+        imu_velocity = R_world_base.dot(swing)
+        imu_velocity += velocity
+        force = imu_velocity - self._last_imu_velocity
+        force /= interval_s
         force -= self._gravity
-        force = force @ rotation_middle.reshape(3, 3) @ self._R_base_imu
         self._last_quat, self._last_imu_velocity = quat, imu_velocity
-        pull, turn, moment = wrench[:, 3:].copy(), wrench[:, :3].copy(), np.empty(3)
-        lever = self._com - self._axles
-        for leg in range(4):
-            mujoco.mju_cross(moment, lever[leg], pull[leg])
-            turn[leg] += moment
+        pull = wrench[:, 3:].copy()
+        lever = (self._com - self._axles).dot(_CROSS).reshape(4, 3, 3)
+        turn = np.matmul(lever, pull[:, :, None])[:, :, 0]
+        turn += wrench[:, :3]
         return RoverState(
             time_ns=self.time_ns,
             position_m=qpos[:3].copy(),
             orientation_wxyz=quat,
-            linear_velocity_mps=qvel[:3] @ R_world_base,
+            linear_velocity_mps=velocity.dot(R_world_base),
             angular_velocity_radps=qvel[3:6].copy(),
             joint_angle_rad=qpos[7:11].copy(),
             joint_velocity_radps=qvel[6:10].copy(),
@@ -191,8 +196,8 @@ class Simulation:
             motor_current_a=torque / self._torque_per_ampere,
             contact_force_n=pull,
             contact_torque_nm=turn,
-            specific_force_mps2=force,
-            imu_rate_radps=rate @ self._R_base_imu)
+            specific_force_mps2=force.dot(R_world_middle).dot(self._R_base_imu),
+            imu_rate_radps=rate.dot(self._R_base_imu))
 
     def _check(self) -> None:
         """Raise PhysicsError if the state is no longer that of a rover on the ground."""

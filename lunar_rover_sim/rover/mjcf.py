@@ -37,7 +37,7 @@ def rover_spec(rover: RoverDescription) -> mujoco.MjSpec:
     """
     spec = mujoco.MjSpec()
     spec.modelname = 'lunar_rover'
-    base = spec.worldbody.add_body(name=BASE_BODY)
+    base = spec.worldbody.add_body(name=BASE_BODY, sleep=mujoco.mjtSleepPolicy.mjSLEEP_NEVER)
     base.add_joint(name=FREE_JOINT, type=mujoco.mjtJoint.mjJNT_FREE)
     _set_inertia(base, rover.chassis.mass_kg, rover.chassis.com_m, chassis_inertia(rover.chassis))
     chassis = rover.chassis
