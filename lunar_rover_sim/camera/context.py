@@ -7,6 +7,8 @@ import logging
 import re
 from typing import Any, TYPE_CHECKING
 
+import numpy as np
+
 from lunar_rover_sim.errors import RenderError
 
 if TYPE_CHECKING:
@@ -60,7 +62,7 @@ def set_uniform(program: moderngl.Program, **values: Any) -> None:
     for name, value in values.items():
         if name in program:
             member = program[name]
-            if hasattr(value, 'tobytes'):
+            if isinstance(value, np.ndarray):
                 member.write(value.tobytes())
             else:
                 member.value = value

@@ -17,7 +17,8 @@ def depth_from_disparity(disparity: DisparityMap, focal_px: float,
     d = disparity.disparity_px
     depth = np.full(d.shape, np.nan, np.float32)
     with np.errstate(divide='ignore'):
-        np.divide(np.float32(focal_px * baseline_m), d, out=depth, where=disparity.valid & (d >= 0))
+        np.divide(np.float32(focal_px * baseline_m), d, out=depth,
+                  where=disparity.valid & (d >= 0))
     return depth
 
 

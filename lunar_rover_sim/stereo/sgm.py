@@ -46,7 +46,8 @@ class SgmConfig(Parameters):
             raise ConfigError(f'num_disparities: {self.num_disparities} is not valid; valid is a '
                               'multiple of 16')
         if self.block_size % 2 == 0:
-            raise ConfigError(f'block_size: {self.block_size} is not valid; valid is an odd number')
+            raise ConfigError(f'block_size: {self.block_size} is not valid; valid is an odd '
+                              'number')
         if self.p2 and self.p2 <= self.p1:
             raise ConfigError(f'p2: {self.p2} is not valid; valid is > p1 ({self.p1}) or 0')
 

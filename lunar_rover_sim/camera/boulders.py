@@ -1,0 +1,105 @@
+"""Rocks as GL meshes: instances of the shape library, culled by view and size."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.camera.terrain import View
+from lunar_rover_sim.frames import Array, matrix_from_wxyz
+from lunar_rover_sim.world.rocks import Rocks, RockShape
+
+if TYPE_CHECKING:
+    import moderngl
+
+F32 = NDArray[np.float32]
+
+_INSTANCE = '3f 3f 3f 3f 4f 2f /i'
+_NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
+_FLOATS = 18
+
+
+class Boulders:
+    """GL objects of all rocks."""
+
+    def __init__(self, context: moderngl.Context, rocks: Rocks,
+                 shapes: tuple[RockShape, ...], light: F32) -> None:
+        """Prepare rocks; light: (m, 4) clearance, distance [m] at the foot and at the top."""
+        self._context = context
+        self.rocks = rocks
+        rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))
+        columns = rotation * rocks.diameter_m[:, None, None]
+        self._data = np.concatenate(
+            [rocks.position_m, columns[:, :, 0], columns[:, :, 1], columns[:, :, 2], light,
+             rocks.albedo[:, None], np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
+        self._radius = 0.75 * rocks.diameter_m
+        self._instances = context.buffer(reserve=max(4 * _FLOATS * len(rocks), 4), dynamic=True)
+        self._buffers: list[moderngl.Buffer] = []
+        self._arrays: dict[tuple[int, int], tuple[moderngl.VertexArray, moderngl.Buffer]] = {}
+        self._vertices: list[moderngl.Buffer] = []
+        for shape in shapes:
+            self._vertices.append(context.buffer(facets(shape).tobytes()))
+
+    def draw(self, program: moderngl.Program, view: View, focal_px: float,
+             least_px: float) -> None:
+        """Draw the rocks that are in view and look larger than `least_px`."""
+        visible = self.visible(view, focal_px, least_px)
+        if len(visible) == 0:
+            return
+        shape = self.rocks.shape[visible]
+        order = np.argsort(shape, kind='stable')
+        visible, shape = visible[order], shape[order]
+        data = self._data[visible]
+        self._instances.write(data.tobytes())
+        kinds, starts, counts = np.unique(shape, return_index=True, return_counts=True)
+        for kind, start, count in zip(kinds, starts, counts):
+            key = (program.glo, int(kind))
+            if key not in self._arrays:
+                self._arrays[key] = self._array(program, int(kind))
+            array, buffer = self._arrays[key]
+            self._context.copy_buffer(buffer, self._instances, 4 * _FLOATS * int(count),
+                                      read_offset=4 * _FLOATS * int(start))
+            array.render(instances=int(count))
+
+    def _array(self, program: moderngl.Program,
+               kind: int) -> tuple[moderngl.VertexArray, moderngl.Buffer]:
+        members = int((self.rocks.shape == kind).sum())
+        buffer = self._context.buffer(reserve=4 * _FLOATS * members, dynamic=True)
+        self._buffers.append(buffer)
+        used = [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
+                (buffer, _INSTANCE, *_NAMES)]
+        return self._context.vertex_array(program, used, skip_errors=True), buffer
+
+    def visible(self, view: View, focal_px: float, least_px: float) -> NDArray[np.int64]:
+        """Return the indices of rocks to draw."""
+        offset = self.rocks.position_m - view.camera_m
+        distance = np.linalg.norm(offset, axis=1)
+        seen = self.rocks.diameter_m * focal_px > least_px * np.maximum(distance, 1e-3)
+        for plane in view.planes:
+            seen &= offset @ plane[:3] + plane[3] > -self._radius
+        return np.flatnonzero(seen)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        for array, _ in self._arrays.values():
+            array.release()
+        for buffer in (*self._buffers, *self._vertices, self._instances):
+            buffer.release()
+
+
+def facets(shape: RockShape) -> F32:
+    """Return (3 f, 6) vertices of separate triangles with their normals."""
+    corners = shape.vertices[shape.faces].astype(float)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = normal / np.maximum(area, 1e-12)
+    smooth = np.zeros(shape.vertices.shape)
+    for k in range(3):
+        np.add.at(smooth, shape.faces[:, k], normal * area)
+    smooth /= np.linalg.norm(smooth, axis=1, keepdims=True)
+    softness = 0.75 if shape.name.startswith('rounded') else 0.25
+    mixed = (1.0 - softness) * normal[:, None] + softness * smooth[shape.faces]
+    mixed /= np.linalg.norm(mixed, axis=2, keepdims=True)
+    return np.concatenate([corners, mixed], axis=2).reshape(-1, 6).astype(np.float32)

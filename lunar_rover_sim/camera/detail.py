@@ -1,0 +1,192 @@
+"""Relief below the grid: periodic tiles of millimetre relief, pits and pebbles.
+
+A tile holds slope and, towards one sun azimuth, the tangent of the horizon over its own mean
+plane; it is fixed to the ground. Two tiles of different period, turned against each other, hide
+each other's repetition. Coarser mip levels hold the mean and the deviation of the horizon, so that
+the share of a pixel's footprint that lies in shadow is known without drawing it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+
+_TANGENTS = 9  # sweeps over the range of the horizon
+
+
+@dataclasses.dataclass(frozen=True)
+class TileRecipe:
+    """What a tile is made of.
+
+    n: texels along a side; period_m: side length [m]; rms_slope: of its fractal relief, between
+    wavelengths of two texels and `longest_m`; pits and pebbles: share of the area under craters
+    and under stones, with their diameters [m].
+    """
+
+    n: int
+    period_m: float
+    rms_slope: float
+    longest_m: float
+    hurst: float
+    pit_cover: float
+    pit_m: tuple[float, float]
+    pebble_cover: float
+    pebble_m: tuple[float, float]
+
+
+def relief(recipe: TileRecipe, rng: np.random.Generator) -> F32:
+    """Return (n, n) float32 periodic heights [m]."""
+    n, texel = recipe.n, recipe.period_m / recipe.n
+    height = _fractal(recipe, rng)
+    if recipe.pit_cover > 0.0:
+        for x, y, d in _population(recipe.pit_cover, recipe.pit_m, recipe.period_m, rng):
+            _pit(height, texel, x, y, d, float(rng.beta(1.2, 2.0)))
+    if recipe.pebble_cover > 0.0:
+        top = np.zeros((n, n), np.float32)
+        for x, y, d in _population(recipe.pebble_cover, recipe.pebble_m, recipe.period_m, rng):
+            _pebble(top, texel, x, y, d, rng)
+        height += top
+    return height - height.mean()
+
+
+def slopes(height: F32, texel_m: float) -> F32:
+    """Return (n, n, 2) slopes dz/dx, dz/dy of periodic heights."""
+    return np.stack([np.roll(height, -1, 1) - np.roll(height, 1, 1),
+                     np.roll(height, -1, 0) - np.roll(height, 1, 0)],
+                    axis=-1) * np.float32(0.5 / texel_m)
+
+
+def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[np.float64]) -> F32:
+    """Return the (n, n) tangent of the horizon of periodic heights towards an azimuth.
+
+    Values are clipped to the range of `tangents` (increasing), between which they interpolate.
+    """
+    sx, sy = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    swap = abs(sx) > abs(sy)
+    along, across = (sx, sy) if swap else (sy, sx)
+    z = height.T if swap else height
+    z = z[::-1] if along < 0.0 else z
+    z = np.ascontiguousarray(z[:, ::-1] if across < 0.0 else z)
+    n = z.shape[0]
+    shear = abs(across) / abs(along)
+    drop = (texel_m * np.hypot(1.0, shear) * tangents).astype(np.float32)[:, None]
+    current = np.full((len(tangents), n), -1e6, np.float32)
+    out = np.empty((n, n), np.float32)
+    lift = np.empty_like(current)
+    step = np.float32(tangents[1] - tangents[0])
+    for row in range(n + n // 4, -1, -1):
+        shift = shear * row
+        whole, fraction = int(np.floor(shift)), np.float32(shift - np.floor(shift))
+        # Line j lies at column j + shift, periodic.
+        ground = np.roll(z[row % n], -whole)
+        ground = ground + fraction * (np.roll(ground, -1) - ground)
+        current -= drop
+        if row < n:
+            np.subtract(ground, current, out=lift)  # increases with the tangent
+            dark = (lift < 0.0).sum(axis=0)
+            k = np.clip(dark, 1, len(tangents) - 1)
+            columns = np.arange(n)
+            low, high = lift[k - 1, columns], lift[k, columns]
+            part = np.clip(-low / np.maximum(high - low, 1e-9), 0.0, 1.0)
+            tangent = np.float32(tangents[0]) + step * (k - 1 + part)
+            # Back from lines to columns.
+            tangent = tangent + fraction * (np.roll(tangent, 1) - tangent)
+            out[row] = np.roll(tangent, whole)
+        np.maximum(current, ground, out=current)
+    out = out[::-1] if along < 0.0 else out
+    out = out[:, ::-1] if across < 0.0 else out
+    return np.ascontiguousarray(out.T if swap else out)
+
+
+def mip_levels(slope: F32, tangent: F32, slope_scale: float, centre: float,
+               half_range: float) -> list[NDArray[np.uint8]]:
+    """Return RGBA8 mip levels: slope / scale / 2 + 1/2, horizon in its range, its deviation."""
+    levels = []
+    mean = np.concatenate([slope, tangent[..., None], tangent[..., None]**2], axis=-1)
+    while True:
+        deviation = np.sqrt(np.maximum(mean[..., 3] - mean[..., 2]**2, 0.0))
+        code = np.empty(mean.shape, np.float32)
+        code[..., :2] = mean[..., :2] / slope_scale * 255.0 + 128.0
+        code[..., 2] = (mean[..., 2] - centre) / half_range * 127.5 + 127.5
+        code[..., 3] = deviation / (2.0 * half_range) * 255.0
+        levels.append(np.clip(np.rint(code), 0.0, 255.0).astype(np.uint8))
+        if mean.shape[0] == 1:
+            return levels
+        mean = 0.25 * (mean[::2, ::2] + mean[1::2, ::2] + mean[::2, 1::2] + mean[1::2, 1::2])
+
+
+def _fractal(recipe: TileRecipe, rng: np.random.Generator) -> F32:
+    """Return self-affine relief: power of the height ~ k^(-2 - 2 hurst) in two dimensions."""
+    n = recipe.n
+    frequency = np.fft.fftfreq(n, recipe.period_m / n).astype(np.float32)
+    k = np.hypot(frequency[:, None], frequency[None, :n // 2 + 1])
+    k[0, 0] = 1.0
+    amplitude = k**(-1.0 - recipe.hurst)
+    # Soft at the long end, where the relief of the grid takes over.
+    amplitude *= 1.0 / (1.0 + (1.0 / (k * recipe.longest_m))**4)
+    amplitude[0, 0] = 0.0
+    noise = np.fft.rfft2(rng.standard_normal((n, n), dtype=np.float32))
+    height = np.fft.irfft2(noise * amplitude, s=(n, n)).astype(np.float32)
+    gradient = slopes(height, recipe.period_m / n)
+    return height * np.float32(recipe.rms_slope / np.sqrt((gradient**2).sum(axis=-1).mean()))
+
+
+def _population(cover: float, span_m: tuple[float, float], period_m: float,
+                rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return (m, 3) x, y, diameter [m] of a power law N(>D) ~ D^-2.4, largest first."""
+    low, high = span_m
+    q = 2.4
+    mean_area = np.pi / 4 * q / (q - 2.0) * (low**(2.0 - q) - high**(2.0 - q)) \
+        / (low**-q - high**-q)
+    count = int(cover * period_m**2 / mean_area)
+    u = rng.random(count)
+    size = (low**-q - u * (low**-q - high**-q))**(-1.0 / q)
+    size = np.sort(size)[::-1]
+    return np.column_stack([rng.random((count, 2)) * period_m, size])
+
+
+def _window(n: int, texel: float, x: float, y: float,
+            radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64], F32, F32]:
+    cx, cy = x / texel, y / texel
+    reach = int(np.ceil(radius / texel)) + 1
+    ix = np.arange(int(cx) - reach, int(cx) + reach + 2)
+    iy = np.arange(int(cy) - reach, int(cy) + reach + 2)
+    dx = ((ix - cx) * texel).astype(np.float32)
+    dy = ((iy - cy) * texel).astype(np.float32)
+    return ix % n, iy % n, dx[None, :], dy[:, None]
+
+
+def _pit(height: F32, texel: float, x: float, y: float, diameter: float, fresh: float) -> None:
+    """Add a small crater: a bowl with a raised rim, the softer the older."""
+    radius = 0.5 * diameter
+    ix, iy, dx, dy = _window(height.shape[0], texel, x, y, 2.2 * radius)
+    r = np.hypot(dx, dy) / radius
+    depth = (0.05 + 0.12 * fresh) * diameter
+    bowl = -depth * np.exp(-(r / 0.75)**(2.0 + 2.0 * fresh))
+    rim = 0.22 * depth * np.exp(-((r - 1.05) / 0.33)**2)
+    height[np.ix_(iy, ix)] += bowl + rim
+
+
+def _pebble(top: F32, texel: float, x: float, y: float, diameter: float,
+            rng: np.random.Generator) -> None:
+    """Raise a stone: cut by planes in random directions, partly buried, never round."""
+    radius = 0.5 * diameter
+    ix, iy, dx, dy = _window(top.shape[0], texel, x, y, radius)
+    turn = rng.uniform(0.0, 2.0 * np.pi)
+    flat = rng.uniform(0.55, 1.0)
+    u = np.cos(turn) * dx + np.sin(turn) * dy
+    v = (-np.sin(turn) * dx + np.cos(turn) * dy) / flat
+    sides = int(rng.integers(4, 8))
+    angle = 2.0 * np.pi * (np.arange(sides) + rng.uniform(-0.3, 0.3, sides)) / sides
+    steep = rng.uniform(0.9, 3.0, sides)
+    edge = radius * rng.uniform(0.75, 1.0, sides)
+    height = rng.uniform(0.25, 0.65) * diameter * flat**0.5 \
+        + rng.normal(0.0, 0.2) * u + rng.normal(0.0, 0.2) * v
+    for a, s, e in zip(angle, steep, edge):
+        height = np.minimum(height, s * (e - np.cos(a) * u - np.sin(a) * v))
+    grid = np.ix_(iy, ix)
+    top[grid] = np.maximum(top[grid], height)

@@ -1,0 +1,304 @@
+"""The renderer: world, sun and rover to stereo images and the truth beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+import dataclasses
+import logging
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lunar_rover_sim.camera import hapke
+from lunar_rover_sim.camera.boulders import Boulders
+from lunar_rover_sim.camera.config import RenderConfig
+from lunar_rover_sim.camera.context import create_context, load_program, set_uniform
+from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.camera.sensor import SensorModel, sunlit_radiance
+from lunar_rover_sim.camera.sunlight import Sunlight
+from lunar_rover_sim.camera.surface import Surface
+from lunar_rover_sim.camera.terrain import ChunkMesh, ranges, TerrainLevel, View
+from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.frames import Array, inverse, sun_direction
+from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world.model import World
+
+log = logging.getLogger(__name__)
+
+LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance')
+LABEL_SKY, LABEL_GROUND, LABEL_ROVER, LABEL_FIRST_ROCK = 0, 1, 2, 16
+
+_LEFT_LAYERS = {'left', 'depth', 'radiance'}
+
+
+@dataclasses.dataclass(frozen=True)
+class StereoFrame:
+    """What was drawn; layers that were not asked for are None.
+
+    left, right: (h, w) uint8 or uint16, or (h, w, 3) uint8: what the sensors put out
+    depth_m: (h, w) float32 depth along the optical axis of the left camera, +inf for the sky
+    normal: (h, w, 3) float32 unit normals of the ground grid and of rocks, world frame; sky 0
+    label: (h, w) int32: 0 sky, 1 ground, 2 rover, 16 + index for rocks
+    radiance: (h, w) float32 ideal image of the left camera [W m-2 sr-1]
+    exposure_s: exposure time
+    """
+
+    left: NDArray[np.generic] | None = None
+    right: NDArray[np.generic] | None = None
+    depth_m: NDArray[np.float32] | None = None
+    normal: NDArray[np.float32] | None = None
+    label: NDArray[np.int32] | None = None
+    radiance: NDArray[np.float32] | None = None
+    exposure_s: float = 0.0
+
+
+class Renderer:
+    """Draws what the rover's cameras see; owns the GL context. Use as a context manager.
+
+    rig: the cameras; sun_direction: (3,) unit vector to the sun, world frame
+
+    Raises RenderError if there is no usable EGL device or it cannot draw this size.
+    """
+
+    def __init__(self, world: World, rover: RoverDescription, config: RenderConfig,
+                 seed: int = 0) -> None:
+        self.world, self.rover, self.config, self.seed = world, rover, config, seed
+        self.rig = StereoRig(rover, config.camera)
+        self.sun_direction = sun_direction(config.sun.azimuth_deg, config.sun.elevation_deg)
+        self.sensor = SensorModel(config.camera, config.sensor)
+        if config.sensor.exposure_mode == 'sunlit':
+            self.exposure_s = self.sensor.exposure_for(sunlit_radiance(config.sun,
+                                                                       config.reflectance))
+        else:
+            self.exposure_s = config.sensor.exposure_s
+        self._context = create_context()
+        self._closed = False
+        try:
+            self._build()
+        except Exception:
+            self.close()
+            raise
+
+    def _build(self) -> None:
+        context, config = self._context, self.config
+        width, height = self.rig.width, self.rig.height
+        limit = context.info['GL_MAX_TEXTURE_SIZE']
+        if max(width, 2 * height) > limit:
+            raise RenderError(f'camera size {width} x {height}: this device draws at most '
+                              f'{limit} x {limit // 2}')
+        # Left above right in one pair of attachments.
+        self._radiance = context.texture((width, 2 * height), 1, dtype='f4')
+        self._depth = context.texture((width, 2 * height), 1, dtype='f4')
+        self._buffer = context.depth_renderbuffer((width, 2 * height))
+        self._target = context.framebuffer([self._radiance, self._depth], self._buffer)
+        dtype = 'f2' if False else ('u2' if self.sensor.output_type is np.uint16 else 'f1')
+        self._image = context.texture((width, 2 * height), 1,
+                                      dtype='nu2' if dtype == 'u2' else 'f1')
+        self._output = context.framebuffer([self._image])
+        self._radiance.filter = (context.NEAREST, context.NEAREST)
+
+        self.sunlight = Sunlight(self.world, config, self.sun_direction)
+        self._levels = []
+        inner = 0.0
+        for grid in self.world.levels:
+            self._levels.append(TerrainLevel(context, grid, inner))
+            inner = grid.half_extent_m
+        self._mesh = ChunkMesh(context)
+        self._surface = Surface(context, self.world, config, self.sunlight, self.seed)
+        self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
+                                  self.sunlight.rock_light())
+        self._programs = {
+            'inner': load_program(context, 'terrain', 'terrain'),
+            'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
+            'rock': load_program(context, 'rock', 'rock'),
+        }
+        defines = {}
+        if config.sensor.psf_sigma_px > 0.0:
+            defines['SPREAD'] = 1
+        if config.sensor.shot_noise or config.sensor.read_noise or config.sensor.fixed_pattern:
+            defines['NOISE'] = 1
+        self._sensor_program = load_program(context, 'screen', 'sensor', **defines)
+        self._screen = context.vertex_array(self._sensor_program, [])
+        cells, full = [], config.detail.full_resolution_m
+        for level in self._levels:
+            cells.append(np.array([level.grid.cell_m * 2.0**k for k in range(level.tree.depth)]))
+        every = np.unique(np.round(np.concatenate(cells), 9))
+        reach = ranges(every, full, config.detail.cells_per_distance)
+        self._ranges = [np.interp(c, every, reach) for c in cells]
+        self._set_constants()
+
+    # Drawing
+
+    def render(self, T_world_base: ArrayLike, joint_angle_rad: ArrayLike, frame_index: int = 0,
+               layers: Collection[str] = ('left', 'right', 'depth')) -> StereoFrame:
+        """Draw the asked layers.
+
+        T_world_base: (4, 4) pose of the rover; joint_angle_rad: (4,) leg angles in the order of
+        LEG_NAMES; frame_index: makes the noise of each frame its own.
+
+        The same arguments give the same pixels. Raises RenderError if the context is lost, or for
+        an unknown layer.
+        """
+        asked = set(layers)
+        for name in asked.difference(LAYERS):
+            raise RenderError(f'layer {name!r} is not valid; {nearest(name, LAYERS)}')
+        pose = np.asarray(T_world_base, dtype=float)
+        if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
+            raise RenderError('T_world_base: a pose is a finite 4 x 4 matrix')
+        eyes = []
+        if asked & _LEFT_LAYERS:
+            eyes.append(0)
+        if 'right' in asked:
+            eyes.append(1)
+        try:
+            self._draw(pose, eyes)
+            return self._read(asked, eyes, int(frame_index))
+        except RenderError:
+            raise
+        except Exception as error:  # moderngl and the driver raise what they like
+            raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
+
+    def _draw(self, pose: Array, eyes: list[int]) -> None:
+        context = self._context
+        self._target.use()
+        context.enable_only(context.DEPTH_TEST)
+        if not eyes:
+            return
+        cameras = [pose @ (self.rig.T_base_left, self.rig.T_base_right)[eye] for eye in eyes]
+        view = self._view(cameras)
+        chosen = [level.tree.select(view, reach)
+                  for level, reach in zip(self._levels, self._ranges)]
+        for eye, camera in zip(eyes, cameras):
+            self._target.viewport = (0, eye * self.rig.height, self.rig.width, self.rig.height)
+            self._target.clear(viewport=self._target.viewport)
+            clip = self._clip(camera)
+            for program in self._programs.values():
+                set_uniform(program, u_clip=clip, u_camera=tuple(camera[:3, 3]),
+                            u_axis=tuple(camera[:3, 2]), u_above=view.above_m)
+            eye_view = dataclasses.replace(view, camera_m=camera[:3, 3])
+            program = self._programs['rock']
+            self._surface.bind_rocks(program)
+            self._boulders.draw(program, eye_view, self.rig.focal_px,
+                                self.config.detail.rock_min_px)
+            for k, (level, (chunks, skirts)) in enumerate(zip(self._levels, chosen)):
+                program = self._programs['outer' if k else 'inner']
+                self._surface.bind(program, k, level)
+                self._mesh.draw(program, chunks)
+                self._mesh.draw(program, skirts, skirt=True)
+
+    def _view(self, cameras: list[Array]) -> View:
+        """Return the view volume that holds those of all cameras."""
+        camera = cameras[0]
+        middle = np.mean([c[:3, 3] for c in cameras], axis=0)
+        apart = max(float(np.linalg.norm(c[:3, 3] - middle)) for c in cameras)
+        K, w, h = self.rig.K, self.rig.width, self.rig.height
+        right, down, forward = camera[:3, 0], camera[:3, 1], camera[:3, 2]
+        normals = []
+        for axis, focal, centre, size in ((right, K[0, 0], K[0, 2], w), (down, K[1, 1], K[1, 2], h)):
+            normals.append(axis + forward * ((centre + 0.5) / focal))
+            normals.append(-axis + forward * ((size - centre - 0.5) / focal))
+        normals.append(forward)
+        planes = np.array([[*(n / np.linalg.norm(n)), apart + 0.01] for n in normals])
+        ground = float(np.nan_to_num(self.world.height_at(middle[:2]), nan=middle[2]))
+        return View(middle, planes, max(middle[2] - ground, 0.0))
+
+    def _clip(self, camera: Array) -> NDArray[np.float32]:
+        """Return the matrix from camera-relative world axes to clip space, column-major.
+
+        Window rows count downwards, as image rows do, so that nothing has to be flipped.
+        """
+        K, w, h = self.rig.K, self.rig.width, self.rig.height
+        near, far = self.config.camera.near_m, self.config.camera.far_m
+        projection = np.zeros((4, 4))
+        projection[0, 0], projection[0, 2] = 2 * K[0, 0] / w, 2 * (K[0, 2] + 0.5) / w - 1
+        projection[1, 1], projection[1, 2] = 2 * K[1, 1] / h, 2 * (K[1, 2] + 0.5) / h - 1
+        projection[2, 2] = (far + near) / (far - near)
+        projection[2, 3] = -2 * far * near / (far - near)
+        projection[3, 2] = 1.0
+        rotation = np.eye(4)
+        rotation[:3, :3] = inverse(camera)[:3, :3]
+        return np.ascontiguousarray((projection @ rotation).T, dtype=np.float32)
+
+    def _read(self, asked: set[str], eyes: list[int], frame_index: int) -> StereoFrame:
+        h, w = self.rig.height, self.rig.width
+        out: dict[str, NDArray] = {}
+        if asked & {'left', 'right'}:
+            self._develop(eyes, frame_index)
+            raw = np.frombuffer(self._output.read(components=1, alignment=1,
+                                                  dtype='nu2' if self.sensor.output_type
+                                                  is np.uint16 else 'f1'),
+                                self.sensor.output_type).reshape(2, h, w)
+            for eye, name in enumerate(('left', 'right')):
+                if name in asked:
+                    image = raw[eye]
+                    if self.config.sensor.encoding == 'rgb8':
+                        image = np.repeat(image[..., None], 3, axis=2)
+                    out[name] = image
+        if 'depth' in asked:
+            data = self._target.read(viewport=(0, 0, w, h), components=1, attachment=1, alignment=1,
+                                     dtype='f4')
+            depth = np.frombuffer(data, np.float32).reshape(h, w).copy()
+            depth[depth == 0.0] = np.inf
+            out['depth_m'] = depth
+        if 'radiance' in asked:
+            data = self._target.read(viewport=(0, 0, w, h), components=1, attachment=0, alignment=1,
+                                     dtype='f4')
+            out['radiance'] = np.frombuffer(data, np.float32).reshape(h, w)
+        return StereoFrame(**out, exposure_s=self.exposure_s)
+
+    def _develop(self, eyes: list[int], frame_index: int) -> None:
+        """Run the sensor over what was drawn."""
+        context, h, w = self._context, self.rig.height, self.rig.width
+        self._output.use()
+        first, last = min(eyes), max(eyes)
+        self._output.viewport = (0, first * h, w, (last - first + 1) * h)
+        context.enable_only(context.NOTHING)
+        self._radiance.use(0)
+        c = self.config.sensor
+        set_uniform(self._sensor_program, u_radiance=0,
+                    u_electrons=self.sensor.electrons_per_radiance_second * self.exposure_s,
+                    u_dark=c.dark_current_e_s * self.exposure_s, u_frame=frame_index % (1 << 31))
+        self._screen.render(vertices=3)
+
+    def _set_constants(self) -> None:
+        config, sun = self.config, self.config.sun
+        for program in self._programs.values():
+            set_uniform(program, u_sun=tuple(self.sun_direction),
+                        u_irradiance=sun.irradiance,
+                        u_sun_radius=float(np.radians(0.5 * sun.angular_diameter_deg)))
+            for name, kind, scale in (('u_regolith', config.reflectance.ground,
+                                       config.reflectance.albedo_scale),
+                                      ('u_rock', config.reflectance.rocks, 1.0)):
+                p = hapke.parameter_set(kind)
+                set_uniform(program, **{f'{name}.w': p.w * scale, f'{name}.b': p.b,
+                                        f'{name}.c': p.c, f'{name}.b_s0': p.b_s0,
+                                        f'{name}.h_s': p.h_s})
+            near = np.tan(np.radians(8.0))
+            far = np.tan(np.radians(hapke.parameter_set(config.reflectance.ground).theta_deg))
+            rock = np.tan(np.radians(hapke.parameter_set(config.reflectance.rocks).theta_deg))
+            set_uniform(program, u_theta=(float(near), float(far)), u_rock_theta=float(rock))
+        c, K = config.sensor, self.rig.K
+        set_uniform(self._sensor_program, u_height=self.rig.height,
+                    u_lens=(1.0 / K[0, 0], K[0, 2], K[1, 2], 4.0 * c.vignetting),
+                    u_spread=self.sensor.neighbour_weight,
+                    u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise,
+                             c.prnu * c.fixed_pattern, c.dsnu_e * c.fixed_pattern),
+                    u_adc=(1.0 / c.full_well_e, c.black_level, float(self.sensor.largest_number)),
+                    u_out=self.sensor.output_scale, u_seed=self.seed % (1 << 31))
+
+    # Resources
+
+    def close(self) -> None:
+        """Release the GL context and all that was made in it."""
+        if not self._closed:
+            self._closed = True
+            self._context.release()
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 traceback: TracebackType | None) -> None:
+        self.close()

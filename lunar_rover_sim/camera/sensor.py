@@ -1,0 +1,80 @@
+"""The image sensor: what radiance becomes, in the order of nature.
+
+radiance [W m-2 sr-1] -> irradiance on the sensor pi/4 L tau / N^2 -> photo-electrons in a pixel ->
+point spread, vignetting -> shot noise, dark signal, fixed pattern, read noise -> converter.
+The arithmetic runs in shaders/sensor.frag; here are its constants.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from lunar_rover_sim.camera.config import CameraConfig, ReflectanceConfig, SensorConfig, SunConfig
+from lunar_rover_sim.camera.hapke import parameter_set, reflectance
+
+_NUMBER_TYPES = {'mono8': np.uint8, 'rgb8': np.uint8, 'mono16': np.uint16}
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorModel:
+    """Constants that follow from the configuration."""
+
+    camera: CameraConfig
+    config: SensorConfig
+
+    @property
+    def electrons_per_radiance_second(self) -> float:
+        """Photo-electrons per pixel, per W m-2 sr-1 and second, on the axis."""
+        c = self.config
+        optics = 0.25 * math.pi * c.transmission / c.f_number**2
+        return optics * c.pixel_pitch_m**2 * c.electrons_per_joule
+
+    @property
+    def largest_number(self) -> int:
+        """The converter's largest number."""
+        return (1 << self.config.bits) - 1
+
+    @property
+    def gain_dn_per_e(self) -> float:
+        """Numbers of the converter per electron."""
+        return (1.0 - self.config.black_level) * self.largest_number / self.config.full_well_e
+
+    @property
+    def output_type(self) -> type:
+        """Type of the pixels that are put out."""
+        return _NUMBER_TYPES[self.config.encoding]
+
+    @property
+    def output_scale(self) -> tuple[float, float]:
+        """Numbers of the output per number of the converter, and 1 / its largest number."""
+        bits = 16 if self.config.encoding == 'mono16' else 8
+        return 2.0**(bits - self.config.bits), 1.0 / ((1 << bits) - 1)
+
+    @property
+    def neighbour_weight(self) -> float:
+        """Weight of a direct neighbour, over that of the centre, in the 3 x 3 point spread."""
+        sigma = self.config.psf_sigma_px
+        # Three taps k, 1, k have the variance 2 k / (1 + 2 k).
+        variance = min(sigma * sigma, 0.6)
+        return 0.5 * variance / (1.0 - variance)
+
+    def exposure_for(self, radiance: float) -> float:
+        """Return the exposure time [s] that puts a radiance at the target level."""
+        c = self.config
+        wanted = max(c.target_level - c.black_level, 0.005) * c.full_well_e
+        return float(np.clip(wanted / max(radiance * self.electrons_per_radiance_second, 1e-9),
+                             1e-6, 10.0))
+
+
+def sunlit_radiance(sun: SunConfig, ground: ReflectanceConfig) -> float:
+    """Return a typical radiance [W m-2 sr-1] of lit ground: relief turned some way to the sun.
+
+    It is that of ground seen at 60 deg from the side, whose slopes of 8 deg face the sun.
+    """
+    elevation = math.radians(min(max(sun.elevation_deg, 0.5) + 8.0, 90.0))
+    kind = parameter_set(ground.ground)
+    return sun.irradiance * float(reflectance(math.sin(elevation), 0.5, 0.5 * math.sin(elevation),
+                                              kind, albedo=ground.albedo_scale))

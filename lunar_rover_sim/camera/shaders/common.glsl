@@ -1,0 +1,41 @@
+// What ground, rocks and rover share. Vectors are world axes; positions relative to the camera.
+#include "hapke.glsl"
+
+uniform vec3 u_camera;          // world position of the camera [m]
+uniform vec3 u_axis;            // world direction of the optical axis
+uniform vec3 u_sun;             // unit vector to the sun
+uniform float u_irradiance;     // of the sun, normal [W/m2]
+uniform float u_sun_radius;     // angular radius of the disc [rad]
+
+// Share of the disc above a straight horizon `angle` below its centre; max error 0.01.
+float disc(float angle, float radius) {
+    float x = clamp(angle / radius, -1.0, 1.0);
+    return 0.5 + x * (0.6366 - 0.1366 * x * x);
+}
+
+#ifdef TRUTH
+layout(location = 0) out vec4 o_truth;   // unit normal, label
+void emit_truth(vec3 normal, float label) { o_truth = vec4(normal, label); }
+#else
+layout(location = 0) out float o_radiance;
+layout(location = 1) out float o_depth;
+void emit(float radiance, vec3 relative) {
+    o_radiance = radiance;
+    o_depth = dot(relative, u_axis);
+}
+#endif
+
+#ifdef ROVER_SHADOW
+// The rover's silhouette as the sun sees it: signed distance [m] and depth along the sun ray.
+uniform sampler2D u_rover_map;
+uniform vec3 u_rover_right, u_rover_up;  // axes of the map, over its half extent
+uniform vec3 u_rover_centre;             // relative to the camera
+float rover_visibility(vec3 relative) {
+    vec3 d = relative - u_rover_centre;
+    vec2 q = vec2(dot(d, u_rover_right), dot(d, u_rover_up));
+    if (max(abs(q.x), abs(q.y)) > 1.0) return 1.0;
+    vec2 s = textureLod(u_rover_map, 0.5 + 0.5 * q, 0.0).rg;
+    float distance = s.y - dot(d, u_sun);
+    return distance < 0.0 ? 1.0 : disc(s.x / max(distance, 1e-3), u_sun_radius);
+}
+#endif

@@ -1,0 +1,22 @@
+// One rock: an instance of a shape, its columns scaled by its diameter.
+in vec3 a_position, a_normal;
+in vec3 i_position, i_x, i_y, i_z;
+in vec4 i_light;
+in vec2 i_matter;               // albedo factor, index
+uniform vec3 u_camera;
+uniform mat4 u_clip;
+out vec3 v_relative, v_normal, v_local;
+out vec4 v_matter;              // clearance, occluder distance, albedo, height within the rock
+flat out float v_index;
+
+void main() {
+    mat3 turn = mat3(i_x, i_y, i_z);
+    vec3 arm = turn * a_position;
+    v_local = a_position * length(i_x);
+    v_relative = i_position - u_camera + arm;
+    v_normal = normalize(turn * a_normal);
+    float up = clamp(0.5 + arm.z / (0.7 * length(i_x)), 0.0, 1.0);
+    v_matter = vec4(mix(i_light.xy, i_light.zw, up), i_matter.x, up);
+    v_index = i_matter.y;
+    gl_Position = u_clip * vec4(v_relative, 1.0);
+}

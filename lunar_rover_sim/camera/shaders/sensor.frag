@@ -1,0 +1,60 @@
+// Radiance to digital numbers: point spread, vignetting, electrons, noise, converter.
+uniform sampler2D u_radiance;
+uniform int u_height;           // rows of one image; the left one lies before the right one
+uniform vec4 u_lens;            // 1 / fx, cx, cy, exponent of the cos fall-off
+uniform float u_spread;         // weight of a direct neighbour in the point spread
+uniform float u_electrons;      // electrons per radiance on the axis
+uniform float u_dark;           // dark signal [e-]
+uniform vec4 u_noise;           // shot (0 or 1), read [e-], gain pattern, offset pattern [e-]
+uniform vec3 u_adc;             // 1 / full well, black level, largest number
+uniform vec2 u_out;             // numbers of the output per number, 1 / largest of the output
+uniform uint u_seed, u_frame;
+layout(location = 0) out float o_level;
+
+uint hash(uint s) {
+    s = s * 747796405u + 2891336453u;                   // PCG (Jarzynski & Olano, 2020)
+    uint word = ((s >> ((s >> 28u) + 4u)) ^ s) * 277803737u;
+    return (word >> 22u) ^ word;
+}
+
+vec2 gaussians(uint s) {
+    uint a = hash(s), b = hash(a ^ 0x9e3779b9u);
+    float radius = sqrt(-2.0 * log((float(a >> 8u) + 0.5) / 16777216.0));
+    float angle = float(b >> 8u) * (6.28318530718 / 16777216.0);
+    return radius * vec2(cos(angle), sin(angle));       // Box & Muller
+}
+
+float radiance(ivec2 p, ivec2 step, int first) {
+    ivec2 q = p + step;
+    q.x = clamp(q.x, 0, textureSize(u_radiance, 0).x - 1);
+    q.y = clamp(q.y, first, first + u_height - 1);
+    return texelFetch(u_radiance, q, 0).r;
+}
+
+void main() {
+    ivec2 p = ivec2(gl_FragCoord.xy);
+    int eye = p.y / u_height, first = eye * u_height;
+    float value = radiance(p, ivec2(0), first);
+#ifdef SPREAD
+    float near = radiance(p, ivec2(1, 0), first) + radiance(p, ivec2(-1, 0), first)
+        + radiance(p, ivec2(0, 1), first) + radiance(p, ivec2(0, -1), first);
+    float far = radiance(p, ivec2(1, 1), first) + radiance(p, ivec2(-1, 1), first)
+        + radiance(p, ivec2(1, -1), first) + radiance(p, ivec2(-1, -1), first);
+    float k = 1.0 / (1.0 + 2.0 * u_spread);
+    value = k * k * (value + u_spread * near + u_spread * u_spread * far);
+#endif
+    vec2 axis = (vec2(p.x, p.y - first) - u_lens.yz) * u_lens.x;
+    float cosine2 = 1.0 / (1.0 + dot(axis, axis));
+    float electrons = value * u_electrons * pow(cosine2, 0.5 * u_lens.w) + u_dark;
+#ifdef NOISE
+    uint pixel = hash(uint(p.y) * 65537u + uint(p.x) + u_seed * 2654435761u);
+    vec2 pattern = gaussians(pixel);
+    vec2 moment = gaussians(hash(pixel ^ hash(u_frame * 2u + 0x85ebca6bu)));
+    electrons *= 1.0 + u_noise.z * pattern.x;
+    electrons += u_noise.x * sqrt(max(electrons, 0.0)) * moment.x + u_noise.y * moment.y
+        + u_noise.w * pattern.y;
+#endif
+    float number = (electrons * u_adc.x * (1.0 - u_adc.y) + u_adc.y) * u_adc.z;
+    number = clamp(floor(number + 0.5), 0.0, u_adc.z);
+    o_level = floor(number * u_out.x) * u_out.y;
+}

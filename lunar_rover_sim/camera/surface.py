@@ -1,0 +1,117 @@
+"""Textures of the ground: slope and shadow of the grids, albedo, tiles of finer relief."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.camera import detail
+from lunar_rover_sim.camera.config import RenderConfig
+from lunar_rover_sim.camera.context import set_uniform
+from lunar_rover_sim.camera.sunlight import Sunlight
+from lunar_rover_sim.camera.terrain import TerrainLevel
+from lunar_rover_sim.world.model import World
+
+if TYPE_CHECKING:
+    import moderngl
+
+F32 = NDArray[np.float32]
+
+_TURN_DEG = 27.0        # of the fine tile against the coarse one
+_SLOPE_SCALE = 3.0      # slopes of the tiles are kept within half of this, to both sides
+_TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_cover=0.25,
+               pit_m=(0.025, 0.22), pebble_m=(0.011, 0.035)),
+          dict(n=1024, period_m=0.83, longest_m=0.012, hurst=0.6, pit_cover=0.12,
+               pit_m=(0.005, 0.025), pebble_m=(0.0035, 0.011)))
+
+
+class Surface:
+    """Owns the textures that the ground and the rocks are shaded with."""
+
+    def __init__(self, context: moderngl.Context, world: World, config: RenderConfig,
+                 sunlight: Sunlight, seed: int) -> None:
+        self._ground = [_ground_texture(context, grid.heights_m, grid.cell_m, *clearance)
+                        for grid, clearance in zip(world.levels, sunlight.clearance)]
+        self._matter = [_matter_texture(context, world.albedo)]
+        self._matter += [_matter_texture(context, np.ones((2, 2), np.float32))
+                         for _ in world.levels[1:]]
+        tangent = np.tan(min(sunlight.sun.elevation_rad, np.radians(75.0)))
+        self._centre, self._half_range = float(tangent), float(0.4 * (1.0 + tangent**2))
+        self._tiles, self._periods = [], []
+        for k, values in enumerate(_TILES):
+            recipe = detail.TileRecipe(
+                rms_slope=config.detail.relief_rms_slope,
+                pebble_cover=0.5 * config.detail.pebble_cover, **values)  # type: ignore[arg-type]
+            rng = np.random.default_rng([seed, 77, k])
+            azimuth = sunlight.sun.azimuth_rad + k * np.radians(_TURN_DEG)
+            self._tiles.append(self._tile_texture(context, recipe, azimuth, rng))
+            self._periods.append(recipe.period_m)
+
+    def _tile_texture(self, context: moderngl.Context, recipe: detail.TileRecipe, azimuth: float,
+                      rng: np.random.Generator) -> moderngl.Texture:
+        texel = recipe.period_m / recipe.n
+        height = detail.relief(recipe, rng)
+        tangents = self._centre + self._half_range * np.linspace(-1.0, 1.0, 9)
+        horizon = detail.horizon(height, texel, azimuth, tangents)
+        levels = detail.mip_levels(detail.slopes(height, texel), horizon, _SLOPE_SCALE,
+                                   self._centre, self._half_range)
+        texture = context.texture((recipe.n, recipe.n), 4, levels[0].tobytes(), dtype='f1')
+        texture.build_mipmaps()
+        for k, level in enumerate(levels):
+            texture.write(level.tobytes(), level=k)
+        texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+        return texture
+
+    def bind(self, program: moderngl.Program, k: int, level: TerrainLevel) -> None:
+        """Bind what ground of level `k` is drawn with."""
+        n, cell = level.grid.n, level.grid.cell_m
+        level.heights.use(0)
+        self._ground[k].use(1)
+        self._matter[k].use(2)
+        self._tiles[0].use(3)
+        self._tiles[1].use(4)
+        angle = np.radians(_TURN_DEG)
+        set_uniform(program, u_heights=0, u_ground=1, u_matter=2, u_tile_a=3, u_tile_b=4,
+                    u_last=n - 1, u_cell=cell, u_inner=level.inner_half_m,
+                    u_grid=(1.0 / (n * cell), 0.5),
+                    u_tile=(1.0 / self._periods[0], 1.0 / self._periods[1], _SLOPE_SCALE,
+                            _SLOPE_SCALE),
+                    u_turn=(float(np.cos(angle)), float(np.sin(angle)), self._centre,
+                            self._half_range))
+
+    def bind_rocks(self, program: moderngl.Program) -> None:
+        """Bind what rocks are drawn with."""
+        self._tiles[0].use(3)
+        set_uniform(program, u_tile_a=3, u_grain=(1.0 / 1.7, 2.5))
+
+
+def _ground_texture(context: moderngl.Context, heights_m: F32, cell_m: float, clearance_m: F32,
+                    occluder_m: F32) -> moderngl.Texture:
+    n = heights_m.shape[0]
+    data = np.empty((n, n, 4), np.float16)
+    slope = np.empty((n, n), np.float32)
+    slope[:, 1:-1] = (heights_m[:, 2:] - heights_m[:, :-2]) * np.float32(0.5 / cell_m)
+    slope[:, 0], slope[:, -1] = slope[:, 1], slope[:, -2]
+    data[..., 0] = slope
+    slope[1:-1] = (heights_m[2:] - heights_m[:-2]) * np.float32(0.5 / cell_m)
+    slope[0], slope[-1] = slope[1], slope[-2]
+    data[..., 1] = slope
+    data[..., 2], data[..., 3] = clearance_m, occluder_m
+    texture = context.texture((n, n), 4, data.tobytes(), dtype='f2')
+    texture.build_mipmaps()
+    texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+    texture.repeat_x = texture.repeat_y = False
+    return texture
+
+
+def _matter_texture(context: moderngl.Context, albedo: F32) -> moderngl.Texture:
+    n = albedo.shape[0]
+    data = np.zeros((n, n, 4), np.uint8)
+    data[..., 0] = np.clip(np.rint(albedo * 127.5), 0, 255)
+    texture = context.texture((n, n), 4, data.tobytes(), dtype='f1')
+    texture.build_mipmaps()
+    texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+    texture.repeat_x = texture.repeat_y = False
+    return texture

@@ -1,0 +1,225 @@
+"""The ground as GL meshes: chunks of the nested height grids, finer towards the camera.
+
+A chunk is 16 x 16 cells of stride 1, 2, 4 ... samples. With distance its vertices move onto the
+mesh of the next stride (as in Strugar's CDLOD, 2009), so that nothing pops and neighbours meet;
+up to `full_resolution_m` the mesh is the surface that physics collides with, to the triangle.
+Chunks at a change of stride have a skirt, which hides what rounding leaves open.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.world.grid import HeightGrid
+
+if TYPE_CHECKING:
+    import moderngl
+
+CHUNK = 16
+_LOWER = 256  # added to the column of a vertex at the lower rim of a skirt
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """What decides which chunks are drawn.
+
+    camera_m: (3,) position, world; planes: (p, 4) half-spaces, relative to the camera, that the
+    view lies in: a n.x + d >= 0 for what may be seen; above_m: height above the ground
+    """
+
+    camera_m: Array
+    planes: Array
+    above_m: float
+
+
+class ChunkTree:
+    """Chooses the chunks of one height grid."""
+
+    def __init__(self, grid: HeightGrid, inner_half_m: float) -> None:
+        self.cell_m = grid.cell_m
+        self.n = grid.n
+        self._inner_half_m = inner_half_m
+        self._low: list[NDArray[np.float32]] = []
+        self._high: list[NDArray[np.float32]] = []
+        low, high = _cells(grid.heights_m, np.minimum), _cells(grid.heights_m, np.maximum)
+        low, high = _blocks(low, CHUNK, np.minimum), _blocks(high, CHUNK, np.maximum)
+        self._low.append(low)
+        self._high.append(high)
+        while self._low[-1].shape[0] > 1:
+            self._low.append(_blocks(self._low[-1], 2, np.minimum))
+            self._high.append(_blocks(self._high[-1], 2, np.maximum))
+
+    @property
+    def depth(self) -> int:
+        """Number of strides: 1, 2, 4 ..."""
+        return len(self._low)
+
+    def select(self, view: View, ranges_m: NDArray[np.float64]) -> tuple[Array, Array]:
+        """Return (chunks, skirts): (m, 4) first column, first row, stride, range; near first.
+
+        ranges_m: (depth,) distance up to which each stride is fine enough, increasing.
+        """
+        top = self._low[-1].shape[0]
+        rows, columns = (a.ravel() for a in np.indices((top, top)))
+        chunks, distances, skirts = [], [], []
+        for k in range(self.depth - 1, -1, -1):
+            size = CHUNK << k
+            near, far, seen = self._measure(rows, columns, k, size, view)
+            rows, columns, near, far = rows[seen], columns[seen], near[seen], far[seen]
+            split = near < ranges_m[k - 1] if k else np.zeros(len(rows), bool)
+            if k and self._inner_half_m > 0.0:
+                split |= self._straddles(rows, columns, size)
+            keep = ~split
+            limit = ranges_m[k] if k < self.depth - 1 else 1e9
+            chunk = np.column_stack([columns[keep] * size, rows[keep] * size,
+                                     np.full(keep.sum(), 1 << k), np.full(keep.sum(), limit)])
+            chunks.append(chunk)
+            distances.append(near[keep])
+            border = (columns == 0) | (rows == 0) \
+                | ((columns + 1) * size >= self.n - 1) | ((rows + 1) * size >= self.n - 1)
+            skirts.append(chunk[((far > 0.98 * limit) | border)[keep]])
+            rows = (2 * rows[split][:, None] + [0, 0, 1, 1]).ravel()
+            columns = (2 * columns[split][:, None] + [0, 1, 0, 1]).ravel()
+            if k:
+                inside = (rows < self._low[k - 1].shape[0]) & (columns < self._low[k - 1].shape[0])
+                rows, columns = rows[inside], columns[inside]
+        order = np.argsort(np.concatenate(distances), kind='stable')
+        return np.concatenate(chunks)[order], np.concatenate(skirts)
+
+    def _bounds(self, index: NDArray[np.int64], size: int) -> tuple[Array, Array]:
+        low = np.minimum(index * size, self.n - 1)
+        high = np.minimum(low + size, self.n - 1)
+        middle = 0.5 * (self.n - 1)
+        return (low - middle) * self.cell_m, (high - middle) * self.cell_m
+
+    def _straddles(self, rows: NDArray[np.int64], columns: NDArray[np.int64],
+                   size: int) -> NDArray[np.bool_]:
+        (x0, x1), (y0, y1) = self._bounds(columns, size), self._bounds(rows, size)
+        h = self._inner_half_m
+        return (x0 < h) & (x1 > -h) & (y0 < h) & (y1 > -h)
+
+    def _measure(self, rows: NDArray[np.int64], columns: NDArray[np.int64], k: int, size: int,
+                 view: View) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return nearest and farthest distance of each chunk, and whether it may be seen."""
+        (x0, x1), (y0, y1) = self._bounds(columns, size), self._bounds(rows, size)
+        z0, z1 = self._low[k][rows, columns], self._high[k][rows, columns]
+        cx, cy, cz = view.camera_m
+        dx = np.maximum(np.maximum(x0 - cx, cx - x1), 0.0)
+        dy = np.maximum(np.maximum(y0 - cy, cy - y1), 0.0)
+        ex, ey = np.maximum(cx - x0, x1 - cx), np.maximum(cy - y0, y1 - cy)
+        near = np.sqrt(dx**2 + dy**2 + view.above_m**2)
+        far = np.sqrt(ex**2 + ey**2 + view.above_m**2)
+        h = self._inner_half_m
+        seen = (x1 > x0) & (y1 > y0)
+        if h > 0.0:
+            seen &= ~((x0 >= -h) & (x1 <= h) & (y0 >= -h) & (y1 <= h))
+        lows = (x0 - cx, y0 - cy, z0 - cz)
+        highs = (x1 - cx, y1 - cy, z1 - cz)
+        for plane in view.planes:
+            reach = plane[3] + sum(plane[i] * np.where(plane[i] > 0.0, highs[i], lows[i])
+                                   for i in range(3))
+            seen &= reach >= 0.0
+        return near, far, seen
+
+
+class TerrainLevel:
+    """GL objects of one height grid."""
+
+    def __init__(self, context: moderngl.Context, grid: HeightGrid, inner_half_m: float) -> None:
+        self.grid = grid
+        self.inner_half_m = inner_half_m
+        self.tree = ChunkTree(grid, inner_half_m)
+        heights = np.ascontiguousarray(grid.heights_m, np.float32)
+        self.heights = context.texture((grid.n, grid.n), 1, heights.tobytes(), dtype='f4')
+        self.heights.filter = (context.NEAREST, context.NEAREST)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        self.heights.release()
+
+
+class ChunkMesh:
+    """The vertices that all chunks share, and one instance buffer."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        ij, faces, skirt = _mesh()
+        self._vertices = context.buffer(ij.astype(np.int32).tobytes())
+        self._faces = context.buffer(faces.astype(np.uint16).tobytes())
+        self._skirt = context.buffer(skirt.astype(np.uint16).tobytes())
+        self._instances = context.buffer(reserve=16 * 16384, dynamic=True)
+        self._arrays: dict[tuple[int, bool], Any] = {}
+
+    def draw(self, program: moderngl.Program, chunks: Array, *, skirt: bool = False) -> None:
+        """Draw (m, 4) chunks, or their skirts."""
+        if len(chunks) == 0:
+            return
+        data = chunks.astype(np.float32).tobytes()
+        if len(data) > self._instances.size:
+            self._instances.orphan(2 * len(data))
+        self._instances.write(data)
+        key = (program.glo, skirt)
+        if key not in self._arrays:
+            self._arrays[key] = self._context.vertex_array(
+                program, [(self._vertices, '2i', 'a_ij'), (self._instances, '4f /i', 'i_chunk')],
+                index_buffer=self._skirt if skirt else self._faces, index_element_size=2)
+        self._arrays[key].render(instances=len(chunks))
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        for item in (*self._arrays.values(), self._vertices, self._faces, self._skirt,
+                     self._instances):
+            item.release()
+
+
+def _mesh() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return vertices and the triangles of a chunk and of its skirt.
+
+    Cells are split along the diagonal from (ix, iy) to (ix + 1, iy + 1), as `HeightGrid` is.
+    """
+    side = CHUNK + 1
+    j, i = np.indices((side, side))
+    top = np.column_stack([i.ravel(), j.ravel()])
+    corner = (np.arange(CHUNK)[:, None] * side + np.arange(CHUNK)).ravel()
+    faces = np.stack([corner, corner + 1, corner + side + 1,
+                      corner, corner + side + 1, corner + side], axis=-1).ravel()
+    line = np.arange(CHUNK + 1)
+    ring = np.concatenate([line, line[1:] * side + CHUNK, CHUNK * side + line[::-1][1:],
+                           line[::-1][1:] * side])
+    low = len(top) + np.arange(len(ring))
+    vertices = np.concatenate([top, top[ring] + [_LOWER, 0]])
+    a, b, c, d = ring[:-1], ring[1:], low[:-1], low[1:]
+    skirt = np.stack([a, b, d, a, d, c], axis=-1).ravel()
+    return vertices, faces, skirt
+
+
+def _cells(z: NDArray[np.float32], merge: np.ufunc) -> NDArray[np.float32]:
+    rows = merge(z[:-1], z[1:])
+    return merge(rows[:, :-1], rows[:, 1:])
+
+
+def _blocks(z: NDArray[np.float32], size: int, merge: np.ufunc) -> NDArray[np.float32]:
+    count = -(-z.shape[0] // size)
+    pad = count * size - z.shape[0]
+    if pad:
+        z = np.pad(z, ((0, pad), (0, pad)), mode='edge')
+    return merge.reduce(merge.reduce(z.reshape(count, size, count, size), axis=3), axis=1)
+
+
+def ranges(cells_m: NDArray[np.float64], full_resolution_m: float,
+           cells_per_distance: float) -> NDArray[np.float64]:
+    """Return the distance up to which each cell size is used.
+
+    The finest reaches `full_resolution_m`; a coarser one as far as its distance divided by its
+    cell is less than `cells_per_distance`, but each at least a quarter farther than the last.
+    """
+    result = np.empty(len(cells_m))
+    for k, cell in enumerate(cells_m):
+        reach = cell * cells_per_distance
+        result[k] = max(reach, full_resolution_m if k == 0 else 1.3 * result[k - 1])
+    return result
