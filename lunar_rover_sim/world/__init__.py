@@ -1,1 +1,1 @@
-"""What the Moon is: relief, craters, rocks, albedo, in one folder that physics and camera share."""
+"""What the Moon is: relief, craters, rocks, albedo, in one folder for physics and camera."""

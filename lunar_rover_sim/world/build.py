@@ -13,7 +13,8 @@ import scipy.ndimage
 from lunar_rover_sim.world import craters as crater_population
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world import relief, rockfield, shapes, stamping, store
-from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world import tile as measured
+from lunar_rover_sim.world.config import DEM, MESH, WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
@@ -37,8 +38,13 @@ def build(config: WorldConfig, seed: int = 0, progress: Progress | None = None) 
     """
     config = dataclasses.replace(config, seed=config.seed if config.seed >= 0 else seed)
     tell = progress or (lambda what, fraction: None)
-    builder = _Builder(config, tell)
-    grids = builder.levels()
+    source = _open(config)
+    try:
+        builder = _Builder(config, source, tell)
+        grids = builder.levels()
+    finally:
+        if source is not None:
+            source.close()
     tell('albedo and rocks', 0.85)
     drawn = Craters.join(builder.drawn)
     albedo = _albedo(config, drawn, builder.rng('albedo'))
@@ -51,15 +57,28 @@ def build(config: WorldConfig, seed: int = 0, progress: Progress | None = None) 
     return world
 
 
+def _open(config: WorldConfig) -> measured.Source | None:
+    if config.source == DEM:
+        from lunar_rover_sim.world.dem import open_dem
+        return open_dem(config)
+    if config.source == MESH:
+        from lunar_rover_sim.world.mesh import MeshSource
+        return MeshSource(config)
+    return None
+
+
 class _Builder:
     """Builds levels from the coarsest to the finest, then seals the seams."""
 
-    def __init__(self, config: WorldConfig, tell: Progress) -> None:
+    def __init__(self, config: WorldConfig, source: measured.Source | None,
+                 tell: Progress) -> None:
         self.config = config
+        self.source = source
         self.tell = tell
         self.plan = nest.plan(config)
+        self.spectrum = relief.spectrum(config.relief)
         self.drawn: list[Craters] = []
-        self.report: dict = {}
+        self.report: dict = dict(source.report) if source is not None else {}
 
     def rng(self, purpose: str) -> np.random.Generator:
         """Return a generator that depends on the seed and the purpose alone."""
@@ -67,31 +86,47 @@ class _Builder:
 
     def levels(self) -> tuple[HeightGrid, ...]:
         """Return all levels, finest first."""
-        spectrum = relief.spectrum(self.config.relief)
         deferred = Craters.join([])
         finished: list[tuple[NDArray[np.float32], float]] = []
         parent: HeightGrid | None = None
         for k in reversed(range(len(self.plan))):
             n, cell = self.plan[k]
             self.tell(f'relief at {cell:g} m', 0.8 * (1 - (k + 1) / len(self.plan)))
-            detail = relief.synthesise(spectrum, n, cell, parent.cell_m if parent else None,
-                                       k == 0, self.rng(f'relief {k}'))
             here, deferred = self._craters(k, deferred)
             self.drawn.append(here)
-            outlines = self.rng(f'outlines {k}')
-            if parent is None:
-                # The relief of the largest scales is older than the craters, that of the others
-                # is what has become of the soil since: it lies on top.
-                heights = detail
-                stamping.stamp(heights, cell, here, self.config.craters, outlines)
-            else:
-                heights = nest.refine(parent, n, cell)
-                stamping.stamp(heights, cell, here, self.config.craters, outlines)
-                heights += detail
-                nest.fit_border(heights, cell, parent)
+            heights = self._level(k, parent, here)
             parent = HeightGrid(heights, cell)
             finished.append((heights, cell))
         return self._sealed(finished[::-1])
+
+    def _level(self, k: int, parent: HeightGrid | None, craters: Craters) -> NDArray[np.float32]:
+        """Return the heights of one level: large shape, craters, relief, what was measured."""
+        n, cell = self.plan[k]
+        keep = 0.5 * self.config.size_m
+        detail = relief.synthesise(self.spectrum, n, cell, parent.cell_m if parent else None,
+                                   k == 0, self.rng(f'relief {k}'))
+        heights = detail if parent is None else nest.refine(parent, n, cell)
+        tile = self.source.tile(0.5 * (n - 1) * cell, cell) if self.source is not None else None
+        refined = tile is not None and cell < measured.REFINED_BELOW * tile.pixel_m
+        if tile is not None and refined:
+            measured.lay(heights, cell, tile, keep)
+        stamping.stamp(heights, cell, craters, self.config.craters, self.rng(f'outlines {k}'))
+        # The relief of the largest scales is older than the craters, that of the others is what
+        # has become of the soil since: it lies on top.
+        if parent is not None:
+            heights += detail
+        elif tile is not None and refined:
+            # What lies below the scale of the measured terrain, which has replaced the rest.
+            heights += relief.synthesise(self.spectrum, n, cell,
+                                         2.0 * tile.pixel_m / relief.SPLIT_CELLS, k == 0,
+                                         self.rng('relief below the source'))
+        if tile is not None and refined:
+            measured.restore(heights, cell, tile, keep)
+        elif tile is not None:
+            measured.lay(heights, cell, tile, keep)
+        if parent is not None:
+            nest.fit_border(heights, cell, parent)
+        return heights
 
     def _craters(self, k: int, deferred: Craters) -> tuple[Craters, Craters]:
         """Return the craters drawn on level k, and those left to the next finer level.
@@ -106,6 +141,8 @@ class _Builder:
         low = _RESOLVED_CELLS * cell if k else _LEAST_CELLS * cell
         high = np.inf if last else _RESOLVED_CELLS * self.plan[k + 1][1]
         made = crater_population.populate(config, half, low, high, k, self.rng(f'craters {k}'))
+        if self.source is not None:
+            made = measured.below_its_scale(made, self.source)
         made = crater_population.keep_clear(made, config, self.config.clear_radius_m)
         made = crater_population.survivors(made, Craters.join(self.drawn + [deferred]))
         made = Craters.join([deferred, made])
@@ -121,7 +158,8 @@ class _Builder:
     def _sealed(self, arrays: list[tuple[NDArray[np.float32], float]]) -> tuple[HeightGrid, ...]:
         """Shift the origin to height zero and give coarse levels what lies within them."""
         offset = float(HeightGrid(*arrays[0]).height_at((0.0, 0.0)))
-        self.report['origin_height_m'] = offset
+        reference = self.source.reference_m if self.source is not None else 0.0
+        self.report['origin_height_m'] = reference + offset
         for heights, _ in arrays:
             heights -= np.float32(offset)
         for (child, cell), parent in zip(arrays[-2::-1], arrays[::-1]):
@@ -152,7 +190,7 @@ def _albedo(config: WorldConfig, craters: Craters,
         variation *= np.float32(config.albedo.variation)
     if config.albedo.grain > 0.0:
         variation += np.float32(config.albedo.grain) * rng.standard_normal((n, n),
-                                                                          dtype=np.float32)
+                                                                           dtype=np.float32)
     variation -= variation.mean()
     if config.albedo.fresh_crater > 0.0:
         stamping.brighten(variation, cell, craters, config.albedo.fresh_crater)

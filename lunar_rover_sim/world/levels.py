@@ -34,7 +34,7 @@ def _half(n: int, cell_m: float) -> float:
 
 def axis_m(n: int, cell_m: float) -> NDArray[np.float64]:
     """Return the (n,) coordinates of the samples along x or y."""
-    return (np.arange(n) - 0.5 * (n - 1)) * cell_m
+    return (np.arange(n, dtype=np.float64) - 0.5 * (n - 1)) * cell_m
 
 
 def spline(y_m: NDArray, x_m: NDArray, values: NDArray, y_at: NDArray,

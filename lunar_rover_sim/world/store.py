@@ -48,7 +48,7 @@ def content_hash(world: World) -> str:
     text = json.dumps([FORMAT, world.config.to_mapping(), [g.cell_m for g in world.levels],
                        [shape.name for shape in world.rock_shapes]], sort_keys=True)
     digest.update(text.encode())
-    arrays = [level.heights_m for level in world.levels] + [world.albedo]
+    arrays: list[NDArray] = [level.heights_m for level in world.levels] + [world.albedo]
     for part in (world.rocks, world.craters):
         arrays += [getattr(part, field.name) for field in dataclasses.fields(part)]
     for shape in world.rock_shapes:
@@ -98,8 +98,8 @@ def _write(world: World, folder: pathlib.Path) -> None:
     for index, level in enumerate(world.levels):
         np.save(folder / f'height_{index}.npy', level.heights_m, allow_pickle=False)
     np.save(folder / 'albedo.npy', world.albedo, allow_pickle=False)
-    np.savez(folder / 'rocks.npz', **_fields(world.rocks))
-    np.savez(folder / 'craters.npz', **_fields(world.craters))
+    np.savez(folder / 'rocks.npz', **_fields(world.rocks))  # type: ignore[arg-type]
+    np.savez(folder / 'craters.npz', **_fields(world.craters))  # type: ignore[arg-type]
     meshes: dict[str, NDArray] = {'names': np.array([s.name for s in world.rock_shapes], 'U64')}
     for index, shape in enumerate(world.rock_shapes):
         meshes[f'vertices_{index}'], meshes[f'faces_{index}'] = shape.vertices, shape.faces

@@ -1,0 +1,203 @@
+"""Triangle meshes as terrain: a height field by exact vertical ray casting."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.fill import harmonic_fill
+from lunar_rover_sim.world.tile import Tile
+
+logger = logging.getLogger(__name__)
+
+FORMATS = ('.obj', '.stl', '.ply', '.glb', '.gltf', '.off')
+_CANDIDATES = 4_000_000  # points tested against triangles at once
+
+
+@dataclasses.dataclass(frozen=True)
+class Hits:
+    """Where vertical rays met a mesh.
+
+    top_m: (ny, nx) highest hit, NaN where there is none; layers: (ny, nx) number of separate
+    upward faces on the ray: more than one is an overhang.
+    """
+
+    top_m: NDArray[np.float64]
+    layers: NDArray[np.int32]
+
+
+def cast(triangles_m: NDArray[np.float64], x_m: NDArray[np.float64],
+         y_m: NDArray[np.float64]) -> Hits:
+    """Return where vertical rays at the grid of x and y (evenly spaced) meet (f, 3, 3) triangles.
+
+    Each triangle is tested against the rays in its bounding box only, exactly, by its edges.
+    """
+    nx, ny = len(x_m), len(y_m)
+    step_x, step_y = x_m[1] - x_m[0], y_m[1] - y_m[0]
+    low, high = triangles_m.min(axis=1), triangles_m.max(axis=1)
+    slack = 1e-9
+    i0 = np.maximum(np.ceil((low[:, 0] - x_m[0]) / step_x - slack), 0).astype(int)
+    i1 = np.minimum(np.floor((high[:, 0] - x_m[0]) / step_x + slack), nx - 1).astype(int)
+    j0 = np.maximum(np.ceil((low[:, 1] - y_m[0]) / step_y - slack), 0).astype(int)
+    j1 = np.minimum(np.floor((high[:, 1] - y_m[0]) / step_y + slack), ny - 1).astype(int)
+    edge_a, edge_b = triangles_m[:, 1] - triangles_m[:, 0], triangles_m[:, 2] - triangles_m[:, 0]
+    twice_area = edge_a[:, 0] * edge_b[:, 1] - edge_a[:, 1] * edge_b[:, 0]
+    scale = np.abs(edge_a[:, :2]).max(axis=1) * np.abs(edge_b[:, :2]).max(axis=1)
+    use = (i0 <= i1) & (j0 <= j1) & (np.abs(twice_area) > 1e-12 * np.maximum(scale, 1e-300))
+    index = np.flatnonzero(use)
+    wide = (i1 - i0 + 1)[index]
+    count = wide * (j1 - j0 + 1)[index]
+    points, heights = [], []
+    ends = np.cumsum(count)
+    start = 0
+    while start < len(index):
+        base = ends[start - 1] if start else 0
+        stop = max(int(np.searchsorted(ends, base + _CANDIDATES, side='right')), start + 1)
+        which = np.repeat(np.arange(start, stop), count[start:stop])
+        serial = np.arange(len(which)) - (ends[which] - count[which] - base)
+        t = index[which]
+        i = i0[t] + serial % wide[which]
+        j = j0[t] + serial // wide[which]
+        px, py = x_m[i] - triangles_m[t, 0, 0], y_m[j] - triangles_m[t, 0, 1]
+        inverse = 1.0 / twice_area[t]
+        u = (px * edge_b[t, 1] - py * edge_b[t, 0]) * inverse
+        v = (py * edge_a[t, 0] - px * edge_a[t, 1]) * inverse
+        hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
+        t = t[hit]
+        points.append((j[hit] * nx + i[hit], twice_area[t] > 0.0))
+        heights.append(triangles_m[t, 0, 2] + u[hit] * edge_a[t, 2] + v[hit] * edge_b[t, 2])
+        start = stop
+    top = np.full(nx * ny, -np.inf)
+    layers = np.zeros(nx * ny, np.int32)
+    if points:
+        place = np.concatenate([p for p, _ in points])
+        upward = np.concatenate([u for _, u in points])
+        z = np.concatenate(heights)
+        np.maximum.at(top, place, z)
+        # Neighbouring triangles meet a ray on their common edge twice: count separate heights.
+        place, z = place[upward], z[upward]
+        order = np.lexsort((z, place))
+        place, z = place[order], z[order]
+        separate = np.ones(len(place), bool)
+        separate[1:] = (place[1:] != place[:-1]) | (z[1:] - z[:-1] > 1e-6)
+        np.add.at(layers, place[separate], 1)
+    top[np.isneginf(top)] = np.nan
+    return Hits(top.reshape(ny, nx), layers.reshape(ny, nx))
+
+
+class MeshSource:
+    """A mesh file as a `tile.Source`."""
+
+    def __init__(self, config: WorldConfig) -> None:
+        self.config = config
+        self.path = pathlib.Path(config.path).expanduser()
+        triangles = _triangles(self.path, config)
+        low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+        middle = 0.5 * (low + high)[:2] + np.asarray(config.mesh.center)
+        self.reference_m = 0.5 * float(low[2] + high[2])
+        self._triangles = triangles - [*middle, self.reference_m]
+        self.area_m = (float(low[0] - middle[0]), float(high[0] - middle[0]),
+                       float(low[1] - middle[1]), float(high[1] - middle[1]))
+        self.pixel_m = max(config.mesh.resolution_m, config.cell_m)
+        self.report: dict[str, Any] = {'source': str(self.path), 'triangles': len(triangles)}
+        half = 0.5 * config.size_m
+        least = min(-self.area_m[0], self.area_m[1], -self.area_m[2], self.area_m[3])
+        if least < half - 1e-6:
+            raise WorldError(
+                f'{self.path}: the window of {config.size_m:g} m reaches {half - least:.4g} m '
+                f'beyond the mesh ({high[0] - low[0]:.5g} x {high[1] - low[1]:.5g} m); move '
+                'mesh.center, set mesh.scale, or make size_m smaller')
+        self._check_ground(half)
+
+    def _check_ground(self, half_m: float) -> None:
+        _, hits = self._cast(half_m, self.config.cell_m, (-half_m, half_m, -half_m, half_m))
+        holes, overhangs = int(np.isnan(hits.top_m).sum()), int((hits.layers > 1).sum())
+        rays = hits.top_m.size
+        self.report.update(rays=rays, holes=holes, overhangs=overhangs)
+        if holes == rays:
+            raise WorldError(f'{self.path}: no vertical ray meets the mesh in the window; move '
+                             'mesh.center or choose another mesh.up_axis')
+        if holes and self.config.mesh.holes == 'refuse':
+            raise WorldError(f'{self.path}: {holes} of {rays} vertical rays in the window meet no '
+                             'face; mend the mesh or set mesh.holes to fill')
+        if holes:
+            logger.warning('%s: %d of %d rays met no face; the holes are filled', self.path, holes,
+                           rays)
+        if overhangs:
+            logger.warning('%s: %d of %d rays met several surfaces; the highest is taken',
+                           self.path, overhangs, rays)
+
+    def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
+        """Return what the mesh knows of [-h, h]^2, sampled at its resolution or the cell's."""
+        spacing = max(self.pixel_m, cell_m)
+        grid, hits = self._cast(half_extent_m + 3 * spacing, spacing, self.area_m)
+        if grid is None:
+            return None
+        known = np.isfinite(hits.top_m)
+        if not known.any():
+            return None
+        top = np.where(known, hits.top_m, 0.0).astype(np.float32)
+        return Tile(harmonic_fill(top, known), grid[0], grid[1], spacing)
+
+    def close(self) -> None:
+        """Release the mesh."""
+        self._triangles = np.empty((0, 3, 3))
+
+    def _cast(self, half_m: float, spacing_m: float,
+              area_m: tuple[float, float, float, float]) -> tuple[Any, Hits]:
+        """Cast rays at the multiples of the spacing that lie in the area and in [-h, h]^2."""
+        axes = []
+        for low, high in (area_m[:2], area_m[2:]):
+            first = int(np.ceil(max(low, -half_m) / spacing_m - 1e-6))
+            last = int(np.floor(min(high, half_m) / spacing_m + 1e-6))
+            axes.append(np.arange(first, last + 1, dtype=np.float64) * spacing_m)
+        if min(len(axes[0]), len(axes[1])) < 2:
+            return None, Hits(np.empty((0, 0)), np.empty((0, 0), np.int32))
+        return (axes[0], axes[1]), cast(self._triangles, axes[0], axes[1])
+
+
+def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
+    """Return the (f, 3, 3) corners [m] of a mesh file, z up; raise WorldError."""
+    import trimesh
+    if not path.is_file():
+        raise WorldError(f'path: {path}: no such file')
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise WorldError(f'path: {path}: not a mesh format that is read; valid are '
+                         + ', '.join(FORMATS))
+    try:
+        loaded: Any = trimesh.load(path, process=False)
+        if isinstance(loaded, trimesh.Scene):
+            loaded = loaded.to_mesh()
+    except Exception as error:  # a damaged file raises whatever its parser stumbles over
+        text = ' '.join(str(error).split()) or type(error).__name__
+        raise WorldError(f'{path}: cannot be read as a mesh: {text}') from None
+    faces = getattr(loaded, 'faces', None)
+    if faces is None or len(faces) == 0:
+        raise WorldError(f'{path}: has no faces; a height field needs a surface')
+    triangles = np.asarray(loaded.triangles, np.float64) * config.mesh.scale
+    if not np.all(np.isfinite(triangles)):
+        raise WorldError(f'{path}: has vertices that are not finite numbers')
+    up = config.mesh.up_axis
+    if up == 'auto':
+        up = 'y' if suffix in ('.glb', '.gltf') else 'z'
+    # glTF: y up, z towards the viewer, x right; so east = x, north = -z.
+    turn = {'x': [[0, 1, 0], [0, 0, 1], [1, 0, 0]], 'y': [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+            'z': np.eye(3)}[up]
+    triangles = triangles @ np.asarray(turn, float).T
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    flat = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    total = np.linalg.norm(np.cross(a, b), axis=1).sum()
+    if total == 0.0 or np.abs(flat).sum() < 1e-6 * total:
+        raise WorldError(f'{path}: seen from above it has no area; choose another mesh.up_axis')
+    if flat.sum() < -1e-6 * np.abs(flat).sum():
+        # An open surface wound the other way round: turn its faces, so that they look up.
+        triangles = triangles[:, ::-1]
+    return triangles
