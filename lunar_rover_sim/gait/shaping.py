@@ -24,7 +24,8 @@ class ShapingFunction:
     The slope is a trapezium with raised-cosine flanks in each segment. `stance_smoothing` and
     `flight_smoothing` (0 to 1) are the shares of the segment taken by its flanks; all flanks meet
     at one slope, so angle and slope are continuous everywhere. With no stance smoothing the foot
-    moves uniformly through the whole stance, and flight alone changes speed.
+    moves uniformly through the whole stance, and flight alone changes speed. The slope is positive
+    everywhere: the leg never turns back while its phase grows.
 
     Raises ConfigError where duty is not inside (0, 1), the foot width not inside (0, pitch), a
     smoothing outside [0, 1], or both smoothings zero (the slope would jump).
@@ -55,20 +56,15 @@ class ShapingFunction:
         self._flight_flank = b = flight_smoothing * half_flight
         stance_mean = 0.5 * foot_width_rad / h
         flight_mean = 0.5 * (pitch_rad - foot_width_rad) / half_flight
-        # The slope at touch-down and lift-off leans towards the segment that smooths less.
-        self._edge = m = stance_mean + (flight_mean - stance_mean) * a / (a + b)
+        # The slope at touch-down and lift-off leans towards the segment that smooths less; below
+        # these bounds at least a quarter of each mean slope is left for the plateaus.
+        m = stance_mean + (flight_mean - stance_mean) * a / (a + b)
+        for mean, half, flank in ((stance_mean, h, a), (flight_mean, half_flight, b)):
+            m = min(m, 1.5 * mean * half / flank) if flank > 0.0 else m
+        self._edge = m
         # Plateaus so that each segment keeps its sweep: half a flank averages (plateau + m) / 2.
         self._stance_plateau = (stance_mean * h - 0.5 * a * m) / (h - 0.5 * a)
         self._flight_plateau = (flight_mean * half_flight - 0.5 * b * m) / (half_flight - 0.5 * b)
-
-    @property
-    def is_monotonic(self) -> bool:
-        """Whether the leg never turns back while the phase grows.
-
-        True for all parameters whose mean slopes in stance and flight differ by less than a
-        factor of two; beyond that, strong smoothing may make the leg swing back.
-        """
-        return min(self._stance_plateau, self._flight_plateau, self._edge) >= 0.0
 
     @property
     def stance_slope(self) -> float:
@@ -99,7 +95,7 @@ class ShapingFunction:
         if x > h:
             half += (_blend_integral(self._edge, self._flight_plateau, min(x - h, b), b)
                      + self._flight_plateau * max(x - h - b, 0.0))
-        return turns * self.pitch_rad + math.copysign(half, phase - turns)
+        return turns * self.pitch_rad + (half if phase >= turns else -half)
 
     def slope_at(self, phase: float) -> float:
         """Return d angle / d phase [rad/cycle] at one phase [cycles]."""
@@ -114,10 +110,7 @@ class ShapingFunction:
         return self._flight_plateau
 
     def phase(self, angle_rad: ArrayLike) -> Array:
-        """Return the phase [cycles] at (...) angles [rad]: the inverse of `angle`, to 1e-12.
-
-        Where the function is not monotonic, one of the phases of that angle.
-        """
+        """Return the phase [cycles] at (...) angles [rad]: the inverse of `angle`, to 1e-12."""
         angle = np.asarray(angle_rad, dtype=float)
         low = np.floor(angle / self.pitch_rad - 0.5)
         high = low + 2.0
