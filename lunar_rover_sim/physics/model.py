@@ -8,10 +8,12 @@ import numpy as np
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.contact import set_contact
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.mjcf import GROUND_BIT, ROCK_BIT, rover_spec
+from lunar_rover_sim.rover.mjcf import GROUND_BIT, IMU_SITE, ROCK_BIT, rover_spec
+from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 
-GROUND_GEOM = 'ground'
+WORLD_PREFIX = 'world_'
+GROUND_GEOM = WORLD_PREFIX + 'ground'
 BASE_THICKNESS_M = 1.0
 
 _INTEGRATORS = {
@@ -36,26 +38,52 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     # With this flag the poses of static geoms, thousands of rocks, are computed only once. The
     # rover itself never sleeps.
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    _add_ground(spec, world)
+    _add_ground(spec, world.ground)
     _add_rocks(spec, world)
+    # Not read: because of it each step fills `cfrc_ext`, the sums of the contact forces.
+    spec.add_sensor(name='acceleration', type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+                    objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU_SITE)
     model = spec.compile()
+    _fill_ground(model, world.ground)
     rover_geoms = np.flatnonzero(model.geom_bodyid > 0)
     set_contact(model, config.contact, rover_geoms)
     return model
 
 
-def _add_ground(spec: mujoco.MjSpec, world: World) -> None:
-    grid = world.ground
-    low, high = float(grid.heights_m.min()), float(grid.heights_m.max())
-    elevation = high - low if high > low else 1.0
+def _add_ground(spec: mujoco.MjSpec, grid: HeightGrid) -> None:
+    """Add a height field without data.
+
+    Written as XML: there a field may be left without data, so that hundreds of millions of
+    samples need not pass through the compiler.
+    """
+    low, elevation = _height_range(grid)
     half = grid.half_extent_m
-    field = spec.add_hfield(name=GROUND_GEOM, nrow=grid.n, ncol=grid.n,
-                            size=[half, half, elevation, BASE_THICKNESS_M])
-    # The compiler scales the data from 0 (least) to 1 (greatest); a flat field becomes all 0.
-    field.userdata = ((grid.heights_m - np.float32(low)) / np.float32(elevation)).ravel()
-    spec.worldbody.add_geom(name=GROUND_GEOM, type=mujoco.mjtGeom.mjGEOM_HFIELD,
-                            hfieldname=GROUND_GEOM, pos=[0.0, 0.0, low], contype=GROUND_BIT,
-                            conaffinity=0)
+    ground = mujoco.MjSpec.from_string(f"""
+        <mujoco>
+          <asset>
+            <hfield name="ground" nrow="{grid.n}" ncol="{grid.n}"
+                    size="{half!r} {half!r} {elevation!r} {BASE_THICKNESS_M!r}"/>
+          </asset>
+          <worldbody>
+            <geom name="ground" type="hfield" hfield="ground" pos="0 0 {low!r}"
+                  contype="{GROUND_BIT}" conaffinity="0"/>
+          </worldbody>
+        </mujoco>""")
+    spec.attach(ground, prefix=WORLD_PREFIX, frame=spec.worldbody.add_frame())
+
+
+def _fill_ground(model: mujoco.MjModel, grid: HeightGrid) -> None:
+    """Write the heights, scaled to 0 (least) to 1 (greatest), row 0 in the south."""
+    low, elevation = _height_range(grid)
+    data = model.hfield_data.reshape(grid.n, grid.n)
+    np.subtract(grid.heights_m, np.float32(low), out=data)
+    data /= np.float32(elevation)
+
+
+def _height_range(grid: HeightGrid) -> tuple[float, float]:
+    """Return the least height and the range of heights [m], which must be > 0 in MuJoCo."""
+    low, high = float(grid.heights_m.min()), float(grid.heights_m.max())
+    return low, high - low if high > low else 1.0
 
 
 def _add_rocks(spec: mujoco.MjSpec, world: World) -> None:

@@ -123,11 +123,10 @@ class Simulation:
         if n_steps < 1:
             raise PhysicsError(f'advance: {n_steps} steps asked for; valid is >= 1')
         model, data = self.model, self.data
-        step, accelerations = mujoco.mj_step, mujoco.mj_rnePostConstraint
+        step = mujoco.mj_step
         wrench, torque = np.zeros((4, 6)), np.zeros(4)
         for _ in range(n_steps):
             step(model, data)
-            accelerations(model, data)  # fills the contact wrenches
             wrench += self._leg_wrench
             torque += self._motor
         self._steps += n_steps
