@@ -1,0 +1,92 @@
+"""`lunar_rover_sim evaluate`: an estimated trajectory against the truth."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+# As in evaluation.alignment and bag.extrinsics, which are too heavy to import for a parser.
+ALIGNMENTS = ('se3', 'sim3', 'yaw', 'origin', 'none')
+FRAMES = ('base', 'imu', 'left', 'right')
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        'evaluate', help='judge an estimated trajectory against the truth',
+        description='ATE, RPE, drift, scale and tracked share of an estimated trajectory. Inputs '
+                    'are TUM, EuRoC or KITTI files, a bag (its odometry), or BAG:TOPIC.')
+    parser.add_argument('truth', metavar='GROUND_TRUTH', help='file, BAG or BAG:TOPIC')
+    parser.add_argument('estimate', metavar='ESTIMATE', help='file or BAG:TOPIC')
+    parser.add_argument('--align', choices=ALIGNMENTS, default='se3',
+                        help='how the estimate is brought onto the truth (default: %(default)s)')
+    parser.add_argument('--truth-frame', choices=FRAMES, default='base',
+                        help='what of the rover the truth is of (default: %(default)s)')
+    parser.add_argument('--estimate-frame', choices=FRAMES, default='base',
+                        help='what of the rover the estimate is of: ORB-SLAM3 gives left, with an '
+                             'IMU imu (default: %(default)s)')
+    parser.add_argument('--tolerance', type=float, default=0.02, metavar='S',
+                        help='farthest true pose from an estimated one [s] (default: %(default)s)')
+    parser.add_argument('--distance', type=float, default=1.0, metavar='M',
+                        help='length of the pieces for RPE [m] (default: %(default)s)')
+    parser.add_argument('--time', type=float, default=1.0, metavar='S',
+                        help='duration of the pieces for RPE [s] (default: %(default)s)')
+    parser.add_argument('--times', type=Path, metavar='FILE',
+                        help='stamps of KITTI files, one a line')
+    parser.add_argument('-o', '--output', type=Path, metavar='DIR',
+                        help='folder for evaluation.json and plots')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Evaluate, print a table, write results."""
+    import json
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from lunar_rover_sim.errors import EvaluationError
+    from lunar_rover_sim.evaluation import trajectory_sources as sources
+    from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate, EvaluationOptions
+    from lunar_rover_sim.frames import inverse
+
+    truth = sources.load(args.truth, args.times)
+    estimate = sources.load(args.estimate, args.times)
+    if args.truth_frame != args.estimate_frame:
+        T_base_truth = sources.frame_on_rover(args.truth, args.truth_frame)
+        T_base_estimate = sources.frame_on_rover(args.truth, args.estimate_frame)
+        truth = truth.of_frame(inverse(T_base_truth) @ T_base_estimate)
+    options = EvaluationOptions(args.align, args.tolerance, args.distance, args.time)
+    result = evaluate(truth, estimate, options, sources.image_stamps_ns(args.truth))
+
+    console = Console()
+    table = Table(box=None, pad_edge=False)
+    for title in ('', 'rmse', 'mean', 'median', 'max', 'n'):
+        table.add_column(title, justify='left' if not title else 'right')
+    for name, s in ((f'ATE [m], {args.align}', result.ate_m), ('ATE [deg]', result.ate_deg),
+                    (f'RPE over {args.distance:g} m [m]', result.rpe_distance_m),
+                    (f'RPE over {args.distance:g} m [deg]', result.rpe_distance_deg),
+                    (f'RPE over {args.time:g} s [m]', result.rpe_time_m),
+                    (f'RPE over {args.time:g} s [deg]', result.rpe_time_deg)):
+        table.add_row(name, *(f'{v:.5f}' for v in (s.rmse, s.mean, s.median, s.max)),
+                      str(s.count))
+    console.print(table)
+    console.print(f'scale {result.scale:.5f}, drift {result.drift_percent:.2f} % of distance '
+                  f'(at the end {result.end_drift_percent:.2f} %), {result.length_m:.2f} m, '
+                  f'tracked {100 * result.tracked_share:.1f} %, '
+                  f'{len(result.estimate)} poses, {result.unmatched} without truth',
+                  highlight=False)
+    if args.output is not None:
+        from lunar_rover_sim.evaluation.trajectory_plots import save_plots
+
+        path, _ = sources.split(args.truth)
+        try:
+            paths = save_plots(result, args.output, path if sources.is_bag(path) else None)
+            json_path = args.output / 'evaluation.json'
+            json_path.write_text(json.dumps(result.to_mapping(), indent=2) + '\n',
+                                 encoding='utf-8')
+        except OSError as error:
+            raise EvaluationError(f'{args.output}: cannot be written: {error.strerror}') from None
+        for written in (json_path, *paths):
+            console.print(str(written), highlight=False, soft_wrap=True)
+    return 0

@@ -1,0 +1,96 @@
+"""Bringing an estimate into the frame of the truth.
+
+Least squares over positions, min sum |y_i - (s R x_i + t)|^2, after Umeyama, Least-squares
+estimation of transformation parameters between two point patterns, IEEE PAMI 13 (4), 1991,
+Eqs. (39)-(43). What gravity makes observable may be kept: `yaw` turns about z only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.evaluation.trajectory import Trajectory
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.parameters import nearest
+
+MODES = ('se3', 'sim3', 'yaw', 'origin', 'none')
+
+# Of the spread of the points across their main direction, relative to along it: below that a
+# rotation about the main direction is not determined by doubles.
+_STRAIGHT = 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Alignment:
+    """y = scale R x + t; rotation R (3, 3), translation t (3,) [m]."""
+
+    rotation: Array
+    translation_m: Array
+    scale: float = 1.0
+
+    def apply(self, trajectory: Trajectory) -> Trajectory:
+        """Return the trajectory in the frame of the truth."""
+        return trajectory.moved(self.rotation, self.translation_m, self.scale)
+
+
+def align(estimate: Trajectory, truth: Trajectory, mode: str = 'se3') -> Alignment:
+    """Return what brings the estimate onto the truth; both have equal stamps.
+
+    mode: `se3` (rotation, translation), `sim3` (and scale), `yaw` (turn about z, translation),
+        `origin` (first pose onto first pose), `none`.
+
+    Raises EvaluationError where the positions do not determine the alignment: all on one straight
+    line (se3, sim3), or without horizontal motion (yaw).
+    """
+    if mode not in MODES:
+        raise EvaluationError(f'align: {mode!r} is not valid; {nearest(mode, MODES)}')
+    if mode == 'none':
+        return Alignment(np.eye(3), np.zeros(3))
+    if mode == 'origin':
+        rotation = (truth.rotations[0] * estimate.rotations[0].inv()).as_matrix()
+        return Alignment(rotation, truth.positions_m[0] - rotation @ estimate.positions_m[0])
+    x, y = estimate.positions_m, truth.positions_m
+    try:
+        return _yaw(x, y) if mode == 'yaw' else umeyama(x, y, with_scale=mode == 'sim3')
+    except EvaluationError as error:
+        raise EvaluationError(f'{estimate.name}: {error}') from None
+
+
+def umeyama(x: Array, y: Array, with_scale: bool) -> Alignment:
+    """Return the least-squares similarity (or rigid) transform of (n, 3) points x onto y.
+
+    Raises EvaluationError where the points lie on a straight line, or on one spot.
+    """
+    mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)
+    dx, dy = x - mean_x, y - mean_y
+    for points, whose in ((dx, 'the estimate'), (dy, 'the truth')):
+        spread = np.linalg.svd(points, compute_uv=False)
+        if not spread[0] > 0.0:
+            raise EvaluationError(f'{whose} does not move; an alignment is not determined')
+        if spread[1] <= _STRAIGHT * spread[0]:
+            raise EvaluationError(f'{whose} moves on a straight line, about which a rotation is '
+                                  'not determined; align by yaw or origin')
+    u, d, vt = np.linalg.svd(dy.T @ dx / len(x))
+    sign = np.ones(3)
+    if np.linalg.det(u) * np.linalg.det(vt) < 0.0:
+        sign[2] = -1.0
+    rotation = u @ np.diag(sign) @ vt
+    scale = float(d @ sign / np.mean(np.sum(dx * dx, axis=1))) if with_scale else 1.0
+    return Alignment(rotation, mean_y - scale * rotation @ mean_x, scale)
+
+
+def _yaw(x: Array, y: Array) -> Alignment:
+    mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)
+    dx, dy = x - mean_x, y - mean_y
+    along = float(np.sum(dx[:, 0] * dy[:, 0] + dx[:, 1] * dy[:, 1]))
+    across = float(np.sum(dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]))
+    if not np.hypot(along, across) > 1e-12 * float(np.sum(dx * dx) + np.sum(dy * dy)):
+        raise EvaluationError('it has no horizontal motion in common with the truth; a yaw is '
+                              'not determined')
+    angle = np.arctan2(across, along)
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Alignment(rotation, mean_y - rotation @ mean_x)

@@ -1,0 +1,196 @@
+"""Trajectories in the files that others write and read: TUM, EuRoC, KITTI.
+
+- TUM: `stamp x y z qx qy qz qw`, stamps in seconds; ORB-SLAM3 writes ns there for EuRoC input,
+  which is told by their size.
+- EuRoC: CSV, `stamp [ns], x, y, z, qw, qx, qy, qz` and more columns, which are not read.
+- KITTI: the upper three rows of T_fixed_moving, 12 numbers, no stamps; those come from a file with
+  one stamp a line (seconds, or integer ns), or are numbered at 10 Hz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.evaluation.trajectory import Trajectory
+from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
+
+FORMATS = ('tum', 'euroc', 'kitti')
+NS_PER_S = 1_000_000_000
+
+# Stamps above this are ns: as seconds they would lie 30,000 years ahead.
+_NS_FROM = 1e12
+_KITTI_PERIOD_NS = 100_000_000
+_MAX_BYTES = 1 << 30
+
+
+def read_tum(path: Path | str) -> Trajectory:
+    """Read a TUM file; raise EvaluationError that names file and line."""
+    path = Path(path)
+    return _from_rows(path, list(_rows(path, 8, 8)), (4, 5, 6, 7))
+
+
+def read_euroc(path: Path | str) -> Trajectory:
+    """Read an EuRoC `data.csv` of poses; raise EvaluationError that names file and line."""
+    path = Path(path)
+    return _from_rows(path, list(_rows(path, 8, None)), (5, 6, 7, 4), always_ns=True)
+
+
+def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
+    """Read a KITTI file; `times` holds one stamp a line.
+
+    Raises EvaluationError that names file and line, or where the counts differ.
+    """
+    path = Path(path)
+    rows = list(_rows(path, 12, 12))
+    if times is None:
+        stamps = np.arange(len(rows), dtype=np.int64) * _KITTI_PERIOD_NS
+    else:
+        words = [words[0] for _, words in _rows(Path(times), 1, None)]
+        if len(words) != len(rows):
+            raise EvaluationError(f'{path}: {len(rows)} poses, but {len(words)} stamps in {times}')
+        stamps = np.array(_stamps(Path(times), words), dtype=np.int64)
+    values = np.array([[_number(path, line, word) for word in words] for line, words in rows])
+    matrices = values.reshape(-1, 3, 4)
+    if len(matrices):
+        skew = np.abs(matrices[:, :, :3] @ matrices[:, :, :3].transpose(0, 2, 1) - np.eye(3))
+        bad = ~(skew.max(axis=(1, 2)) < 1e-3)
+        if bad.any():
+            raise EvaluationError(f'{path}: line {rows[int(np.argmax(bad))][0]}: the first three '
+                                  'columns are no rotation')
+    quats = np.array([wxyz_from_matrix(m[:, :3]) for m in matrices]).reshape(-1, 4)
+    return Trajectory(stamps, matrices[:, :, 3].reshape(-1, 3), quats, str(path))
+
+
+def write_tum(path: Path | str, trajectory: Trajectory) -> None:
+    """Write a TUM file; stamps keep their ns."""
+    with Path(path).open('w', encoding='ascii') as file:
+        for ns, p, q in _poses(trajectory):
+            numbers = ' '.join(repr(float(v)) for v in (*p, q[1], q[2], q[3], q[0]))
+            file.write(f'{seconds(ns)} {numbers}\n')
+
+
+def write_euroc(path: Path | str, trajectory: Trajectory) -> None:
+    """Write an EuRoC `data.csv` of poses."""
+    with Path(path).open('w', encoding='ascii') as file:
+        file.write('#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],'
+                   'q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n')
+        for ns, p, q in _poses(trajectory):
+            file.write(f'{ns},' + ','.join(repr(float(v)) for v in (*p, *q)) + '\n')
+
+
+def write_kitti(path: Path | str, trajectory: Trajectory, times: Path | str | None = None) -> None:
+    """Write a KITTI file and, if `times` is given, the stamps in seconds."""
+    with Path(path).open('w', encoding='ascii') as file:
+        for _, p, q in _poses(trajectory):
+            rows = np.hstack([matrix_from_wxyz(q), p[:, None]])
+            file.write(' '.join(repr(float(v)) for v in rows.ravel()) + '\n')
+    if times is not None:
+        lines = [f'{seconds(int(ns))}\n' for ns in trajectory.stamps_ns]
+        Path(times).write_text(''.join(lines), encoding='ascii')
+
+
+def seconds(ns: int) -> str:
+    """Return integer ns as seconds with nine decimals, exactly."""
+    sign = '-' if ns < 0 else ''
+    return f'{sign}{abs(ns) // NS_PER_S}.{abs(ns) % NS_PER_S:09d}'
+
+
+def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajectory:
+    """Read a file in whichever of the formats its first line shows."""
+    path = Path(path)
+    for line, words in _rows(path, 1, None):
+        count = len(words)
+        if count == 12 and path.suffix.lower() != '.csv':
+            return read_kitti(path, times)
+        if path.suffix.lower() == '.csv':
+            return read_euroc(path)
+        if count == 8:
+            return read_tum(path)
+        raise EvaluationError(f'{path}: line {line} has {count} columns; valid are 8 (TUM), 12 '
+                              '(KITTI), or a .csv file (EuRoC)')
+    raise EvaluationError(f'{path}: holds no poses')
+
+
+def _poses(trajectory: Trajectory) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    for ns, p, q in zip(trajectory.stamps_ns, trajectory.positions_m,
+                        trajectory.orientations_wxyz, strict=True):
+        yield int(ns), p, q
+
+
+def _rows(path: Path, least: int, most: int | None) -> Iterator[tuple[int, list[str]]]:
+    """Yield (line number, words) of all lines that are not empty or comments."""
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise EvaluationError(f'{path}: larger than {_MAX_BYTES >> 20} MiB; not a trajectory')
+        text = path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise EvaluationError(f'{path}: cannot be read: {error.strerror}') from None
+    except UnicodeDecodeError:
+        raise EvaluationError(f'{path}: is not a text file') from None
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.partition('#')[0].strip()
+        if not line:
+            continue
+        words = line.replace(',', ' ').split()
+        if len(words) < least or (most is not None and len(words) > most):
+            valid = f'{least}' if most == least else f'at least {least}'
+            raise EvaluationError(f'{path}: line {number} has {len(words)} columns; valid is '
+                                  f'{valid}')
+        yield number, words
+
+
+def _from_rows(path: Path, rows: Sequence[tuple[int, list[str]]], xyzw: tuple[int, ...],
+               always_ns: bool = False) -> Trajectory:
+    """Return the trajectory of rows `stamp x y z` + quaternion at the columns `xyzw`."""
+    if not rows:
+        raise EvaluationError(f'{path}: holds no poses')
+    stamps = _stamps(path, [words[0] for _, words in rows], always_ns)
+    columns = (1, 2, 3, xyzw[3], *xyzw[:3])
+    values = np.array([[_number(path, line, words[c]) for c in columns] for line, words in rows])
+    _check_order(path, stamps, [line for line, _ in rows])
+    return Trajectory(np.array(stamps, dtype=np.int64), values[:, :3], values[:, 3:], str(path))
+
+
+def _check_order(path: Path, stamps: Sequence[int], lines: Sequence[int]) -> None:
+    for k in range(1, len(stamps)):
+        if stamps[k] <= stamps[k - 1]:
+            raise EvaluationError(f'{path}: line {lines[k]}: stamp {stamps[k]} ns does not follow '
+                                  f'{stamps[k - 1]} ns; stamps must increase')
+
+
+def _stamps(path: Path, words: Sequence[str], always_ns: bool = False) -> list[int]:
+    """Return ns; decimals are read as text, so that seconds keep their ns."""
+    try:
+        largest = max((abs(float(word)) for word in words), default=0.0)
+        ns = always_ns or largest > _NS_FROM
+        to_ns: Callable[[str], int] = _integer if ns else _from_seconds
+        return [to_ns(word) for word in words]
+    except (ValueError, OverflowError):
+        raise EvaluationError(f'{path}: a stamp is not a finite number') from None
+
+
+def _integer(word: str) -> int:
+    return int(word) if word.lstrip('+-').isdigit() else round(float(word))
+
+
+def _from_seconds(word: str) -> int:
+    whole, _, part = word.partition('.')
+    digits = whole.lstrip('+-')
+    if (digits or part) and (digits + part).isdigit():
+        ns = int(digits or '0') * NS_PER_S + int(part[:9].ljust(9, '0') or '0')
+        return -ns if word.startswith('-') else ns
+    return round(float(word) * NS_PER_S)
+
+
+def _number(path: Path, line: int, word: str) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        raise EvaluationError(f'{path}: line {line}: {word!r} is not a number') from None
+    if not np.isfinite(value):
+        raise EvaluationError(f'{path}: line {line}: {word} is not finite')
+    return value

@@ -1,0 +1,123 @@
+"""Trajectories from wherever they are: files, or topics of a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.extrinsics import recorded_frame, rover_frame
+from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.series import header_ns
+from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.evaluation.files import read_trajectory
+from lunar_rover_sim.evaluation.trajectory import Trajectory
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rover.store import load_rover
+
+_Pose = tuple[int, Any, Any]
+
+
+def _stamped_poses(message: Any) -> Iterator[_Pose]:
+    for stamped in message.poses:
+        yield header_ns(stamped), stamped.pose.position, stamped.pose.orientation
+
+
+def _one_pose(path: str) -> Callable[[Any], Iterator[_Pose]]:
+    def poses(message: Any) -> Iterator[_Pose]:
+        pose = message
+        for name in path.split('.'):
+            pose = getattr(pose, name)
+        yield header_ns(message), pose.position, pose.orientation
+    return poses
+
+
+def _transform(message: Any) -> Iterator[_Pose]:
+    yield header_ns(message), message.transform.translation, message.transform.rotation
+
+
+POSES_OF: dict[str, Callable[[Any], Iterator[_Pose]]] = {
+    'nav_msgs/msg/Odometry': _one_pose('pose.pose'),
+    'nav_msgs/msg/Path': _stamped_poses,
+    'geometry_msgs/msg/PoseStamped': _one_pose('pose'),
+    'geometry_msgs/msg/PoseWithCovarianceStamped': _one_pose('pose.pose'),
+    'geometry_msgs/msg/TransformStamped': _transform,
+}
+
+
+def trajectory_of_topic(bag: Bag, topic: str = topics.ODOM.name) -> Trajectory:
+    """Return the poses of a topic; of a Path the last message counts, since it holds all.
+
+    Raises BagError where there is no such topic, EvaluationError where its type has no pose.
+    """
+    name = bag.resolve(topic)
+    msgtype = bag.types[name]
+    if msgtype not in POSES_OF:
+        raise EvaluationError(f'{bag.path}: topic {name} is a {msgtype}; valid are '
+                              + ', '.join(sorted(POSES_OF)))
+    poses: list[_Pose] = []
+    for _, _, message in bag.messages([name]):
+        if msgtype == 'nav_msgs/msg/Path':
+            poses.clear()
+        poses += POSES_OF[msgtype](message)
+    if not poses:
+        raise EvaluationError(f'{bag.path}: topic {name} holds no poses')
+    return Trajectory(np.array([ns for ns, _, _ in poses], dtype=np.int64),
+                      np.array([(p.x, p.y, p.z) for _, p, _ in poses]),
+                      np.array([(q.w, q.x, q.y, q.z) for _, _, q in poses]),
+                      f'{bag.path}:{name}')
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is a bag rather than a trajectory file."""
+    return path.is_dir() or path.suffix in ('.mcap', '.db3')
+
+
+def load(source: str | Path, times: str | Path | None = None,
+         default_topic: str = topics.ODOM.name) -> Trajectory:
+    """Load `FILE`, `BAG` or `BAG:TOPIC`; times: file with the stamps of a KITTI file.
+
+    Raises EvaluationError or BagError that names the file and the reason.
+    """
+    path, topic = split(source, default_topic)
+    if not path.exists():
+        raise EvaluationError(f'{path}: there is no such file or bag')
+    if not is_bag(path):
+        return read_trajectory(path, times)
+    with open_bag(path) as bag:
+        return trajectory_of_topic(bag, topic)
+
+
+def split(source: str | Path, default_topic: str = topics.ODOM.name) -> tuple[Path, str]:
+    """Return path and topic of `PATH` or `PATH:TOPIC`."""
+    text = str(source)
+    path, colon, topic = text.rpartition(':')
+    if colon and path and not Path(text).exists():
+        return Path(path), topic
+    return Path(text), default_topic
+
+
+def frame_on_rover(source: str | Path, frame: str) -> Array:
+    """Return T_base_frame (4, 4): of the recorded rover if `source` is a bag, else the packaged.
+
+    frame: base, imu, left or right (camera).
+    """
+    path, _ = split(source)
+    if path.exists() and is_bag(path):
+        with open_bag(path) as bag:
+            return recorded_frame(bag, frame)
+    return rover_frame(load_rover(None), frame)
+
+
+def image_stamps_ns(source: str | Path) -> np.ndarray | None:
+    """Return the stamps [ns] of the left images of a bag: what a tracker was given."""
+    path, _ = split(source)
+    if not (path.exists() and is_bag(path)):
+        return None
+    with open_bag(path) as bag:
+        if not bag.has(topics.LEFT_IMAGE.name):
+            return None
+        return np.array([m.time_ns for m in bag.raw([topics.LEFT_IMAGE.name])], dtype=np.int64)
