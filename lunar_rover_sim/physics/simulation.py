@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 from types import TracebackType
 
 import mujoco
@@ -13,14 +12,13 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, wxyz_from_rpy
 from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.placement import place
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.world.model import World
-
-logger = logging.getLogger(__name__)
 
 MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unless it diverges
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -39,6 +37,7 @@ class Simulation:
     """
 
     def __init__(self, world: World, rover: RoverDescription, config: PhysicsConfig) -> None:
+        catch_warnings()
         self.rover = rover
         self.config = config
         self._half_extent_m = world.ground.half_extent_m
@@ -138,6 +137,7 @@ class Simulation:
 
     def reset(self) -> RoverState:
         """Go back to the settled start, at time 0."""
+        catch_warnings()
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, self._start, _STATE)
         self._steps = 0
@@ -201,19 +201,9 @@ class Simulation:
     def _check(self) -> None:
         """Raise PhysicsError if the state is no longer that of a rover on the ground."""
         if not self._qvel @ self._qvel < MAX_SPEED ** 2 or self.data.warning[_CONTACTFULL].number:
-            raise PhysicsError(self._diagnosis())
+            raise PhysicsError(diagnosis(self.model, self.data, self.time_ns * 1e-9))
         x, y = self._qpos[0], self._qpos[1]
         if max(abs(x), abs(y)) > self._half_extent_m:
             raise PhysicsError(f'at {self.time_ns * 1e-9:.3f} s base_link left the ground at'
                                f' x = {x:.2f} m, y = {y:.2f} m; the ground ends at'
                                f' {self._half_extent_m:.2f} m')
-
-    def _diagnosis(self) -> str:
-        values = np.abs(np.nan_to_num(self._qvel, nan=np.inf))
-        body = self.model.dof_bodyid[int(np.argmax(values))]
-        name = mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_BODY, body)
-        warnings = [mujoco.mju_warningText(i, self.data.warning[i].lastinfo)
-                    for i in range(mujoco.mjtWarning.mjNWARNING) if self.data.warning[i].number]
-        return (f'the simulation diverged at {self.time_ns * 1e-9:.3f} s in body {name} (speed'
-                f' {values.max():.3g}); use a shorter step_s or a softer contact'
-                + ''.join(f'; {text}' for text in warnings))

@@ -7,17 +7,16 @@ from pathlib import Path
 import yaml
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.resources import config_path
 from lunar_rover_sim.rover.description import RoverDescription
 
 
 def load_rover(path: str | Path | None = None) -> RoverDescription:
-    """Return the rover of a YAML file, or the default rover where no file is given.
+    """Return the rover of a YAML file, or of the packaged `rover.yaml` where no file is given.
 
     Raises ConfigError if the file cannot be read or says something invalid.
     """
-    if path is None:
-        return RoverDescription()
-    path = Path(path)
+    path = Path(path) if path is not None else config_path('rover.yaml')
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:

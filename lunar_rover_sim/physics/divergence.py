@@ -1,0 +1,50 @@
+"""What MuJoCo warns of, and which body a diverging simulation went wrong in.
+
+By itself MuJoCo writes its warnings to the terminal and to a file MUJOCO_LOG.TXT in the working
+directory. Here they go to the log, and the newest are kept for the error message.
+"""
+
+from __future__ import annotations
+
+import collections
+import logging
+import re
+
+import mujoco
+import numpy as np
+
+logger = logging.getLogger(__name__)
+
+_texts: collections.deque[str] = collections.deque(maxlen=16)
+
+
+def catch_warnings() -> None:
+    """Take over MuJoCo's warnings in this process, if nobody else has, and forget old ones."""
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(_take)
+    _texts.clear()
+
+
+def diagnosis(model: mujoco.MjModel, data: mujoco.MjData, time_s: float) -> str:
+    """Return one line that names time and body of a diverged simulation.
+
+    MuJoCo's first warning tells where it began; without one it is the fastest body.
+    """
+    text = _texts[0] if _texts else ''
+    found = re.search(r'DOF (\d+).*Time = (\d+\.\d+)', text)
+    speed = np.abs(np.nan_to_num(data.qvel, nan=np.inf))
+    if found:
+        dof, time_s = int(found.group(1)), float(found.group(2))
+    else:
+        dof = int(np.argmax(speed))
+    body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY,
+                             int(model.dof_bodyid[min(dof, model.nv - 1)]))
+    reason = f'; MuJoCo: {text}' if text else f' (speed {speed.max():.3g})'
+    return (f'the simulation diverged at {time_s:.3f} s in body {body}{reason}; use a shorter'
+            ' step_s or a softer contact')
+
+
+def _take(text: str) -> None:
+    line = ' '.join(text.split())
+    _texts.append(line)
+    logger.debug('MuJoCo: %s', line)
