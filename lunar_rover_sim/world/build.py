@@ -191,9 +191,9 @@ def _albedo(config: WorldConfig, craters: Craters,
     if config.albedo.grain > 0.0:
         variation += np.float32(config.albedo.grain) * rng.standard_normal((n, n),
                                                                            dtype=np.float32)
-    variation -= variation.mean()
     if config.albedo.fresh_crater > 0.0:
         stamping.brighten(variation, cell, craters, config.albedo.fresh_crater)
+    variation -= variation.mean()
     edge = nest.fade(n)
     variation *= edge[:, None] * edge
     albedo = np.clip(1.0 + variation, 0.4, 1.8, dtype=np.float32)

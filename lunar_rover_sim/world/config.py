@@ -6,13 +6,11 @@ rocks. Each default that is a property of the Moon names where it comes from.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import dataclasses
-import pathlib
 from typing import Any
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import group, nearest, nest, param, Parameters
+from lunar_rover_sim.parameters import group, nearest, param, Parameters
 
 PROCEDURAL, DEM, MESH = 'procedural', 'dem', 'mesh'
 
@@ -146,7 +144,7 @@ class AlbedoConfig(Parameters):
 
     variation: float = param(0.035, 'RMS of patches from decimetres to metres', low=0.0, high=0.3)
     grain: float = param(0.02, 'RMS from cell to cell', low=0.0, high=0.3)
-    fresh_crater: float = param(0.15, 'brightening at the centre of a fresh crater', low=0.0,
+    fresh_crater: float = param(0.10, 'brightening at the centre of a fresh crater', low=0.0,
                                 high=1.0)
 
 
@@ -235,34 +233,3 @@ def preset(name: str) -> WorldConfig:
     if name not in PRESETS:
         raise ConfigError(f'world: no preset {name!r}; {nearest(name, PRESETS)}')
     return WorldConfig.from_mapping(PRESETS[name], 'world')
-
-
-def world_section(document: Any, where: str) -> dict[str, Any]:
-    """Return the parameters of the world in a YAML document, nested.
-
-    Accepts a section `world:` (with or without `ros__parameters:`), or the parameters alone.
-    `where` names the document in errors.
-    """
-    if document is None:
-        return {}
-    if not isinstance(document, Mapping):
-        raise ConfigError(f'{where}: not a mapping of parameter names to values')
-    section = document.get('world', document)
-    if isinstance(section, Mapping) and 'ros__parameters' in section:
-        section = section['ros__parameters']
-    if section is None:
-        return {}
-    if not isinstance(section, Mapping):
-        raise ConfigError(f'{where}: world: not a mapping of parameter names to values')
-    return nest(section, 'world')
-
-
-def read_config(path: str | pathlib.Path) -> WorldConfig:
-    """Return the world that a YAML file declares; raise ConfigError."""
-    import yaml
-    try:
-        with open(path, encoding='utf-8') as stream:
-            document = yaml.safe_load(stream)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f'{path}: {" ".join(str(error).split())}') from None
-    return WorldConfig.from_mapping(world_section(document, str(path)), 'world')

@@ -45,7 +45,7 @@ class Raster(abc.ABC):
         self.path = path
         self.config = config
         self.reference_m = 0.0
-        self.report: dict[str, Any] = {'source': str(path)}
+        self.report: dict[str, Any] = {'file': str(path)}
         self.south_up = False
         self.width = self.height = 0
         self.pixel_x_m = self.pixel_y_m = 1.0

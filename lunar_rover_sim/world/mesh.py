@@ -106,7 +106,7 @@ class MeshSource:
         self.area_m = (float(low[0] - middle[0]), float(high[0] - middle[0]),
                        float(low[1] - middle[1]), float(high[1] - middle[1]))
         self.pixel_m = max(config.mesh.resolution_m, config.cell_m)
-        self.report: dict[str, Any] = {'source': str(self.path), 'triangles': len(triangles)}
+        self.report: dict[str, Any] = {'file': str(self.path), 'triangles': len(triangles)}
         half = 0.5 * config.size_m
         least = min(-self.area_m[0], self.area_m[1], -self.area_m[2], self.area_m[3])
         if least < half - 1e-6:

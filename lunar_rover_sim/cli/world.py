@@ -1,0 +1,213 @@
+"""`lunar_rover_sim world`: build a world, look at it, take it elsewhere."""
+
+from __future__ import annotations
+
+import argparse
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Declare the commands."""
+    text = 'build, inspect, picture and export terrains'
+    actions = subparsers.add_parser('world', help=text, description=text).add_subparsers(
+        metavar='ACTION', required=True)
+    _add_build(actions)
+    info = actions.add_parser('info', help='what a world folder holds; checks its hash')
+    info.add_argument('folder', help='world folder')
+    info.set_defaults(run=run_info)
+    preview = actions.add_parser('preview', help='maps and statistics as a PNG')
+    preview.add_argument('folder', help='world folder')
+    preview.add_argument('-o', '--output', default='', metavar='FILE',
+                         help='PNG to write (default: FOLDER.png)')
+    preview.add_argument('--sun', nargs=2, type=float, default=(60.0, 6.0),
+                         metavar=('AZIMUTH', 'ELEVATION'),
+                         help='[deg] from east towards north, above the horizontal')
+    preview.add_argument('--overwrite', action='store_true', help='replace an existing file')
+    preview.set_defaults(run=run_preview)
+    export = actions.add_parser('export', help='a mesh file: GLB, OBJ or PLY')
+    export.add_argument('folder', help='world folder')
+    export.add_argument('-o', '--output', required=True, metavar='FILE',
+                        help='file to write; its suffix says the format: .glb, .obj or .ply')
+    export.add_argument('--stride', type=int, default=0, metavar='N',
+                        help='keep every N-th sample of the ground (default: 513 along a side)')
+    export.add_argument('--no-rocks', action='store_true', help='leave the rocks out')
+    export.add_argument('--surroundings', action='store_true', help='add the coarse levels')
+    export.add_argument('--overwrite', action='store_true', help='replace an existing file')
+    export.set_defaults(run=run_export)
+
+
+def _add_build(actions: argparse._SubParsersAction) -> None:
+    text = 'make a world folder from a scenario, an elevation model or a mesh'
+    build = actions.add_parser('build', help=text, description=text)
+    build.add_argument('--scenario', default='baseline', metavar='NAME_OR_PATH',
+                       help='scenario whose world section is the recipe (default: baseline)')
+    source = build.add_mutually_exclusive_group()
+    source.add_argument('--dem', metavar='FILE',
+                        help='elevation model: GeoTIFF, or folder with dem.npy and dem.yaml')
+    source.add_argument('--mesh', metavar='FILE', help='mesh: OBJ, STL, PLY, GLB')
+    build.add_argument('--window', nargs=2, type=float, metavar=('X', 'Y'),
+                       help='middle of the world in the elevation model or mesh')
+    build.add_argument('--window-in', default='offset',
+                       choices=('offset', 'crs', 'lonlat', 'pixel'),
+                       help='what X and Y are: metres from the middle of the file (default), its'
+                            ' CRS, degrees, or pixels')
+    build.add_argument('--size', type=float, metavar='M', help='side of the fine ground [m]')
+    build.add_argument('--seed', type=int, help='seed of everything random')
+    build.add_argument('--set', action='append', default=[], metavar='world.PARAM=VALUE',
+                       help='set any parameter, for example world.rocks.abundance=0.02')
+    build.add_argument('-o', '--output', required=True, metavar='DIR', help='folder to make')
+    build.add_argument('--overwrite', action='store_true', help='replace an existing world')
+    build.set_defaults(run=run_build)
+
+
+def overrides(args: argparse.Namespace) -> list[str]:
+    """Return what the options of `build` set, as `--set` would."""
+    import json
+
+    from lunar_rover_sim.errors import ConfigError
+    result = []
+    if args.dem is not None:
+        result += ['world.source=dem', f'world.path={json.dumps(args.dem)}']
+    if args.mesh is not None:
+        result += ['world.source=mesh', f'world.path={json.dumps(args.mesh)}']
+    if args.window is not None:
+        x, y = args.window
+        if args.mesh is not None and args.window_in != 'offset':
+            raise ConfigError(f'--window-in: {args.window_in} is not valid for a mesh; valid is '
+                              'offset')
+        section = 'mesh' if args.mesh is not None else 'dem'
+        result.append(f'world.{section}.center=[{x!r}, {y!r}]')
+        if section == 'dem':
+            result.append(f'world.dem.center_mode={args.window_in}')
+    if args.size is not None:
+        result.append(f'world.size_m={args.size!r}')
+    for item in args.set:
+        if not item.startswith('world.'):
+            raise ConfigError(f'--set {item}: valid is world.PARAM=VALUE')
+    return result + args.set
+
+
+def run_build(args: argparse.Namespace) -> int:
+    """Build a world and write it to a folder."""
+    from pathlib import Path
+    import time
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from lunar_rover_sim.config import load_scenario
+    from lunar_rover_sim.errors import ConfigError, WorldError
+    from lunar_rover_sim.world.build import build
+    from lunar_rover_sim.world.store import save
+
+    if args.seed is not None and not 0 <= args.seed < 2**31:
+        raise ConfigError(f'--seed: {args.seed} is not valid; valid is 0 to 2147483647')
+    settings = overrides(args)
+    if args.seed is not None:
+        settings.append(f'world.seed={args.seed}')
+    scenario = load_scenario(args.scenario, settings, args.seed)
+    folder = Path(args.output)
+    if folder.exists() and not args.overwrite:
+        raise WorldError(f'{folder}: exists already; choose another folder, remove it, or say '
+                         '--overwrite')
+    console = Console(stderr=True)
+    start = time.monotonic()
+    columns = (TextColumn('{task.description:<22}'), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task('world', total=1.0)
+        world = build(scenario.world, scenario.shared.seed,
+                      lambda what, done: progress.update(task, description=what, completed=done))
+    save(world, folder, args.overwrite)
+    seconds = time.monotonic() - start
+    ground = world.ground
+    print(f'{folder}: {2 * ground.half_extent_m:g} m at {ground.cell_m:g} m, '
+          f'{len(world.rocks)} rocks, horizon at {world.levels[-1].half_extent_m:g} m, seed '
+          f'{world.config.seed}, hash {world.hash} ({seconds:.1f} s)')
+    for name in ('filled_pixels', 'holes', 'overhangs'):
+        if world.report.get(name):
+            print(f'{name}: {world.report[name]}')
+    return 0
+
+
+def run_info(args: argparse.Namespace) -> int:
+    """Print what is in a world folder."""
+    from pathlib import Path
+
+    import numpy as np
+    from rich.console import Console
+    from rich.table import Table
+
+    from lunar_rover_sim.world.shade import horizon_deg, rms_slope_deg
+    from lunar_rover_sim.world.store import load
+
+    folder = Path(args.folder)
+    world = load(folder)
+    table = Table(show_header=False, title=str(folder))
+    config, ground = world.config, world.ground
+    table.add_row('source', f'{config.source} {config.path}'.strip())
+    table.add_row('seed', str(config.seed))
+    table.add_row('hash', f'{world.hash} (checked)')
+    for index, level in enumerate(world.levels):
+        table.add_row('ground' if index == 0 else f'level {index}',
+                      f'{2 * level.half_extent_m:g} m at {level.cell_m:g} m, heights '
+                      f'{level.heights_m.min():.2f} to {level.heights_m.max():.2f} m')
+    slopes = ', '.join(f'{rms_slope_deg(ground, b):.1f}° at {b:g} m' for b in (0.1, 0.3, 1.0, 3.0)
+                       if b < ground.half_extent_m)
+    table.add_row('RMS slope', slopes)
+    line = horizon_deg(world, np.arange(0.0, 360.0, 2.0))
+    table.add_row('horizon', f'{line.min():.1f}° to {line.max():.1f}° from 0.3 m above the origin')
+    inside = np.abs(world.craters.position_m).max(axis=1, initial=0.0) <= ground.half_extent_m
+    table.add_row('craters', f'{int(inside.sum())} on the ground, {len(inside)} in all')
+    diameter = world.rocks.diameter_m
+    if len(diameter):
+        table.add_row('rocks', f'{len(diameter)}, {diameter.min():.3g} to {diameter.max():.3g} m, '
+                               f'{int((diameter >= 0.3).sum())} of 0.3 m and more')
+    else:
+        table.add_row('rocks', 'none')
+    table.add_row('albedo factor', f'{world.albedo.mean():.3f} ± {world.albedo.std():.3f}')
+    for name, value in world.report.items():
+        table.add_row(name.replace('_', ' '), f'{value:.6g}' if isinstance(value, float)
+                      else str(value))
+    size = sum(file.stat().st_size for file in folder.iterdir() if file.is_file())
+    table.add_row('size', f'{size / 1e6:.0f} MB')
+    Console().print(table)
+    return 0
+
+
+def run_preview(args: argparse.Namespace) -> int:
+    """Write the sheet of maps."""
+    from pathlib import Path
+
+    from lunar_rover_sim.errors import ConfigError
+    from lunar_rover_sim.world.preview import write
+    from lunar_rover_sim.world.store import load
+
+    azimuth, elevation = args.sun
+    if not (-360.0 <= azimuth <= 360.0 and -1.0 <= elevation <= 90.0):
+        raise ConfigError(f'--sun: {azimuth:g} {elevation:g} is not valid; valid are an azimuth '
+                          'of -360 to 360 and an elevation of -1 to 90 [deg]')
+    folder = Path(args.folder)
+    output = Path(args.output) if args.output else folder.resolve().with_suffix('.png')
+    _refuse_existing(output, args.overwrite)
+    write(load(folder), output, azimuth, elevation)
+    print(output)
+    return 0
+
+
+def run_export(args: argparse.Namespace) -> int:
+    """Write a mesh file."""
+    from pathlib import Path
+
+    from lunar_rover_sim.world.export import write
+    from lunar_rover_sim.world.store import load
+
+    output = Path(args.output)
+    _refuse_existing(output, args.overwrite)
+    write(load(args.folder), output, args.stride, not args.no_rocks, args.surroundings)
+    print(f'{output}: {output.stat().st_size / 1e6:.1f} MB')
+    return 0
+
+
+def _refuse_existing(path, overwrite: bool) -> None:  # type: ignore[no-untyped-def]
+    from lunar_rover_sim.errors import WorldError
+    if path.exists() and not overwrite:
+        raise WorldError(f'{path}: exists already; choose another name or say --overwrite')

@@ -1,0 +1,130 @@
+"""A world as a mesh file for other tools: GLB, OBJ, PLY."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import tempfile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.model import World
+
+FORMATS = ('.glb', '.obj', '.ply')
+_MOST_SAMPLES = 513  # along a side, unless a stride is asked for
+
+# glTF: y up, x right, z towards the viewer; OBJ and PLY are written z up, as the world is.
+_Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0],
+                  [0.0, 0.0, 0.0, 1.0]])
+
+
+def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool = True,
+          surroundings: bool = False) -> pathlib.Path:
+    """Write the ground and, as geometry of their own, rocks and surroundings to a mesh file.
+
+    stride: keep every so-maniest sample of the ground; 0 chooses one that keeps 513 along a side
+    or less. Vertices bear the albedo as a grey colour. A PLY file holds one mesh only: there all
+    is joined. Raises WorldError on an unknown format, a stride that does not divide the ground, or
+    a file that cannot be written.
+    """
+    path = pathlib.Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise WorldError(f'{path}: {suffix or "no"} format is not one that is written; valid are '
+                         + ', '.join(FORMATS))
+    scene = to_scene(world, stride, rocks, surroundings)
+    if suffix == '.glb':
+        scene.apply_transform(_Y_UP)
+        content: Any = scene.export(file_type='glb')
+    elif suffix == '.obj':
+        content = scene.export(file_type='obj', include_texture=False)
+    else:
+        content = scene.to_mesh().export(file_type='ply')
+    if isinstance(content, str):
+        content = content.encode()
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
+        try:
+            with os.fdopen(handle, 'wb') as stream:
+                stream.write(content)
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError as error:
+        raise WorldError(f'{path}: cannot be written: {error.strerror or error}') from None
+    return path
+
+
+def to_scene(world: World, stride: int = 0, rocks: bool = True,
+             surroundings: bool = False) -> Any:
+    """Return the world as a `trimesh.Scene`, z up, in metres; arguments as for `write`."""
+    import trimesh
+    cells = world.ground.n - 1
+    if stride == 0:
+        stride = next(s for s in range(1, cells + 1)
+                      if cells % s == 0 and (cells // s < _MOST_SAMPLES or s == cells))
+    if stride < 1 or cells % stride:
+        valid = ', '.join(str(s) for s in range(1, 65) if cells % s == 0)
+        raise WorldError(f'stride: {stride} does not divide the {cells} cells of the ground; valid'
+                         f' are {valid}')
+    scene = trimesh.Scene()
+    vertices, faces = surface(world.ground, stride)
+    grey = np.clip(128.0 * world.albedo[::stride, ::stride].ravel(), 0, 255).astype(np.uint8)
+    scene.add_geometry(_mesh(vertices, faces, grey), node_name='ground', geom_name='ground')
+    if surroundings:
+        for index, level in enumerate(world.levels[1:], 1):
+            step = next(s for s in range(1, level.n) if (level.n - 1) % s == 0
+                        and (level.n - 1) // s < _MOST_SAMPLES)
+            vertices, faces = surface(level, step)
+            # The inner level has its own mesh.
+            hole = world.levels[index - 1].half_extent_m
+            faces = faces[(np.abs(vertices[faces][:, :, :2]) >= hole - 1e-6).any(axis=(1, 2))]
+            grey = np.full(len(vertices), 128, np.uint8)
+            name = f'surroundings_{index}'
+            scene.add_geometry(_mesh(vertices, faces, grey), node_name=name, geom_name=name)
+    if rocks:
+        _add_rocks(scene, world)
+    return scene
+
+
+def surface(grid: HeightGrid, stride: int = 1) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return vertices (v, 3) [m] and faces (f, 3) of every `stride`-th sample, seen from above.
+
+    The diagonals run as in the grid.
+    """
+    heights = grid.heights_m[::stride, ::stride]
+    n = heights.shape[0]
+    axis = (np.arange(n) - 0.5 * (n - 1)) * grid.cell_m * stride
+    x, y = np.meshgrid(axis, axis)
+    vertices = np.column_stack([x.ravel(), y.ravel(), heights.ravel()]).astype(np.float64)
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    east, north, both = corner + 1, corner + n, corner + n + 1
+    faces = np.concatenate([np.column_stack([corner, east, both]),
+                            np.column_stack([corner, both, north])])
+    return vertices, faces
+
+
+def _mesh(vertices: NDArray, faces: NDArray, grey: NDArray) -> Any:
+    import trimesh
+    colours = np.column_stack([grey, grey, grey, np.full_like(grey, 255)])
+    return trimesh.Trimesh(vertices, faces, vertex_colors=colours, process=False)
+
+
+def _add_rocks(scene: Any, world: World) -> None:
+    """Add each rock as a node; rocks of one shape share their geometry."""
+    rotation = matrix_from_wxyz(world.rocks.orientation_wxyz)
+    for index, shape in enumerate(world.rock_shapes):
+        mesh = _mesh(shape.vertices, shape.faces,
+                     np.full(len(shape.vertices), 150, np.uint8))
+        for i in np.flatnonzero(world.rocks.shape == index):
+            pose = np.eye(4)
+            pose[:3, :3] = rotation[i] * world.rocks.diameter_m[i]
+            pose[:3, 3] = world.rocks.position_m[i]
+            scene.add_geometry(mesh, node_name=f'rock_{i}', geom_name=shape.name, transform=pose)
