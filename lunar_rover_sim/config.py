@@ -292,7 +292,7 @@ def _build(name: str, sections: Mapping[str, Any]) -> Scenario:
     shared_values = sections.get(SHARED, {})
     shared_values = merge({'time_mode': LOCKSTEP}, shared_values)
     shared = NodeConfig.from_mapping(shared_values, SHARED)
-    nodes = {
+    nodes: dict[str, Any] = {
         node: cls.from_mapping(merge(shared.to_mapping(), sections.get(node, {})), node)
         for node, cls in NODE_CONFIGS.items()
     }

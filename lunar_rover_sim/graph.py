@@ -39,8 +39,9 @@ class NodePlan:
         """Return the arguments of the process."""
         arguments = ['--ros-args', '--params-file', str(params_file)]
         for name, value in self.parameters.items():
-            # Quoted, so that a path of digits stays text.
-            arguments += ['-p', f'{name}:="{value}"']
+            # With the node's name, since that of the file's section would win over `/**`; quoted,
+            # so that a path of digits stays text.
+            arguments += ['-p', f'{self.name}:{name}:="{value}"']
         return arguments
 
 

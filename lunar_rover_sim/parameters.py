@@ -190,7 +190,7 @@ def _scalar(name: str, value: Any, kind: type) -> Any:
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'text'}
         raise ConfigError(f'{name}: {value!r} is not {words[kind]}')
-    if kind is float and not math.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f'{name}: {value!r} is not a finite number')
     return value
 

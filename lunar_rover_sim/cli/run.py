@@ -24,7 +24,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument('--real-time', action='store_true',
                         help='follow the wall clock instead of waiting for answers')
     parser.add_argument('--world', type=Path, metavar='DIR',
-                        help='a world made by `world build`, instead of the scenario\'s own')
+                        help="a world made by `world build`, instead of the scenario's own")
     parser.add_argument('--domain', type=int, metavar='N',
                         help='ROS_DOMAIN_ID to use; by default a free one of this machine')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         wall_s = time.monotonic() - start
     bag = folder / BAG_FOLDER
     if 'recorder_node' in scenario.run.nodes:
-        console.print(summarise(bag, wall_s), highlight=False)
+        console.print(summarise(bag).lines(wall_s), highlight=False)
         console.print(f'bag: {bag}', soft_wrap=True, highlight=False)
     return 130 if interrupted else 0
 

@@ -26,8 +26,8 @@ class ClockMonitor:
 
     def now_ns(self) -> int:
         """Return the newest simulated time [ns]; 0 before the first clock message."""
-        with self._subscription.handle as handle:
-            taken = handle.take_message(Clock, False)
+        with self._subscription.handle:
+            taken = self._subscription.handle.take_message(Clock, False)
         if taken is not None:
             self._now_ns = conversions.time_ns(taken[0].clock)
         return self._now_ns

@@ -5,7 +5,6 @@ from __future__ import annotations
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from lunar_rover_sim import frames, topics
@@ -17,7 +16,7 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.world.store import load as load_world
 
 
-class DriveNode(Node):
+class DriveNode(node_main.GraphNode):
     """Answers the odometry of every command period with a velocity that bears its stamp."""
 
     def __init__(self) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import collections
 
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
@@ -16,9 +15,10 @@ from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.nodes import conversions, main as node_main, qos
 from lunar_rover_sim.nodes.answers import AnswerListener
 from lunar_rover_sim.nodes.parameters import declare, on_change
+from lunar_rover_sim.resources import config_path
 
 
-class GaitControllerNode(Node):
+class GaitControllerNode(node_main.GraphNode):
     """Answers every joint state with a joint command that bears its stamp.
 
     In lockstep, where it waits for a stamped cmd_vel, it uses the newest one that is not younger
@@ -28,7 +28,8 @@ class GaitControllerNode(Node):
     def __init__(self) -> None:
         super().__init__('gait_controller_node')
         self._config = config = declare(self, GaitNodeConfig)
-        self._controller = GaitController(config, GaitCalibration.load(config.calibration or None))
+        self._controller = GaitController(config, GaitCalibration.load(
+            config.calibration or config_path('gait_calibration.yaml')))
         self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
         self._states: collections.deque[JointState] = collections.deque()
         self._commands: collections.deque[tuple[int, Twist]] = collections.deque()
@@ -85,6 +86,8 @@ class GaitControllerNode(Node):
             self.get_logger().warning(
                 f'cmd_vel: linear.x = {twist.linear.x}, angular.z = {twist.angular.z} refused '
                 f'({self._refused} so far); valid is finite', throttle_duration_sec=1.0)
+        for report in self._controller.take_reports():
+            self.get_logger().warning(report)
 
     def _watch(self) -> None:
         if self._waits and self._states:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import functools
 import sys
+from typing import Any
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
@@ -12,8 +14,40 @@ from rclpy.node import Node
 from lunar_rover_sim.errors import LunarRoverSimError
 
 
-class Finished(Exception):  # noqa: N818  (it is not an error)
-    """Raised in a callback when a node has done what it was started for."""
+class GraphNode(Node):
+    """A node that can end by itself: finished, or because of an error in a callback.
+
+    Errors of this package in callbacks are kept for `run` to print as one line, where executors
+    would print a traceback.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.finished = False
+        self.failure: LunarRoverSimError | None = None
+        super().__init__(name)
+
+    def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
+                            *args: Any, **kwargs: Any) -> Any:
+        """Create a subscription whose callback may raise our errors."""
+        return super().create_subscription(msg_type, topic, self._guarded(callback), *args,
+                                           **kwargs)
+
+    def create_timer(self, timer_period_sec: float, callback: Callable[..., None],
+                     *args: Any, **kwargs: Any) -> Any:
+        """Create a timer whose callback may raise our errors."""
+        return super().create_timer(timer_period_sec, self._guarded(callback), *args, **kwargs)
+
+    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(callback)
+        def guarded(*args: Any) -> None:
+            if self.finished or self.failure is not None:
+                return
+            try:
+                callback(*args)
+            except LunarRoverSimError as error:
+                self.failure = error
+
+        return guarded
 
 
 def executor() -> Executor:
@@ -25,43 +59,45 @@ def executor() -> Executor:
     return EventsExecutor()
 
 
-def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
+def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     """Run one node until it is finished or told to stop; return the exit status.
 
-    0 after SIGINT, SIGTERM or Finished, 1 after an error, which is logged as one fatal line.
+    0 after SIGINT, SIGTERM or when finished, 1 after an error, which is printed as one line.
     """
     rclpy.init(args=args)
-    status = 0
-    node: Node | None = None
+    failure: LunarRoverSimError | None = None
+    node: GraphNode | None = None
     spinner = executor()
     try:
         node = factory()
         spinner.add_node(node)
-        spinner.spin()
-    except (KeyboardInterrupt, ExternalShutdownException, Finished):
-        pass
+        # Not spin(): that of the events executor does not return when a signal ends the context.
+        while rclpy.ok() and not node.finished and node.failure is None:
+            spinner.spin_once(timeout_sec=0.2)
+        failure = node.failure
+    except (KeyboardInterrupt, ExternalShutdownException):
+        failure = node.failure if node is not None else None
     except LunarRoverSimError as error:
-        print(f'FATAL {error}', file=sys.stderr, flush=True)
-        status = 1
-    status = max(status, _close(node))
+        failure = error
+    failure = _destroy(node) or failure
     try:
         rclpy.try_shutdown()
     except KeyboardInterrupt:
         pass
-    return status
+    if failure is not None:
+        print(f'FATAL {failure}', file=sys.stderr, flush=True)
+        return 1
+    return 0
 
 
-def _close(node: Node | None) -> int:
-    """Destroy the node; a second SIGINT must not cut the clean-up short."""
-    if node is None:
-        return 0
-    for _ in range(3):
+def _destroy(node: GraphNode | None) -> LunarRoverSimError | None:
+    """Destroy the node; another SIGINT must not cut the clean-up short."""
+    while node is not None:
         try:
             node.destroy_node()
-            return 0
+            return None
         except (KeyboardInterrupt, ExternalShutdownException):
             continue
         except LunarRoverSimError as error:
-            print(f'FATAL {error}', file=sys.stderr, flush=True)
-            return 1
-    return 1
+            return error
+    return None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -28,7 +27,7 @@ from lunar_rover_sim.world.store import load as load_world
 _MAX_STATES_PER_CALLBACK = 20
 
 
-class PhysicsNode(Node):
+class PhysicsNode(node_main.GraphNode):
     """Steps the simulation, in lockstep with those it waits for or by the wall clock."""
 
     def __init__(self) -> None:
@@ -109,6 +108,7 @@ class PhysicsNode(Node):
         for _ in range(behind):
             if self._at_end():
                 self._finish()
+                break
             self._advance()
 
     def _restart_wall_clock(self) -> None:
@@ -126,7 +126,7 @@ class PhysicsNode(Node):
 
     def _finish(self) -> None:
         self.get_logger().info(f'finished at {self._now_ns / 1e9:.3f} s')
-        raise node_main.Finished
+        self.finished = True
 
     def _watch(self) -> None:
         if self._paused or not self._config.lockstep:

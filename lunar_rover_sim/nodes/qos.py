@@ -1,8 +1,8 @@
 """Quality of service of every topic, in one place.
 
-Everything is RELIABLE and offered TRANSIENT_LOCAL with a history at least as long as any
-lag of lockstep, so that a participant that is discovered late still gets the first messages. Readers ask for
-that history in lockstep only: then publishers without it (a teleop, a script) fit as well.
+Everything is RELIABLE and offered TRANSIENT_LOCAL with a history at least as long as any lag of
+lockstep, so that a participant that is discovered late still gets the first messages. Readers ask
+for that history in lockstep only: then publishers without it (a teleop, a script) fit as well.
 """
 
 from __future__ import annotations

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header, String
@@ -23,7 +22,7 @@ _NEVER = ('rosout', 'parameter_events')
 _DISCOVERY_S = 0.05
 
 
-class RecorderNode(Node):
+class RecorderNode(node_main.GraphNode):
     """Subscribes to what is listed, or to everything, as it appears; writes raw messages."""
 
     def __init__(self) -> None:

@@ -10,7 +10,6 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -35,7 +34,7 @@ _LAYERS = {topics.LEFT_IMAGE.name: 'left', topics.RIGHT_IMAGE.name: 'right',
            topics.TRUE_DEPTH.name: 'depth'}
 
 
-class RenderNode(Node):
+class RenderNode(node_main.GraphNode):
     """Draws the newest odometry of every frame period, for the topics that somebody reads.
 
     Matching runs in a thread of its own beside the drawing of the next frame.

@@ -7,6 +7,8 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from lunar_rover_sim import frames, topics
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.types import message_class
 from lunar_rover_sim.physics.imu import ImuNoise
@@ -79,8 +81,9 @@ class StatePublisher:
     def _static_transforms(self) -> object:
         zero = conversions.time_msg(0)
         imu = frames.se3(self._R_base_imu, self._rover.imu.position_m)
-        left, right = self._rover.optical_poses()
+        rig = StereoRig(self._rover, CameraConfig())
         return TFMessage(transforms=[
             conversions.transform(frames.BASE_FRAME, child, pose, zero)
-            for child, pose in ((frames.IMU_FRAME, imu), (frames.LEFT_OPTICAL_FRAME, left),
-                                (frames.RIGHT_OPTICAL_FRAME, right))])
+            for child, pose in ((frames.IMU_FRAME, imu),
+                                (frames.LEFT_OPTICAL_FRAME, rig.T_base_left),
+                                (frames.RIGHT_OPTICAL_FRAME, rig.T_base_right))])
