@@ -56,9 +56,9 @@ def _info(args: argparse.Namespace) -> int:
         console.print(table)
         console.print(f'{bag.message_count} messages, {bag.start_ns * 1e-9:.3f} s to '
                       f'{bag.end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
-                      f'{bag.storage_path.suffix.lstrip(".")}', highlight=False)
+                      f'{bag.storage_path.suffix.lstrip(".")}', highlight=False, markup=False, soft_wrap=True)
         if bag.incomplete:
-            console.print(f'INCOMPLETE: {bag.incomplete}', highlight=False)
+            console.print(f'INCOMPLETE: {bag.incomplete}', highlight=False, markup=False, soft_wrap=True)
     return 0
 
 
@@ -84,7 +84,7 @@ def _check(args: argparse.Namespace) -> int:
     console.print(table)
     failed = len(report.failed)
     console.print(f'{args.bag}: ' + (f'{failed} of {len(report.findings)} checks failed'
-                                     if failed else 'passed'), highlight=False)
+                                     if failed else 'passed'), highlight=False, markup=False, soft_wrap=True)
     return 0 if report.ok else 1
 
 

@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     from lunar_rover_sim.errors import EvaluationError
     from lunar_rover_sim.evaluation import trajectory_sources as sources
@@ -68,14 +69,14 @@ def run(args: argparse.Namespace) -> int:
                     (f'RPE over {args.distance:g} m [deg]', result.rpe_distance_deg),
                     (f'RPE over {args.time:g} s [m]', result.rpe_time_m),
                     (f'RPE over {args.time:g} s [deg]', result.rpe_time_deg)):
-        table.add_row(name, *(f'{v:.5f}' for v in (s.rmse, s.mean, s.median, s.max)),
+        table.add_row(Text(name), *(f'{v:.5f}' for v in (s.rmse, s.mean, s.median, s.max)),
                       str(s.count))
     console.print(table)
     console.print(f'scale {result.scale:.5f}, drift {result.drift_percent:.2f} % of distance '
                   f'(at the end {result.end_drift_percent:.2f} %), {result.length_m:.2f} m, '
                   f'tracked {100 * result.tracked_share:.1f} %, '
                   f'{len(result.estimate)} poses, {result.unmatched} without truth',
-                  highlight=False)
+                  highlight=False, markup=False, soft_wrap=True)
     if args.output is not None:
         from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 
@@ -88,5 +89,5 @@ def run(args: argparse.Namespace) -> int:
         except OSError as error:
             raise EvaluationError(f'{args.output}: cannot be written: {error.strerror}') from None
         for written in (json_path, *paths):
-            console.print(str(written), highlight=False, soft_wrap=True)
+            console.print(str(written), highlight=False, markup=False, soft_wrap=True)
     return 0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.frames import Array
 
-PAIR_TOLERANCE = 0.1  # of the distance or time between the poses of a pair
+PAIR_TOLERANCE = 0.1  # of the distance between the poses of a pair
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,14 +58,13 @@ def pairs_by_distance(truth: Trajectory, distance_m: float,
     For every i the j whose distance is nearest; pairs that are off by more than `tolerance` times
     the distance are left out.
     """
-    return _pairs(truth.distances_m, distance_m, tolerance)
+    return _pairs(truth.distances_m, distance_m, tolerance * distance_m)
 
 
-def pairs_by_time(truth: Trajectory, time_s: float,
-                  tolerance: float = PAIR_TOLERANCE) -> NDArray[np.int64]:
-    """Return (k, 2) indices of poses that are `time_s` apart, as `pairs_by_distance`."""
+def pairs_by_time(truth: Trajectory, time_s: float) -> NDArray[np.int64]:
+    """Return (k, 2) indices of poses that are `time_s` apart, to half their median spacing."""
     since_start_s = (truth.stamps_ns - truth.stamps_ns[0]) * 1e-9
-    return _pairs(since_start_s, time_s, tolerance)
+    return _pairs(since_start_s, time_s, 0.5 * float(np.median(np.diff(since_start_s))))
 
 
 def relative_errors(truth: Trajectory, estimate: Trajectory,
@@ -85,7 +84,7 @@ def relative_errors(truth: Trajectory, estimate: Trajectory,
             (turn.inv() * turn_estimate).magnitude())
 
 
-def _pairs(progress: Array, delta: float, tolerance: float) -> NDArray[np.int64]:
+def _pairs(progress: Array, delta: float, slack: float) -> NDArray[np.int64]:
     n = len(progress)
     start = np.arange(n)
     goal = progress + delta
@@ -94,5 +93,5 @@ def _pairs(progress: Array, delta: float, tolerance: float) -> NDArray[np.int64]
     # The earlier of two equally near ones, never the pose itself.
     end = np.where(np.abs(progress[low] - goal) <= np.abs(progress[high] - goal), low, high)
     end = np.where(end == start, np.minimum(start + 1, n - 1), end)
-    keep = (end > start) & (np.abs(progress[end] - goal) <= tolerance * delta)
+    keep = (end > start) & (np.abs(progress[end] - goal) <= slack)
     return np.stack([start[keep], end[keep]], axis=1).astype(np.int64)

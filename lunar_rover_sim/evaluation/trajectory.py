@@ -68,7 +68,7 @@ class Trajectory:
     @property
     def seconds(self) -> Array:
         """(n,) stamps [s]."""
-        return self.stamps_ns * 1e-9
+        return np.asarray(self.stamps_ns * 1e-9, dtype=np.float64)
 
     @property
     def distances_m(self) -> Array:
