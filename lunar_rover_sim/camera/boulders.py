@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.terrain import View
-from lunar_rover_sim.frames import Array, matrix_from_wxyz
+from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 if TYPE_CHECKING:

@@ -114,8 +114,10 @@ class SensorConfig(Parameters):
 class DetailConfig(Parameters):
     """How much is drawn."""
 
-    full_resolution_m: float = param(8.5, 'the ground is drawn at its own resolution up to here',
+    full_resolution_m: float = param(3.5, 'the mesh has the resolution of the ground up to here',
                                      unit='m', low=0.5, high=100.0)
+    exact_m: float = param(14.0, 'beyond the former, up to here, every pixel is intersected with '
+                           'the ground itself', unit='m', low=0.0, high=100.0)
     cells_per_distance: float = param(
         80.0, 'beyond, the cell of the mesh is the distance divided by this', low=5.0, high=1000.0)
     relief_rms_slope: float = param(0.16, 'slope of the relief below the grid, standard deviation',

@@ -90,14 +90,17 @@ class Renderer:
                               f'{limit} x {limit // 2}')
         # Left above right in one pair of attachments.
         self._radiance = context.texture((width, 2 * height), 1, dtype='f4')
+        self._mesh_depth = context.texture((width, 2 * height), 1, dtype='f4')
         self._depth = context.texture((width, 2 * height), 1, dtype='f4')
         self._buffer = context.depth_renderbuffer((width, 2 * height))
+        self._geometry = context.framebuffer([self._mesh_depth], self._buffer)
+        self._lighting = context.framebuffer([self._radiance, self._depth])
         self._target = context.framebuffer([self._radiance, self._depth], self._buffer)
-        dtype = 'f2' if False else ('u2' if self.sensor.output_type is np.uint16 else 'f1')
-        self._image = context.texture((width, 2 * height), 1,
-                                      dtype='nu2' if dtype == 'u2' else 'f1')
+        self._image_type = 'nu2' if self.sensor.output_type is np.uint16 else 'f1'
+        self._image = context.texture((width, 2 * height), 1, dtype=self._image_type)
         self._output = context.framebuffer([self._image])
-        self._radiance.filter = (context.NEAREST, context.NEAREST)
+        for texture in (self._radiance, self._depth, self._mesh_depth):
+            texture.filter = (context.NEAREST, context.NEAREST)
 
         self.sunlight = Sunlight(self.world, config, self.sun_direction)
         self._levels = []
@@ -112,6 +115,9 @@ class Renderer:
         self._programs = {
             'inner': load_program(context, 'terrain', 'terrain'),
             'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
+            'ground': load_program(context, 'screen', 'ground'),
+            'refined': load_program(context, 'screen', 'ground', REFINE=1),
+            'unlit': load_program(context, 'screen', 'ground', REFINE=1, UNLIT=1),
             'rock': load_program(context, 'rock', 'rock'),
         }
         defines = {}
@@ -121,6 +127,8 @@ class Renderer:
             defines['NOISE'] = 1
         self._sensor_program = load_program(context, 'screen', 'sensor', **defines)
         self._screen = context.vertex_array(self._sensor_program, [])
+        self._ground_passes = {name: context.vertex_array(self._programs[name], [])
+                               for name in ('ground', 'refined', 'unlit')}
         cells, full = [], config.detail.full_resolution_m
         for level in self._levels:
             cells.append(np.array([level.grid.cell_m * 2.0**k for k in range(level.tree.depth)]))
@@ -153,17 +161,14 @@ class Renderer:
         if 'right' in asked:
             eyes.append(1)
         try:
-            self._draw(pose, eyes)
+            self._draw(pose, eyes, lit=bool(asked & {'left', 'right', 'radiance'}))
             return self._read(asked, eyes, int(frame_index))
         except RenderError:
             raise
         except Exception as error:  # moderngl and the driver raise what they like
             raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
 
-    def _draw(self, pose: Array, eyes: list[int]) -> None:
-        context = self._context
-        self._target.use()
-        context.enable_only(context.DEPTH_TEST)
+    def _draw(self, pose: Array, eyes: list[int], *, lit: bool) -> None:
         if not eyes:
             return
         cameras = [pose @ (self.rig.T_base_left, self.rig.T_base_right)[eye] for eye in eyes]
@@ -171,22 +176,102 @@ class Renderer:
         chosen = [level.tree.select(view, reach)
                   for level, reach in zip(self._levels, self._ranges)]
         for eye, camera in zip(eyes, cameras):
-            self._target.viewport = (0, eye * self.rig.height, self.rig.width, self.rig.height)
-            self._target.clear(viewport=self._target.viewport)
-            clip = self._clip(camera)
-            for program in self._programs.values():
-                set_uniform(program, u_clip=clip, u_camera=tuple(camera[:3, 3]),
-                            u_axis=tuple(camera[:3, 2]), u_above=view.above_m)
-            eye_view = dataclasses.replace(view, camera_m=camera[:3, 3])
-            program = self._programs['rock']
-            self._surface.bind_rocks(program)
-            self._boulders.draw(program, eye_view, self.rig.focal_px,
-                                self.config.detail.rock_min_px)
-            for k, (level, (chunks, skirts)) in enumerate(zip(self._levels, chosen)):
-                program = self._programs['outer' if k else 'inner']
-                self._surface.bind(program, k, level)
-                self._mesh.draw(program, chunks)
-                self._mesh.draw(program, skirts, skirt=True)
+            window = (0, eye * self.rig.height, self.rig.width, self.rig.height)
+            self._place(camera, view, window)
+            self._draw_geometry(chosen, window)
+            self._light_ground(chosen, camera, window, lit)
+            self._draw_rocks(camera, view, window)
+
+    def _place(self, camera: Array, view: View, window: tuple[int, int, int, int]) -> None:
+        """Tell all programs where the camera is."""
+        K, rotation = self.rig.K, camera[:3, :3]
+        right, down = rotation[:, 0] / K[0, 0], rotation[:, 1] / K[1, 1]
+        first = rotation[:, 2] - right * K[0, 2] - down * K[1, 2]
+        clip = self._clip(camera)
+        for program in self._programs.values():
+            set_uniform(program, u_clip=clip, u_camera=tuple(camera[:3, 3]),
+                        u_axis=tuple(camera[:3, 2]), u_above=view.above_m, u_ray=tuple(first),
+                        u_ray_right=tuple(right), u_ray_down=tuple(down), u_first_row=window[1])
+
+    def _draw_geometry(self, chosen: list[tuple[Array, Array]],
+                       window: tuple[int, int, int, int]) -> None:
+        context = self._context
+        self._geometry.use()
+        context.enable_only(context.DEPTH_TEST)
+        self._geometry.viewport = window
+        self._geometry.clear(viewport=window)
+        for k, (level, (chunks, skirts)) in enumerate(zip(self._levels, chosen)):
+            program = self._programs['outer' if k else 'inner']
+            level.bind(program)
+            self._mesh.draw(program, chunks)
+            self._mesh.draw(program, skirts, skirt=True)
+
+    def _light_ground(self, chosen: list[tuple[Array, Array]], camera: Array,
+                      window: tuple[int, int, int, int], lit: bool) -> None:
+        """Light the pixels of each level, in the rows that it may cover."""
+        context = self._context
+        self._lighting.use()
+        self._lighting.viewport = window
+        self._lighting.clear(viewport=window)
+        context.enable_only(context.NOTHING)
+        self._mesh_depth.use(5)
+        for k, (level, (chunks, _)) in enumerate(zip(self._levels, chosen)):
+            if len(chunks) == 0:
+                continue
+            first, last = self._rows(level.tree.boxes(chunks), camera)
+            if not lit:
+                self._ground_rows('unlit', k, window, first, last)
+            elif k:
+                self._ground_rows('ground', k, window, first, last)
+            else:
+                coarse = chunks[chunks[:, 2] > 1.0]
+                middle = first
+                if len(coarse):
+                    middle = self._rows(level.tree.boxes(coarse), camera)[1]
+                    self._ground_rows('refined', k, window, first, middle)
+                if middle < last:
+                    self._ground_rows('ground', k, window, middle, last)
+
+    def _ground_rows(self, name: str, k: int, window: tuple[int, int, int, int], first: int,
+                     last: int) -> None:
+        program, level = self._programs[name], self._levels[k]
+        self._surface.bind(program, k, level)
+        set_uniform(program, u_depth=5)
+        if name != 'ground':
+            level.heights.use(0)
+            near = 0.8 * self._ranges[k][0] if k == 0 else 1e9
+            set_uniform(program, u_heights=0, u_last=level.grid.n - 1,
+                        u_refine=(near, self.config.detail.exact_m, 0.012, level.grid.cell_m))
+        self._lighting.viewport = (window[0], window[1] + first, window[2], last - first)
+        self._ground_passes[name].render(vertices=3)
+
+    def _draw_rocks(self, camera: Array, view: View, window: tuple[int, int, int, int]) -> None:
+        context = self._context
+        self._target.use()
+        self._target.viewport = window
+        context.enable_only(context.DEPTH_TEST)
+        program = self._programs['rock']
+        self._surface.bind_rocks(program)
+        self._boulders.draw(program, dataclasses.replace(view, camera_m=camera[:3, 3]),
+                            self.rig.focal_px, self.config.detail.rock_min_px)
+
+    def _rows(self, boxes: Array, camera: Array) -> tuple[int, int]:
+        """Return the first row and the one after the last that (m, 2, 3) boxes may cover."""
+        corners = np.stack([boxes[:, i, axis] for axis in range(3) for i in (0, 1)], axis=1)
+        x, y, z = corners[:, :2], corners[:, 2:4], corners[:, 4:]
+        offset = camera[:3, 3]
+        points = np.stack(np.broadcast_arrays((x - offset[0])[:, :, None, None],
+                                              (y - offset[1])[:, None, :, None],
+                                              (z - offset[2])[:, None, None, :]), axis=-1)
+        optical = points.reshape(-1, 3) @ camera[:3, 1:3]
+        if np.any(optical[:, 1] < self.config.camera.near_m):
+            ahead = optical[:, 1] > self.config.camera.near_m
+            rows = self.rig.K[1, 1] * optical[ahead, 0] / optical[ahead, 1] + self.rig.K[1, 2]
+            return int(np.clip(np.min(rows, initial=self.rig.height) - 1, 0,
+                               self.rig.height - 1)), self.rig.height
+        rows = self.rig.K[1, 1] * optical[:, 0] / optical[:, 1] + self.rig.K[1, 2]
+        first = int(np.clip(np.floor(rows.min()) - 1, 0, self.rig.height - 1))
+        return first, int(np.clip(np.ceil(rows.max()) + 2, first + 1, self.rig.height))
 
     def _view(self, cameras: list[Array]) -> View:
         """Return the view volume that holds those of all cameras."""
@@ -196,7 +281,8 @@ class Renderer:
         K, w, h = self.rig.K, self.rig.width, self.rig.height
         right, down, forward = camera[:3, 0], camera[:3, 1], camera[:3, 2]
         normals = []
-        for axis, focal, centre, size in ((right, K[0, 0], K[0, 2], w), (down, K[1, 1], K[1, 2], h)):
+        for axis, focal, centre, size in ((right, K[0, 0], K[0, 2], w),
+                                          (down, K[1, 1], K[1, 2], h)):
             normals.append(axis + forward * ((centre + 0.5) / focal))
             normals.append(-axis + forward * ((size - centre - 0.5) / focal))
         normals.append(forward)
@@ -226,10 +312,8 @@ class Renderer:
         out: dict[str, NDArray] = {}
         if asked & {'left', 'right'}:
             self._develop(eyes, frame_index)
-            raw = np.frombuffer(self._output.read(components=1, alignment=1,
-                                                  dtype='nu2' if self.sensor.output_type
-                                                  is np.uint16 else 'f1'),
-                                self.sensor.output_type).reshape(2, h, w)
+            data = self._output.read(components=1, alignment=1, dtype=self._image_type)
+            raw = np.frombuffer(data, self.sensor.output_type).reshape(2, h, w)
             for eye, name in enumerate(('left', 'right')):
                 if name in asked:
                     image = raw[eye]
@@ -237,14 +321,14 @@ class Renderer:
                         image = np.repeat(image[..., None], 3, axis=2)
                     out[name] = image
         if 'depth' in asked:
-            data = self._target.read(viewport=(0, 0, w, h), components=1, attachment=1, alignment=1,
-                                     dtype='f4')
+            data = self._lighting.read(viewport=(0, 0, w, h), components=1, attachment=1,
+                                       alignment=1, dtype='f4')
             depth = np.frombuffer(data, np.float32).reshape(h, w).copy()
             depth[depth == 0.0] = np.inf
             out['depth_m'] = depth
         if 'radiance' in asked:
-            data = self._target.read(viewport=(0, 0, w, h), components=1, attachment=0, alignment=1,
-                                     dtype='f4')
+            data = self._lighting.read(viewport=(0, 0, w, h), components=1, alignment=1,
+                                       dtype='f4')
             out['radiance'] = np.frombuffer(data, np.float32).reshape(h, w)
         return StereoFrame(**out, exposure_s=self.exposure_s)
 

@@ -37,6 +37,7 @@ class Surface:
         self._matter = [_matter_texture(context, world.albedo)]
         self._matter += [_matter_texture(context, np.ones((2, 2), np.float32))
                          for _ in world.levels[1:]]
+        self._sizes = [grid.n for grid in world.levels]
         tangent = np.tan(min(sunlight.sun.elevation_rad, np.radians(75.0)))
         self._centre, self._half_range = float(tangent), float(0.4 * (1.0 + tangent**2))
         self._tiles, self._periods = [], []
@@ -67,19 +68,23 @@ class Surface:
     def bind(self, program: moderngl.Program, k: int, level: TerrainLevel) -> None:
         """Bind what ground of level `k` is drawn with."""
         n, cell = level.grid.n, level.grid.cell_m
-        level.heights.use(0)
         self._ground[k].use(1)
         self._matter[k].use(2)
         self._tiles[0].use(3)
         self._tiles[1].use(4)
         angle = np.radians(_TURN_DEG)
-        set_uniform(program, u_heights=0, u_ground=1, u_matter=2, u_tile_a=3, u_tile_b=4,
-                    u_last=n - 1, u_cell=cell, u_inner=level.inner_half_m,
-                    u_grid=(1.0 / (n * cell), 0.5),
+        set_uniform(program, u_ground=1, u_matter=2, u_tile_a=3, u_tile_b=4,
+                    u_level=(level.inner_half_m, level.grid.half_extent_m),
+                    u_lod=self._lods(k, cell), u_grid=(1.0 / (n * cell), 0.5),
                     u_tile=(1.0 / self._periods[0], 1.0 / self._periods[1], _SLOPE_SCALE,
                             _SLOPE_SCALE),
                     u_turn=(float(np.cos(angle)), float(np.sin(angle)), self._centre,
                             self._half_range))
+
+    def _lods(self, k: int, cell_m: float) -> tuple[float, ...]:
+        matter = cell_m * self._sizes[k] / self._matter[k].width
+        texels = [cell_m, matter] + [p / t.width for p, t in zip(self._periods, self._tiles)]
+        return tuple(float(-np.log2(texel)) for texel in texels)
 
     def bind_rocks(self, program: moderngl.Program) -> None:
         """Bind what rocks are drawn with."""

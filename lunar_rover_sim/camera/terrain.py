@@ -14,6 +14,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.context import set_uniform
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.grid import HeightGrid
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import moderngl
 
 CHUNK = 16
+_NEAR_CELL_M = 0.05
 _LOWER = 256  # added to the column of a vertex at the lower rim of a skirt
 
 
@@ -59,6 +61,19 @@ class ChunkTree:
         """Number of strides: 1, 2, 4 ..."""
         return len(self._low)
 
+    def boxes(self, chunks: Array) -> Array:
+        """Return (m, 2, 3) corners of least and greatest coordinates of chunks, world [m]."""
+        size = (chunks[:, 2] * CHUNK).astype(int)
+        columns, rows = (chunks[:, :2] / size[:, None]).astype(int).T
+        x, y = self._bounds(columns, size), self._bounds(rows, size)
+        k = np.round(np.log2(chunks[:, 2])).astype(int)
+        z = np.empty((2, len(chunks)))
+        for level in np.unique(k):
+            of = k == level
+            z[0, of] = self._low[level][rows[of], columns[of]]
+            z[1, of] = self._high[level][rows[of], columns[of]]
+        return np.stack([np.stack([x[i], y[i], z[i]], axis=-1) for i in (0, 1)], axis=1)
+
     def select(self, view: View, ranges_m: NDArray[np.float64]) -> tuple[Array, Array]:
         """Return (chunks, skirts): (m, 4) first column, first row, stride, range; near first.
 
@@ -91,7 +106,8 @@ class ChunkTree:
         order = np.argsort(np.concatenate(distances), kind='stable')
         return np.concatenate(chunks)[order], np.concatenate(skirts)
 
-    def _bounds(self, index: NDArray[np.int64], size: int) -> tuple[Array, Array]:
+    def _bounds(self, index: NDArray[np.int64],
+                size: int | NDArray[np.int64]) -> tuple[Array, Array]:
         low = np.minimum(index * size, self.n - 1)
         high = np.minimum(low + size, self.n - 1)
         middle = 0.5 * (self.n - 1)
@@ -137,6 +153,12 @@ class TerrainLevel:
         heights = np.ascontiguousarray(grid.heights_m, np.float32)
         self.heights = context.texture((grid.n, grid.n), 1, heights.tobytes(), dtype='f4')
         self.heights.filter = (context.NEAREST, context.NEAREST)
+
+    def bind(self, program: moderngl.Program) -> None:
+        """Bind what the mesh of this level is made from."""
+        self.heights.use(0)
+        set_uniform(program, u_heights=0, u_last=self.grid.n - 1, u_cell=self.grid.cell_m,
+                    u_inner=self.inner_half_m)
 
     def release(self) -> None:
         """Release the GL objects."""
@@ -216,10 +238,11 @@ def ranges(cells_m: NDArray[np.float64], full_resolution_m: float,
     """Return the distance up to which each cell size is used.
 
     The finest reaches `full_resolution_m`; a coarser one as far as its distance divided by its
-    cell is less than `cells_per_distance`, but each at least a quarter farther than the last.
+    cell is less than `cells_per_distance` (less and less of it beyond the near field), but each
+    at least 1.3 times as far as the last.
     """
     result = np.empty(len(cells_m))
     for k, cell in enumerate(cells_m):
-        reach = cell * cells_per_distance
+        reach = cell * cells_per_distance * min(1.0, (cell / _NEAR_CELL_M)**-0.13)
         result[k] = max(reach, full_resolution_m if k == 0 else 1.3 * result[k - 1])
     return result

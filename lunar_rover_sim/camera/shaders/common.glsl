@@ -13,17 +13,7 @@ float disc(float angle, float radius) {
     return 0.5 + x * (0.6366 - 0.1366 * x * x);
 }
 
-#ifdef TRUTH
-layout(location = 0) out vec4 o_truth;   // unit normal, label
-void emit_truth(vec3 normal, float label) { o_truth = vec4(normal, label); }
-#else
 layout(location = 0) out float o_radiance;
-layout(location = 1) out float o_depth;
-void emit(float radiance, vec3 relative) {
-    o_radiance = radiance;
-    o_depth = dot(relative, u_axis);
-}
-#endif
 
 #ifdef ROVER_SHADOW
 // The rover's silhouette as the sun sees it: signed distance [m] and depth along the sun ray.

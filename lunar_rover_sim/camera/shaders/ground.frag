@@ -1,0 +1,109 @@
+// Lit regolith: grid-scale slope and shadow, two tiles of finer relief, albedo, bounced light.
+#include "common.glsl"
+#include "ray.glsl"
+uniform sampler2D u_depth;
+uniform sampler2D u_ground;     // slope x, slope y, clearance, occluder distance
+uniform sampler2D u_matter;     // albedo / 2, scattered irradiance, lit surroundings
+uniform sampler2D u_tile_a, u_tile_b;   // slope x, slope y, horizon tangent, its deviation
+uniform vec4 u_tile;            // 1 / period of a and b [1/m], slope scale of a and b
+uniform vec4 u_turn;            // cos, sin of the turn of tile b; centre and half range of horizon
+uniform vec2 u_grid;            // 1 / (n cell), offset of the first sample in texture units
+uniform vec4 u_lod;             // -log2 of the texel [m] of ground, matter, tiles a and b
+uniform vec2 u_level;           // half extents of the finer level and of this one [m]
+uniform vec2 u_theta;           // tangent of the roughness that is not drawn: near, far
+uniform Hapke u_regolith;
+
+layout(location = 1) out float o_depth;
+
+#ifdef REFINE
+// Where the mesh is coarser than the grid, find where the ray really meets the grid's triangles.
+uniform sampler2D u_heights;
+uniform vec4 u_refine;          // nearest and farthest depth, bound of the mesh's error [m], cell
+uniform int u_last;
+
+float ground_at(vec2 xy) {
+    vec2 g = xy / u_refine.w + 0.5 * float(u_last);
+    ivec2 c = clamp(ivec2(floor(g)), ivec2(0), ivec2(u_last - 1));
+    vec2 f = g - vec2(c);
+    bool lower = f.x >= f.y;
+    float z00 = texelFetch(u_heights, c, 0).r, z11 = texelFetch(u_heights, c + 1, 0).r;
+    float zc = texelFetch(u_heights, c + (lower ? ivec2(1, 0) : ivec2(0, 1)), 0).r;
+    vec2 w = lower ? f : f.yx;
+    return z00 + w.x * (zc - z00) + w.y * (z11 - zc);
+}
+
+float refined(float depth, vec3 ray) {
+    vec3 origin = u_camera;
+    float fall = max(-ray.z, 0.25 * u_refine.z);
+    float reach = min(u_refine.z / fall, 0.06 * depth);
+    float step = reach * 0.25;
+    float t = depth - reach;
+    float above = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
+    float low = t, f_low = above, high = -1.0, f_high = 0.0;
+    for (int i = 0; i < 8; i++) {
+        t += step;
+        float next = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
+        if (high < 0.0) {
+            if (next <= 0.0) { high = t; f_high = next; }
+            else { low = t; f_low = next; }
+        }
+    }
+    if (high < 0.0 || f_low <= 0.0) return depth;
+    for (int i = 0; i < 3; i++) {
+        t = low + (high - low) * f_low / max(f_low - f_high, 1e-9);
+        float next = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
+        if (next > 0.0) { low = t; f_low = next; } else { high = t; f_high = next; }
+    }
+    return low + (high - low) * f_low / max(f_low - f_high, 1e-9);
+}
+#endif
+
+void main() {
+    float depth = texelFetch(u_depth, ivec2(gl_FragCoord.xy), 0).r;
+    vec3 ray = pixel_ray(pixel());
+#ifdef REFINE
+    if (depth > u_refine.x && depth < u_refine.y) depth = refined(depth, ray);
+#endif
+    o_depth = depth;
+    vec3 relative = ray * depth;
+    vec2 xy = relative.xy + u_camera.xy;
+    float reach = max(abs(xy.x), abs(xy.y));
+    if (depth == 0.0 || reach < u_level.x || reach > u_level.y) discard;
+#ifndef UNLIT
+    vec3 view = -normalize(ray);
+    // Footprint of the pixel on level ground: across and along the line of sight.
+    float size = depth * length(u_ray_right);
+    float along = min(size / max(abs(view.z), 0.02), 4.0 * size);
+    vec2 uv = xy * u_grid.x + u_grid.y;
+    float level = log2(along);
+    vec4 ground = textureLod(u_ground, uv, level + u_lod.x);
+    vec4 matter = textureLod(u_matter, uv, level + u_lod.y);
+    vec4 a = textureLod(u_tile_a, xy * u_tile.x, level + u_lod.z);
+    mat2 turn = mat2(u_turn.x, u_turn.y, -u_turn.y, u_turn.x);
+    vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, level + u_lod.w);
+    vec2 slope_a = (a.xy - 0.501961) * u_tile.z;
+    vec2 slope_b = (b.xy - 0.501961) * u_tile.w * turn;
+    vec2 slope = ground.xy + slope_a + slope_b;
+    vec3 normal = normalize(vec3(-slope, 1.0));
+    float horizontal = length(u_sun.xy) + 1e-6;
+    vec2 heading = u_sun.xy / horizontal;
+    float tangent = u_sun.z / horizontal - dot(ground.xy, heading);
+    float width = u_sun_radius * (1.0 + tangent * tangent);
+    float lit = disc(ground.z / ground.w, u_sun_radius);
+    float above_a = tangent - (u_turn.z + (2.0 * a.z - 1.0) * u_turn.w);
+    float above_b = tangent - dot(slope_a, heading) - (u_turn.z + (2.0 * b.z - 1.0) * u_turn.w);
+    float spread_a = 2.0 * a.w * u_turn.w, spread_b = 2.0 * b.w * u_turn.w;
+    float lit_a = disc(above_a, width + 1.8 * spread_a);
+    float lit_b = disc(above_b, width + 1.8 * spread_b);
+    float far = clamp(0.5 + 0.25 * (level + 5.64), 0.0, 1.0);
+    lit *= mix(lit_a * lit_b, 1.0, far);
+#ifdef ROVER_SHADOW
+    lit *= rover_visibility(relative);
+#endif
+    float albedo = 2.0 * matter.r;
+    float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
+    float reflectance = hapke(mu0, mu, dot(u_sun, view), mix(u_theta.x, u_theta.y, far), albedo,
+                              u_regolith);
+    o_radiance = u_irradiance * reflectance * lit;
+#endif
+}
