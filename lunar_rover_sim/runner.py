@@ -33,6 +33,7 @@ class Graph:
 
     silence_s: wall time without progress of the clock after which physics counts as hung; None
         where time may stand still (paused, real time).
+    cpu_s: node → processor time that it has used so far [s].
     """
 
     def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int,
@@ -40,6 +41,7 @@ class Graph:
         self._folder = folder
         self._silence_s = silence_s
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.cpu_s: dict[str, float] = {}
         (folder / LOG_FOLDER).mkdir(exist_ok=True)
         environment = dict(os.environ, ROS_DOMAIN_ID=str(domain), PYTHONUNBUFFERED='1',
                            ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
@@ -77,6 +79,7 @@ class Graph:
                     raise GraphError(f'physics_node has been silent for {self._silence_s:g} s at '
                                      f'{last_ns / 1e9:.3f} s of simulated time; see '
                                      f'{self._log("physics_node")}')
+                self._measure()
                 on_progress(now_ns)
                 time.sleep(_POLL_S)
 
@@ -112,6 +115,15 @@ class Graph:
             # What went wrong first is what counts.
             if error is None:
                 raise
+
+    def _measure(self) -> None:
+        for name, process in self._processes.items():
+            try:
+                fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
+            except OSError:
+                continue
+            # utime and stime, the 14th and 15th field of proc(5), the name being the 2nd.
+            self.cpu_s[name] = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
     def _ended(self) -> bool:
         """Return whether physics has finished; raise GraphError for whoever died."""

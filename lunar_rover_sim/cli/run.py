@@ -78,11 +78,17 @@ def run(args: argparse.Namespace) -> int:
                 interrupted = True
                 console.print('stopping; the bag will end here')
         wall_s = time.monotonic() - start
+    console.print(_shares(graph.cpu_s, wall_s), highlight=False)
     bag = folder / BAG_FOLDER
     if 'recorder_node' in scenario.run.nodes:
         console.print(summarise(bag).lines(wall_s), highlight=False)
         console.print(f'bag: {bag}', soft_wrap=True, highlight=False)
     return 130 if interrupted else 0
+
+
+def _shares(cpu_s: dict[str, float], wall_s: float) -> str:
+    shares = ', '.join(f'{name} {100 * used / wall_s:.0f} %' for name, used in cpu_s.items())
+    return f'processor time, start included, of one core: {shares}'
 
 
 def _watch(graph, scenario, console) -> None:  # type: ignore[no-untyped-def]
