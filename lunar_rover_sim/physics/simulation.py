@@ -106,7 +106,7 @@ class Simulation:
         """
         velocity = np.asarray(velocity_radps, dtype=float)
         if velocity.shape != (4,) or not np.isfinite(velocity).all():
-            raise PhysicsError(f'command: {velocity_radps!r} is not valid; valid are four finite'
+            raise PhysicsError(f'command: {velocity_radps!r} is not valid; valid is four finite'
                                ' velocities [rad/s]')
         self._ctrl[:] = velocity * self._gear
 

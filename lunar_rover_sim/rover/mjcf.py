@@ -28,6 +28,9 @@ CHASSIS_GEOM = 'chassis'
 MAST_GEOM = 'mast'
 IMU_SITE = 'imu'
 MAST_RADIUS_M = 0.008
+# As firm as the solver has it: with MuJoCo's defaults a joint held by dry friction creeps.
+_DRY_SOLREF = [0.002, 1.0]
+_DRY_SOLIMP = [0.999, 0.999, 0.001, 0.5, 2.0]
 
 
 def rover_spec(rover: RoverDescription) -> mujoco.MjSpec:
@@ -72,7 +75,8 @@ def _add_leg(spec: mujoco.MjSpec, base: mujoco.MjsBody, leg: str,
              position_m: tuple[float, float, float], legs: Legs, motor: Motor) -> None:
     body = base.add_body(name=leg, pos=position_m)
     body.add_joint(name=f'{leg}_joint', type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0],
-                   frictionloss=motor.coulomb_friction_nm)
+                   frictionloss=motor.coulomb_friction_nm, solref_friction=_DRY_SOLREF,
+                   solimp_friction=_DRY_SOLIMP)
     _set_inertia(body, legs.mass_kg, (0.0, 0.0, 0.0), leg_inertia(legs))
     for k, direction in enumerate(np.array(legs.spoke_directions())):
         tip = (legs.spoke_length_m - legs.tip_radius_m) * direction

@@ -1,0 +1,75 @@
+"""Small worlds and a plain trot for the tests of physics: no builder, no gait controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.rocks import Rocks, RockShape
+
+GRAVITY = 1.62
+ROVER = RoverDescription()
+WEIGHT_N = ROVER.total_mass_kg * GRAVITY
+STATE_S = 0.005
+
+
+def make_world(heights: np.ndarray | None = None, cell_m: float = 0.025, rocks: Rocks | None = None,
+               shapes: tuple[RockShape, ...] = ()) -> World:
+    """Return a world of one level; flat, 10 m wide, without rocks by default."""
+    if heights is None:
+        heights = np.zeros((401, 401))
+    grid = HeightGrid(np.asarray(heights, dtype=np.float32), cell_m)
+    if rocks is None:
+        rocks = Rocks(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)),
+                      np.zeros((0, 4)), np.zeros(0, np.float32), np.zeros(0))
+    return World((grid,), np.ones_like(grid.heights_m), rocks, shapes, None, '')
+
+
+def plane_heights(slope_deg: float, n: int = 401, cell_m: float = 0.025) -> np.ndarray:
+    """Return heights that rise towards +x."""
+    x = (np.arange(n) - (n - 1) / 2) * cell_m
+    return np.tile(np.tan(np.radians(slope_deg)) * x, (n, 1))
+
+
+def rough_heights(seed: int = 1, n: int = 401, rms_m: float = 0.02) -> np.ndarray:
+    """Return smooth hills with wavelengths of some decimetres, far below height 0."""
+    spectrum = np.fft.rfft2(np.random.default_rng(seed).normal(size=(n, n)))
+    fx, fy = np.meshgrid(np.fft.rfftfreq(n), np.fft.fftfreq(n))
+    smooth = np.fft.irfft2(spectrum * np.exp(-(fx ** 2 + fy ** 2) * 2.0 * 80.0), (n, n))
+    return smooth * rms_m / smooth.std() - 7.0
+
+
+def trot(simulation: Simulation, duration_s: float, frequency_hz: float = 1.0, duty: float = 0.6,
+         foot_width_rad: float = np.pi / 3,
+         observe: Callable[[RoverState], None] = lambda state: None) -> RoverState:
+    """Walk an open-loop diagonal trot with linear stance and flight, at 200 Hz."""
+    pitch = simulation.rover.legs.spoke_pitch_rad
+    phase = np.array([0.0, 0.5, 0.5, 0.0])
+    steps = round(STATE_S / simulation.config.step_s)
+    state = simulation.state()
+    for i in range(round(duration_s / STATE_S)):
+        rate = frequency_hz * min(1.0, i * STATE_S / 0.5)
+        cycle = phase % 1.0
+        stance = cycle < duty
+        angle = np.where(stance, foot_width_rad * (cycle / duty - 0.5), foot_width_rad / 2
+                         + (pitch - foot_width_rad) * (cycle - duty) / (1.0 - duty))
+        slope = np.where(stance, foot_width_rad / duty, (pitch - foot_width_rad) / (1.0 - duty))
+        error = (angle - state.joint_angle_rad + pitch / 2) % pitch - pitch / 2
+        simulation.command(slope * rate + np.clip(10.0 * error, -6.0, 6.0))
+        state = simulation.advance(steps)
+        observe(state)
+        phase = phase + rate * STATE_S
+    return state
+
+
+def simulate(world: World | None = None, rover: RoverDescription = ROVER,
+             **config: object) -> Simulation:
+    """Return a simulation with some physics parameters changed."""
+    return Simulation(world or make_world(), rover, PhysicsConfig(**config))

@@ -1,0 +1,131 @@
+"""What MuJoCo collides with is the world's own surface."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from physics_scene import make_world, rough_heights, simulate
+import pytest
+
+from lunar_rover_sim.errors import ConfigError, PhysicsError
+from lunar_rover_sim.physics.config import StartPose
+from lunar_rover_sim.world.rocks import Rocks, RockShape
+
+
+def ray_heights(simulation, xy: np.ndarray) -> np.ndarray:
+    """Return the heights [m] where rays straight down from (n, 2) positions hit the world."""
+    model, data = simulation.model, simulation.data
+    # Group 0 is the world; the rover's geoms are in group 1.
+    groups = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
+    geom, down = np.zeros(1, dtype=np.int32), np.array([0.0, 0.0, -1.0])
+    return np.array([50.0 - mujoco.mj_ray(model, data, np.array([x, y, 50.0]), down, groups, 1, -1,
+                                          geom) for x, y in xy])
+
+
+@pytest.mark.parametrize('lift_m', [0.0, 12.0])
+def test_rays_hit_the_height_of_the_world(lift_m):
+    world = make_world(rough_heights(rms_m=0.3) + lift_m)
+    limit = world.ground.half_extent_m - 0.01
+    xy = np.random.default_rng(5).uniform(-limit, limit, (10_000, 2))
+    with simulate(world) as simulation:
+        np.testing.assert_allclose(ray_heights(simulation, xy), world.height_at(xy), atol=1e-3)
+
+
+def test_a_barely_uneven_ground_keeps_its_heights():
+    heights = np.zeros((401, 401))
+    heights[200, 210] = 0.003
+    world = make_world(heights)
+    with simulate(world) as simulation:
+        assert ray_heights(simulation, np.array([[0.25, 0.0]]))[0] == pytest.approx(0.003)
+
+
+def test_feet_stand_where_the_drawn_surface_is():
+    world = make_world(rough_heights())
+    with simulate(world) as simulation:
+        data = simulation.data
+        for touch in data.contact:
+            # The contact point lies halfway between the surface and the sunken tip.
+            assert touch.pos[2] == pytest.approx(world.height_at(touch.pos[:2]), abs=1.5e-3)
+
+
+def octahedron() -> RockShape:
+    vertices = 0.5 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1],
+                               [0, 0, -1]], dtype=np.float32)
+    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5],
+                      [0, 3, 5]], dtype=np.int32)
+    return RockShape('octahedron', vertices, faces)
+
+
+def rocks_at(positions: list[list[float]], quat: list[float] | None = None) -> Rocks:
+    n = len(positions)
+    size = np.arange(n, dtype=np.int32) % 2
+    return Rocks(np.zeros(n, np.int32), size, np.array(positions, float),
+                 np.tile(quat or [1.0, 0.0, 0.0, 0.0], (n, 1)), np.ones(n, np.float32),
+                 np.array([0.2, 0.6]))
+
+
+def test_rocks_are_where_the_world_says():
+    rocks = rocks_at([[2.0, 1.0, 0.05], [-2.0, 1.0, 0.1], [2.0, -2.0, 0.0]])
+    world = make_world(rocks=rocks, shapes=(octahedron(),))
+    with simulate(world) as simulation:
+        # Beside the tips of the octahedra: |x| + |y| + |z| is half the diameter on a face.
+        heights = ray_heights(simulation, np.array([[2.01, 1.02], [-2.03, 1.01], [2.01, -2.02],
+                                                    [-2.01, 1.15], [3.0, 3.0]]))
+        # Meshes are shared by rocks of one shape and size.
+        assert simulation.model.nmesh == 2
+    np.testing.assert_allclose(heights, [0.12, 0.36, 0.07, 0.24, 0.0], atol=1e-5)
+
+
+def test_a_rock_in_the_way_lifts_a_leg_and_is_not_walked_through():
+    rocks = rocks_at([[0.0, 0.105, 0.0]])
+    world = make_world(rocks=rocks, shapes=(octahedron(),))
+    start = StartPose(x_m=-0.115, settle_s=3.0)
+    with simulate(world, start=start) as simulation:
+        state = simulation.state()
+        assert all(touch.dist > -0.01 for touch in simulation.data.contact)
+    # The front left leg stands on the rock's top, so the rover leans back and to the right.
+    assert state.position_m[2] > 0.1
+
+
+@pytest.mark.parametrize('name', ['x_m', 'y_m'])
+def test_a_start_off_the_ground_is_refused(name):
+    with pytest.raises(ConfigError, match=rf'start.{name}: 7.0 is not valid; valid is -4 to 4'):
+        simulate(start=StartPose(**{name: 7.0}))
+
+
+def test_leaving_the_ground_ends_the_run_with_a_place():
+    with simulate() as simulation:
+        simulation.data.qpos[:3] = 4.99, 0.0, 0.2
+        simulation.data.qvel[0] = 3.0
+        with pytest.raises(PhysicsError, match=r'base_link left the ground at x = 5.0\d m'):
+            simulation.advance(10)
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_commands_must_be_finite(value):
+    with simulate() as simulation:
+        with pytest.raises(PhysicsError, match='valid is four finite velocities'):
+            simulation.command([0.0, value, 0.0, 0.0])
+        with pytest.raises(PhysicsError, match='valid is four finite velocities'):
+            simulation.command([0.0, 1.0])
+
+
+@pytest.mark.parametrize('value', [np.nan, 1e9])
+def test_divergence_names_time_and_body(value, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with simulate() as simulation:
+        simulation.advance(50)
+        simulation.data.qvel[7] = value
+        with pytest.raises(PhysicsError, match=r'diverged at 0.05\d s in body \w+'):
+            simulation.advance(5)
+        # After a reset it runs again, and nothing was left in the working directory.
+        assert np.isfinite(simulation.reset().position_m).all()
+        simulation.advance(5)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_closed_simulation_says_so():
+    simulation = simulate()
+    simulation.close()
+    with pytest.raises(PhysicsError, match='the simulation is closed'):
+        simulation.advance(1)
