@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 import concurrent.futures
+from concurrent.futures.process import BrokenProcessPool
 import dataclasses
+import functools
 import math
 import multiprocessing
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +20,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.stride import Stride
-from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.config import preset
@@ -25,11 +28,18 @@ from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
 
-PHASE_RATES_HZ = (0.2, 0.35, 0.5, 0.7, 1.0, 1.3, 1.6, 1.9, 2.2)
-TURNS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.46, 0.52, 0.58, 0.64, 0.7, 0.76, 0.82, 0.88, 0.94, 1.0)
+Grid = tuple[tuple[float, ...], tuple[float, ...]]   # phase rates [Hz], turns
+FINE: Grid = ((0.2, 0.35, 0.5, 0.7, 1.0, 1.3, 1.6, 1.9, 2.2),
+              (0.0, 0.1, 0.2, 0.3, 0.4, 0.46, 0.52, 0.58, 0.64, 0.7, 0.76, 0.82, 0.88, 0.94, 1.0))
+COARSE: Grid = ((0.2, 0.5, 1.0, 1.6, 2.2), (0.0, 0.2, 0.4, 0.52, 0.64, 0.76, 0.88, 1.0))
 STATE_PERIOD_S = 0.005   # how often the gait controller answers
 SKIP_S, SKIP_CYCLES = 5.0, 1.0
 MEASURE_S, MEASURE_CYCLES = 20.0, 4.0
+FORWARD_TOLERANCE, YAW_TOLERANCE, SLOWEST_YAW_RADPS = 0.10, 0.15, 0.05
+
+# The velocities (forward, yaw rate) that must be followed.
+COMMANDS = tuple((v, w) for v in (0.03, 0.06, 0.10, 0.15, 0.20, 0.25)
+                 for w in (-0.15, -0.10, -0.05, 0.0, 0.05, 0.10, 0.15))
 
 Progress = Callable[[int, int], None]
 
@@ -109,64 +119,141 @@ def measure_stride(simulation: Simulation, gait: GaitConfig,
 
 
 def measure(rover: RoverDescription | None = None, physics: PhysicsConfig | None = None,
-            gait: GaitConfig | None = None, rates_hz: Sequence[float] = PHASE_RATES_HZ,
-            turns: Sequence[float] = TURNS, workers: int = 1,
+            gait: GaitConfig | None = None, rates_hz: Sequence[float] = FINE[0],
+            turns: Sequence[float] = FINE[1], workers: int = 1,
             progress: Progress | None = None) -> GaitCalibration:
     """Walk every stride of a table on flat ground, turning left and right, and return the table.
 
     Left and right are averaged. `workers` processes share the walks; their number does not change
-    the result. `progress(done, all)` is called after each. Raises EvaluationError where a walk
-    cannot be simulated.
+    the result. `progress(done, all)` is called after each. Raises PhysicsError where a walk
+    cannot be simulated, ConfigError where the rover does not walk forward and turn.
     """
-    rover, physics, gait = rover or RoverDescription(), physics or PhysicsConfig(), \
-        gait or GaitConfig()
+    settings = _settings(rover, physics, gait)
     strides = [Stride.turning(rate, sign * turn) for rate in rates_hz for turn in turns
                for sign in (1.0, -1.0)]
-    results: list[tuple[float, float]] = []
-    for result in _each(strides, (rover, physics, gait), workers):
-        results.append(result)
-        if progress is not None:
-            progress(len(results), len(strides))
+    results = _all(_measure_one, strides, settings, workers, progress)
     table = np.array(results).reshape(len(rates_hz), len(turns), 2, 2)
     forward = table[:, :, :, 0].mean(axis=2)
     yaw_rate = 0.5 * (table[:, :, 0, 1] - table[:, :, 1, 1])
-    contact = physics.contact
+    described, simulated, walked = settings.rover, settings.physics, settings.gait
     return GaitCalibration(
         tuple(rates_hz), tuple(turns), tuple(tuple(row) for row in forward.tolist()),
-        tuple(tuple(row) for row in yaw_rate.tolist()), gait.duty_factor, gait.foot_width_deg,
-        {'gait': gait.gait, 'stance_smoothing': gait.stance_smoothing,
-         'flight_smoothing': gait.flight_smoothing, 'gravity_mps2': physics.gravity_mps2,
-         'sliding_friction': contact.sliding_friction, 'stiffness_npm': contact.stiffness_npm,
-         'rover_mass_kg': rover.chassis.mass_kg + 4.0 * rover.legs.mass_kg,
-         'spoke_length_m': rover.legs.spoke_length_m})
+        tuple(tuple(row) for row in yaw_rate.tolist()), walked.duty_factor, walked.foot_width_deg,
+        {'gait': walked.gait, 'stance_smoothing': walked.stance_smoothing,
+         'flight_smoothing': walked.flight_smoothing, 'gravity_mps2': simulated.gravity_mps2,
+         'sliding_friction': simulated.contact.sliding_friction,
+         'stiffness_npm': simulated.contact.stiffness_npm,
+         'rover_mass_kg': round(described.chassis.mass_kg + 4.0 * described.legs.mass_kg, 6),
+         'spoke_length_m': described.legs.spoke_length_m})
 
 
-_shared: tuple[Simulation, GaitConfig] | None = None  # of one worker process
+@dataclasses.dataclass(frozen=True)
+class Obedience:
+    """What became of a velocity command: asked and measured, forward [m/s] and yaw rate [rad/s].
+
+    It was followed within 10 % of the forward speed and 15 % of the yaw rate, the latter of 0.05
+    rad/s at least: below, the start of the walk alone turns the rover that much.
+    """
+
+    asked: tuple[float, float]
+    measured: tuple[float, float]
+
+    @property
+    def forward_error(self) -> float:
+        """Relative error of the forward speed."""
+        return (self.measured[0] - self.asked[0]) / self.asked[0]
+
+    @property
+    def yaw_error_radps(self) -> float:
+        """Error of the yaw rate [rad/s]."""
+        return self.measured[1] - self.asked[1]
+
+    @property
+    def within(self) -> bool:
+        """Whether the command was followed."""
+        return (abs(self.forward_error) <= FORWARD_TOLERANCE
+                and abs(self.yaw_error_radps)
+                <= YAW_TOLERANCE * max(abs(self.asked[1]), SLOWEST_YAW_RADPS))
 
 
-def _each(strides: Sequence[Stride],
-          settings: tuple[RoverDescription, PhysicsConfig, GaitConfig],
-          workers: int) -> Iterable[tuple[float, float]]:
+def measure_commands(velocities: Sequence[tuple[float, float]], calibration: GaitCalibration,
+                     rover: RoverDescription | None = None, physics: PhysicsConfig | None = None,
+                     gait: GaitConfig | None = None, workers: int = 1,
+                     progress: Progress | None = None) -> list[Obedience]:
+    """Command velocities (forward, yaw rate) on flat ground; measure what the rover does.
+
+    Means run from 5 s after the start for 20 s.
+    """
+    settings = dataclasses.replace(_settings(rover, physics, gait), calibration=calibration)
+    results = _all(_command_one, velocities, settings, workers, progress)
+    return [Obedience(asked, result) for asked, result in zip(velocities, results)]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Settings:
+    rover: RoverDescription
+    physics: PhysicsConfig
+    gait: GaitConfig
+    calibration: GaitCalibration | None = None
+
+
+def _settings(rover: RoverDescription | None, physics: PhysicsConfig | None,
+              gait: GaitConfig | None) -> _Settings:
+    physics = dataclasses.replace(physics or PhysicsConfig(), start=StartPose())
+    return _Settings(rover or RoverDescription(), physics, gait or GaitConfig())
+
+
+def _measure_one(simulation: Simulation, settings: _Settings,
+                 stride: Stride) -> tuple[float, float]:
+    return measure_stride(simulation, settings.gait, stride)
+
+
+def _command_one(simulation: Simulation, settings: _Settings,
+                 velocity: tuple[float, float]) -> tuple[float, float]:
+    done = walk(simulation, GaitController(settings.gait, settings.calibration),
+                SKIP_S + MEASURE_S + STATE_PERIOD_S,
+                lambda controller, stamp_ns: controller.set_velocity(*velocity, stamp_ns))
+    return done.mean_velocity(SKIP_S, SKIP_S + MEASURE_S)
+
+
+_Task = Callable[[Simulation, _Settings, Any], tuple[float, float]]
+_shared: tuple[Simulation, _Settings] | None = None  # of one worker process
+
+
+def _all(task: _Task, items: Sequence[Any], settings: _Settings, workers: int,
+         progress: Progress | None) -> list[tuple[float, float]]:
+    """Return task(simulation, settings, item) of all items, by this process or by several."""
+    results: list[tuple[float, float]] = []
+
+    def collect(stream: Iterable[tuple[float, float]]) -> None:
+        for result in stream:
+            results.append(result)
+            if progress is not None:
+                progress(len(results), len(items))
+
     if workers <= 1:
-        rover, physics, gait = settings
-        with Simulation(flat_world(), rover, physics) as simulation:
-            for stride in strides:
-                yield measure_stride(simulation, gait, stride)
-        return
+        with _simulation(settings) as simulation:
+            collect(task(simulation, settings, item) for item in items)
+        return results
     with concurrent.futures.ProcessPoolExecutor(
-            workers, multiprocessing.get_context('spawn'), _start_worker, settings) as pool:
+            workers, multiprocessing.get_context('spawn'), _start_worker, (settings,)) as pool:
         try:
-            yield from pool.map(_measure_shared, strides)
-        except concurrent.futures.process.BrokenProcessPool as error:
-            raise EvaluationError(f'calibration: a worker process died: {error}') from None
+            collect(pool.map(functools.partial(_shared_task, task), items))
+        except BrokenProcessPool as error:
+            raise EvaluationError(f'a worker process died: {error}') from None
+    return results
 
 
-def _start_worker(rover: RoverDescription, physics: PhysicsConfig, gait: GaitConfig) -> None:
+def _simulation(settings: _Settings) -> Simulation:
+    return Simulation(flat_world(), settings.rover, settings.physics)
+
+
+def _start_worker(settings: _Settings) -> None:
     global _shared
-    _shared = (Simulation(flat_world(), rover, physics), gait)
+    _shared = (_simulation(settings), settings)
 
 
-def _measure_shared(stride: Stride) -> tuple[float, float]:
+def _shared_task(task: _Task, item: Any) -> tuple[float, float]:
     if _shared is None:
-        raise EvaluationError('calibration: the worker process has not started')
-    return measure_stride(*_shared, stride)
+        raise EvaluationError('the worker process has not started')
+    return task(*_shared, item)

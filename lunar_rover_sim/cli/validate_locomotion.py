@@ -1,0 +1,87 @@
+"""`lunar_rover_sim validate locomotion`: what the legs do to the pitch, and to commands."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        'locomotion', help='pitch of the walk against a velocity interface; commands followed',
+        description='Drives the same velocities on flat ground through gait and contact and'
+                    ' through a velocity interface, compares the pitch of both, and measures how'
+                    ' well velocity commands are followed. Writes locomotion.md, locomotion.png'
+                    ' and pitch.csv.')
+    parser.add_argument('scenario', nargs='?', default='flat',
+                        help='scenario that names rover, contact and gait (flat)')
+    parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
+                        dest='overrides', help='override one parameter; may be repeated')
+    parser.add_argument('-o', '--output', type=Path, default=Path('locomotion'), metavar='DIR',
+                        help='folder to write to (locomotion)')
+    parser.add_argument('--speeds', type=float, nargs='+', default=[0.06, 0.12, 0.2],
+                        metavar='V', help='forward speeds [m/s]')
+    parser.add_argument('--gravities', type=float, nargs='+', default=[1.62, 9.81], metavar='G',
+                        help='gravities [m/s²]')
+    parser.add_argument('--duration', type=float, default=30.0, metavar='S',
+                        help='length of each walk [s]')
+    parser.add_argument('--overlay', type=Path, action='append', default=[], metavar='CSV',
+                        help='another pitch curve, time [s] and pitch [deg], that starts 1 s'
+                             ' before its command; may be repeated')
+    parser.add_argument('--no-commands', action='store_true',
+                        help='leave out the grid of velocity commands')
+    parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
+                        help='processes that share the grid of commands (one per core)')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Walk, write the report; return 1 if a velocity command was not followed."""
+    from rich.console import Console
+    from rich.markdown import Markdown
+    from rich.progress import Progress
+
+    from lunar_rover_sim.config import load_scenario
+    from lunar_rover_sim.errors import ConfigError
+    from lunar_rover_sim.evaluation import calibration, locomotion, locomotion_report
+    from lunar_rover_sim.gait.calibration import GaitCalibration
+    from lunar_rover_sim.resources import config_path
+
+    for name, values, low in (('--speeds', args.speeds, 0.0), ('--gravities', args.gravities, 0.0),
+                              ('--duration', [args.duration], locomotion.STEADY_FROM_S + 2.0),
+                              ('--workers', [args.workers], 0.5)):
+        for value in values:
+            if not low < value < 1e4:
+                raise ConfigError(f'{name}: {value:g} is not valid; valid is > {low:g}')
+    scenario = load_scenario(args.scenario, args.overrides)
+    gait, physics = scenario.gait_controller_node, scenario.physics_node
+    table = GaitCalibration.load(gait.calibration or config_path('gait_calibration.yaml'))
+    overlays = [locomotion.read_curve(path) for path in args.overlay]
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f'--output: {args.output} cannot be made: {error}') from None
+
+    console = Console()
+    obedience: list[calibration.Obedience] = []
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task('walking')
+        cases = locomotion.study(
+            table, scenario.rover, physics, gait, sorted(set(args.speeds)),
+            sorted(set(args.gravities)), args.duration,
+            lambda done, total: bar.update(task, completed=done, total=total))
+        if not args.no_commands:
+            following = bar.add_task('following commands')
+            obedience = calibration.measure_commands(
+                calibration.COMMANDS, table, scenario.rover, physics, gait, args.workers,
+                lambda done, total: bar.update(following, completed=done, total=total))
+    text = locomotion_report.report_text(cases, overlays, obedience)
+    (args.output / 'locomotion.md').write_text(text, encoding='utf-8')
+    locomotion_report.plot_cases(cases, args.output / 'locomotion.png', overlays)
+    locomotion_report.write_curves(cases, args.output / 'pitch.csv')
+    console.print(Markdown(text))
+    console.print(f'written: {args.output}/locomotion.md, locomotion.png, pitch.csv',
+                  highlight=False, soft_wrap=True)
+    return 0 if all(each.within for each in obedience) else 1
