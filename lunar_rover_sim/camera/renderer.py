@@ -6,6 +6,7 @@ from collections.abc import Collection
 import dataclasses
 import logging
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,9 @@ from lunar_rover_sim.camera import hapke
 from lunar_rover_sim.camera.boulders import Boulders
 from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.camera.context import create_context, load_program, set_uniform
+from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
 from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.camera.rock_shadow import sun_axes
 from lunar_rover_sim.camera.sensor import SensorModel, sunlit_radiance
 from lunar_rover_sim.camera.sunlight import Sunlight
 from lunar_rover_sim.camera.surface import Surface
@@ -30,7 +33,9 @@ log = logging.getLogger(__name__)
 LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance')
 LABEL_SKY, LABEL_GROUND, LABEL_ROVER, LABEL_FIRST_ROCK = 0, 1, 2, 16
 
-_LEFT_LAYERS = {'left', 'depth', 'radiance'}
+_TRUTH_LAYERS = {'normal', 'label'}
+_LEFT_LAYERS = {'left', 'depth', 'radiance'} | _TRUTH_LAYERS
+_SHADOW_UNIT = 6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,17 +113,24 @@ class Renderer:
         for grid in self.world.levels:
             self._levels.append(TerrainLevel(context, grid, inner))
             inner = grid.half_extent_m
+        self._sun_axes = sun_axes(self.sunlight.sun)
         self._mesh = ChunkMesh(context)
+        self._truth: Any = None
         self._surface = Surface(context, self.world, config, self.sunlight, self.seed)
         self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
                                   self.sunlight.rock_light())
+        self._rover = RoverBody(context, self.rover)
         self._programs = {
             'inner': load_program(context, 'terrain', 'terrain'),
             'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
-            'ground': load_program(context, 'screen', 'ground'),
-            'refined': load_program(context, 'screen', 'ground', REFINE=1),
+            'ground': load_program(context, 'screen', 'ground', ROVER_SHADOW=1),
+            'refined': load_program(context, 'screen', 'ground', REFINE=1, ROVER_SHADOW=1),
             'unlit': load_program(context, 'screen', 'ground', REFINE=1, UNLIT=1),
-            'rock': load_program(context, 'rock', 'rock'),
+            'rock': load_program(context, 'rock', 'rock', ROVER_SHADOW=1),
+            'rover': load_program(context, 'rover', 'rover'),
+            'truth ground': load_program(context, 'screen', 'ground', TRUTH=1),
+            'truth rock': load_program(context, 'rock', 'rock', TRUTH=1),
+            'truth rover': load_program(context, 'rover', 'rover', TRUTH=1),
         }
         defines = {}
         if config.sensor.psf_sigma_px > 0.0:
@@ -128,7 +140,8 @@ class Renderer:
         self._sensor_program = load_program(context, 'screen', 'sensor', **defines)
         self._screen = context.vertex_array(self._sensor_program, [])
         self._ground_passes = {name: context.vertex_array(self._programs[name], [])
-                               for name in ('ground', 'refined', 'unlit')}
+                               for name in ('ground', 'refined', 'unlit',
+                                            'truth ground')}
         cells, full = [], config.detail.full_resolution_m
         for level in self._levels:
             cells.append(np.array([level.grid.cell_m * 2.0**k for k in range(level.tree.depth)]))
@@ -161,28 +174,36 @@ class Renderer:
         if 'right' in asked:
             eyes.append(1)
         try:
-            self._draw(pose, eyes, lit=bool(asked & {'left', 'right', 'radiance'}))
+            legs = self._rover.poses(pose, np.asarray(joint_angle_rad, dtype=float))
+            self._draw(pose, legs, eyes, lit=bool(asked & {'left', 'right', 'radiance'}),
+                       truth=bool(asked & _TRUTH_LAYERS))
             return self._read(asked, eyes, int(frame_index))
         except RenderError:
             raise
         except Exception as error:  # moderngl and the driver raise what they like
             raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
 
-    def _draw(self, pose: Array, eyes: list[int], *, lit: bool) -> None:
+    def _draw(self, pose: Array, legs: Array, eyes: list[int], *, lit: bool,
+              truth: bool) -> None:
         if not eyes:
             return
+        silhouette = self._rover.silhouette(legs, self._sun_axes)
+        self._rover.bind_shadow(silhouette, _SHADOW_UNIT)
         cameras = [pose @ (self.rig.T_base_left, self.rig.T_base_right)[eye] for eye in eyes]
         view = self._view(cameras)
         chosen = [level.tree.select(view, reach)
                   for level, reach in zip(self._levels, self._ranges)]
         for eye, camera in zip(eyes, cameras):
             window = (0, eye * self.rig.height, self.rig.width, self.rig.height)
-            self._place(camera, view, window)
+            self._place(camera, view, window, silhouette)
             self._draw_geometry(chosen, window)
             self._light_ground(chosen, camera, window, lit)
-            self._draw_rocks(camera, view, window)
+            self._draw_objects(camera, view, window, legs)
+            if truth and eye == 0:
+                self._draw_truth(chosen, camera, view, window, legs)
 
-    def _place(self, camera: Array, view: View, window: tuple[int, int, int, int]) -> None:
+    def _place(self, camera: Array, view: View, window: tuple[int, int, int, int],
+               shadow: Silhouette) -> None:
         """Tell all programs where the camera is."""
         K, rotation = self.rig.K, camera[:3, :3]
         right, down = rotation[:, 0] / K[0, 0], rotation[:, 1] / K[1, 1]
@@ -191,7 +212,10 @@ class Renderer:
         for program in self._programs.values():
             set_uniform(program, u_clip=clip, u_camera=tuple(camera[:3, 3]),
                         u_axis=tuple(camera[:3, 2]), u_above=view.above_m, u_ray=tuple(first),
-                        u_ray_right=tuple(right), u_ray_down=tuple(down), u_first_row=window[1])
+                        u_ray_right=tuple(right), u_ray_down=tuple(down), u_first_row=window[1],
+                        u_rover_map=_SHADOW_UNIT, u_rover_right=tuple(shadow.right),
+                        u_rover_up=tuple(shadow.up),
+                        u_rover_centre=tuple(shadow.centre_m - camera[:3, 3]))
 
     def _draw_geometry(self, chosen: list[tuple[Array, Array]],
                        window: tuple[int, int, int, int]) -> None:
@@ -245,15 +269,57 @@ class Renderer:
         self._lighting.viewport = (window[0], window[1] + first, window[2], last - first)
         self._ground_passes[name].render(vertices=3)
 
-    def _draw_rocks(self, camera: Array, view: View, window: tuple[int, int, int, int]) -> None:
+    def _draw_objects(self, camera: Array, view: View, window: tuple[int, int, int, int],
+                      legs: Array, kind: str = '') -> None:
+        """Draw rocks and rover over the lit ground; kind 'truth ' draws their truth."""
         context = self._context
-        self._target.use()
-        self._target.viewport = window
+        target = self._truth if kind else self._target
+        target.use()
+        target.viewport = window
         context.enable_only(context.DEPTH_TEST)
-        program = self._programs['rock']
+        program = self._programs[kind + 'rock']
         self._surface.bind_rocks(program)
-        self._boulders.draw(program, dataclasses.replace(view, camera_m=camera[:3, 3]),
-                            self.rig.focal_px, self.config.detail.rock_min_px)
+        eye_view = dataclasses.replace(view, camera_m=camera[:3, 3])
+        self._boulders.draw(program, eye_view, self.rig.focal_px, self.config.detail.rock_min_px)
+        if self._rover.seen(legs, eye_view):
+            program = self._programs[kind + 'rover']
+            span = legs[0, 2, 3] + self._rover.radius_m * np.array([-0.5, 0.8])
+            points = np.array([[*legs[0, :2, 3], z] for z in span])
+            clearance, occluder = self.sunlight.light_of(points)
+            surroundings = self.sunlight.surroundings_at(legs[0, :2, 3])
+            set_uniform(program, u_body_span=tuple(span - camera[2, 3]),
+                        u_body_light=(clearance[0], occluder[0], clearance[1], occluder[1]),
+                        u_ground_light=self.config.sun.irradiance * surroundings)
+            self._rover.draw(program, legs)
+
+    def _draw_truth(self, chosen: list[tuple[Array, Array]], camera: Array, view: View,
+                    window: tuple[int, int, int, int], legs: Array) -> None:
+        """Draw normals and labels over the depth that is there."""
+        context = self._context
+        if self._truth is None:
+            size = self._radiance.size
+            self._truth = context.framebuffer([context.texture(size, 4, dtype='f4')],
+                                              self._buffer)
+        # Only the colour is cleared: what is nearest is known already.
+        colour_only = context.framebuffer([self._truth.color_attachments[0]])
+        colour_only.use()
+        colour_only.viewport = window
+        colour_only.clear(viewport=window)
+        context.enable_only(context.NOTHING)
+        self._mesh_depth.use(5)
+        for k, (_, (chunks, _skirts)) in enumerate(zip(self._levels, chosen)):
+            if len(chunks):
+                colour_only.viewport = window
+                program = self._programs['truth ground']
+                self._surface.bind(program, k, self._levels[k])
+                set_uniform(program, u_depth=5)
+                self._ground_passes['truth ground'].render(vertices=3)
+        colour_only.release()
+        context.depth_func = '<='
+        try:
+            self._draw_objects(camera, view, window, legs, 'truth ')
+        finally:
+            context.depth_func = '<'
 
     def _rows(self, boxes: Array, camera: Array) -> tuple[int, int]:
         """Return the first row and the one after the last that (m, 2, 3) boxes may cover."""
@@ -330,6 +396,13 @@ class Renderer:
             data = self._lighting.read(viewport=(0, 0, w, h), components=1, alignment=1,
                                        dtype='f4')
             out['radiance'] = np.frombuffer(data, np.float32).reshape(h, w)
+        if asked & _TRUTH_LAYERS and self._truth is not None:
+            data = self._truth.read(viewport=(0, 0, w, h), components=4, alignment=1, dtype='f4')
+            truth = np.frombuffer(data, np.float32).reshape(h, w, 4)
+            if 'normal' in asked:
+                out['normal'] = np.ascontiguousarray(truth[..., :3])
+            if 'label' in asked:
+                out['label'] = np.rint(truth[..., 3]).astype(np.int32)
         return StereoFrame(**out, exposure_s=self.exposure_s)
 
     def _develop(self, eyes: list[int], frame_index: int) -> None:
@@ -362,6 +435,10 @@ class Renderer:
             near = np.tan(np.radians(8.0))
             far = np.tan(np.radians(hapke.parameter_set(config.reflectance.ground).theta_deg))
             rock = np.tan(np.radians(hapke.parameter_set(config.reflectance.rocks).theta_deg))
+            diffuse = [hapke.hemispherical_albedo(hapke.parameter_set(name)) / np.pi
+                       for name in (config.reflectance.ground, config.reflectance.rocks)]
+            diffuse[0] *= config.reflectance.albedo_scale
+            set_uniform(program, u_diffuse=(float(diffuse[0]), float(diffuse[1])))
             set_uniform(program, u_theta=(float(near), float(far)), u_rock_theta=float(rock))
         c, K = config.sensor, self.rig.K
         set_uniform(self._sensor_program, u_height=self.rig.height,

@@ -5,16 +5,20 @@ from __future__ import annotations
 import logging
 import time
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from lunar_rover_sim.camera.bounce import one_bounce
 from lunar_rover_sim.camera.config import RenderConfig
+from lunar_rover_sim.camera.hapke import hemispherical_albedo, parameter_set
 from lunar_rover_sim.camera.horizon import shadow_levels, SunGeometry
 from lunar_rover_sim.camera import rock_shadow
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.model import World
 
 F32 = NDArray[np.float32]
+_COARSE = 4             # cells of a level per cell of its bounced light
 log = logging.getLogger(__name__)
 
 
@@ -22,6 +26,7 @@ class Sunlight:
     """Shadow boundaries of all levels and of the rocks.
 
     clearance: per level (clearance_m, occluder_m), each (n, n) float32; see `horizon`
+    scattered: per level bounced irradiance and lit surroundings; see `bounce`
     """
 
     def __init__(self, world: World, config: RenderConfig, direction: Array) -> None:
@@ -34,7 +39,35 @@ class Sunlight:
         self.ground = levels[0]
         self.silhouettes = rock_shadow.silhouettes(world.rocks, world.rock_shapes, self.sun)
         rock_shadow.stamp(*self.clearance[0], world.ground, self.silhouettes, self.sun)
+        self.scattered = [self._scattered(k, config, direction) for k in range(len(levels))]
         log.info('sun visibility in %.2f s', time.perf_counter() - start)
+
+    def _scattered(self, k: int, config: RenderConfig, direction: Array) -> tuple[F32, F32]:
+        """Return bounced irradiance and surroundings of one level, on a coarser grid."""
+        grid = self.world.levels[k]
+        n = -(-grid.n // _COARSE)
+        if not config.detail.bounce or direction[2] <= 0.0 or config.sun.irradiance == 0.0:
+            return np.zeros((n, n), np.float32), np.zeros((n, n), np.float32)
+        clearance, occluder = self.clearance[k]
+        radius = np.radians(0.5 * config.sun.angular_diameter_deg)
+        lit = np.clip(0.5 + (0.5 / radius) * clearance / occluder, 0.0, 1.0).astype(np.float32)
+        size = (n, n)
+        albedo = hemispherical_albedo(parameter_set(config.reflectance.ground)) \
+            * config.reflectance.albedo_scale
+        return one_bounce(cv2.resize(grid.heights_m, size, interpolation=cv2.INTER_AREA),
+                          grid.cell_m * grid.n / n,
+                          cv2.resize(lit, size, interpolation=cv2.INTER_AREA), direction, albedo)
+
+    def light_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
+        """Return clearance and occluder distance [m] of (..., 3) points, by terrain alone."""
+        return self.ground.clearance_of(points_m)
+
+    def surroundings_at(self, xy_m: ArrayLike) -> float:
+        """Return the exitance of the ground around, per normal irradiance of the sun."""
+        grid, values = self.world.ground, self.scattered[0][1]
+        index = (np.asarray(xy_m) / grid.half_extent_m * 0.5 + 0.5) * (len(values) - 1)
+        column, row = np.clip(np.rint(index), 0, len(values) - 1).astype(int)
+        return float(values[row, column])
 
     def rock_light(self) -> F32:
         """Return (m, 4) clearance and occluder distance [m] at foot and top of each rock."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,9 +35,10 @@ class Surface:
                  sunlight: Sunlight, seed: int) -> None:
         self._ground = [_ground_texture(context, grid.heights_m, grid.cell_m, *clearance)
                         for grid, clearance in zip(world.levels, sunlight.clearance)]
-        self._matter = [_matter_texture(context, world.albedo)]
-        self._matter += [_matter_texture(context, np.ones((2, 2), np.float32))
-                         for _ in world.levels[1:]]
+        ones = np.ones((2, 2), np.float32)
+        self._matter = [_matter_texture(context, world.albedo if k == 0 else ones, *scattered)
+                        for k, scattered in enumerate(sunlight.scattered)]
+        self._cell_m = world.ground.cell_m
         self._sizes = [grid.n for grid in world.levels]
         tangent = np.tan(min(sunlight.sun.elevation_rad, np.radians(75.0)))
         self._centre, self._half_range = float(tangent), float(0.4 * (1.0 + tangent**2))
@@ -88,8 +90,11 @@ class Surface:
 
     def bind_rocks(self, program: moderngl.Program) -> None:
         """Bind what rocks are drawn with."""
+        self._matter[0].use(2)
         self._tiles[0].use(3)
-        set_uniform(program, u_tile_a=3, u_grain=(1.0 / 1.7, 2.5))
+        n, cell = self._sizes[0], self._cell_m
+        set_uniform(program, u_matter=2, u_grid=(1.0 / (n * cell), 0.5), u_tile_a=3, 
+                    u_grain=(1.0 / 1.7, 2.5))
 
 
 def _ground_texture(context: moderngl.Context, heights_m: F32, cell_m: float, clearance_m: F32,
@@ -111,10 +116,15 @@ def _ground_texture(context: moderngl.Context, heights_m: F32, cell_m: float, cl
     return texture
 
 
-def _matter_texture(context: moderngl.Context, albedo: F32) -> moderngl.Texture:
-    n = albedo.shape[0]
+def _matter_texture(context: moderngl.Context, albedo: F32, irradiance: F32,
+                    surroundings: F32) -> moderngl.Texture:
+    n = max(albedo.shape[0], irradiance.shape[0])
     data = np.zeros((n, n, 4), np.uint8)
-    data[..., 0] = np.clip(np.rint(albedo * 127.5), 0, 255)
+    for channel, value in enumerate((albedo * np.float32(0.5), np.sqrt(4.0 * irradiance),
+                                     np.sqrt(4.0 * surroundings))):
+        if value.shape[0] != n:
+            value = cv2.resize(value, (n, n), interpolation=cv2.INTER_LINEAR)
+        data[..., channel] = np.clip(np.rint(value * 255.0), 0, 255)
     texture = context.texture((n, n), 4, data.tobytes(), dtype='f1')
     texture.build_mipmaps()
     texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)

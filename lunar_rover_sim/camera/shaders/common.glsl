@@ -13,7 +13,11 @@ float disc(float angle, float radius) {
     return 0.5 + x * (0.6366 - 0.1366 * x * x);
 }
 
+#ifdef TRUTH
+layout(location = 0) out vec4 o_truth;  // unit normal, label
+#else
 layout(location = 0) out float o_radiance;
+#endif
 
 #ifdef ROVER_SHADOW
 // The rover's silhouette as the sun sees it: signed distance [m] and depth along the sun ray.

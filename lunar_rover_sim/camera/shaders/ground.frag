@@ -3,7 +3,7 @@
 #include "ray.glsl"
 uniform sampler2D u_depth;
 uniform sampler2D u_ground;     // slope x, slope y, clearance, occluder distance
-uniform sampler2D u_matter;     // albedo / 2, scattered irradiance, lit surroundings
+uniform sampler2D u_matter;     // albedo / 2, roots of 4 scattered irradiance and 4 lit surroundings
 uniform sampler2D u_tile_a, u_tile_b;   // slope x, slope y, horizon tangent, its deviation
 uniform vec4 u_tile;            // 1 / period of a and b [1/m], slope scale of a and b
 uniform vec4 u_turn;            // cos, sin of the turn of tile b; centre and half range of horizon
@@ -13,7 +13,10 @@ uniform vec2 u_level;           // half extents of the finer level and of this o
 uniform vec2 u_theta;           // tangent of the roughness that is not drawn: near, far
 uniform Hapke u_regolith;
 
+#ifndef TRUTH
 layout(location = 1) out float o_depth;
+#endif
+uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 
 #ifdef REFINE
 // Where the mesh is coarser than the grid, find where the ray really meets the grid's triangles.
@@ -64,12 +67,17 @@ void main() {
 #ifdef REFINE
     if (depth > u_refine.x && depth < u_refine.y) depth = refined(depth, ray);
 #endif
+#ifndef TRUTH
     o_depth = depth;
+#endif
     vec3 relative = ray * depth;
     vec2 xy = relative.xy + u_camera.xy;
     float reach = max(abs(xy.x), abs(xy.y));
     if (depth == 0.0 || reach < u_level.x || reach > u_level.y) discard;
-#ifndef UNLIT
+#ifdef TRUTH
+    vec2 fall = textureLod(u_ground, xy * u_grid.x + u_grid.y, 0.0).xy;
+    o_truth = vec4(normalize(vec3(-fall, 1.0)), 1.0);
+#elif !defined(UNLIT)
     vec3 view = -normalize(ray);
     // Footprint of the pixel on level ground: across and along the line of sight.
     float size = depth * length(u_ray_right);
@@ -104,6 +112,7 @@ void main() {
     float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
     float reflectance = hapke(mu0, mu, dot(u_sun, view), mix(u_theta.x, u_theta.y, far), albedo,
                               u_regolith);
-    o_radiance = u_irradiance * reflectance * lit;
+    float scattered = matter.g * matter.g + matter.b * matter.b * 0.5 * (1.0 - normal.z);
+    o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered);
 #endif
 }

@@ -3,14 +3,21 @@ in vec3 v_relative, v_normal, v_local;
 in vec4 v_matter;
 flat in float v_index;
 #include "common.glsl"
+#ifndef TRUTH
 layout(location = 1) out float o_depth;
-uniform sampler2D u_tile_a;
+#endif
+uniform sampler2D u_tile_a, u_matter;
+uniform vec2 u_grid;
 uniform vec2 u_grain;           // 1 / period, strength of the grain on rock faces
+uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 uniform float u_rock_theta;
 uniform Hapke u_rock;
 
 void main() {
     vec3 normal = normalize(v_normal);
+#ifdef TRUTH
+    o_truth = vec4(normal, 16.0 + v_index);
+#else
     vec3 view = -normalize(v_relative);
     vec2 plane = abs(v_local.z) > 0.3 * length(v_local.xy) ? v_local.xy : v_local.xz + 0.37;
     vec2 grain = texture(u_tile_a, (plane + v_index * 0.173) * u_grain.x).xy - 0.501961;
@@ -22,6 +29,10 @@ void main() {
     lit *= rover_visibility(v_relative);
 #endif
     float reflectance = hapke(mu0, mu, dot(u_sun, view), u_rock_theta, v_matter.z, u_rock);
-    o_radiance = u_irradiance * reflectance * lit;
+    vec3 matter = texture(u_matter, (v_relative.xy + u_camera.xy) * u_grid.x + u_grid.y).rgb;
+    float around = matter.b * matter.b * 0.25;
+    o_radiance = u_irradiance * (reflectance * lit + u_diffuse.y * v_matter.z
+                                 * around * 0.5 * (1.0 - normal.z));
     o_depth = dot(v_relative, u_axis);
+#endif
 }

@@ -1,0 +1,65 @@
+"""Light that lit ground scatters into shadows: one bounce.
+
+From every point of a coarsened height grid the relief is scanned along a few azimuths. A piece of
+ground that rises above all nearer ones, from angle a1 to a2 over the point's own plane, is seen
+under the projected solid angle (sin^2 a2 - sin^2 a1) / 2 per radian of azimuth; it sends its
+radiance, taken as diffuse, if the sun sees it. Second bounces (with a ground albedo of 0.1, a
+tenth of the first) and the direction dependence of the scattering ground are left out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+
+_AZIMUTHS = 12
+_STEPS = 10             # distances double every second step
+
+
+def one_bounce(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.float64],
+               albedo: float) -> tuple[F32, F32]:
+    """Return (irradiance, surroundings), both per normal irradiance of the sun.
+
+    heights_m: (n, n); lit: (n, n) share of the sun's disc that is seen; direction: (3,) to the
+    sun; albedo: diffuse albedo of the ground. irradiance: what other ground sends to a point of
+    the grid; surroundings: exitance of the ground around, which upright faces half see.
+    """
+    gy, gx = np.gradient(heights_m, np.float32(cell_m))
+    facing = (direction[2] - gx * direction[0] - gy * direction[1]) / np.sqrt(1 + gx**2 + gy**2)
+    exitance = (albedo * lit * np.maximum(facing, 0.0)).astype(np.float32)
+    total = np.zeros_like(exitance)
+    for k in range(_AZIMUTHS):
+        angle = 2.0 * np.pi * (k + 0.5) / _AZIMUTHS
+        total += _along(heights_m, gx, gy, exitance, cell_m, np.cos(angle), np.sin(angle))
+    irradiance = total * np.float32(2.0 / _AZIMUTHS)
+    # Mean over about a metre, weighted as an upright face sees it: mostly the near ground.
+    import cv2
+    surroundings = 0.5 * cv2.GaussianBlur(exitance, (0, 0), max(0.4 / cell_m, 0.6)) \
+        + 0.5 * cv2.GaussianBlur(exitance, (0, 0), max(1.6 / cell_m, 1.2))
+    return irradiance, surroundings
+
+
+def _along(z: F32, gx: F32, gy: F32, exitance: F32, cell_m: float, c: float, s: float) -> F32:
+    """Return sum of exitance (sin^2 a2 - sin^2 a1) / 2 along one azimuth."""
+    n = z.shape[0]
+    slope = (gx * c + gy * s).astype(np.float32)
+    highest = np.zeros_like(z)          # sine of the highest angle so far, over the own plane
+    total = np.zeros_like(z)
+    last = (0, 0)
+    for k in range(_STEPS):
+        distance = 1.4 * 2.0**(0.5 * k)
+        di, dj = int(round(distance * s)), int(round(distance * c))
+        if (di, dj) == last or max(abs(di), abs(dj)) >= n // 2:
+            continue
+        last = (di, dj)
+        to = (slice(max(0, -di), n - max(0, di)), slice(max(0, -dj), n - max(0, dj)))
+        of = (slice(max(0, di), n - max(0, -di)), slice(max(0, dj), n - max(0, -dj)))
+        reach = np.float32(np.hypot(di, dj) * cell_m)
+        rise = (z[of] - z[to]) / reach - slope[to]
+        sine = np.maximum(rise, 0.0) / np.sqrt(1.0 + rise * rise)
+        gain = np.maximum(sine**2 - highest[to]**2, 0.0)
+        total[to] += 0.5 * gain * exitance[of]
+        highest[to] = np.maximum(highest[to], sine)
+    return total

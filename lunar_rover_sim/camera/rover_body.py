@@ -1,0 +1,179 @@
+"""The rover as the cameras and the sun see it: its meshes, and the shadow that it casts.
+
+All its parts are built of convex pieces. Their outlines towards the sun make one map, the
+rover's silhouette as a signed distance; how far the ground lies behind the piece gives the
+penumbra, sharp at the feet and wide far away.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lunar_rover_sim.camera.terrain import View
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
+
+if TYPE_CHECKING:
+    import moderngl
+
+F32 = NDArray[np.float32]
+
+MAP = 384               # pixels along a side of the silhouette map
+_MARGIN_M = 0.06        # around the rover
+_HIDDEN_M = 0.004       # pieces that stand out of others by less are left out of the shadow
+_SUB = 4                # fractional bits of outline corners
+
+
+@dataclasses.dataclass(frozen=True)
+class Silhouette:
+    """The rover as the sun sees it.
+
+    data: (MAP, MAP, 2) float32: signed distance to the outline [m], < 0 inside; and the position
+    of the piece along the sun ray, relative to the centre [m]. right, up: (3,) axes of the map
+    divided by its half extent; centre_m: (3,) world.
+    """
+
+    data: F32
+    right: Array
+    up: Array
+    centre_m: Array
+
+
+class RoverBody:
+    """Meshes and GL objects of the rover."""
+
+    def __init__(self, context: moderngl.Context, rover: RoverDescription) -> None:
+        self._rover = rover
+        parts = visual_parts(rover)
+        self._links = list(link_poses(rover, np.zeros(4)))
+        self._pieces = [(self._links.index(part.link), vertices, faces) for part in parts
+                        for vertices, faces in _pieces(part)]
+        self._pieces = _standing_out(self._pieces)
+        reach = max(float(np.linalg.norm(vertices, axis=1).max()) for _, vertices, _ in
+                    self._pieces) + max(float(np.linalg.norm(pose[:3, 3])) for pose in
+                                        link_poses(rover, np.zeros(4)).values())
+        self.radius_m = reach
+        data = np.concatenate([_triangles(part, self._links.index(part.link)) for part in parts])
+        self._count = len(data)
+        self._corners = data[:, :3]
+        self._link_of = data[:, 7].astype(int)
+        self._vertices = context.buffer(data.astype(np.float32).tobytes())
+        self._context = context
+        self._arrays: dict[int, moderngl.VertexArray] = {}
+        self._map = context.texture((MAP, MAP), 2, dtype='f4')
+        self._map.filter = (context.LINEAR, context.LINEAR)
+        self._map.repeat_x = self._map.repeat_y = False
+
+    def poses(self, T_world_base: Array, joint_angle_rad: ArrayLike) -> Array:
+        """Return the (links, 4, 4) world poses of all links."""
+        local = link_poses(self._rover, joint_angle_rad)
+        return np.stack([T_world_base @ local[link] for link in self._links])
+
+    def seen(self, poses: Array, view: View) -> bool:
+        """Return whether any vertex lies in the view volume."""
+        T = poses[self._link_of]
+        points = np.einsum('nij,nj->ni', T[:, :3, :3], self._corners) + T[:, :3, 3] - view.camera_m
+        inside = np.all(points @ view.planes[:, :3].T + view.planes[:, 3] > 0.0, axis=1)
+        return bool(inside.any())
+
+    def draw(self, program: moderngl.Program, poses: Array) -> None:
+        """Draw the rover; the program has an array of poses."""
+        program['u_links'].write(np.ascontiguousarray(  # type: ignore[union-attr]
+            poses.transpose(0, 2, 1), np.float32).tobytes())
+        if program.glo not in self._arrays:
+            self._arrays[program.glo] = self._context.vertex_array(
+                program, [(self._vertices, '3f 3f 1f 1f', 'a_position', 'a_normal', 'a_albedo',
+                           'a_link')])
+        self._arrays[program.glo].render(vertices=self._count)
+
+    def silhouette(self, poses: Array, sun_axes: Array) -> Silhouette:
+        """Return the rover as the sun sees it; sun_axes: (3, 3) as `rock_shadow.sun_axes`."""
+        centre = poses[0, :3, 3]
+        half = self.radius_m + _MARGIN_M
+        scale = 0.5 * MAP / half
+        shapes = []
+        for link, vertices, faces in self._pieces:
+            world = vertices @ poses[link, :3, :3].T + poses[link, :3, 3] - centre
+            seen = world @ sun_axes.T
+            hull = cv2.convexHull(seen[:, :2].astype(np.float32))[:, 0]
+            corner = (hull * scale + 0.5 * MAP - 0.5) * (1 << _SUB)
+            shapes.append((float(seen[:, 2].mean()), np.rint(corner).astype(np.int32)))
+        free = np.full((MAP, MAP), 255, np.uint8)
+        depth = np.full((MAP, MAP), -half, np.float32)
+        for along, corner in sorted(shapes, key=lambda item: item[0]):
+            cv2.fillConvexPoly(free, corner, 0, cv2.LINE_8, _SUB)
+            cv2.fillConvexPoly(depth, corner, along, cv2.LINE_8, _SUB)
+        outside = cv2.distanceTransform(free, cv2.DIST_L2, 5)
+        inside = cv2.distanceTransform(255 - free, cv2.DIST_L2, 5)
+        # The transform measures to the centre of the next pixel of the other kind.
+        distance = np.where(free > 0, outside - 0.5, 0.5 - inside) / scale
+        spread = cv2.dilate(depth, np.ones((25, 25), np.uint8))
+        depth = np.where(free > 0, spread, depth)
+        return Silhouette(np.stack([distance, depth], axis=-1).astype(np.float32),
+                          sun_axes[0] / half, sun_axes[1] / half, centre)
+
+    def bind_shadow(self, silhouette: Silhouette, unit: int) -> None:
+        """Upload the map and bind it."""
+        self._map.write(silhouette.data.tobytes())
+        self._map.use(unit)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        for item in (*self._arrays.values(), self._vertices, self._map):
+            item.release()
+
+
+def _triangles(part: VisualPart, link: int) -> Array:
+    """Return (3 f, 8): position, face normal, grey albedo, link."""
+    corners = part.vertices[part.faces].astype(float)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    grey = float(np.dot(part.albedo, (0.2126, 0.7152, 0.0722)))
+    rest = np.broadcast_to([grey, float(link)], (len(corners), 3, 2))
+    return np.concatenate([corners, np.repeat(normal[:, None], 3, axis=1), rest],
+                          axis=2).reshape(-1, 8)
+
+
+def _pieces(part: VisualPart) -> list[tuple[Array, NDArray[np.int32]]]:
+    """Split a mesh into its connected pieces; vertices at one place count as one."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    places, index = np.unique(np.round(part.vertices.astype(float), 7), axis=0,
+                              return_inverse=True)
+    faces = index.reshape(-1)[part.faces]
+    links = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    graph = coo_matrix((np.ones(len(links)), links.T), shape=(len(places),) * 2)
+    count, label = connected_components(graph, directed=False)
+    result = []
+    for k in range(count):
+        members = np.flatnonzero(label == k)
+        own = faces[label[faces[:, 0]] == k]
+        result.append((places[members], np.searchsorted(members, own).astype(np.int32)))
+    return result
+
+
+def _standing_out(pieces: list[tuple[int, Array, NDArray[np.int32]]]) \
+        -> list[tuple[int, Array, NDArray[np.int32]]]:
+    """Leave out pieces that hardly stand out of a larger one of the same link."""
+    planes = []
+    for _, vertices, faces in pieces:
+        corner = vertices[faces]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        planes.append((normal, (normal * corner[:, 0]).sum(axis=1)))
+    kept = []
+    for i, (link, vertices, faces) in enumerate(pieces):
+        hidden = any(
+            j != i and pieces[j][0] == link and len(planes[j][0]) > 0
+            and np.all(vertices @ planes[j][0].T - planes[j][1] < _HIDDEN_M)
+            and (np.ptp(pieces[j][1], axis=0).prod() > np.ptp(vertices, axis=0).prod())
+            for j in range(len(pieces)))
+        if not hidden:
+            kept.append((link, vertices, faces))
+    return kept

@@ -1,0 +1,26 @@
+// Painted and metal parts: Lambert's law.
+in vec3 v_relative, v_normal;
+in float v_albedo;
+#include "common.glsl"
+#ifndef TRUTH
+layout(location = 1) out float o_depth;
+#endif
+uniform vec4 u_body_light;      // clearance and occluder distance at the foot and at the top
+uniform vec2 u_body_span;       // world height of foot and top, relative to the camera
+uniform float u_ground_light;   // irradiance that lit ground around sends up
+
+void main() {
+    vec3 normal = normalize(v_normal);
+#ifdef TRUTH
+    o_truth = vec4(normal, 2.0);
+#else
+    float up = clamp((v_relative.z - u_body_span.x) / max(u_body_span.y - u_body_span.x, 1e-3),
+                     0.0, 1.0);
+    vec2 light = mix(u_body_light.xy, u_body_light.zw, up);
+    float lit = disc(light.x / max(light.y, 1e-3), u_sun_radius);
+    float irradiance = u_irradiance * lit * max(dot(normal, u_sun), 0.0)
+        + u_ground_light * 0.5 * (1.0 - normal.z);
+    o_radiance = 0.318309886 * v_albedo * irradiance;
+    o_depth = dot(v_relative, u_axis);
+#endif
+}

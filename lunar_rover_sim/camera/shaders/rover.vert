@@ -1,0 +1,15 @@
+in vec3 a_position, a_normal;
+in float a_albedo, a_link;
+uniform mat4 u_links[5];
+uniform vec3 u_camera;
+uniform mat4 u_clip;
+out vec3 v_relative, v_normal;
+out float v_albedo;
+
+void main() {
+    mat4 link = u_links[int(a_link)];
+    v_relative = (link * vec4(a_position, 1.0)).xyz - u_camera;
+    v_normal = mat3(link) * a_normal;
+    v_albedo = a_albedo;
+    gl_Position = u_clip * vec4(v_relative, 1.0);
+}
