@@ -20,8 +20,8 @@ WEIGHT_N = ROVER.total_mass_kg * GRAVITY
 STATE_S = 0.005
 
 
-def make_world(heights: np.ndarray | None = None, cell_m: float = 0.025, rocks: Rocks | None = None,
-               shapes: tuple[RockShape, ...] = ()) -> World:
+def make_world(heights: np.ndarray | None = None, cell_m: float = 0.025,
+               rocks: Rocks | None = None, shapes: tuple[RockShape, ...] = ()) -> World:
     """Return a world of one level; flat, 10 m wide, without rocks by default."""
     if heights is None:
         heights = np.zeros((401, 401))

@@ -70,7 +70,7 @@ def test_a_slope_holds_up_to_the_friction_angle(friction, yaw_deg):
 
 
 def test_facet_edges_hold_a_little_more():
-    """On 2.5 cm cells a tip may rest against an edge between facets: free 2 deg beyond atan(mu)."""
+    """On 2.5 cm cells a tip may rest against an edge of a facet: free 2 deg beyond atan(mu)."""
     limit = np.degrees(np.arctan(0.5))
     assert slide_m(make_world(plane_heights(limit - 1.0)), 0.5, 90.0) < 1e-4
     assert slide_m(make_world(plane_heights(limit + 2.0)), 0.5, 90.0) > 0.03

@@ -31,7 +31,6 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
     from rich.console import Console
     from rich.table import Table
-    import yaml
 
     from lunar_rover_sim.errors import ConfigError
     from lunar_rover_sim.physics.allan import fit_noise, overlapping_allan
@@ -47,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         name, equals, value = item.partition('=')
         if not equals:
             raise ConfigError(f'--set: {item!r} is not valid; valid is NAME=VALUE')
-        values[name] = yaml.safe_load(value)
+        values[name] = _value(value)
     config = ImuConfig.from_mapping(values, 'imu')
     output = Path(args.output)
     if not output.parent.is_dir():
@@ -63,29 +62,37 @@ def run(args: argparse.Namespace) -> int:
 
     true = noise_parameters(config)
     rows = [
-        ('accelerometer', 'white noise', 'm/s^2/sqrt(Hz)', true.accel_noise_density,
-         fits[0].white),
-        ('accelerometer', 'bias random walk', 'm/s^3/sqrt(Hz)', true.accel_bias_random_walk,
-         fits[0].random_walk),
-        ('gyroscope', 'white noise', 'rad/s/sqrt(Hz)', true.gyro_noise_density, fits[1].white),
-        ('gyroscope', 'bias random walk', 'rad/s^2/sqrt(Hz)', true.gyro_bias_random_walk,
-         fits[1].random_walk),
+        ('accelerometer', 'white noise', true.accel_noise_density, fits[0].white),
+        ('accelerometer', 'bias random walk', true.accel_bias_random_walk, fits[0].random_walk),
+        ('gyroscope', 'white noise', true.gyro_noise_density, fits[1].white),
+        ('gyroscope', 'bias random walk', true.gyro_bias_random_walk, fits[1].random_walk),
     ]
-    table = Table('sensor', 'parameter', 'unit', 'configured', 'read back', 'error', 'bound', '',
+    table = Table('sensor', 'noise', 'configured', 'read back', 'error', 'bound', '',
                   title=f'{args.hours:g} h at {args.rate:g} Hz, preset {config.preset}')
     passed = True
-    for sensor, parameter, unit, configured, measured in rows:
+    for sensor, parameter, configured, measured in rows:
         bound = TOLERANCE[parameter]
         error = measured / configured - 1.0 if configured > 0.0 else 0.0
         good = abs(error) <= bound
         passed &= good
-        table.add_row(sensor, parameter, unit, f'{configured:.4g}', f'{measured:.4g}',
+        table.add_row(sensor, parameter, f'{configured:.4g}', f'{measured:.4g}',
                       f'{100 * error:+.1f} %', f'{100 * bound:.0f} %', 'ok' if good else 'OUT')
     console = Console()
     console.print(table)
     _plot(curves, fits, true, output)
+    console.print('white noise in m/s²/√Hz and rad/s/√Hz, bias random walk in m/s³/√Hz and'
+                  ' rad/s²/√Hz')
     console.print(f'plot: {output}')
     return 0 if passed else 1
+
+
+def _value(text: str) -> object:
+    """Return text as YAML means it, and `1e-3` as the number it is (YAML 1.1 wants `1.0e-3`)."""
+    import yaml
+    try:
+        return float(text)
+    except ValueError:
+        return yaml.safe_load(text)
 
 
 def _plot(curves, fits, true, output) -> None:  # type: ignore[no-untyped-def]
