@@ -189,11 +189,14 @@ DAMAGES: dict[str, tuple[Callable[[list[Item]], list[Item]], str, str]] = {
         lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d * 1.1)),
         'disparity and depth', 'px'),
     'disparity off by half a pixel': (
-        lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d + 0.4)),
-        'disparity and depth', 'bias'),
+        lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d + 0.45)),
+        'disparity and depth', 'shift'),
     'one disparity of another frame': (
         lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d[::-1]), 0.5),
         'disparity and depth', 'at 0.500 s'),
+    'disparity scaled by two percent': (
+        lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d * 1.02)),
+        'disparity and depth', 'scale'),
     'disparity of another baseline': (
         lambda b: edited(b, 'stereo/disparity', setter('t', 0.12)), 'calibration', 't = 0.12 m'),
     'camera infos exchanged': (swapped, 'calibration', 'P[3]'),

@@ -120,11 +120,10 @@ def true_depth_problem(image: Any) -> str:
 
 
 def depth_problem(image: Any) -> str:
-    """Depth from matching: positive and finite, or NaN where it is not known (REP-118)."""
-    depth = pixels(image)
-    known = depth[~np.isnan(depth)]
-    if not np.all(np.isfinite(known) & (known > 0.0)):
-        return 'pixels are neither positive nor NaN'
+    """Depth from matching: positive, +Inf where too far, NaN where unknown (REP-118)."""
+    wrong = pixels(image) <= 0.0
+    if wrong.any():
+        return f'{int(wrong.sum())} pixels are not in front of the camera'
     return ''
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,10 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.scenario import recorded_scenario
-from lunar_rover_sim.errors import BagError, WorldError
+from lunar_rover_sim.errors import BagError, ConfigError, WorldError
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.store import cache_folder, cache_key, load
 
 FRAMES = 4
 
@@ -123,14 +127,9 @@ def _trajectory(bag: Bag, odometry: series.Odometry, save: Callable[[Figure, str
 
 
 def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float) -> None:
-    """Draw the world of a bag, lit as in the bag, where its folder is still there."""
-    folder = recorded_scenario(bag).get('physics_node', 'world')
-    if not isinstance(folder, str) or not folder or not Path(folder).is_dir():
-        return
-    from lunar_rover_sim.world.store import load
-    try:
-        world = load(folder, verify=False)
-    except WorldError:
+    """Draw the world of a bag, lit from its sun's azimuth, where that world is still there."""
+    world = recorded_world(bag)
+    if world is None:
         return
     azimuth = 135.0
     if bag.has(topics.SUN.name):
@@ -146,6 +145,31 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float) -> 
         1.0 + slope_x**2 + slope_y**2)
     extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
     axes.imshow(shade, cmap='gray', origin='lower', extent=extent, vmin=0.0, vmax=1.0)
+
+
+def recorded_world(bag: Bag) -> World | None:
+    """Return the world that was driven on, from the scenario's folder or the cache.
+
+    None where neither holds a world of the hash in the bag.
+    """
+    if not bag.has(topics.WORLD_HASH.name):
+        return None
+    wanted = bag.first(topics.WORLD_HASH.name).data
+    scenario = recorded_scenario(bag)
+    folders = []
+    named = scenario.get('physics_node', 'world')
+    if isinstance(named, str) and named:
+        folders.append(Path(named))
+    with suppress(ConfigError):
+        config = WorldConfig.from_mapping(scenario.sections.get('world', {}), 'world')
+        seed = int(scenario.number('physics_node', 'seed', 0))
+        folders.append(cache_folder() / cache_key(config, seed))
+    for folder in folders:
+        with suppress(WorldError):
+            world = load(folder, verify=False)
+            if world.hash == wanted:
+                return world
+    return None
 
 
 def _attitude(odometry: series.Odometry, save: Callable[[Figure, str], None]) -> None:

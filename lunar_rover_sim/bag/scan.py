@@ -10,13 +10,13 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import content
+from lunar_rover_sim.bag.matching import frame_error, FrameError, is_matched, is_textured
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.topics import Topic
 
-_BY_NAME = {topic.name: topic for topic in topics.CONTRACT}
-_IMAGES = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.DEPTH.name,
-           topics.TRUE_DEPTH.name)
+_WAITING = 16  # stereo sets that may be incomplete; those that stay so are missing stamps
+
 _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
     topics.ODOM.name: (content.quaternion_problem('pose.pose.orientation'),),
     topics.IMU_TRUTH.name: (content.quaternion_problem('orientation'),),
@@ -44,22 +44,6 @@ class TopicScan:
     frame_ids: set[str] = dataclasses.field(default_factory=set)
     problems: list[str] = dataclasses.field(default_factory=list)
     last: Any = None
-
-
-@dataclasses.dataclass(frozen=True)
-class FrameError:
-    """Disparity of one frame against its true depth.
-
-    error_px: (n,) difference of matched and true disparity where both are known
-    matched: share of the pixels with a true disparity in range that were matched
-    depth_ratio: largest relative difference of the depth image from f t / d, NaN where not there
-    """
-
-    stamp_ns: int
-    median_px: float
-    bias_px: float
-    outliers: float
-    matched: float
 
 
 @dataclasses.dataclass
@@ -160,64 +144,50 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: content.FiniteC
     elif name == topics.LEFT_IMAGE.name:
         grey = content.pixels(message)
         result.contrast += int(grey.min() != grey.max())
+        pair.take_image(stamp_ns, grey)
 
 
 class _DepthPair:
-    """Holds disparity and depths until all of one stamp are there, then compares them."""
+    """Compares disparity with true depth and with depth, as both of one stamp are there."""
 
     def __init__(self, result: Scan) -> None:
         self._result = result
         self._waiting: dict[int, dict[str, Any]] = {}
-        self._wanted = {name for name in (topics.DISPARITY.name, topics.TRUE_DEPTH.name,
-                                          topics.DEPTH.name) if name in result.topics}
+        self._texture: dict[int, np.ndarray] = {}
+
+    def take_image(self, stamp_ns: int, grey: np.ndarray) -> None:
+        self._texture[stamp_ns] = is_textured(grey)
+        if len(self._texture) > _WAITING:
+            del self._texture[min(self._texture)]
 
     def take(self, name: str, stamp_ns: int, message: Any) -> None:
         entry = self._waiting.setdefault(stamp_ns, {})
         entry[name] = message
-        if self._wanted <= set(entry):
-            self._compare(stamp_ns, self._waiting.pop(stamp_ns))
-        while len(self._waiting) > 16:  # incomplete sets; they are reported as missing stamps
+        disparity = entry.get(topics.DISPARITY.name)
+        if disparity is not None:
+            for other, compare in ((topics.TRUE_DEPTH.name, self._true_depth),
+                                   (topics.DEPTH.name, self._depth)):
+                if entry.get(other) is not None:
+                    compare(stamp_ns, disparity, content.pixels(entry[other]))
+                    entry[other] = None
+        if len(self._waiting) > _WAITING:
             del self._waiting[min(self._waiting)]
 
-    def _compare(self, stamp_ns: int, entry: dict[str, Any]) -> None:
-        if topics.DISPARITY.name not in entry:
-            return
-        message = entry[topics.DISPARITY.name]
+    def _true_depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:
         disparity = content.pixels(message.image)
-        valid = (disparity >= message.min_disparity) & (disparity > 0.0)
-        product = message.f * message.t
-        if topics.TRUE_DEPTH.name in entry:
-            depth = content.pixels(entry[topics.TRUE_DEPTH.name])
-            if depth.shape == disparity.shape:
-                self._result.frames.append(
-                    _frame_error(stamp_ns, disparity, valid, depth, product, message))
-        if topics.DEPTH.name in entry:
-            depth = content.pixels(entry[topics.DEPTH.name])
-            both = valid & ~np.isnan(depth) if depth.shape == disparity.shape else None
-            if both is None:
-                self._result.depth_mismatch.append(f'at {stamp_ns * 1e-9:.3f} s sizes differ')
-            elif both.any():
-                ratio = np.abs(depth[both] * disparity[both] / product - 1.0).max()
-                if ratio > 1e-3:
-                    self._result.depth_mismatch.append(
-                        f'at {stamp_ns * 1e-9:.3f} s depth differs from f t / d by '
-                        f'{100 * ratio:.1f} %')
+        if depth.shape == disparity.shape:
+            texture = self._texture.pop(stamp_ns, None)
+            self._result.frames.append(frame_error(stamp_ns, message, disparity, depth, texture))
 
-
-def _frame_error(stamp_ns: int, disparity: np.ndarray, valid: np.ndarray, depth: np.ndarray,
-                 product: float, message: Any) -> FrameError:
-    true = product / depth.astype(float)
-    roi = message.valid_window
-    in_range = (true >= max(message.min_disparity, 1.0)) & (true <= message.max_disparity)
-    if roi.width and roi.height:
-        window = np.zeros(in_range.shape, dtype=bool)
-        window[roi.y_offset:roi.y_offset + roi.height,
-               roi.x_offset:roi.x_offset + roi.width] = True
-        in_range &= window
-    both = valid & in_range
-    if not both.any():
-        return FrameError(stamp_ns, np.nan, np.nan, np.nan, 0.0)
-    error = disparity[both] - true[both]
-    return FrameError(stamp_ns, float(np.median(np.abs(error))), float(np.median(error)),
-                      float(np.mean(np.abs(error) > 2.0)),
-                      float(both.sum() / max(1, in_range.sum())))
+    def _depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:
+        disparity = content.pixels(message.image)
+        at = f'at {stamp_ns * 1e-9:.3f} s'
+        if depth.shape != disparity.shape:
+            self._result.depth_mismatch.append(f'{at} sizes differ')
+            return
+        both = is_matched(message, disparity) & np.isfinite(depth)
+        if both.any():
+            ratio = np.abs(depth[both] * disparity[both] / (message.f * message.t) - 1.0).max()
+            if ratio > 1e-3:
+                self._result.depth_mismatch.append(
+                    f'{at} depth differs from f t / d by {100 * ratio:.1f} %')

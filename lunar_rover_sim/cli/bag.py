@@ -6,6 +6,9 @@ import argparse
 from collections.abc import Callable, Iterator
 import contextlib
 from pathlib import Path
+from typing import Any
+
+_PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 EXPORT_FORMATS = ('euroc', 'tum', 'kitti')
 
@@ -56,9 +59,9 @@ def _info(args: argparse.Namespace) -> int:
         console.print(table)
         console.print(f'{bag.message_count} messages, {bag.start_ns * 1e-9:.3f} s to '
                       f'{bag.end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
-                      f'{bag.storage_path.suffix.lstrip(".")}', highlight=False, markup=False, soft_wrap=True)
+                      f'{bag.storage_path.suffix.lstrip(".")}', **_PLAIN)
         if bag.incomplete:
-            console.print(f'INCOMPLETE: {bag.incomplete}', highlight=False, markup=False, soft_wrap=True)
+            console.print(f'INCOMPLETE: {bag.incomplete}', **_PLAIN)
     return 0
 
 
@@ -84,7 +87,7 @@ def _check(args: argparse.Namespace) -> int:
     console.print(table)
     failed = len(report.failed)
     console.print(f'{args.bag}: ' + (f'{failed} of {len(report.findings)} checks failed'
-                                     if failed else 'passed'), highlight=False, markup=False, soft_wrap=True)
+                                     if failed else 'passed'), **_PLAIN)
     return 0 if report.ok else 1
 
 
