@@ -1,0 +1,83 @@
+"""How fast physics steps: `python test/benchmarks/bench_physics.py [--large]`.
+
+Compares, side by side and interleaved so that other load hits all alike:
+- our state every 5 steps against the same steps in one `mj_step(m, d, n)` call;
+- the default world with its rocks against its ground alone;
+- with --large, a world of 100 times the cells (needs about 6 GB).
+Times are the least of several rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+import time
+
+import mujoco
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from physics_scene import make_world, rough_heights, simulate  # noqa: E402
+
+from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
+from lunar_rover_sim.world.build import build  # noqa: E402
+from lunar_rover_sim.world.config import WorldConfig  # noqa: E402
+
+STEPS = 1000
+ROUNDS = 15
+SPEED_RADPS = 2.1  # about 1 Hz of phase: the rover tumbles forward on its spokes
+
+
+def at_once(simulation: Simulation) -> float:
+    """Return the seconds per step of one call of MuJoCo."""
+    simulation.reset()
+    simulation.command([SPEED_RADPS] * 4)
+    start = time.perf_counter()
+    mujoco.mj_step(simulation.model, simulation.data, STEPS)
+    return (time.perf_counter() - start) / STEPS
+
+
+def with_states(simulation: Simulation) -> float:
+    """Return the seconds per step with a full state every 5 steps."""
+    simulation.reset()
+    simulation.command([SPEED_RADPS] * 4)
+    start = time.perf_counter()
+    for _ in range(STEPS // 5):
+        simulation.advance(5)
+    return (time.perf_counter() - start) / STEPS
+
+
+def large_world(n: int):
+    """Return rough ground of n x n samples, made of repeated tiles."""
+    tile = rough_heights()
+    repeats = -(-n // len(tile))
+    return make_world(np.tile(tile.astype(np.float32), (repeats, repeats))[:n, :n])
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--large', action='store_true', help='a world of 100 times the cells')
+    args = parser.parse_args()
+    world = build(WorldConfig(), seed=1)
+    bare = make_world(world.ground.heights_m, world.ground.cell_m)
+    cases = {f'{world.ground.n}^2, {len(world.rocks)} rocks': simulate(world),
+             f'{world.ground.n}^2, no rocks': simulate(bare),
+             'rough 2049^2, no rocks': simulate(large_world(2049))}
+    if args.large:
+        cases['rough 20481^2, no rocks'] = simulate(large_world(20481))
+    once = dict.fromkeys(cases, np.inf)
+    full = dict.fromkeys(cases, np.inf)
+    for _ in range(ROUNDS):
+        for name, simulation in cases.items():
+            once[name] = min(once[name], at_once(simulation))
+            full[name] = min(full[name], with_states(simulation))
+    print(f'{"world":30} {"mj_step [us]":>13} {"ours [us]":>10} {"ratio":>6} {"real time":>10}')
+    for name, simulation in cases.items():
+        print(f'{name:30} {once[name] * 1e6:13.1f} {full[name] * 1e6:10.1f}'
+              f' {full[name] / once[name]:6.2f} {simulation.config.step_s / full[name]:9.1f}x')
+
+
+if __name__ == '__main__':
+    main()
