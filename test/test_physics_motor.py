@@ -73,6 +73,9 @@ def test_a_blocked_leg_shows_as_such():
         model.dof_frictionloss[model.jnt_dofadr[joint]] = 50.0
         simulation.command([3.0] * 4)
         state = simulation.advance(500)
+    np.testing.assert_array_equal(
+        MOTOR.is_stalled(state.motor_torque_nm, state.joint_velocity_radps),
+        [True, False, False, False])
     assert abs(state.joint_velocity_radps[0]) < 0.05
     assert state.motor_current_a[0] == pytest.approx(MOTOR.current_limit_a)
     assert np.all(np.abs(state.motor_current_a[1:]) < 0.1 * MOTOR.current_limit_a)

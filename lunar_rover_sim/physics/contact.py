@@ -52,10 +52,10 @@ def set_contact(model: mujoco.MjModel, config: ContactConfig, geoms: np.ndarray)
         weight = model.body_invweight0[model.geom_bodyid[geom], 0]
         stiffness = config.stiffness_npm * weight * (1.0 - d)
         damping = config.damping_nspm * weight * (1.0 - d)
-        # The row as an oscillator of its own, k = stiffness / d and b = damping / d: beyond these
-        # bounds a step overshoots the rest position or reverses the velocity.
-        if step * damping > d or step ** 2 * stiffness > d:
-            bound = min(d / damping, (d / stiffness) ** 0.5)
+        # The row is an oscillator of k = stiffness / d and b = damping / d. A step that is longer
+        # than half of 1 / sqrt(k), or than 1 / b, makes the feet chatter and lose their hold.
+        bound = min(0.5 * (d / stiffness) ** 0.5, d / damping)
+        if step > bound:
             raise ConfigError(f'step_s: {step} is too long for a contact of'
                               f' {config.stiffness_npm:g} N/m and {config.damping_nspm:g} N s/m;'
                               f' valid is <= {bound:.2g} [s], or a softer contact')

@@ -134,6 +134,11 @@ class Motor(Parameters):
         current = self.current_a(leg_torque_nm)
         return current ** 2 * self.resistance_ohm + leg_torque_nm * leg_speed_radps
 
+    def is_stalled(self, leg_torque_nm: Any, leg_speed_radps: Any) -> Any:
+        """Return whether a leg is blocked: full torque, yet hardly any speed."""
+        return ((abs(leg_torque_nm) > 0.95 * self.leg_stall_torque_nm)
+                & (abs(leg_speed_radps) < 0.02 * self.leg_no_load_speed_radps))
+
     def torque_limit_nm(self, leg_speed_radps: float) -> float:
         """Return the most driving torque at the leg [N m] at a speed >= 0 [rad/s]."""
         voltage_bound = self.gear_ratio * self.stall_torque_nm * (
