@@ -17,7 +17,10 @@ from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.graph import LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
 
 _POLL_S = 0.1
+# What a node is given to end: the recorder has a bag to finish, and after a failure there is
+# nothing that the others could still add to it.
 _STOP_S = 15.0
+_STOP_AFTER_FAILURE_S = 2.0
 _PR_SET_PDEATHSIG = 1
 
 
@@ -83,21 +86,26 @@ class Graph:
                 on_progress(now_ns)
                 time.sleep(_POLL_S)
 
-    def stop(self) -> None:
-        """Stop all nodes in order, the recorder last; raise GraphError if one ends badly."""
+    def stop(self, failed: bool = False) -> None:
+        """Stop all nodes in order, the recorder last; raise GraphError if one ends badly.
+
+        failed: the run has failed already; nobody but the recorder is given time.
+        """
         failures = []
         for name in STOP_ORDER:
             process = self._processes.get(name)
             if process is None:
                 continue
             if process.poll() is None:
+                hurry = failed and name != 'recorder_node'
+                limit_s = _STOP_AFTER_FAILURE_S if hurry else _STOP_S
                 process.send_signal(signal.SIGINT)
                 try:
-                    process.wait(_STOP_S)
+                    process.wait(limit_s)
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
-                    failures.append(f'{name} did not stop within {_STOP_S:g} s and was killed')
+                    failures.append(f'{name} did not stop within {limit_s:g} s and was killed')
                     continue
             if process.returncode != 0:
                 failures.append(self._obituary(name))
@@ -110,7 +118,7 @@ class Graph:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  traceback: TracebackType | None) -> None:
         try:
-            self.stop()
+            self.stop(failed=error is not None)
         except GraphError:
             # What went wrong first is what counts.
             if error is None:

@@ -6,36 +6,32 @@ import argparse
 from collections.abc import Sequence
 import importlib
 import logging
+import pkgutil
 import sys
 
-from lunar_rover_sim import __version__
+from lunar_rover_sim import __version__, cli
 from lunar_rover_sim.errors import LunarRoverSimError
 
-# Commands with a word of their own, and groups whose members are files of their own.
-_COMMANDS = ('world', 'run', 'render', 'bag', 'evaluate')
-_GROUPS = {
-    'validate': ('hold a part of the simulator to its theory or to the paper',
-                 ('validate_imu', 'validate_stereo', 'validate_locomotion',
-                  'validate_traverse')),
-    'calibrate': ('measure a map that a node uses', ('calibrate',)),
-}
+# Groups of commands: every file whose name begins so adds one member.
+_GROUPS = {'validate': 'hold a part of the simulator to its theory or to the paper',
+           'calibrate': 'measure a map that a node uses'}
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line."""
+    """Return the parser of the whole command line: one command per file of this package."""
     root = argparse.ArgumentParser(
         prog='lunar_rover_sim',
         description='A spoke-leg micro rover on the Moon: walk, stereo images, rosbag2.')
     root.add_argument('--version', action='version', version=__version__)
     root.add_argument('-v', '--verbose', action='store_true', help='log what is going on')
     subparsers = root.add_subparsers(metavar='COMMAND', required=True)
-    for name in _COMMANDS:
-        _module(name).add_parser(subparsers)
-    for group, (text, names) in _GROUPS.items():
-        members = subparsers.add_parser(group, help=text, description=text).add_subparsers(
-            metavar='WHAT', required=True)
-        for name in names:
-            _module(name).add_parser(members)
+    groups = {name: subparsers.add_parser(name, help=text, description=text).add_subparsers(
+        metavar='WHAT', required=True) for name, text in _GROUPS.items()}
+    for info in pkgutil.iter_modules(cli.__path__):
+        if info.name == 'main':
+            continue
+        module = importlib.import_module(f'{cli.__name__}.{info.name}')
+        module.add_parser(groups.get(info.name.partition('_')[0], subparsers))
     return root
 
 
@@ -55,10 +51,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of our output (head, less) has seen enough.
         sys.stderr.close()
         return 0
-
-
-def _module(name: str):  # type: ignore[no-untyped-def]
-    return importlib.import_module(f'lunar_rover_sim.cli.{name}')
 
 
 if __name__ == '__main__':

@@ -1,0 +1,68 @@
+"""What tests of the real graph share: a small world, a domain of one's own, one recorded run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from lunar_rover_sim.config import load_scenario
+from lunar_rover_sim.domain import OwnDomain
+from lunar_rover_sim.world.store import cached
+
+# A small world and small images: the graph is the same, the machine is not kept busy.
+SMALL_WORLD = ('world.size_m=12.8', 'world.surroundings.samples=257')
+SMALL = (*SMALL_WORLD, 'render_node.camera.width=320', 'render_node.camera.height=240',
+         'render_node.sgm.num_disparities=64')
+
+
+def command(*arguments: str) -> list[str]:
+    """Return the command line of `lunar_rover_sim` with this interpreter."""
+    return [sys.executable, '-m', 'lunar_rover_sim.cli.main', *arguments]
+
+
+def simulate(folder: Path, *arguments: str, scenario: str = 'baseline',
+             timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """Run a small scenario to its end; return the finished process."""
+    settings = [word for setting in SMALL for word in ('--set', setting)]
+    return subprocess.run(command('run', scenario, '-o', str(folder), *settings, *arguments),
+                          capture_output=True, text=True, timeout=timeout_s)
+
+
+@pytest.fixture(scope='session', autouse=True)
+def world_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Keep the worlds of tests apart from those of the user."""
+    os.environ['LUNAR_ROVER_SIM_CACHE'] = str(tmp_path_factory.mktemp('cache'))
+
+
+@pytest.fixture(scope='session')
+def world_folder(world_cache: None) -> Path:
+    """Return the folder of the small world that the small scenario uses with seed 1."""
+    scenario = load_scenario('baseline', SMALL_WORLD)
+    return Path(cached(scenario.world, scenario.shared.seed))
+
+
+@pytest.fixture(scope='session')
+def recorded_run(tmp_path_factory: pytest.TempPathFactory, world_folder: Path) -> Path:
+    """Return the folder of one real run of 2 s with all nodes."""
+    pytest.importorskip('rclpy')
+    folder = tmp_path_factory.mktemp('runs') / 'first'
+    finished = simulate(folder, '--duration', '2')
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    return folder
+
+
+@pytest.fixture()
+def domain() -> Iterator[int]:
+    """Give this process and its children a ROS domain of their own on this machine."""
+    pytest.importorskip('rclpy')
+    with OwnDomain() as own:
+        before = dict(os.environ)
+        os.environ.update(ROS_DOMAIN_ID=str(own.id), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+        yield own.id
+        os.environ.clear()
+        os.environ.update(before)
