@@ -1,0 +1,249 @@
+"""Every node alone, beside a plain rclpy program, as in somebody else's stack."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.ros
+rclpy = pytest.importorskip('rclpy')
+
+from geometry_msgs.msg import Twist  # noqa: E402  (needs rclpy)
+from nav_msgs.msg import Odometry  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+from stereo_msgs.msg import DisparityImage  # noqa: E402
+
+LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
+SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
+                'sgm.num_disparities:=32')
+
+
+class Peer:
+    """A plain rclpy node with the default QoS of a script."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node('peer')
+
+    def listen(self, kind: Any, topic: str) -> list[Any]:
+        """Return a list that fills with the messages of a topic."""
+        received: list[Any] = []
+        self.node.create_subscription(kind, topic, received.append, 10)
+        return received
+
+    def spin_until(self, condition: Callable[[], bool], limit_s: float = 30.0,
+                   meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Spin until the condition holds; call `meanwhile` about 20 times a second."""
+        deadline = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < deadline, 'nothing came'
+            meanwhile()
+            until = time.monotonic() + 0.05
+            while time.monotonic() < until:
+                rclpy.spin_once(self.node, timeout_sec=0.01)
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, service)
+        assert client.wait_for_service(30.0)
+        future = client.call_async(request)
+        rclpy.spin_until_future_complete(self.node, future, timeout_sec=30.0)
+        return future.result()
+
+
+@pytest.fixture()
+def peer(domain: int) -> Iterator[Peer]:
+    """Give a plain rclpy node in a domain of its own."""
+    peer = Peer()
+    yield peer
+    peer.node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@contextmanager
+def running(name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a node as `ros2 run` would, and end it with SIGINT."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def fails(name: str, *arguments: str) -> str:
+    """Run a node that must refuse its parameters; return its one line."""
+    finished = subprocess.run(
+        [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
+        capture_output=True, text=True, timeout=60)
+    assert finished.returncode == 1, finished.stdout + finished.stderr
+    lines = finished.stderr.strip().splitlines()
+    assert len(lines) == 1, finished.stderr
+    return lines[0]
+
+
+def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
+    """Remapped commands from a script turn the legs; pause and step work."""
+    odometry = peer.listen(Odometry, 'odom')
+    joints = peer.listen(JointState, 'joint_states')
+    publisher = peer.node.create_publisher(JointState, 'my_commands', 10)
+
+    def turn() -> None:
+        publisher.publish(JointState(name=LEGS, velocity=[3.0] * 4))
+
+    with running('physics_node', '-p', f'world:={world_folder}', '-r',
+                 'joint_commands:=my_commands'):
+        peer.spin_until(lambda: bool(joints) and min(joints[-1].position) > 2.0, meanwhile=turn)
+        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in odometry]
+        assert all(b > a and (b - a) % 5_000_000 == 0 for a, b in zip(stamps, stamps[1:]))
+        assert odometry[-1].header.frame_id == 'odom'
+
+        assert peer.call(SetBool, 'physics_node/pause', SetBool.Request(data=True)).success
+        peer.spin_until(lambda: True)
+        before = odometry[-1].header.stamp
+        assert peer.call(Trigger, 'physics_node/step', Trigger.Request()).success
+        peer.spin_until(lambda: odometry[-1].header.stamp != before)
+        assert peer.call(Trigger, 'physics_node/reset', Trigger.Request()).success
+        assert peer.call(SetBool, 'physics_node/pause', SetBool.Request(data=False)).success
+        count = len(odometry)
+        peer.spin_until(lambda: len(odometry) > count + 5)
+        position = odometry[-1].pose.pose.position
+        assert np.hypot(position.x, position.y) < 0.05
+
+
+def test_gait_node_answers_a_hand_made_state(peer: Peer) -> None:
+    """Each joint state gets the command that bears its stamp; cmd_vel moves it."""
+    commands = peer.listen(JointState, 'joint_commands')
+    states = peer.node.create_publisher(JointState, 'joint_states', 10)
+    velocities = peer.node.create_publisher(Twist, 'cmd_vel', 10)
+    ticks = [0]
+
+    def tick() -> None:
+        velocities.publish(Twist())
+        twist = Twist()
+        twist.linear.x = 0.1
+        velocities.publish(twist)
+        ticks[0] += 1
+        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
+        state.header.stamp.nanosec = 5_000_000 * ticks[0]
+        states.publish(state)
+
+    with running('gait_controller_node', '-p', 'enable_stamped_cmd_vel:=false'):
+        peer.spin_until(lambda: len(commands) > 3 and max(commands[-1].velocity) > 0.1,
+                        meanwhile=tick)
+    assert all(command.header.stamp.nanosec % 5_000_000 == 0 for command in commands)
+    assert list(commands[-1].name) == LEGS
+    assert len(commands[-1].position) == 4
+
+
+def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> None:
+    """No physics at all: one odometry message gives a stereo set with its stamp."""
+    topics = {'stereo/left/image_raw': Image, 'stereo/right/image_raw': Image,
+              'stereo/left/camera_info': CameraInfo, 'stereo/disparity': DisparityImage,
+              'stereo/depth/image': Image, 'ground_truth/depth/image': Image}
+    received = {topic: peer.listen(kind, topic) for topic, kind in topics.items()}
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = Odometry()
+    odometry.header.stamp.sec = 3
+    odometry.pose.pose.position.z = 0.1
+    odometry.pose.pose.orientation.w = 1.0
+    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA):
+        peer.spin_until(lambda: all(received.values()), limit_s=60.0,
+                        meanwhile=lambda: poses.publish(odometry))
+    for topic, messages in received.items():
+        assert messages[0].header.stamp.sec == 3, topic
+    left = received['stereo/left/image_raw'][0]
+    pixels = np.frombuffer(bytes(left.data), np.uint8).reshape(left.height, left.width)
+    assert pixels.shape == (120, 160)
+    assert pixels.std() > 2
+    depth = np.frombuffer(bytes(received['ground_truth/depth/image'][0].data), np.float32)
+    assert np.isinf(depth).any()
+    assert 0.2 < np.nanmin(depth) < 2.0
+
+
+def test_render_node_draws_only_what_is_read(peer: Peer, world_folder: Path) -> None:
+    """With a reader of the left image alone nothing else is published but camera_info."""
+    left = peer.listen(Image, 'stereo/left/image_raw')
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = Odometry()
+    odometry.pose.pose.position.z = 0.1
+    odometry.pose.pose.orientation.w = 1.0
+    ticks = [0]
+
+    def tick() -> None:
+        ticks[0] += 1
+        odometry.header.stamp.sec = ticks[0]
+        poses.publish(odometry)
+
+    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA):
+        peer.spin_until(lambda: len(left) > 1, limit_s=60.0, meanwhile=tick)
+        # A reader that comes late is served with the frame that is shown.
+        depth = peer.listen(Image, 'ground_truth/depth/image')
+        peer.spin_until(lambda: bool(depth))
+    assert depth[0].header.stamp.sec in (ticks[0], ticks[0] - 1)
+
+
+def test_drive_node_answers_odometry(peer: Peer) -> None:
+    """A profile is driven on hand-made odometry."""
+    velocities = peer.listen(Twist, 'cmd_vel')
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = Odometry()
+    odometry.pose.pose.orientation.w = 1.0
+    ticks = [0]
+
+    def tick() -> None:
+        ticks[0] += 1
+        odometry.header.stamp.sec = ticks[0]
+        odometry.pose.pose.position.x = 0.1 * ticks[0]
+        poses.publish(odometry)
+
+    with running('drive_node', '-p', 'mode:=profile', '-p', 'profile_forward_mps:=[0.08]', '-p',
+                 'enable_stamped_cmd_vel:=false'):
+        peer.spin_until(lambda: bool(velocities) and velocities[-1].linear.x > 0.07,
+                        meanwhile=tick)
+
+
+def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None:
+    """A topic that nobody declared, with a script's default QoS, is recorded."""
+    from lunar_rover_sim.bag.reader import open_bag
+    publisher = peer.node.create_publisher(Twist, 'somebody/elses_topic', 10)
+    bag = tmp_path / 'bag'
+    with running('recorder_node', '-p', f'output:={bag}'):
+        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+        for _ in range(20):
+            publisher.publish(Twist())
+            time.sleep(0.01)
+        time.sleep(0.5)
+    with open_bag(bag) as recorded:
+        assert not recorded.incomplete
+        assert recorded.counts['/somebody/elses_topic'] == 20
+
+
+@pytest.mark.parametrize(('node', 'arguments', 'said'), [
+    ('physics_node', (), "world: '' is not valid"),
+    ('physics_node', ('-p', 'world:=/nowhere'), '/nowhere'),
+    ('physics_node', ('-p', 'wrold:=/tmp'), 'did you mean world'),
+    ('render_node', ('-p', 'sun.elevation_deg:=100.0'), 'sun.elevation_deg: 100.0 is not valid'),
+    ('gait_controller_node', ('-p', 'duty_factor:=text'), "duty_factor: 'text' is not a number"),
+    ('gait_controller_node', ('-p', 'foot_width_deg:=130.0'), 'foot_width'),
+    ('recorder_node', ('-p', 'output:=/tmp'), 'exists already'),
+    ('drive_node', ('-p', 'mode:=fly'), "mode: 'fly' is not valid"),
+])
+def test_wrong_parameters_are_one_line(node: str, arguments: tuple[str, ...], said: str,
+                                       domain: int) -> None:
+    """A node that cannot start says why and exits with 1."""
+    assert said in fails(node, *arguments)
