@@ -107,8 +107,8 @@ class _Builder:
                                    k == 0, self.rng(f'relief {k}'))
         heights = detail if parent is None else nest.refine(parent, n, cell)
         tile = self.source.tile(0.5 * (n - 1) * cell, cell) if self.source is not None else None
-        refined = tile is not None and cell < measured.REFINED_BELOW * tile.pixel_m
-        if tile is not None and refined:
+        refined = self._refined(k)
+        if tile is not None and refined and not self._refined(k + 1):
             measured.lay(heights, cell, tile, keep)
         stamping.stamp(heights, cell, craters, self.config.craters, self.rng(f'outlines {k}'))
         # The relief of the largest scales is older than the craters, that of the others is what
@@ -127,6 +127,11 @@ class _Builder:
         if parent is not None:
             nest.fit_border(heights, cell, parent)
         return heights
+
+    def _refined(self, k: int) -> bool:
+        """Return whether a level adds detail to measured heights, rather than averages them."""
+        return (self.source is not None and k < len(self.plan)
+                and self.plan[k][1] < measured.REFINED_BELOW * self.source.pixel_m)
 
     def _craters(self, k: int, deferred: Craters) -> tuple[Craters, Craters]:
         """Return the craters drawn on level k, and those left to the next finer level.

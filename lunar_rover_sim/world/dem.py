@@ -195,9 +195,9 @@ class GeoRaster(Raster):
                 size_x = size_y = dem.pixel_m
         self.pixel_x_m, self.pixel_y_m = size_x, size_y
         self.report['crs'] = data.crs.to_string() if data.crs is not None else ''
-        self.column0, self.row0 = self._middle(unit)
+        self.column0, self.row0 = self._middle()
 
-    def _middle(self, unit: float) -> tuple[float, float]:
+    def _middle(self) -> tuple[float, float]:
         """Return the column and row, in pixels from the corner, of the world's origin."""
         data, dem = self._data, self.config.dem
         a, b = dem.center
@@ -216,13 +216,16 @@ class GeoRaster(Raster):
             body = data.crs.to_dict()
             keys = {k: body[k] for k in ('R', 'a', 'b', 'rf', 'ellps', 'datum') if k in body}
             sphere = CRS.from_dict(proj='longlat', no_defs=True, **(keys or {'R': 1737400.0}))
-            xs, ys = transform(sphere, data.crs, [a], [b])
+            try:
+                xs, ys = transform(sphere, data.crs, [a], [b])
+            except Exception:  # GDAL's errors have no public class
+                xs, ys = [np.inf], [np.inf]
             if not np.all(np.isfinite([*xs, *ys])):
                 raise WorldError(f'dem.center: {a:g}, {b:g} cannot be projected to the CRS of '
                                  f'{self.path}')
             a, b = xs[0], ys[0]
-        column, row = ~data.transform * (a, b)
-        return float(column), float(row)
+        grid = data.transform
+        return float((a - grid.c) / grid.a), float((b - grid.f) / grid.e)
 
     def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
         """Return a window through rasterio; overviews are used where the file has them."""

@@ -121,10 +121,13 @@ def _add_rocks(scene: Any, world: World) -> None:
     """Add each rock as a node; rocks of one shape share their geometry."""
     rotation = matrix_from_wxyz(world.rocks.orientation_wxyz)
     for index, shape in enumerate(world.rock_shapes):
-        mesh = _mesh(shape.vertices, shape.faces,
-                     np.full(len(shape.vertices), 150, np.uint8))
-        for i in np.flatnonzero(world.rocks.shape == index):
+        instances = np.flatnonzero(world.rocks.shape == index)
+        if not len(instances):
+            continue
+        scene.geometry[shape.name] = _mesh(shape.vertices, shape.faces,
+                                           np.full(len(shape.vertices), 150, np.uint8))
+        for i in instances:
             pose = np.eye(4)
             pose[:3, :3] = rotation[i] * world.rocks.diameter_m[i]
             pose[:3, 3] = world.rocks.position_m[i]
-            scene.add_geometry(mesh, node_name=f'rock_{i}', geom_name=shape.name, transform=pose)
+            scene.graph.update(frame_to=f'rock_{i}', matrix=pose, geometry=shape.name)

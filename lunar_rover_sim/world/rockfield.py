@@ -184,7 +184,12 @@ def _settle(ground: HeightGrid, shapes: tuple[RockShape, ...], shape: NDArray, d
         chosen = shape == index
         z = up[chosen] @ kind.vertices.T.astype(float)
         low[chosen], high[chosen] = z.min(axis=1, initial=0.0), z.max(axis=1, initial=0.0)
-    z = height - (low + buried * (high - low)) * diameter
+    foot = height - buried * (high - low) * diameter
+    # On a wall or in a pit the ground falls away under the rock: it sinks until its foot is in.
+    beneath = ground.height_at(xy[:, None] + 0.65 * reach).min(axis=1) - 0.03 * diameter
+    sunk = np.minimum(foot, beneath)
+    crown = height - 0.85 * (high - low) * diameter
+    z = np.maximum(sunk, np.minimum(foot, crown)) - low * diameter
     return np.column_stack([xy, z]), quat
 
 

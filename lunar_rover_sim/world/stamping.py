@@ -37,8 +37,6 @@ def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config:
     lobes = (rng.standard_normal((len(craters), 3)) + 1j * rng.standard_normal((len(craters), 3))
              ) * weights
     half = 0.5 * (heights.shape[0] - 1)
-    bins = np.arange(0.0, 1.0, 0.02)
-    profiles = [table.at(age).astype(np.float32) for age in bins]
     per_radius = np.float32(1.0 / RADII[1])
     for i in order:
         radius = 0.5 * craters.diameter_m[i] / cell_m  # in cells
@@ -57,7 +55,7 @@ def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config:
         index = np.minimum(shaped * per_radius, np.float32(len(RADII) - 2))
         lower = index.astype(np.int32)
         index -= lower
-        profile = profiles[int(craters.age[i] / 0.02)] * np.float32(craters.diameter_m[i])
+        profile = (table.at(craters.age[i]) * craters.diameter_m[i]).astype(np.float32)
         patch += profile[lower] + index * (profile[1:] - profile[:-1])[lower]
 
 

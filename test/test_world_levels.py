@@ -1,0 +1,145 @@
+"""The nest of levels: seams, flatness, determinism, and the surface that MuJoCo collides with."""
+
+import mujoco
+import numpy as np
+import pytest
+import worlds
+
+from lunar_rover_sim.world import levels as nest
+from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.config import preset, WorldConfig
+from lunar_rover_sim.world.grid import HeightGrid
+
+
+def hfield_model(ground: HeightGrid, extra: str = '') -> mujoco.MjModel:
+    """Return a model whose height field is the ground, heights normalised to [0, 1]."""
+    h = ground.heights_m
+    low, span = float(h.min()), float(np.ptp(h)) or 1.0
+    e = ground.half_extent_m
+    model = mujoco.MjModel.from_xml_string(f"""
+<mujoco><option gravity="0 0 0"/>
+<asset>
+<hfield name="ground" nrow="{ground.n}" ncol="{ground.n}" size="{e} {e} {span!r} 1"/>
+</asset>
+<worldbody><geom type="hfield" hfield="ground" pos="0 0 {low!r}"/>{extra}</worldbody></mujoco>""")
+    model.hfield_data[:] = ((h - low) / span).ravel()
+    return model
+
+
+def test_rays_meet_the_ground_where_the_world_says():
+    # Heights are normalised float32: an error of about 1e-7 of the span, far below 1 mm.
+    ground = worlds.world().ground
+    model = hfield_model(ground)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rng = np.random.default_rng(0)
+    edge = ground.half_extent_m - 1e-6
+    xy = rng.uniform(-edge, edge, (10_000, 2))
+    geom = np.array([-1], np.int32)
+    down = np.array([0.0, 0.0, -1.0])
+    top = float(ground.heights_m.max()) + 1.0
+    z = np.array([top - mujoco.mj_ray(model, data, np.array([x, y, top]), down, None, 1, -1, geom,
+                                      None) for x, y in xy])
+    assert np.abs(z - ground.height_at(xy)).max() < 1e-3
+
+
+def test_collisions_use_the_same_triangles():
+    # One cell whose diagonals differ: a ball pressed into its middle shows which one is there.
+    heights = np.zeros((3, 3), np.float32)
+    heights[0, 1] = heights[1, 0] = 0.2  # the corners off the (ix, iy)-(ix+1, iy+1) diagonal
+    ground = HeightGrid(heights, 1.0)
+    ball = '<body pos="-0.5 -0.5 0.04"><freejoint/><geom type="sphere" size="0.05"/></body>'
+    model = hfield_model(ground, ball)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert ground.height_at((-0.5, -0.5)) == 0.0
+    # Resting in the fold at height 0 it is 1 cm deep, measured along the fold's steep sides less.
+    # On the other diagonal the surface would be at 0.1 and the ball 11 cm deep.
+    assert data.ncon > 0
+    assert -0.02 < data.contact.dist.min() < 0.0
+
+
+@pytest.mark.parametrize('make', [worlds.world, worlds.small])
+def test_no_cracks_between_levels(make):
+    world = make()
+    rng = np.random.default_rng(0)
+    for inner, outer in zip(world.levels, world.levels[1:]):
+        h = inner.half_extent_m
+        along = rng.uniform(-h, h, 2000)
+        for x, y in ((along, h), (along, -h), (h, along), (-h, along)):
+            xy = np.stack(np.broadcast_arrays(x, y), axis=-1)
+            gap = inner.height_at(xy) - outer.height_at(xy)
+            # Rounding of float32 heights of some metres.
+            assert np.abs(gap).max() < 2e-6
+
+
+def test_levels_cover_a_horizon_and_nest():
+    world = worlds.world()
+    assert world.ground.n == 2049
+    assert world.ground.half_extent_m == pytest.approx(25.6)
+    assert world.levels[-1].half_extent_m >= 1000.0
+    for inner, outer in zip(world.levels, world.levels[1:]):
+        assert outer.cell_m == pytest.approx(8 * inner.cell_m)
+        assert outer.half_extent_m >= 2.0 * inner.half_extent_m
+        # Coarse levels hold the fine heights within.
+        axis = nest.axis_m(outer.n, outer.cell_m)
+        inside = np.abs(axis) < inner.half_extent_m - 0.5 * outer.cell_m
+        xy = np.stack(np.meshgrid(axis[inside], axis[inside]), axis=-1)
+        assert np.allclose(outer.heights_m[np.ix_(inside, inside)], inner.height_at(xy), atol=1e-6)
+
+
+def test_origin_is_at_height_zero():
+    assert abs(worlds.world().height_at((0.0, 0.0))) < 1e-6
+
+
+def test_start_is_gentle():
+    for seed in range(4):
+        world = worlds.small(seed)
+        angle = np.linspace(0.0, 2.0 * np.pi, 36)
+        ring = 0.4 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        # Craters around the origin are limited to 10 degrees; relief adds some.
+        assert np.abs(world.height_at(ring)).max() < 0.4 * np.tan(np.radians(16.0))
+
+
+def test_flat_is_flat_to_the_horizon():
+    world = build(preset('flat'), 3)
+    assert all(not level.heights_m.any() for level in world.levels)
+    assert len(world.rocks) == 0 and len(world.craters) == 0
+    assert np.all(world.albedo == 1.0)
+    assert np.all(world.height_at(np.array([[0.3, 20.0], [900.0, -800.0]])) == 0.0)
+
+
+def test_seed_decides():
+    config = WorldConfig.from_mapping(worlds.SMALL)
+    first, again, other = build(config, 4), build(config, 4), build(config, 5)
+    assert first.hash == again.hash != other.hash
+    for a, b in zip(first.levels, again.levels):
+        assert np.array_equal(a.heights_m, b.heights_m)
+    assert first.config.seed == 4
+    # The recipe's own seed goes before the scenario's.
+    own = WorldConfig.from_mapping({**worlds.SMALL, 'seed': 4})
+    assert build(own, 99).hash == first.hash
+
+
+def test_progress_runs_from_none_to_all():
+    seen = []
+    build(WorldConfig.from_mapping(worlds.SMALL), 1, lambda what, part: seen.append(part))
+    assert seen[0] == 0.0 and seen[-1] == 1.0 and seen == sorted(seen)
+
+
+def test_fade_leaves_no_ring():
+    # Roughness of the coarse surface does not change across the border of the ground: means over
+    # bands a metre within and without agree.
+    world = worlds.world()
+    ground, outer = world.levels[0], world.levels[1]
+    h = ground.half_extent_m
+    along = np.linspace(-h, h, 4001)
+    means = []
+    for offset in (-1.5, -0.75, 0.0, 0.75, 1.5):
+        sides = [np.stack(np.broadcast_arrays(*side), axis=-1)
+                 for side in ((along, h + offset), (h + offset, along))]
+        means.append(np.mean([world.height_at(side) for side in sides]))
+    steps = np.diff(means)
+    # Slopes of terrain over 0.75 m, averaged over 100 m of border: centimetres, no step.
+    assert np.abs(steps).max() < 0.1
+    assert outer.contains((h + 1.5, 0.0))

@@ -1,0 +1,160 @@
+"""Meshes: exact vertical rays, axes, holes, overhangs, and what is not a surface."""
+
+import numpy as np
+import pytest
+import trimesh
+import worlds
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.parameters import merge
+from lunar_rover_sim.world import export
+from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.mesh import cast, MeshSource
+
+
+def bumps(n=41, cell=0.5):
+    """Return a mesh of a bumpy square and the same surface as a grid."""
+    axis = (np.arange(n) - 0.5 * (n - 1)) * cell
+    heights = (0.4 * np.sin(0.7 * axis) * np.cos(0.5 * axis[:, None])
+               + 0.05 * axis).astype(np.float32)
+    grid = HeightGrid(heights, cell)
+    vertices, faces = export.surface(grid)
+    return trimesh.Trimesh(vertices, faces, process=False), grid
+
+
+def config(path, **parameters):
+    """Return the parameters of a small bare world from a mesh."""
+    base = merge(merge(worlds.SMALL, worlds.BARE), {'source': 'mesh', 'path': str(path)})
+    return WorldConfig.from_mapping(merge(base, parameters))
+
+
+@pytest.mark.parametrize('suffix', ['obj', 'stl', 'ply', 'glb'])
+def test_the_ground_is_the_mesh(tmp_path, suffix):
+    mesh, grid = bumps()
+    path = tmp_path / f'bumps.{suffix}'
+    if suffix == 'glb':  # y up by convention
+        mesh.apply_transform([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    mesh.export(path)
+    world = build(config(path), 0)
+    ground = world.ground
+    axis = np.arange(-225, 226) * ground.cell_m  # within the band where levels meet
+    xy = np.stack(np.meshgrid(axis, axis), axis=-1)[::5, ::5]
+    expected = grid.height_at(xy) - grid.height_at((0.0, 0.0))
+    inner = np.abs(xy).max(axis=-1) < 6.4 - 1.5
+    assert np.abs(world.height_at(xy) - expected)[inner].max() < 1e-4
+    assert world.report['holes'] == 0 and world.report['overhangs'] == 0
+
+
+def test_rays_against_a_reference():
+    # Random soup of triangles: every ray against every triangle, one by one.
+    rng = np.random.default_rng(0)
+    triangles = rng.uniform(-1.0, 1.0, (200, 3, 3))
+    x, y = np.linspace(-1.0, 1.0, 33), np.linspace(-0.9, 0.8, 27)
+    top = cast(triangles, x, y).top_m
+    expected = np.full((27, 33), -np.inf)
+    for a, b, c in triangles:
+        inverse = np.linalg.inv(np.column_stack([b - a, c - a])[:2])
+        for j in range(27):
+            for i in range(33):
+                u, v = inverse @ (np.array([x[i], y[j]]) - a[:2])
+                if u >= 0 and v >= 0 and u + v <= 1:
+                    expected[j, i] = max(expected[j, i], a[2] + u * (b - a)[2] + v * (c - a)[2])
+    expected[np.isneginf(expected)] = np.nan
+    assert np.allclose(top, expected, equal_nan=True, atol=1e-9)
+
+
+def test_many_triangles():
+    n = 317  # 200,000 triangles on 513 x 513 rays
+    axis = np.linspace(-10.0, 10.0, n)
+    grid = HeightGrid(np.sin(axis + axis[:, None]).astype(np.float32), axis[1] - axis[0])
+    vertices, faces = export.surface(grid)
+    rays = np.linspace(-9.99, 9.99, 513)
+    hits = cast(vertices[faces], rays, rays)
+    xy = np.stack(np.meshgrid(rays, rays), axis=-1)
+    assert np.abs(hits.top_m - grid.height_at(xy)).max() < 1e-6
+    assert np.all(hits.layers == 1)
+
+
+def test_scale_centre_and_resolution(tmp_path):
+    mesh, grid = bumps()
+    mesh.apply_scale(100.0)  # centimetres
+    mesh.export(tmp_path / 'cm.stl')
+    world = build(config(tmp_path / 'cm.stl', mesh={'scale': 0.01, 'center': [2.0, -1.0]}), 0)
+    xy = np.array([[1.0, 1.0], [-2.0, 0.5]])
+    expected = grid.height_at(xy + [2.0, -1.0]) - grid.height_at((2.0, -1.0))
+    assert np.allclose(world.height_at(xy), expected, atol=1e-3)
+    # Sampled at 0.5 m, with relief below.
+    rough = build(config(tmp_path / 'cm.stl', mesh={'scale': 0.01, 'resolution_m': 0.5},
+                         relief={'rms_slope_deg': 3.0}), 0)
+    smooth = build(config(tmp_path / 'cm.stl', mesh={'scale': 0.01, 'resolution_m': 0.5}), 0)
+    off = (rough.ground.heights_m - smooth.ground.heights_m)[100:-100, 100:-100]
+    assert 0.002 < np.std(off) < 0.05
+
+
+def holed(tmp_path):
+    mesh, _ = bumps()
+    centres = mesh.triangles_center
+    mesh.update_faces(np.linalg.norm(centres[:, :2] - [3.0, 0.0], axis=1) > 0.8)
+    mesh.export(tmp_path / 'holed.ply')
+    return tmp_path / 'holed.ply'
+
+
+def test_holes(tmp_path):
+    path = holed(tmp_path)
+    with pytest.raises(WorldError, match=r'\d+ of 263169 vertical rays in the window meet no face;'
+                                         r' mend the mesh or set mesh.holes to fill'):
+        MeshSource(config(path))
+    world = build(config(path, mesh={'holes': 'fill'}), 0)
+    # A hole of about 2 m2 is 3,200 rays of 6.25 cm2.
+    assert 2000 < world.report['holes'] < 4500
+    assert np.all(np.isfinite(world.ground.heights_m))
+    assert np.abs(world.ground.heights_m).max() < 1.5
+
+
+def test_overhangs(tmp_path, caplog):
+    mesh, _ = bumps()
+    shelf = trimesh.creation.box((2.0, 2.0, 0.1))
+    shelf.apply_translation([-2.0, 1.0, 2.0])
+    trimesh.util.concatenate([mesh, shelf]).export(tmp_path / 'shelf.ply')
+    world = build(config(tmp_path / 'shelf.ply'), 0)
+    # The shelf covers 4 m2: 81 x 81 rays. The highest surface is taken, and it is said.
+    assert world.report['overhangs'] == pytest.approx(81 * 81, abs=2 * 81)
+    assert 'several surfaces' in caplog.text
+    level = world.height_at(np.array([-2.0, 1.0])) - world.height_at(np.array([-2.0, 3.0]))
+    assert level > 1.0
+
+
+def test_faces_turned_down(tmp_path):
+    mesh, grid = bumps()
+    mesh.invert()
+    mesh.export(tmp_path / 'down.ply')
+    source = MeshSource(config(tmp_path / 'down.ply'))
+    assert source.report['overhangs'] == 0 and source.report['holes'] == 0
+
+
+def refused(path, message, **parameters):
+    with pytest.raises(WorldError, match=message) as error:
+        MeshSource(config(path, **parameters))
+    assert '\n' not in str(error.value)
+
+
+def test_what_is_not_a_surface(tmp_path):
+    trimesh.PointCloud(np.random.default_rng(0).random((100, 3))).export(tmp_path / 'points.ply')
+    refused(tmp_path / 'points.ply', 'has no faces; a height field needs a surface')
+    wall = trimesh.Trimesh([[-20, 0, 0], [20, 0, 0], [20, 0, 9], [-20, 0, 9]],
+                           [[0, 1, 2], [0, 2, 3]])
+    wall.export(tmp_path / 'wall.stl')
+    refused(tmp_path / 'wall.stl', 'seen from above it has no area')
+    (tmp_path / 'text.obj').write_text('nothing here\n')
+    refused(tmp_path / 'text.obj', 'no faces|cannot be read')
+    (tmp_path / 'cut.glb').write_bytes(b'glTF\x02\x00')
+    refused(tmp_path / 'cut.glb', 'cannot be read as a mesh')
+    refused(tmp_path / 'absent.obj', 'no such file')
+    (tmp_path / 'mesh.xyz').write_text('')
+    refused(tmp_path / 'mesh.xyz', 'not a mesh format that is read; valid are .obj, .stl')
+    mesh, _ = bumps()
+    mesh.export(tmp_path / 'bumps.stl')
+    refused(tmp_path / 'bumps.stl', r'reaches 1.4 m beyond the mesh \(20 x 20 m\); move '
+            'mesh.center, set mesh.scale', mesh={'center': [5.0, 0.0]})

@@ -1,0 +1,31 @@
+"""Worlds that several tests share; each is built once."""
+
+from __future__ import annotations
+
+import functools
+import json
+from typing import Any
+
+from lunar_rover_sim.parameters import merge
+from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.model import World
+
+SMALL = {'size_m': 12.8, 'surroundings': {'samples': 257}}
+BARE = {'relief': {'rms_slope_deg': 0.0, 'far_rms_slope_deg': 0.0}, 'craters': {'density': 0.0},
+        'rocks': {'abundance': 0.0}}
+
+
+@functools.lru_cache(maxsize=8)
+def _built(text: str, seed: int) -> World:
+    return build(WorldConfig.from_mapping(json.loads(text)), seed)
+
+
+def world(seed: int = 1, **parameters: Any) -> World:
+    """Return a world of the default size with these parameters."""
+    return _built(json.dumps(parameters, sort_keys=True), seed)
+
+
+def small(seed: int = 1, **parameters: Any) -> World:
+    """Return a world of 12.8 m with coarse levels of 257 samples."""
+    return world(seed, **merge(SMALL, parameters))
