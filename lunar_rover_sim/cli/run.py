@@ -78,10 +78,10 @@ def run(args: argparse.Namespace) -> int:
                 interrupted = True
                 console.print('stopping; the bag will end here')
         wall_s = time.monotonic() - start
-    console.print(_shares(graph.cpu_s, wall_s), highlight=False)
+    console.print(_shares(graph.cpu_s, wall_s), highlight=False, soft_wrap=True)
     bag = folder / BAG_FOLDER
     if 'recorder_node' in scenario.run.nodes:
-        console.print(summarise(bag).lines(wall_s), highlight=False)
+        console.print(summarise(bag).lines(wall_s), highlight=False, soft_wrap=True)
         console.print(f'bag: {bag}', soft_wrap=True, highlight=False)
     return 130 if interrupted else 0
 
