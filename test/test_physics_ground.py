@@ -8,6 +8,7 @@ from physics_scene import make_world, rough_heights, simulate
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, PhysicsError
+from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.physics.config import StartPose
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -74,6 +75,42 @@ def test_rocks_are_where_the_world_says():
         # Meshes are shared by rocks of one shape and size.
         assert simulation.model.nmesh == 2
     np.testing.assert_allclose(heights, [0.12, 0.36, 0.07, 0.24, 0.0], atol=1e-5)
+
+
+def top_of_triangles(xy: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the greatest height of (t, 3, 3) triangles over (n, 2) positions; NaN beside them."""
+    a, b, c = (triangles[:, k] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    result = np.full(len(xy), -np.inf)
+    for i, point in enumerate(xy):
+        inside = np.ones(len(triangles), bool)
+        for p, q in ((a, b), (b, c), (c, a)):
+            side = (q[:, 0] - p[:, 0]) * (point[1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (
+                point[0] - p[:, 0])
+            inside &= side * np.sign(normal[:, 2]) >= 0.0
+        for t in np.flatnonzero(inside):
+            drop = normal[t, :2] @ (point - a[t, :2]) / normal[t, 2]
+            result[i] = max(result[i], a[t, 2] - drop)
+    return np.where(np.isfinite(result), result, np.nan)
+
+
+def test_lopsided_turned_rocks_are_where_the_world_says():
+    """MuJoCo moves meshes into their principal axes; that must not show."""
+    vertices = np.array([[0.6, 0.0, -0.2], [-0.4, 0.3, -0.2], [-0.4, -0.3, -0.15],
+                         [0.05, 0.1, 0.5]], dtype=np.float32)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], dtype=np.int32)
+    quat = np.array([0.8, 0.3, -0.4, 0.33])
+    quat /= np.linalg.norm(quat)
+    rocks = rocks_at([[2.0, 1.0, 0.3], [-2.0, 1.0, 0.4]], list(quat))
+    shape = RockShape('lopsided', vertices, faces)
+    with simulate(make_world(rocks=rocks, shapes=(shape,))) as simulation:
+        for position, diameter in zip(rocks.position_m, rocks.diameter_m):
+            corners = position + diameter * vertices @ matrix_from_wxyz(quat).T
+            xy = position[:2] + diameter * np.random.default_rng(2).uniform(-0.4, 0.4, (200, 2))
+            expected = top_of_triangles(xy, corners[faces])
+            assert np.isfinite(expected).sum() > 20
+            np.testing.assert_allclose(ray_heights(simulation, xy), np.nan_to_num(expected),
+                                       atol=1e-5)
 
 
 def test_a_rock_in_the_way_lifts_a_leg_and_is_not_walked_through():
