@@ -9,6 +9,7 @@ tenth of the first) and the direction dependence of the scattering ground are le
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +27,8 @@ def one_bounce(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.fl
     sun; albedo: diffuse albedo of the ground. irradiance: what other ground sends to a point of
     the grid; surroundings: exitance of the ground around, which upright faces half see.
     """
-    gy, gx = np.gradient(heights_m, np.float32(cell_m))
+    gradient = np.asarray(np.gradient(heights_m, np.float32(cell_m)), np.float32)
+    gy, gx = gradient[0], gradient[1]
     facing = (direction[2] - gx * direction[0] - gy * direction[1]) / np.sqrt(1 + gx**2 + gy**2)
     exitance = (albedo * lit * np.maximum(facing, 0.0)).astype(np.float32)
     total = np.zeros_like(exitance)
@@ -35,7 +37,6 @@ def one_bounce(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.fl
         total += _along(heights_m, gx, gy, exitance, cell_m, np.cos(angle), np.sin(angle))
     irradiance = total * np.float32(2.0 / _AZIMUTHS)
     # Mean over about a metre, weighted as an upright face sees it: mostly the near ground.
-    import cv2
     surroundings = 0.5 * cv2.GaussianBlur(exitance, (0, 0), max(0.4 / cell_m, 0.6)) \
         + 0.5 * cv2.GaussianBlur(exitance, (0, 0), max(1.6 / cell_m, 1.2))
     return irradiance, surroundings

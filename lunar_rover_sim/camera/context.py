@@ -24,7 +24,8 @@ def create_context() -> moderngl.Context:
     """
     try:
         import moderngl
-        context = moderngl.create_context(standalone=True, backend='egl', require=330)
+        context = moderngl.create_context(  # type: ignore[arg-type]
+            standalone=True, backend='egl', require=330)
     except Exception as error:  # moderngl raises a bare Exception
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RenderError(f'no usable EGL device ({reason}); install the packages '
@@ -52,7 +53,8 @@ def load_program(context: moderngl.Context, vertex: str, fragment: str,
 
 def source(name: str) -> str:
     """Return the text of one shader file, includes resolved."""
-    text = resources.files('lunar_rover_sim.camera').joinpath('shaders', name).read_text()
+    path = resources.files('lunar_rover_sim.camera').joinpath('shaders').joinpath(name)
+    text = path.read_text(encoding='utf-8')
     return re.sub(r'^#include "([\w.]+)"$', lambda match: source(match.group(1)), text,
                   flags=re.MULTILINE)
 
@@ -61,7 +63,7 @@ def set_uniform(program: moderngl.Program, **values: Any) -> None:
     """Set uniforms, passing over those that the compiler removed."""
     for name, value in values.items():
         if name in program:
-            member = program[name]
+            member: Any = program[name]
             if isinstance(value, np.ndarray):
                 member.write(value.tobytes())
             else:

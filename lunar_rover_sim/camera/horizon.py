@@ -67,7 +67,7 @@ class ShadowLevel:
         self.heights_m = grid.heights_m if heights_m is None else heights_m
         self.shadow_m = _sweep(self.heights_m, grid.cell_m, sun, outer)
 
-    def shadow_at(self, xy_m: ArrayLike, *, with_ground: bool = False) -> NDArray[np.float64]:
+    def shadow_at(self, xy_m: ArrayLike, *, with_ground: bool = False) -> NDArray[np.floating]:
         """Return (3, ...) shadow heights [m] at (..., 2) positions, bilinear, clamped."""
         n = self.grid.n
         grid = np.asarray(xy_m, dtype=float) / self.grid.cell_m + 0.5 * (n - 1)
@@ -76,7 +76,7 @@ class ShadowLevel:
         u, v = np.moveaxis(grid - cell, -1, 0)
         ix, iy = np.moveaxis(cell, -1, 0)
 
-        def corner(dy: int, dx: int) -> NDArray[np.float64]:
+        def corner(dy: int, dx: int) -> NDArray[np.floating]:
             value = self.shadow_m[:, iy + dy, ix + dx]
             if with_ground:
                 value = np.maximum(value, self.heights_m[iy + dy, ix + dx])

@@ -16,6 +16,7 @@ from lunar_rover_sim.camera.boulders import Boulders
 from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.camera.context import create_context, load_program, set_uniform
 from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
+from lunar_rover_sim.camera.imager import AutoExposure, Imager
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.rock_shadow import sun_axes
 from lunar_rover_sim.camera.sensor import SensorModel, sunlit_radiance
@@ -78,6 +79,8 @@ class Renderer:
                                                                        config.reflectance))
         else:
             self.exposure_s = config.sensor.exposure_s
+        self._auto = (AutoExposure(self.sensor) if config.sensor.exposure_mode == 'auto'
+                      else None)
         self._context = create_context()
         self._closed = False
         try:
@@ -101,9 +104,6 @@ class Renderer:
         self._geometry = context.framebuffer([self._mesh_depth], self._buffer)
         self._lighting = context.framebuffer([self._radiance, self._depth])
         self._target = context.framebuffer([self._radiance, self._depth], self._buffer)
-        self._image_type = 'nu2' if self.sensor.output_type is np.uint16 else 'f1'
-        self._image = context.texture((width, 2 * height), 1, dtype=self._image_type)
-        self._output = context.framebuffer([self._image])
         for texture in (self._radiance, self._depth, self._mesh_depth):
             texture.filter = (context.NEAREST, context.NEAREST)
 
@@ -132,13 +132,7 @@ class Renderer:
             'truth rock': load_program(context, 'rock', 'rock', TRUTH=1),
             'truth rover': load_program(context, 'rover', 'rover', TRUTH=1),
         }
-        defines = {}
-        if config.sensor.psf_sigma_px > 0.0:
-            defines['SPREAD'] = 1
-        if config.sensor.shot_noise or config.sensor.read_noise or config.sensor.fixed_pattern:
-            defines['NOISE'] = 1
-        self._sensor_program = load_program(context, 'screen', 'sensor', **defines)
-        self._screen = context.vertex_array(self._sensor_program, [])
+        self._imager = Imager(context, self.rig, self.sensor, self.seed)
         self._ground_passes = {name: context.vertex_array(self._programs[name], [])
                                for name in ('ground', 'refined', 'unlit',
                                             'truth ground')}
@@ -159,7 +153,8 @@ class Renderer:
         T_world_base: (4, 4) pose of the rover; joint_angle_rad: (4,) leg angles in the order of
         LEG_NAMES; frame_index: makes the noise of each frame its own.
 
-        The same arguments give the same pixels. Raises RenderError if the context is lost, or for
+        The same arguments give the same pixels; only automatic exposure also depends on the frames
+        before. Raises RenderError if the context is lost, or for
         an unknown layer.
         """
         asked = set(layers)
@@ -374,12 +369,9 @@ class Renderer:
         return np.ascontiguousarray((projection @ rotation).T, dtype=np.float32)
 
     def _read(self, asked: set[str], eyes: list[int], frame_index: int) -> StereoFrame:
-        h, w = self.rig.height, self.rig.width
         out: dict[str, NDArray] = {}
         if asked & {'left', 'right'}:
-            self._develop(eyes, frame_index)
-            data = self._output.read(components=1, alignment=1, dtype=self._image_type)
-            raw = np.frombuffer(data, self.sensor.output_type).reshape(2, h, w)
+            raw = self._develop(eyes, frame_index)
             for eye, name in enumerate(('left', 'right')):
                 if name in asked:
                     image = raw[eye]
@@ -387,37 +379,38 @@ class Renderer:
                         image = np.repeat(image[..., None], 3, axis=2)
                     out[name] = image
         if 'depth' in asked:
-            data = self._lighting.read(viewport=(0, 0, w, h), components=1, attachment=1,
-                                       alignment=1, dtype='f4')
-            depth = np.frombuffer(data, np.float32).reshape(h, w).copy()
+            depth = self._image_of(self._lighting, 1, 0).copy()
             depth[depth == 0.0] = np.inf
             out['depth_m'] = depth
         if 'radiance' in asked:
-            data = self._lighting.read(viewport=(0, 0, w, h), components=1, alignment=1,
-                                       dtype='f4')
-            out['radiance'] = np.frombuffer(data, np.float32).reshape(h, w)
+            out['radiance'] = self._image_of(self._lighting, 0, 0)
         if asked & _TRUTH_LAYERS and self._truth is not None:
-            data = self._truth.read(viewport=(0, 0, w, h), components=4, alignment=1, dtype='f4')
-            truth = np.frombuffer(data, np.float32).reshape(h, w, 4)
+            truth = self._image_of(self._truth, 0, 0, 4)
             if 'normal' in asked:
                 out['normal'] = np.ascontiguousarray(truth[..., :3])
             if 'label' in asked:
                 out['label'] = np.rint(truth[..., 3]).astype(np.int32)
         return StereoFrame(**out, exposure_s=self.exposure_s)
 
-    def _develop(self, eyes: list[int], frame_index: int) -> None:
-        """Run the sensor over what was drawn."""
-        context, h, w = self._context, self.rig.height, self.rig.width
-        self._output.use()
-        first, last = min(eyes), max(eyes)
-        self._output.viewport = (0, first * h, w, (last - first + 1) * h)
-        context.enable_only(context.NOTHING)
-        self._radiance.use(0)
-        c = self.config.sensor
-        set_uniform(self._sensor_program, u_radiance=0,
-                    u_electrons=self.sensor.electrons_per_radiance_second * self.exposure_s,
-                    u_dark=c.dark_current_e_s * self.exposure_s, u_frame=frame_index % (1 << 31))
-        self._screen.render(vertices=3)
+    def _develop(self, eyes: list[int], frame_index: int) -> NDArray[Any]:
+        """Run the sensor over what was drawn; return (2, h, w) pixels."""
+        if self._auto is not None:
+            eye = min(eyes)
+            self._auto.start(self._image_of(self._lighting, 0, eye))
+            self.exposure_s = self._auto.exposure_s
+        raw = self._imager.develop(self._radiance, eyes, self.exposure_s, frame_index)
+        if self._auto is not None:
+            self._auto.follow(raw[min(eyes)])
+        return raw
+
+    def _image_of(self, target: Any, attachment: int, eye: int,
+                  components: int = 1) -> NDArray[np.float32]:
+        """Read one eye's float attachment: (h, w) or (h, w, components)."""
+        h, w = self.rig.height, self.rig.width
+        data = target.read(viewport=(0, eye * h, w, h), components=components,
+                           attachment=attachment, alignment=1, dtype='f4')
+        shape = (h, w) if components == 1 else (h, w, components)
+        return np.frombuffer(data, np.float32).reshape(shape)
 
     def _set_constants(self) -> None:
         config, sun = self.config, self.config.sun
@@ -440,14 +433,6 @@ class Renderer:
             diffuse[0] *= config.reflectance.albedo_scale
             set_uniform(program, u_diffuse=(float(diffuse[0]), float(diffuse[1])))
             set_uniform(program, u_theta=(float(near), float(far)), u_rock_theta=float(rock))
-        c, K = config.sensor, self.rig.K
-        set_uniform(self._sensor_program, u_height=self.rig.height,
-                    u_lens=(1.0 / K[0, 0], K[0, 2], K[1, 2], 4.0 * c.vignetting),
-                    u_spread=self.sensor.neighbour_weight,
-                    u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise,
-                             c.prnu * c.fixed_pattern, c.dsnu_e * c.fixed_pattern),
-                    u_adc=(1.0 / c.full_well_e, c.black_level, float(self.sensor.largest_number)),
-                    u_out=self.sensor.output_scale, u_seed=self.seed % (1 << 31))
 
     # Resources
 

@@ -7,6 +7,7 @@ whatever the pitch of the grid that keeps the result.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import dataclasses
 
 import numpy as np
@@ -111,7 +112,7 @@ def outlines(vertices: Array, faces: NDArray[np.int32]) -> F32:
 
 
 def _edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64],
-                                               NDArray[np.int64]]:
+                                              NDArray[np.int64]]:
     """Return (e, 2) vertex pairs of a closed mesh and the two faces beside each."""
     half = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     owner = np.tile(np.arange(len(faces)), 3)
@@ -140,7 +141,31 @@ def stamp(clearance_m: F32, occluder_m: F32, grid: HeightGrid, rocks: Silhouette
         flat_t[cells[wins]] = along[wins]
 
 
-def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry):
+def darken(clearance_m: F32, occluder_m: F32, points_m: Array,
+           rocks: Silhouettes) -> tuple[F32, F32]:
+    """Return clearance and occluder distance of one point per rock, other rocks included."""
+    clearance, occluder = clearance_m.copy(), occluder_m.copy()
+    seen = points_m @ rocks.axes.T
+    order = np.argsort(seen[:, 0], kind='stable')
+    first = np.searchsorted(seen[order, 0], rocks.centre[:, 0] - rocks.half_width)
+    count = np.searchsorted(seen[order, 0], rocks.centre[:, 0] + rocks.half_width) - first
+    caster = np.repeat(np.arange(len(rocks.top)), count)
+    offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    point = order[first[caster] + offset]
+    along = rocks.centre[caster, 2] - seen[point, 2]
+    keep = (along > 0.0) & (along < _MAX_REACH_M) & (caster != point) \
+        & (seen[point, 1] < rocks.top[caster])
+    caster, point, along = caster[keep], point[keep], along[keep].astype(np.float32)
+    distance = rocks.distance(caster, *seen[point, :2].T.astype(np.float32))
+    angle = clearance / occluder
+    np.minimum.at(angle, point, distance / along)
+    wins = angle[point] == distance / along
+    clearance[point[wins]], occluder[point[wins]] = distance[wins], along[wins]
+    return clearance, occluder
+
+
+def _pairs(grid: HeightGrid, rocks: Silhouettes,
+           sun: SunGeometry) -> Iterator[tuple[NDArray[np.int64], F32, F32]]:
     """Yield (cell, signed distance, distance along the ray) of cells near each shadow."""
     n, cell = grid.n, grid.cell_m
     heading = sun.direction_xy

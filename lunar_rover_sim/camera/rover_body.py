@@ -125,8 +125,10 @@ class RoverBody:
 
     def release(self) -> None:
         """Release the GL objects."""
-        for item in (*self._arrays.values(), self._vertices, self._map):
-            item.release()
+        for array in self._arrays.values():
+            array.release()
+        self._vertices.release()
+        self._map.release()
 
 
 def _triangles(part: VisualPart, link: int) -> Array:

@@ -72,9 +72,9 @@ class SensorModel:
 def sunlit_radiance(sun: SunConfig, ground: ReflectanceConfig) -> float:
     """Return a typical radiance [W m-2 sr-1] of lit ground: relief turned some way to the sun.
 
-    It is that of ground seen at 60 deg from the side, whose slopes of 8 deg face the sun.
+    It is that of ground seen at 60 deg from the side, whose slopes of 14 deg face the sun.
     """
-    elevation = math.radians(min(max(sun.elevation_deg, 0.5) + 8.0, 90.0))
+    elevation = math.radians(min(max(sun.elevation_deg, 0.5) + 14.0, 90.0))
     kind = parameter_set(ground.ground)
     return sun.irradiance * float(reflectance(math.sin(elevation), 0.5, 0.5 * math.sin(elevation),
                                               kind, albedo=ground.albedo_scale))

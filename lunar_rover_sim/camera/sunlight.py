@@ -54,9 +54,11 @@ class Sunlight:
         size = (n, n)
         albedo = hemispherical_albedo(parameter_set(config.reflectance.ground)) \
             * config.reflectance.albedo_scale
-        return one_bounce(cv2.resize(grid.heights_m, size, interpolation=cv2.INTER_AREA),
-                          grid.cell_m * grid.n / n,
-                          cv2.resize(lit, size, interpolation=cv2.INTER_AREA), direction, albedo)
+        heights = np.asarray(cv2.resize(grid.heights_m, size, interpolation=cv2.INTER_AREA),
+                             np.float32)
+        return one_bounce(heights, grid.cell_m * grid.n / n,
+                          np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA),
+                                     np.float32), direction, albedo)
 
     def light_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
         """Return clearance and occluder distance [m] of (..., 3) points, by terrain alone."""
@@ -70,12 +72,16 @@ class Sunlight:
         return float(values[row, column])
 
     def rock_light(self) -> F32:
-        """Return (m, 4) clearance and occluder distance [m] at foot and top of each rock."""
+        """Return (m, 4) clearance and occluder distance [m] at foot and top of each rock.
+
+        What limits the light is the relief or another rock, whichever is higher.
+        """
         rocks = self.world.rocks
         light = np.zeros((len(rocks), 4), np.float32)
-        for column, lift in ((0, -0.35), (2, 0.35)):
+        for column, lift in ((0, -0.2), (2, 0.35)):
             points = rocks.position_m.copy()
             points[:, 2] += lift * rocks.diameter_m
-            clearance, occluder = self.ground.clearance_of(points)
-            light[:, column], light[:, column + 1] = clearance, occluder
+            pair = rock_shadow.darken(*self.ground.clearance_of(points), points,
+                                      self.silhouettes)
+            light[:, column], light[:, column + 1] = pair
         return light

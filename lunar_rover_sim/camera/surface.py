@@ -93,7 +93,7 @@ class Surface:
         self._matter[0].use(2)
         self._tiles[0].use(3)
         n, cell = self._sizes[0], self._cell_m
-        set_uniform(program, u_matter=2, u_grid=(1.0 / (n * cell), 0.5), u_tile_a=3, 
+        set_uniform(program, u_matter=2, u_grid=(1.0 / (n * cell), 0.5), u_tile_a=3,
                     u_grain=(1.0 / 1.7, 2.5))
 
 

@@ -1,11 +1,11 @@
 // Radiance to digital numbers: point spread, vignetting, electrons, noise, converter.
 uniform sampler2D u_radiance;
 uniform int u_height;           // rows of one image; the left one lies before the right one
-uniform vec4 u_lens;            // 1 / fx, cx, cy, exponent of the cos fall-off
+uniform sampler2D u_pattern;    // fall-off times gain, offset [e-]
 uniform float u_spread;         // weight of a direct neighbour in the point spread
 uniform float u_electrons;      // electrons per radiance on the axis
 uniform float u_dark;           // dark signal [e-]
-uniform vec4 u_noise;           // shot (0 or 1), read [e-], gain pattern, offset pattern [e-]
+uniform vec2 u_noise;           // shot (0 or 1), read [e-]
 uniform vec3 u_adc;             // 1 / full well, black level, largest number
 uniform vec2 u_out;             // numbers of the output per number, 1 / largest of the output
 uniform uint u_seed, u_frame;
@@ -33,7 +33,7 @@ float radiance(ivec2 p, ivec2 step, int first) {
 
 void main() {
     ivec2 p = ivec2(gl_FragCoord.xy);
-    int eye = p.y / u_height, first = eye * u_height;
+    int first = p.y < u_height ? 0 : u_height;
     float value = radiance(p, ivec2(0), first);
 #ifdef SPREAD
     float near = radiance(p, ivec2(1, 0), first) + radiance(p, ivec2(-1, 0), first)
@@ -43,17 +43,14 @@ void main() {
     float k = 1.0 / (1.0 + 2.0 * u_spread);
     value = k * k * (value + u_spread * near + u_spread * u_spread * far);
 #endif
-    vec2 axis = (vec2(p.x, p.y - first) - u_lens.yz) * u_lens.x;
-    float cosine2 = 1.0 / (1.0 + dot(axis, axis));
-    float electrons = value * u_electrons * pow(cosine2, 0.5 * u_lens.w) + u_dark;
+    vec2 pattern = texelFetch(u_pattern, p, 0).rg;
+    float electrons = value * u_electrons * pattern.x + u_dark;
 #ifdef NOISE
     uint pixel = hash(uint(p.y) * 65537u + uint(p.x) + u_seed * 2654435761u);
-    vec2 pattern = gaussians(pixel);
     vec2 moment = gaussians(hash(pixel ^ hash(u_frame * 2u + 0x85ebca6bu)));
-    electrons *= 1.0 + u_noise.z * pattern.x;
-    electrons += u_noise.x * sqrt(max(electrons, 0.0)) * moment.x + u_noise.y * moment.y
-        + u_noise.w * pattern.y;
+    electrons += u_noise.x * sqrt(max(electrons, 0.0)) * moment.x + u_noise.y * moment.y;
 #endif
+    electrons += pattern.y;
     float number = (electrons * u_adc.x * (1.0 - u_adc.y) + u_adc.y) * u_adc.z;
     number = clamp(floor(number + 0.5), 0.0, u_adc.z);
     o_level = floor(number * u_out.x) * u_out.y;

@@ -1,0 +1,121 @@
+"""The sensor at work: radiance on the GPU to the numbers that a camera puts out."""
+
+from __future__ import annotations
+
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.camera.context import load_program, set_uniform
+from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.camera.sensor import SensorModel
+
+if TYPE_CHECKING:
+    import moderngl
+
+F32 = NDArray[np.float32]
+
+
+class Imager:
+    """Develops pairs of images, the left above the right in one texture."""
+
+    def __init__(self, context: moderngl.Context, rig: StereoRig, sensor: SensorModel,
+                 seed: int) -> None:
+        self._context, self._rig, self.sensor = context, rig, sensor
+        c = sensor.config
+        self._type = 'nu2' if sensor.output_type is np.uint16 else 'f1'
+        size = (rig.width, 2 * rig.height)
+        self._image = context.texture(size, 1, dtype=self._type)
+        self._target = context.framebuffer([self._image])
+        self._pattern = context.texture(size, 2, self._patterns(seed).tobytes(), dtype='f4')
+        self._pattern.filter = (context.NEAREST, context.NEAREST)
+        noisy = c.shot_noise or (c.read_noise and c.read_noise_e > 0.0)
+        self._program = load_program(context, 'screen', 'sensor',
+                                     **({'SPREAD': 1} if c.psf_sigma_px > 0.0 else {}),
+                                     **({'NOISE': 1} if noisy else {}))
+        set_uniform(self._program, u_height=rig.height, u_spread=sensor.neighbour_weight,
+                    u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
+                    u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)),
+                    u_out=sensor.output_scale, u_seed=seed % (1 << 31))
+        self._screen = context.vertex_array(self._program, [])
+
+    def _patterns(self, seed: int) -> F32:
+        """Return (2 h, w, 2): fall-off times gain of each pixel, and its offset [e-]."""
+        c, K = self.sensor.config, self._rig.K
+        v, u = np.indices((self._rig.height, self._rig.width))
+        tangent2 = ((u - K[0, 2])**2 + (v - K[1, 2])**2) / K[0, 0]**2
+        gain = np.tile((1.0 + tangent2)**(-2.0 * c.vignetting), (2, 1))
+        offset = np.zeros_like(gain)
+        if c.fixed_pattern:
+            rng = np.random.default_rng([seed, 4141])
+            gain *= np.maximum(1.0 + c.prnu * rng.standard_normal(gain.shape), 0.0)
+            offset = c.dsnu_e * rng.standard_normal(gain.shape)
+        return np.stack([gain, offset], axis=-1).astype(np.float32)
+
+    def develop(self, radiance: moderngl.Texture, eyes: list[int], exposure_s: float,
+                frame_index: int) -> NDArray[Any]:
+        """Return (2, h, w) pixels of a (w, 2 h) texture of radiance; only `eyes` are valid."""
+        h, w = self._rig.height, self._rig.width
+        first, last = min(eyes), max(eyes)
+        self._target.use()
+        self._target.viewport = (0, first * h, w, (last - first + 1) * h)
+        self._context.enable_only(self._context.NOTHING)
+        radiance.use(0)
+        self._pattern.use(1)
+        set_uniform(self._program, u_radiance=0, u_pattern=1,
+                    u_electrons=self.sensor.electrons_per_radiance_second * exposure_s,
+                    u_dark=self.sensor.config.dark_current_e_s * exposure_s,
+                    u_frame=frame_index % (1 << 31))
+        self._screen.render(vertices=3)
+        data = self._target.read(components=1, alignment=1, dtype=self._type,
+                                 viewport=(0, 0, w, 2 * h))
+        return np.frombuffer(data, self.sensor.output_type).reshape(2, h, w)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        for item in (self._screen, self._target, self._image, self._pattern, self._program):
+            item.release()
+
+
+class AutoExposure:
+    """Follows the brightness of lit ground, with lag.
+
+    The bright end (92nd percentile) of the pixels that are not black is brought to twice the
+    target level, at most 0.8 of full scale. State: the exposure of the next frame [s].
+    """
+
+    def __init__(self, sensor: SensorModel) -> None:
+        self._sensor = sensor
+        self.exposure_s = sensor.config.exposure_s
+        self._started = False
+
+    @property
+    def aim(self) -> float:
+        """Level, of full scale, that the bright end is brought to."""
+        return min(2.0 * self._sensor.config.target_level, 0.8)
+
+    def start(self, radiance: F32) -> None:
+        """Set the first exposure from the (h, w) ideal image."""
+        if self._started:
+            return
+        self._started = True
+        lit = radiance[radiance > 0.02 * float(radiance.max(initial=0.0))]
+        if len(lit):
+            bright = float(np.percentile(lit, 92))
+            self.exposure_s = self._bounded(
+                self.aim * self._sensor.config.full_well_e
+                / (bright * self._sensor.electrons_per_radiance_second))
+
+    def follow(self, image: NDArray[Any]) -> None:
+        """Take in a developed (h, w) image."""
+        c = self._sensor.config
+        level = image[::2, ::2].astype(np.float32) / np.iinfo(image.dtype).max - c.black_level
+        lit = level[level > 0.02]
+        # With nothing to be seen, open up.
+        bright = float(np.percentile(lit, 92)) if len(lit) > 50 else 0.05
+        wanted = self._bounded(self.exposure_s * self.aim / max(bright, 0.02))
+        self.exposure_s = float(self.exposure_s**c.auto_lag * wanted**(1.0 - c.auto_lag))
+
+    def _bounded(self, exposure_s: float) -> float:
+        return float(np.clip(exposure_s, 1e-5, self._sensor.config.auto_max_s))
