@@ -9,14 +9,12 @@ import numpy as np
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.scenario import recorded_scenario
-from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import (
-    Array, BASE_FRAME, IMU_FRAME, LEFT_OPTICAL_FRAME, matrix_from_wxyz, RIGHT_OPTICAL_FRAME, se3,
-    wxyz_from_rpy)
+    Array, BASE_FRAME, IMU_FRAME, LEFT_OPTICAL_FRAME, matrix_from_wxyz, RIGHT_OPTICAL_FRAME, se3)
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
 
 FRAMES = {'base': BASE_FRAME, 'imu': IMU_FRAME, 'left': LEFT_OPTICAL_FRAME,
           'right': RIGHT_OPTICAL_FRAME}
@@ -26,11 +24,8 @@ def rover_frame(rover: RoverDescription, frame: str) -> Array:
     """Return T_base_frame (4, 4) of one of `FRAMES` on a rover."""
     if frame not in FRAMES:
         raise ConfigError(f'frame: {frame!r} is not valid; {nearest(frame, FRAMES)}')
-    if frame == 'imu':
-        rpy = np.radians(rover.imu.rpy_deg)
-        return se3(matrix_from_wxyz(wxyz_from_rpy(*rpy)), rover.imu.position_m)
-    rig = StereoRig(rover, CameraConfig())
-    return {'base': np.eye(4), 'left': rig.T_base_left, 'right': rig.T_base_right}[frame]
+    left, right = optical_poses(rover)
+    return {'base': np.eye(4), 'imu': imu_pose(rover), 'left': left, 'right': right}[frame]
 
 
 def recorded_frame(bag: Bag, frame: str) -> Array:
