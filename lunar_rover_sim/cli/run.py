@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 import signal
 import time
@@ -53,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
     console = Console()
     if args.world is not None:
         world = args.world.resolve()
-        load(world)
+        # What is recorded is the recipe of the world that is used.
+        scenario = dataclasses.replace(scenario, world=load(world).config)
     else:
         with console.status('building the world'):
             world = cached(scenario.world, scenario.shared.seed)

@@ -165,8 +165,10 @@ class RenderNode(node_main.GraphNode):
     def _publish_drawn(self, frame: StereoFrame, names: list[str], stamp: Time) -> None:
         pixels = {'left': frame.left, 'right': frame.right, 'depth': frame.depth_m}
         for name in names:
-            self._publishers_by_topic[name].publish(
-                conversions.image(pixels[_LAYERS[name]], _frame_id(name), stamp))
+            layer = pixels[_LAYERS[name]]
+            if layer is not None:
+                self._publishers_by_topic[name].publish(
+                    conversions.image(layer, _frame_id(name), stamp))
 
     def _match(self, frame: StereoFrame, names: list[str], stamp: Time) -> None:
         if self._matching is not None:
@@ -174,6 +176,8 @@ class RenderNode(node_main.GraphNode):
         self._matching = self._thread.submit(self._match_and_publish, frame, names, stamp)
 
     def _match_and_publish(self, frame: StereoFrame, names: list[str], stamp: Time) -> None:
+        if frame.left is None or frame.right is None:
+            return
         disparity = self._matcher.match(frame.left, frame.right)
         focal_px, baseline_m = float(self._rig.K[0, 0]), self._rig.baseline_m
         if topics.DISPARITY.name in names:
