@@ -85,3 +85,9 @@ def stamp_ns(msgtype: str, raw: bytes | memoryview) -> int | None:
     orders. `msgtype` as ROS 2 writes it, `nav_msgs/msg/Odometry`.
     """
     return _jazzy().stamp_ns(msgtype, raw)
+
+
+def in_seconds(stamp_ns: int) -> str:
+    """Return integer ns as seconds with nine decimals, exactly."""
+    sign = '-' if stamp_ns < 0 else ''
+    return f'{sign}{abs(stamp_ns) // NS_PER_S}.{abs(stamp_ns) % NS_PER_S:09d}'

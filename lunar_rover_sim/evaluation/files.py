@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lunar_rover_sim.bag.stamps import in_seconds
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
@@ -70,7 +71,7 @@ def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     with Path(path).open('w', encoding='ascii') as file:
         for ns, p, q in _poses(trajectory):
             numbers = ' '.join(repr(float(v)) for v in (*p, q[1], q[2], q[3], q[0]))
-            file.write(f'{seconds(ns)} {numbers}\n')
+            file.write(f'{in_seconds(ns)} {numbers}\n')
 
 
 def write_euroc(path: Path | str, trajectory: Trajectory) -> None:
@@ -89,14 +90,8 @@ def write_kitti(path: Path | str, trajectory: Trajectory, times: Path | str | No
             rows = np.hstack([matrix_from_wxyz(q), p[:, None]])
             file.write(' '.join(repr(float(v)) for v in rows.ravel()) + '\n')
     if times is not None:
-        lines = [f'{seconds(int(ns))}\n' for ns in trajectory.stamps_ns]
+        lines = [f'{in_seconds(int(ns))}\n' for ns in trajectory.stamps_ns]
         Path(times).write_text(''.join(lines), encoding='ascii')
-
-
-def seconds(ns: int) -> str:
-    """Return integer ns as seconds with nine decimals, exactly."""
-    sign = '-' if ns < 0 else ''
-    return f'{sign}{abs(ns) // NS_PER_S}.{abs(ns) % NS_PER_S:09d}'
 
 
 def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajectory:
