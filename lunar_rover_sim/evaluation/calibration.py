@@ -29,14 +29,15 @@ from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
 
 Grid = tuple[tuple[float, ...], tuple[float, ...]]   # phase rates [Hz], turns
-FINE: Grid = ((0.2, 0.35, 0.5, 0.7, 1.0, 1.3, 1.6, 1.9, 2.2),
-              (0.0, 0.1, 0.2, 0.3, 0.4, 0.46, 0.52, 0.58, 0.64, 0.7, 0.76, 0.82, 0.88, 0.94, 1.0))
-COARSE: Grid = ((0.2, 0.5, 1.0, 1.6, 2.2), (0.0, 0.2, 0.4, 0.52, 0.64, 0.76, 0.88, 1.0))
+# At a slow pace the sweep of the inner side reverses at 0.7: a turn on either side of it.
+FINE: Grid = ((0.2, 0.35, 0.45, 0.55, 0.7, 0.95, 1.2, 1.35, 1.5, 1.7, 1.9, 2.05, 2.2),
+              (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.46, 0.52, 0.58, 0.64, 0.69, 0.71, 0.76, 0.82,
+               0.88, 0.94, 1.0))
+COARSE: Grid = ((0.2, 0.5, 0.9, 1.2, 1.5, 2.2), (0.0, 0.2, 0.4, 0.52, 0.64, 0.76, 0.88, 1.0))
 STATE_PERIOD_S = 0.005   # how often the gait controller answers
 SKIP_S, SKIP_CYCLES = 5.0, 1.0
 MEASURE_S, MEASURE_CYCLES = 20.0, 4.0
 FORWARD_TOLERANCE, YAW_TOLERANCE, SLOWEST_YAW_RADPS = 0.10, 0.15, 0.05
-
 # The velocities (forward, yaw rate) that must be followed.
 COMMANDS = tuple((v, w) for v in (0.03, 0.06, 0.10, 0.15, 0.20, 0.25)
                  for w in (-0.15, -0.10, -0.05, 0.0, 0.05, 0.10, 0.15))

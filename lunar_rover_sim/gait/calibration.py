@@ -88,17 +88,16 @@ class GaitCalibration:
         The speed of a side is advance per cycle times phase rate, times its sweep, by its share
         of the duty factor; the trial that it rests on: 0.14 m/s at 1 Hz, duty 0.6, 60 deg.
         """
-        turns, duty = tuple(k / 20.0 for k in range(21)), 0.6
+        rates, turns, duty = (1.2, 1.5, 2.5), tuple(k / 20.0 for k in range(21)), 0.6
         forward, yaw_rate = [], []
-        for turn in turns:
-            stride = Stride.turning(1.0, turn)
-            left = _ADVANCE_M * stride.left_sweep * duty / (duty + stride.duty_offset)
-            right = _ADVANCE_M * stride.right_sweep * duty / (duty - stride.duty_offset)
-            forward.append(0.5 * (left + right))
-            yaw_rate.append(0.5 * (right - left) / _HALF_TRACK_M)
-        rates = (1.0, 2.5)
-        return cls(rates, turns, tuple(tuple(r * v for v in forward) for r in rates),
-                   tuple(tuple(r * w for w in yaw_rate) for r in rates),
+        for rate in rates:
+            strides = [Stride.turning(rate, turn) for turn in turns]
+            sides = [(rate * _ADVANCE_M * s.left_sweep * duty / (duty + s.duty_offset),
+                      rate * _ADVANCE_M * s.right_sweep * duty / (duty - s.duty_offset))
+                     for s in strides]
+            forward.append(tuple(0.5 * (left + right) for left, right in sides))
+            yaw_rate.append(tuple(0.5 * (right - left) / _HALF_TRACK_M for left, right in sides))
+        return cls(rates, turns, tuple(forward), tuple(yaw_rate),
                    conditions={'source': 'analytic'})
 
     @classmethod
