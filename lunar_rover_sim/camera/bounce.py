@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 
 _AZIMUTHS = 12
-_STEPS = 10             # distances double every second step
+_STEPS = 14             # distances double every second step
 
 
 def one_bounce(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.float64],
@@ -48,6 +48,7 @@ def _along(z: F32, gx: F32, gy: F32, exitance: F32, cell_m: float, c: float, s: 
     slope = (gx * c + gy * s).astype(np.float32)
     highest = np.zeros_like(z)          # sine of the highest angle so far, over the own plane
     total = np.zeros_like(z)
+    previous = exitance.copy()
     last = (0, 0)
     for k in range(_STEPS):
         distance = 1.4 * 2.0**(0.5 * k)
@@ -61,6 +62,8 @@ def _along(z: F32, gx: F32, gy: F32, exitance: F32, cell_m: float, c: float, s: 
         rise = (z[of] - z[to]) / reach - slope[to]
         sine = np.maximum(rise, 0.0) / np.sqrt(1.0 + rise * rise)
         gain = np.maximum(sine**2 - highest[to]**2, 0.0)
-        total[to] += 0.5 * gain * exitance[of]
+        # What rises between two samples is taken to be as bright as their mean.
+        total[to] += 0.25 * gain * (exitance[of] + previous[to])
+        previous[to] = exitance[of]
         highest[to] = np.maximum(highest[to], sine)
     return total

@@ -60,9 +60,9 @@ class ReflectanceConfig(Parameters):
     """Which regolith lies there, and how bright it is; see `hapke` for the sets."""
 
     ground: str = param('highland', 'parameter set of the ground',
-                        choices=('highland', 'mare', 'rock', 'lambert'))
+                        choices=('highland', 'mare', 'rock'))
     rocks: str = param('rock', 'parameter set of the rocks',
-                       choices=('highland', 'mare', 'rock', 'lambert'))
+                       choices=('highland', 'mare', 'rock'))
     albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
                                 low=0.0, high=3.0)
 
@@ -125,6 +125,8 @@ class DetailConfig(Parameters):
                                     low=0.0, high=0.6)
     pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',
                                 low=0.0, high=0.4)
+    pit_cover: float = param(0.25, 'share of the ground under craters below the grid', low=0.0,
+                             high=1.0)
     rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn', unit='px', low=0.0,
                                high=20.0)
     bounce: bool = param(True, 'light that lit ground scatters into shadows')

@@ -24,8 +24,8 @@ def create_context() -> moderngl.Context:
     """
     try:
         import moderngl
-        context = moderngl.create_context(  # type: ignore[arg-type]
-            standalone=True, backend='egl', require=330)
+        context = moderngl.create_context(
+            standalone=True, backend='egl', require=330)  # type: ignore[arg-type]
     except Exception as error:  # moderngl raises a bare Exception
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RenderError(f'no usable EGL device ({reason}); install the packages '

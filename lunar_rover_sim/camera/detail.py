@@ -91,7 +91,10 @@ def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[n
             k = np.clip(dark, 1, len(tangents) - 1)
             columns = np.arange(n)
             low, high = lift[k - 1, columns], lift[k, columns]
-            part = np.clip(-low / np.maximum(high - low, 1e-9), 0.0, 1.0)
+            # Zero extrapolated from below, where what is far away limits the view (see `horizon`).
+            before = lift[np.maximum(k - 2, 0), columns]
+            rise = np.where(dark > 1, low - before, high - low)
+            part = np.clip(-low / np.maximum(rise, 1e-9), 0.0, 1.0)
             tangent = np.float32(tangents[0]) + step * (k - 1 + part)
             # Back from lines to columns.
             tangent = tangent + fraction * (np.roll(tangent, 1) - tangent)

@@ -162,7 +162,8 @@ def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel |
     if outer is not None:
         column = np.arange(lines) - offset
         with np.errstate(divide='ignore', invalid='ignore'):
-            row = np.minimum(n - 1.0, np.floor((n - 1 - column) / shear) if shear > 0 else n - 1.0)
+            row = np.minimum(n - 1.0, np.floor((n - 1 - column) / shear) if shear > 0.0
+                             else np.full(lines, n - 1.0))
         entry = np.stack([row + 1.0, column + shear * (row + 1.0)], axis=-1) - 0.5 * (n - 1)
         entry[:, 0] *= -1.0 if flip_rows else 1.0
         entry[:, 1] *= -1.0 if flip_columns else 1.0

@@ -22,9 +22,9 @@ F32 = NDArray[np.float32]
 
 _TURN_DEG = 27.0        # of the fine tile against the coarse one
 _SLOPE_SCALE = 3.0      # slopes of the tiles are kept within half of this, to both sides
-_TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_cover=0.25,
+_TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_share=1.0,
                pit_m=(0.025, 0.22), pebble_m=(0.011, 0.035)),
-          dict(n=1024, period_m=0.83, longest_m=0.012, hurst=0.6, pit_cover=0.12,
+          dict(n=1024, period_m=0.83, longest_m=0.012, hurst=0.6, pit_share=0.5,
                pit_m=(0.005, 0.025), pebble_m=(0.0035, 0.011)))
 
 
@@ -44,7 +44,10 @@ class Surface:
         self._centre, self._half_range = float(tangent), float(0.4 * (1.0 + tangent**2))
         self._tiles, self._periods = [], []
         for k, values in enumerate(_TILES):
+            values = dict(values)
+            pits = config.detail.pit_cover * values.pop('pit_share')  # type: ignore[operator]
             recipe = detail.TileRecipe(
+                pit_cover=pits,
                 rms_slope=config.detail.relief_rms_slope,
                 pebble_cover=0.5 * config.detail.pebble_cover, **values)  # type: ignore[arg-type]
             rng = np.random.default_rng([seed, 77, k])
