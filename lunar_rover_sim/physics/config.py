@@ -7,7 +7,9 @@ import dataclasses
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import group, param, Parameters
 
-INTEGRATORS = ('implicitfast', 'discrete', 'euler')
+# At 1 ms and 0.25 m/s a walk of 20 s ends 0.1 % (discrete) or 1.7 % (implicitfast) from where it
+# ends with steps of 0.1 ms.
+INTEGRATORS = ('discrete', 'implicitfast', 'euler')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +58,7 @@ class PhysicsConfig(Parameters):
     step_s: float = param(0.001, 'time step', unit='s', low=1e-5, high=0.005)
     gravity_mps2: float = param(1.62, 'along -z; the Moon 1.62, the Earth 9.81', unit='m/s^2',
                                 low=0.0, high=30.0)
-    integrator: str = param('implicitfast', 'numerical integration in MuJoCo',
+    integrator: str = param('discrete', 'numerical integration in MuJoCo',
                             choices=INTEGRATORS)
     contact: ContactConfig = group(ContactConfig)
     start: StartPose = group(StartPose)
