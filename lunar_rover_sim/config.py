@@ -56,7 +56,7 @@ class WaitConfig(Parameters):
 
     topics: tuple[str, ...] = param((), 'topics whose stamps are awaited')
     lags_s: tuple[float, ...] = param((), 'lag that each of them may have', unit='s', low=0.0)
-    silence_s: float = param(5.0, 'wall time after which a silent participant is an error',
+    silence_s: float = param(6.5, 'wall time after which a silent participant is an error',
                              unit='s', low=0.1)
     start_s: float = param(60.0, 'the same before its first answer', unit='s', low=0.1)
 

@@ -9,7 +9,7 @@ import signal
 import time
 
 # Physics names whoever it waits for before the runner names physics.
-_SILENCE_MARGIN_S = 1.5
+_SILENCE_MARGIN_S = 1.0
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

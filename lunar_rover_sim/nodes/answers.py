@@ -37,7 +37,7 @@ class AnswerListener:
         self._timer = node.create_timer(0.02, self._discover)
 
     def progress(self) -> None:
-        """Take note that time went on, or that nothing is awaited at present."""
+        """Take note that time went on, an answer came, or nothing is awaited at present."""
         self._last_progress = time.monotonic()
 
     def check_silence(self, now_ns: int) -> None:
@@ -80,6 +80,8 @@ class AnswerListener:
             if handler is not None:
                 handler(raw, stamp)
             self.gate.answer(topic, stamp)
+            # Slow is not silent: on a loaded machine a frame may take seconds.
+            self.progress()
             self._on_answer()
 
         self._node.create_subscription(message_class(type_name), topic, callback,
