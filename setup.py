@@ -23,7 +23,7 @@ setup(
     maintainer='lunar_rover_sim developers',
     maintainer_email='lunar-rover-sim@example.com',
     packages=find_packages(include=[NAME, NAME + '.*']),
-    package_data={NAME: ['camera/shaders/*.glsl']},
+    package_data={NAME: ['camera/shaders/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         (SHARE, ['package.xml']),
