@@ -94,13 +94,13 @@ def test_shader_says_the_same(name, theta_deg, tmp_path, monkeypatch):
                                  grid[..., 2].astype(float), parameters, theta_deg=theta_deg,
                                  albedo=0.9)
     from lunar_rover_sim.camera import context as module
-    text = '''#include "hapke.glsl"
+    text = """#include "hapke.glsl"
         uniform sampler2D u_angles; uniform Hapke u_set; uniform float u_theta;
         out float o_r;
         void main() {
             vec3 a = texelFetch(u_angles, ivec2(gl_FragCoord.xy), 0).rgb;
             o_r = hapke(a.x, a.y, a.z, u_theta, 0.9, u_set);
-        }'''
+        }"""
     real = module.source
     monkeypatch.setattr(module, 'source', lambda file: real(file) if file != 'probe.frag' else
                         text.replace('#include "hapke.glsl"', real('hapke.glsl')))

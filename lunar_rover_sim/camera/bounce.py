@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 
 _AZIMUTHS = 12
-_STEPS = 14             # distances double every second step
+_STEPS = 20             # distances double every third step
 
 
 def one_bounce(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.float64],
@@ -51,7 +51,7 @@ def _along(z: F32, gx: F32, gy: F32, exitance: F32, cell_m: float, c: float, s: 
     previous = exitance.copy()
     last = (0, 0)
     for k in range(_STEPS):
-        distance = 1.4 * 2.0**(0.5 * k)
+        distance = 1.4 * 2.0**(k / 3.0)
         di, dj = int(round(distance * s)), int(round(distance * c))
         if (di, dj) == last or max(abs(di), abs(dj)) >= n // 2:
             continue
