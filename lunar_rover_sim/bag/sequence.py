@@ -122,4 +122,5 @@ def pose_of(odometry: Any) -> Array:
 
 def numbers(*values: Any, separator: str = ' ') -> str:
     """Return numbers that read back exactly."""
-    return separator.join(repr(float(v) + 0.0) for v in np.concatenate([np.ravel(v) for v in values]))
+    flat = np.concatenate([np.ravel(v) for v in values])
+    return separator.join(repr(float(v) + 0.0) for v in flat)  # no -0.0

@@ -19,6 +19,7 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysEr
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
+from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import (
     DISK_ERRORS, DurableWriter, in_words, METADATA_VERSION, PLUGINS, recover)
 from lunar_rover_sim.bag.stamps import NS_PER_S, StampTable
@@ -203,8 +204,11 @@ class BagWriter:
                 marker.mark(self.path, reason)
             with suppress(BagError):
                 recover(self.path)
-        return BagError(f'{self.path}: cannot be written: {reason}; the bag ends at '
-                        f'{self._newest_ns / NS_PER_S:.3f} s and is marked incomplete')
+        end = ''
+        with suppress(BagError), open_bag(self.path) as bag:
+            end = f' ends at {bag.end_ns / NS_PER_S:.3f} s and'
+        return BagError(f'{self.path}: cannot be written: {reason}; the bag{end} is marked '
+                        'incomplete')
 
     def _learn(self, topic: str, msgtype: str, definition: str | None) -> None:
         if definition is None:
