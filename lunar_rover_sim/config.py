@@ -54,7 +54,8 @@ class NodeConfig(Parameters):
 class WaitConfig(Parameters):
     """Whose answers time waits for in lockstep."""
 
-    topics: tuple[str, ...] = param((), 'topics whose stamps are awaited')
+    topics: tuple[str, ...] = param((), 'topics whose stamps are awaited, besides those of the '
+                                    'nodes of a run')
     lags_s: tuple[float, ...] = param((), 'lag that each of them may have', unit='s', low=0.0)
     silence_s: float = param(6.5, 'wall time after which a silent participant is an error',
                              unit='s', low=0.1)

@@ -59,13 +59,11 @@ def resolve(scenario: Scenario) -> Scenario:
     physics, gait = scenario.physics_node, scenario.gait_controller_node
     recorder = scenario.recorder_node
     if scenario.shared.lockstep:
-        if not physics.wait.topics:
-            physics = dataclasses.replace(physics, wait=_physics_wait(scenario, frame_s))
-        drives = 'drive_node' in nodes and scenario.drive_node.mode != 'none'
-        if drives and not gait.wait.topics:
-            gait = dataclasses.replace(gait, wait=dataclasses.replace(
-                gait.wait, topics=(topics.CMD_VEL.name,),
-                lags_s=(1.0 / scenario.drive_node.rate_hz,)))
+        physics = dataclasses.replace(
+            physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
+        if 'drive_node' in nodes and scenario.drive_node.mode != 'none':
+            gait = dataclasses.replace(gait, wait=_extended(
+                gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz}))
         if not recorder.acknowledge:
             recorder = dataclasses.replace(recorder, acknowledge=_acknowledged(scenario))
     return dataclasses.replace(
@@ -74,21 +72,27 @@ def resolve(scenario: Scenario) -> Scenario:
         gait_controller_node=gait, recorder_node=recorder)
 
 
-def _physics_wait(scenario: Scenario, frame_s: float) -> WaitConfig:
-    awaited = []
+def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
+    """Return topic → lag [s] of the run's own nodes that physics waits for."""
+    awaited = {}
     nodes = scenario.run.nodes
     if 'gait_controller_node' in nodes:
-        awaited.append((topics.JOINT_COMMANDS.name, 0.0))
+        awaited[topics.JOINT_COMMANDS.name] = 0.0
     if 'render_node' in nodes:
-        awaited.append((topics.LEFT_INFO.name, 2.0 * frame_s))
+        awaited[topics.LEFT_INFO.name] = 2.0 * frame_s
     if 'recorder_node' in nodes and _acknowledged(scenario):
         lag_s = _RECORDER_LAG_S
         if 'render_node' in nodes:
             lag_s = min(lag_s, _RECORDER_LAG_FRAMES * frame_s)
-        awaited.append((topics.RECORDED.name, lag_s))
-    return dataclasses.replace(scenario.physics_node.wait,
-                               topics=tuple(topic for topic, _ in awaited),
-                               lags_s=tuple(lag_s for _, lag_s in awaited))
+        awaited[topics.RECORDED.name] = lag_s
+    return awaited
+
+
+def _extended(wait: WaitConfig, lag_s_by_topic: dict[str, float]) -> WaitConfig:
+    """Return `wait` with what it does not name yet; what the scenario says stands."""
+    new = {t: lag for t, lag in lag_s_by_topic.items() if t not in wait.topics}
+    return dataclasses.replace(wait, topics=(*wait.topics, *new),
+                               lags_s=(*wait.lags_s, *new.values()))
 
 
 def _acknowledged(scenario: Scenario) -> tuple[str, ...]:

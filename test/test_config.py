@@ -130,3 +130,14 @@ def test_scenario_is_frozen() -> None:
     scenario = load_scenario('flat')
     with pytest.raises(dataclasses.FrozenInstanceError):
         scenario.run.duration_s = 3.0  # type: ignore[misc]
+
+
+def test_a_users_own_participant_is_awaited_too() -> None:
+    """What a scenario names comes on top of the run's own nodes, with the lag it names."""
+    scenario = resolve(load_scenario('baseline', [
+        'physics_node.wait.topics=[slam/pose, joint_commands]',
+        'physics_node.wait.lags_s=[0.3, 0.01]']))
+    lags_ns = scenario.physics_node.wait.lag_ns_by_topic()
+    assert lags_ns['slam/pose'] == 300_000_000
+    assert lags_ns['joint_commands'] == 10_000_000
+    assert 'recorder/written' in lags_ns
