@@ -110,7 +110,7 @@ def test_preview_is_a_picture(tmp_path):
         pixels = np.asarray(image.convert('L'), float)
     assert pixels.shape[0] > 600 and pixels.std() > 20.0
     flat = worlds.small(**worlds.BARE, albedo={'variation': 0.0, 'grain': 0.0})
-    preview.write(flat, tmp_path / 'flat.png')
+    preview.sheet(flat)
     with pytest.raises(WorldError, match='cannot be written'):
         preview.write(flat, tmp_path / 'nowhere' / 'sheet.png')
 

@@ -107,7 +107,8 @@ def test_no_rocks():
 
 
 def test_ten_thousand_rocks():
-    world = worlds.world(rocks={'abundance': 0.035, 'min_diameter_m': 0.01})
+    world = worlds.world(rocks={'abundance': 0.035, 'min_diameter_m': 0.01},
+                         surroundings={'extent_m': 60.0, 'samples': 513})
     assert len(world.rocks) > 10_000
 
 

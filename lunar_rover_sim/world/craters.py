@@ -8,6 +8,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
+from scipy.spatial import cKDTree
 
 from lunar_rover_sim.world.config import CraterConfig
 
@@ -170,12 +171,9 @@ def survivors(craters: Craters, coarser: Craters) -> Craters:
     """Return the craters that no younger crater of a coarser level has erased."""
     alive = np.ones(len(craters), bool)
     if len(craters) and len(coarser):
-        largest = craters.diameter_m.max()
-        for (x, y), diameter, age in zip(coarser.position_m, coarser.diameter_m, coarser.age):
-            time = age * diameter ** 2
-            if time >= largest ** 2:
-                continue
-            inside = np.hypot(craters.position_m[:, 0] - x,
-                              craters.position_m[:, 1] - y) < 0.55 * diameter
-            alive &= ~(inside & (craters.time > time))
+        younger = coarser.select(coarser.time < craters.time.max())
+        tree = cKDTree(craters.position_m)
+        inside = tree.query_ball_point(younger.position_m, 0.55 * younger.diameter_m)
+        for time, near in zip(younger.time, inside):
+            alive[near] &= craters.time[near] <= time
     return craters.select(alive)

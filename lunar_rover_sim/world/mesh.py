@@ -18,7 +18,7 @@ from lunar_rover_sim.world.tile import Tile
 logger = logging.getLogger(__name__)
 
 FORMATS = ('.obj', '.stl', '.ply', '.glb', '.gltf', '.off')
-_CANDIDATES = 4_000_000  # points tested against triangles at once
+_CANDIDATES = 1_000_000  # points tested against triangles at once
 
 
 @dataclasses.dataclass(frozen=True)

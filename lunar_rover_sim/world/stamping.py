@@ -11,6 +11,8 @@ from lunar_rover_sim.world.relief import smoothstep
 
 # A crater erases what lies within its rim, and no more beyond this radius.
 _ERASED, _UNTOUCHED = 0.85, 1.45
+# Below this radius [cells] the ground under a crater is smooth anyway.
+_LEAST_FLATTENED = 5.0
 
 
 def window_of(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice] | None:
@@ -51,7 +53,8 @@ def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config:
         rho = np.sqrt(dx * dx + (dy * dy)[:, None])
         shaped = _irregular(rho, dx, dy, lobes[i]) if config.irregularity else rho
         patch = heights[rows, columns]
-        _flatten(patch, dx, dy, shaped, 1.0 - 0.7 * craters.age[i])
+        if radius > _LEAST_FLATTENED:
+            _flatten(patch, dx, dy, shaped, 1.0 - 0.7 * craters.age[i])
         index = np.minimum(shaped * per_radius, np.float32(len(RADII) - 2))
         lower = index.astype(np.int32)
         index -= lower
