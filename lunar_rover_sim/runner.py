@@ -22,6 +22,8 @@ _POLL_S = 0.1
 _STOP_S = 15.0
 _STOP_AFTER_FAILURE_S = 2.0
 _PR_SET_PDEATHSIG = 1
+# Longer than any lag that a participant may have: behind it, everybody has started.
+_STARTED_NS = 1_000_000_000
 
 
 def require_ros() -> None:
@@ -34,15 +36,17 @@ def require_ros() -> None:
 class Graph:
     """The processes of one run; context manager that leaves none behind.
 
-    silence_s: wall time without progress of the clock after which physics counts as hung; None
-        where time may stand still (paused, real time).
+    silence_s, start_s: wall time without progress of the clock after which physics counts as hung,
+        in the run and in its first simulated second, where time stands until the slowest node has
+        started; None where time may stand still anyway (paused, real time).
     cpu_s: node → processor time that it has used so far [s].
     """
 
     def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int,
-                 silence_s: float | None) -> None:
+                 silence_s: float | None = None, start_s: float | None = None) -> None:
         self._folder = folder
         self._silence_s = silence_s
+        self._start_s = start_s
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self.cpu_s: dict[str, float] = {}
         (folder / LOG_FOLDER).mkdir(exist_ok=True)
@@ -77,11 +81,11 @@ class Graph:
                 now_ns = clock.now_ns()
                 if now_ns != last_ns:
                     last_ns, last_progress = now_ns, time.monotonic()
-                elif (self._silence_s is not None and last_ns
-                      and time.monotonic() - last_progress > self._silence_s):
-                    raise GraphError(f'physics_node has been silent for {self._silence_s:g} s at '
-                                     f'{last_ns / 1e9:.3f} s of simulated time; see '
-                                     f'{self._log("physics_node")}')
+                limit_s = self._silence_s if last_ns > _STARTED_NS else self._start_s
+                if limit_s is not None and time.monotonic() - last_progress > limit_s:
+                    raise GraphError(f'physics_node has been silent for {limit_s:g} s at '
+                                     f'{last_ns / 1e9:.3f} s of simulated time '
+                                     f'(log: {self._log("physics_node")})')
                 self._measure()
                 on_progress(now_ns)
                 time.sleep(_POLL_S)

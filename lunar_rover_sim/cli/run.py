@@ -62,9 +62,10 @@ def run(args: argparse.Namespace) -> int:
     scenario = resolve(scenario)
     folder = args.output.resolve()
     plans = prepare(scenario, folder, world)
-    silence_s = None
+    silence_s = start_s = None
     if scenario.shared.lockstep:
         silence_s = scenario.physics_node.wait.silence_s + _SILENCE_MARGIN_S
+        start_s = scenario.physics_node.wait.start_s + _SILENCE_MARGIN_S
 
     # SIGTERM stops a run as Ctrl-C does: nodes in order, bag finished.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -73,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         console.print(f'{scenario.name}, seed {scenario.shared.seed}: '
                       f'{scenario.run.duration_s:g} s, ROS_DOMAIN_ID={domain.id}')
         start = time.monotonic()
-        with Graph(plans, folder, domain.id, silence_s) as graph:
+        with Graph(plans, folder, domain.id, silence_s, start_s) as graph:
             try:
                 _watch(graph, scenario, console)
             except KeyboardInterrupt:
