@@ -1,0 +1,76 @@
+"""`lunar_rover_sim validate traverse`: minutes of waypoints over rough worlds."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        'traverse', help='drive waypoints over many worlds: tip-overs, slip, cost of transport',
+        description='Builds the world of a scenario for a number of seeds and drives random'
+                    ' waypoints over each, around the larger rocks. Writes traverse.md,'
+                    ' traverse.csv and traverse.png.')
+    parser.add_argument('scenario', nargs='?', default='baseline', help='scenario (baseline)')
+    parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
+                        dest='overrides', help='override one parameter; may be repeated')
+    parser.add_argument('--seeds', type=int, default=20, metavar='N', help='number of worlds (20)')
+    parser.add_argument('--first-seed', type=int, default=1, metavar='N',
+                        help='seed of the first world (1)')
+    parser.add_argument('--duration', type=float, default=600.0, metavar='S',
+                        help='simulated time of each drive [s]')
+    parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
+                        help='processes that share the drives (one per core)')
+    parser.add_argument('-o', '--output', type=Path, default=Path('traverse'), metavar='DIR',
+                        help='folder to write to (traverse)')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Drive, write the report; return 1 if more than one drive in twenty tipped over."""
+    from rich.console import Console
+    from rich.markdown import Markdown
+    from rich.progress import Progress
+
+    from lunar_rover_sim.config import load_scenario
+    from lunar_rover_sim.errors import ConfigError
+    from lunar_rover_sim.evaluation import traverse, traverse_report
+    from lunar_rover_sim.gait.calibration import GaitCalibration
+    from lunar_rover_sim.resources import config_path
+
+    for name, value, low in (('--seeds', args.seeds, 1), ('--first-seed', args.first_seed, 0),
+                             ('--duration', args.duration, 10.0), ('--workers', args.workers, 1)):
+        if not low <= value < 1e6:
+            raise ConfigError(f'{name}: {value:g} is not valid; valid is >= {low:g}')
+    scenario = load_scenario(args.scenario, args.overrides)
+    gait = scenario.gait_controller_node
+    table = GaitCalibration.load(gait.calibration or config_path('gait_calibration.yaml'))
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f'--output: {args.output} cannot be made: {error}') from None
+
+    console = Console()
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task(f'driving {args.seeds} worlds', total=args.seeds)
+
+        def tell(result: traverse.Traverse, done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+            bar.console.print(f'seed {result.seed}: {result.outcome}, {result.distance_m:.1f} m',
+                              highlight=False, soft_wrap=True)
+
+        results = traverse.study(
+            scenario.world, range(args.first_seed, args.first_seed + args.seeds), table,
+            scenario.rover, scenario.physics_node, gait, scenario.drive_node, args.duration,
+            args.workers, tell)
+    text = traverse_report.report_text(results, scenario.name)
+    (args.output / 'traverse.md').write_text(text, encoding='utf-8')
+    traverse_report.write_csv(results, args.output / 'traverse.csv')
+    traverse_report.plot_paths(results, args.output / 'traverse.png')
+    console.print(Markdown(text))
+    console.print(f'written: {args.output}/traverse.md, traverse.csv, traverse.png',
+                  highlight=False, soft_wrap=True)
+    return 0 if traverse_report.acceptable(results) else 1
