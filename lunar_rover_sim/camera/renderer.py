@@ -84,7 +84,8 @@ class Renderer:
         self._context = create_context()
         self._closed = False
         try:
-            self._build()
+            with self._context:
+                self._build()
         except Exception:
             self.close()
             raise
@@ -125,7 +126,8 @@ class Renderer:
             'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
             'ground': load_program(context, 'screen', 'ground', ROVER_SHADOW=1),
             'refined': load_program(context, 'screen', 'ground', REFINE=1, ROVER_SHADOW=1),
-            'unlit': load_program(context, 'screen', 'ground', REFINE=1, UNLIT=1),
+            'unlit ground': load_program(context, 'screen', 'ground', UNLIT=1),
+            'unlit refined': load_program(context, 'screen', 'ground', REFINE=1, UNLIT=1),
             'rock': load_program(context, 'rock', 'rock', ROVER_SHADOW=1),
             'rover': load_program(context, 'rover', 'rover'),
             'truth ground': load_program(context, 'screen', 'ground', TRUTH=1),
@@ -134,8 +136,8 @@ class Renderer:
         }
         self._imager = Imager(context, self.rig, self.sensor, self.seed)
         self._ground_passes = {name: context.vertex_array(self._programs[name], [])
-                               for name in ('ground', 'refined', 'unlit',
-                                            'truth ground')}
+                               for name in ('ground', 'refined', 'unlit ground',
+                                            'unlit refined', 'truth ground')}
         cells, full = [], config.detail.full_resolution_m
         for level in self._levels:
             cells.append(np.array([level.grid.cell_m * 2.0**k for k in range(level.tree.depth)]))
@@ -168,15 +170,22 @@ class Renderer:
             eyes.append(0)
         if 'right' in asked:
             eyes.append(1)
+        if self._closed:
+            raise RenderError('the renderer is closed')
         try:
-            legs = self._rover.poses(pose, np.asarray(joint_angle_rad, dtype=float))
-            self._draw(pose, legs, eyes, lit=bool(asked & {'left', 'right', 'radiance'}),
-                       truth=bool(asked & _TRUTH_LAYERS))
-            return self._read(asked, eyes, int(frame_index))
+            return self._render(pose, joint_angle_rad, asked, eyes, int(frame_index))
         except RenderError:
             raise
         except Exception as error:  # moderngl and the driver raise what they like
             raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
+
+    def _render(self, pose: Array, joint_angle_rad: ArrayLike, asked: set[str], eyes: list[int],
+                frame_index: int) -> StereoFrame:
+        with self._context:  # another renderer may have made its own current
+            legs = self._rover.poses(pose, np.asarray(joint_angle_rad, dtype=float))
+            self._draw(pose, legs, eyes, lit=bool(asked & {'left', 'right', 'radiance'}),
+                       truth=bool(asked & _TRUTH_LAYERS))
+            return self._read(asked, eyes, frame_index)
 
     def _draw(self, pose: Array, legs: Array, eyes: list[int], *, lit: bool,
               truth: bool) -> None:
@@ -184,11 +193,13 @@ class Renderer:
             return
         silhouette = self._rover.silhouette(legs, self._sun_axes)
         self._rover.bind_shadow(silhouette, _SHADOW_UNIT)
-        cameras = [pose @ (self.rig.T_base_left, self.rig.T_base_right)[eye] for eye in eyes]
+        # Both cameras decide what is drawn, so that an image does not depend on what else is asked.
+        cameras = [pose @ self.rig.T_base_left, pose @ self.rig.T_base_right]
         view = self._view(cameras)
         chosen = [level.tree.select(view, reach)
                   for level, reach in zip(self._levels, self._ranges)]
-        for eye, camera in zip(eyes, cameras):
+        for eye in eyes:
+            camera = cameras[eye]
             window = (0, eye * self.rig.height, self.rig.width, self.rig.height)
             self._place(camera, view, window, silhouette)
             self._draw_geometry(chosen, window)
@@ -238,29 +249,24 @@ class Renderer:
             if len(chunks) == 0:
                 continue
             first, last = self._rows(level.tree.boxes(chunks), camera)
-            if not lit:
-                self._ground_rows('unlit', k, window, first, last)
-            elif k:
-                self._ground_rows('ground', k, window, first, last)
-            else:
-                coarse = chunks[chunks[:, 2] > 1.0]
-                middle = first
-                if len(coarse):
-                    middle = self._rows(level.tree.boxes(coarse), camera)[1]
-                    self._ground_rows('refined', k, window, first, middle)
-                if middle < last:
-                    self._ground_rows('ground', k, window, middle, last)
+            kind = '' if lit else 'unlit '
+            middle = first
+            coarse = chunks[chunks[:, 2] > 1.0]
+            if k == 0 and len(coarse):
+                middle = self._rows(level.tree.boxes(coarse), camera)[1]
+                self._ground_rows(kind + 'refined', k, window, first, middle)
+            if middle < last:
+                self._ground_rows(kind + 'ground', k, window, middle, last)
 
     def _ground_rows(self, name: str, k: int, window: tuple[int, int, int, int], first: int,
                      last: int) -> None:
         program, level = self._programs[name], self._levels[k]
         self._surface.bind(program, k, level)
         set_uniform(program, u_depth=5)
-        if name != 'ground':
+        if name.endswith('refined'):
             level.heights.use(0)
-            near = 0.8 * self._ranges[k][0] if k == 0 else 1e9
             set_uniform(program, u_heights=0, u_last=level.grid.n - 1,
-                        u_refine=(near, self.config.detail.exact_m, 0.012, level.grid.cell_m))
+                        u_refine=(0.8 * self._ranges[k][0], self.config.detail.exact_m, 0.012, level.grid.cell_m))
         self._lighting.viewport = (window[0], window[1] + first, window[2], last - first)
         self._ground_passes[name].render(vertices=3)
 

@@ -89,7 +89,7 @@ class RoverBody:
         if program.glo not in self._arrays:
             self._arrays[program.glo] = self._context.vertex_array(
                 program, [(self._vertices, '3f 3f 1f 1f', 'a_position', 'a_normal', 'a_albedo',
-                           'a_link')])
+                           'a_link')], skip_errors=True)
         self._arrays[program.glo].render(vertices=self._count)
 
     def silhouette(self, poses: Array, sun_axes: Array) -> Silhouette:
