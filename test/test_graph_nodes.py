@@ -247,3 +247,55 @@ def test_wrong_parameters_are_one_line(node: str, arguments: tuple[str, ...], sa
                                        domain: int) -> None:
     """A node that cannot start says why and exits with 1."""
     assert said in fails(node, *arguments)
+
+
+def test_render_node_refuses_another_world(peer: Peer, world_folder: Path) -> None:
+    """Where physics walks on another world than is drawn, the renderer ends and says so."""
+    from std_msgs.msg import String
+
+    from lunar_rover_sim import topics
+    from lunar_rover_sim.nodes import qos
+    publisher = peer.node.create_publisher(String, 'world_hash', qos.offered(topics.WORLD_HASH))
+    publisher.publish(String(data='0123456789abcdef'))
+    said = fails('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA)
+    assert 'is not that of the physics, 0123456789ab' in said
+
+
+def test_nonsense_on_cmd_vel_is_refused(peer: Peer) -> None:
+    """NaN, Inf and a flood do not move the legs; the node goes on."""
+    commands = peer.listen(JointState, 'joint_commands')
+    states = peer.node.create_publisher(JointState, 'joint_states', 10)
+    velocities = peer.node.create_publisher(Twist, 'cmd_vel', 10)
+    ticks = [0]
+
+    def tick() -> None:
+        for value in (float('nan'), float('inf'), -float('inf')):
+            for _ in range(20):
+                twist = Twist()
+                twist.linear.x = value
+                velocities.publish(twist)
+        ticks[0] += 1
+        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
+        state.header.stamp.nanosec = 5_000_000 * ticks[0]
+        states.publish(state)
+
+    with running('gait_controller_node', '-p', 'enable_stamped_cmd_vel:=false'):
+        peer.spin_until(lambda: len(commands) > 10, meanwhile=tick)
+    assert all(np.isfinite(command.velocity).all() for command in commands)
+    assert np.abs(commands[-1].velocity).max() < 1.0
+
+
+def test_a_joint_state_without_our_joints_is_named(peer: Peer) -> None:
+    """A message that cannot be answered ends the node with what is missing in it."""
+    states = peer.node.create_publisher(JointState, 'joint_states', 10)
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.gait_controller_node'],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        peer.spin_until(lambda: process.poll() is not None, meanwhile=lambda: states.publish(
+            JointState(name=['wheel'], position=[0.0], velocity=[0.0])))
+        _, stderr = process.communicate()
+    finally:
+        process.kill()
+    assert process.returncode == 1
+    assert "of joints ['wheel']" in stderr
