@@ -10,8 +10,9 @@ import pytest
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig, StartPose
 
-# No tip sinks deeper while driving on rough ground; measured over 10 min: 7.4 mm.
-SINKAGE_BOUND_M = 0.010
+# No tip sinks deeper while driving on rough ground: one and a half tip radii. Measured over 10 min
+# at 0.2 m/s on the default world, boulders and tumbling included: 9.2 mm.
+SINKAGE_BOUND_M = 0.012
 
 
 @pytest.mark.parametrize('stiffness', [1000.0, 2000.0, 8000.0])

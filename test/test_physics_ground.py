@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import mujoco
 import numpy as np
 from physics_scene import make_world, rough_heights, simulate
@@ -28,7 +30,7 @@ def test_rays_hit_the_height_of_the_world(lift_m):
     world = make_world(rough_heights(rms_m=0.3) + lift_m)
     limit = world.ground.half_extent_m - 0.01
     xy = np.random.default_rng(5).uniform(-limit, limit, (10_000, 2))
-    with simulate(world) as simulation:
+    with simulate(world, start=StartPose(settle_s=0.0)) as simulation:
         np.testing.assert_allclose(ray_heights(simulation, xy), world.height_at(xy), atol=1e-3)
 
 
@@ -128,6 +130,14 @@ def test_a_rock_in_the_way_lifts_a_leg_and_is_not_walked_through():
 def test_a_start_off_the_ground_is_refused(name):
     with pytest.raises(ConfigError, match=rf'start.{name}: 7.0 is not valid; valid is -4 to 4'):
         simulate(start=StartPose(**{name: 7.0}))
+
+
+def test_a_start_where_the_rover_cannot_stand_is_refused():
+    rocks = rocks_at([[9.0, 9.0, 0.0], [0.0, 0.3, 0.0]])
+    big = dataclasses.replace(rocks, size_classes_m=np.array([0.2, 1.4]))
+    world = make_world(rocks=big, shapes=(octahedron(),))
+    with pytest.raises(ConfigError, match=r'start: the rover does not stand at x_m = 0, y_m = 0'):
+        simulate(world, start=StartPose(settle_s=3.0))
 
 
 def test_leaving_the_ground_ends_the_run_with_a_place():

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.errors import PhysicsError
+from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, wxyz_from_rpy
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
@@ -21,6 +21,7 @@ from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.world.model import World
 
 MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unless it diverges
+MAX_START_TILT_DEG = 60.0  # settled beyond this, the rover lies on its side or against a rock
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 # (a @ _CROSS).reshape(3, 3) @ b is the cross product of a and b.
 _CROSS = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
@@ -154,6 +155,13 @@ class Simulation:
         self.data.time = 0.0
         self._steps = 0
         self._state = dataclasses.replace(self._state, time_ns=0)
+        _, x, y, _ = self._state.orientation_wxyz
+        tilt_deg = float(np.degrees(np.arccos(1.0 - 2.0 * (x * x + y * y))))
+        if tilt_deg > MAX_START_TILT_DEG:
+            start = self.config.start
+            raise ConfigError(f'start: the rover does not stand at x_m = {start.x_m:g}, y_m ='
+                              f' {start.y_m:g} (tilted {tilt_deg:.0f} deg once settled); choose'
+                              ' another place')
 
     def _observe(self, wrench: Array, torque: Array, interval_s: float) -> RoverState:
         """Return the state now; IMU signals from the motion since the state before.
