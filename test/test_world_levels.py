@@ -1,5 +1,9 @@
 """The nest of levels: seams, flatness, determinism, and the surface that MuJoCo collides with."""
 
+import os
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -119,6 +123,21 @@ def test_seed_decides():
     # The recipe's own seed goes before the scenario's.
     own = WorldConfig.from_mapping({**worlds.SMALL, 'seed': 4})
     assert build(own, 99).hash == first.hash
+
+
+def test_threads_do_not_decide():
+    # Sums of linear algebra libraries depend on how many threads share them.
+    program = ('from lunar_rover_sim.world.build import build\n'
+               'from lunar_rover_sim.world.config import WorldConfig\n'
+               f'print(build(WorldConfig.from_mapping({worlds.SMALL!r}), 4).hash)')
+    hashes = set()
+    for threads in '13':
+        environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
+        environment |= {f'{name}_NUM_THREADS': threads for name in ('OMP', 'OPENBLAS', 'MKL')}
+        done = subprocess.run([sys.executable, '-c', program], env=environment, text=True,
+                              stdout=subprocess.PIPE, check=True, timeout=120)
+        hashes.add(done.stdout)
+    assert len(hashes) == 1
 
 
 def test_progress_runs_from_none_to_all():

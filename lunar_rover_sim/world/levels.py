@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline
+import scipy.ndimage
 
 from lunar_rover_sim.world.config import LEVEL_RATIO, WorldConfig
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.relief import smoothstep
 
 _STRIP = 64  # rows interpolated at once
+_PAD = 8     # samples added around a grid before it is filtered
 FADE_CELLS = 60  # width of the band in which a level's detail fades out: 1.5 m of 2.5 cm cells
 
 
@@ -42,42 +43,36 @@ def spline(y_m: NDArray, x_m: NDArray, values: NDArray, y_at: NDArray,
            x_at: NDArray) -> NDArray[np.float32]:
     """Return the bicubic spline through values (y, x) at the grid of y_at and x_at.
 
-    Axes ascend; positions beyond the ends are extrapolated as constant.
+    y_m and x_m ascend in even steps; beyond their ends the surface is extrapolated as constant,
+    and towards them it runs straight. Written without linear algebra libraries, whose results
+    depend on the number of threads.
     """
-    columns = _Line(x_m, x_at)
-    rows = _Line(y_m, y_at)
-    coefficients = rows.solve @ np.asarray(values, np.float32) @ columns.solve.T
+    padded = np.pad(np.asarray(values, np.float64), _PAD, mode='reflect', reflect_type='odd')
+    coefficients = scipy.ndimage.spline_filter(padded, order=3, mode='mirror').astype(np.float32)
+    row, row_weights = _taps(y_m, y_at)
+    column, column_weights = _taps(x_m, x_at)
     result = np.empty((len(y_at), len(x_at)), np.float32)
     for start in range(0, len(y_at), _STRIP):
         strip = slice(start, start + _STRIP)
-        line = sum(weight[strip, None] * coefficients[rows.first[strip] + k]
-                   for k, weight in enumerate(rows.weights))
+        line = row_weights[0][strip, None] * coefficients[row[strip]]
+        for k in range(1, 4):
+            line += row_weights[k][strip, None] * coefficients[row[strip] + k]
         part = result[strip]
-        part[:] = 0.0
-        for k, weight in enumerate(columns.weights):
-            part += np.take(line, columns.first + k, axis=1) * weight
+        part[:] = np.take(line, column, axis=1) * column_weights[0]
+        for k in range(1, 4):
+            part += np.take(line, column + k, axis=1) * column_weights[k]
     return result
 
 
-class _Line:
-    """Interpolation along one axis.
-
-    solve: (n, n) from samples to B-spline coefficients; first: (m,) the first coefficient that
-    counts at each target; weights: one (m,) for it and for each that follows.
-    """
-
-    def __init__(self, at: NDArray, to: NDArray) -> None:
-        at, to = np.asarray(at, np.float64), np.asarray(to, np.float64)
-        degree = min(3, len(at) - 1)
-        if degree < 1:
-            self.solve = np.ones((1, 1), np.float32)
-            self.first, self.weights = np.zeros(len(to), int), [np.ones(len(to), np.float32)]
-            return
-        through = make_interp_spline(at, np.eye(len(at)), k=degree)
-        self.solve = through.c.astype(np.float32)
-        design = BSpline.design_matrix(np.clip(to, at[0], at[-1]), through.t, degree)
-        self.first = design.indices.reshape(len(to), degree + 1)[:, 0].astype(int)
-        self.weights = list(design.data.reshape(len(to), degree + 1).T.astype(np.float32))
+def _taps(at: NDArray, to: NDArray) -> tuple[NDArray[np.int64], list[NDArray[np.float32]]]:
+    """Return the first of four B-spline coefficients at each target, and the four weights."""
+    step = (at[-1] - at[0]) / (len(at) - 1) if len(at) > 1 else 1.0
+    place = np.clip((np.asarray(to, np.float64) - at[0]) / step, 0.0, len(at) - 1.0)
+    first = np.minimum(np.floor(place), max(len(at) - 2, 0)).astype(np.int64)
+    t = place - first
+    weights = [(1.0 - t) ** 3 / 6.0, (4.0 - 6.0 * t ** 2 + 3.0 * t ** 3) / 6.0,
+               (1.0 + 3.0 * t + 3.0 * t ** 2 - 3.0 * t ** 3) / 6.0, t ** 3 / 6.0]
+    return first + _PAD - 1, [weight.astype(np.float32) for weight in weights]
 
 
 def refine(parent: HeightGrid, n: int, cell_m: float) -> NDArray[np.float32]:

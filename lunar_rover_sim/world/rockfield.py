@@ -182,7 +182,7 @@ def _settle(ground: HeightGrid, shapes: tuple[RockShape, ...], shape: NDArray, d
         1.0 - 2.0 * (quat[:, 1] ** 2 + quat[:, 2] ** 2)])
     for index, kind in enumerate(shapes):
         chosen = shape == index
-        z = up[chosen] @ kind.vertices.T.astype(float)
+        z = np.einsum('mi,vi->mv', up[chosen], kind.vertices.astype(float))
         low[chosen], high[chosen] = z.min(axis=1, initial=0.0), z.max(axis=1, initial=0.0)
     foot = height - buried * (high - low) * diameter
     # On a wall or in a pit the ground falls away under the rock: it sinks until its foot is in.

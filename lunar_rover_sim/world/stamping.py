@@ -84,8 +84,8 @@ def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, amount: flo
     rows = slice(int(inner_y.argmax()), len(dy) - int(inner_y[::-1].argmax()))
     core, x, y = patch[rows, columns], dx[columns], dy[rows]
     mx, my, mean = x.mean(), y.mean(), core.mean()
-    sx = (core.mean(axis=0) - mean) @ (x - mx) / np.sum((x - mx) ** 2)
-    sy = (core.mean(axis=1) - mean) @ (y - my) / np.sum((y - my) ** 2)
+    sx = np.sum((core.mean(axis=0) - mean) * (x - mx)) / np.sum((x - mx) ** 2)
+    sy = np.sum((core.mean(axis=1) - mean) * (y - my)) / np.sum((y - my) ** 2)
     outer_x, outer_y = np.abs(dx) < 1.8, np.abs(dy) < 1.8
     columns = slice(int(outer_x.argmax()), len(dx) - int(outer_x[::-1].argmax()))
     rows = slice(int(outer_y.argmax()), len(dy) - int(outer_y[::-1].argmax()))

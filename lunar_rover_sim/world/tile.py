@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+import scipy.sparse
 
 from lunar_rover_sim.world import levels
 from lunar_rover_sim.world.craters import Craters
@@ -104,11 +105,12 @@ def _lead_out(difference: NDArray, axis: NDArray, rows: slice, columns: slice, p
         covered[part] = 1.0
         low = np.maximum(axis - cell_m / 2, coarse[:, None] - step / 2)
         high = np.minimum(axis + cell_m / 2, coarse[:, None] + step / 2)
-        means.append((np.maximum(high - low, 0.0) / step).astype(np.float32))
-        inside.append(means[-1] @ covered)
-    share = np.outer(inside[0], inside[1])
-    mean = (means[0] @ difference @ means[1].T) / np.maximum(share, 1e-6)
-    led = plate_fill(mean.astype(np.float32), share > 0.5, (step / max(length_m, step)) ** 2)
+        share = (np.maximum(high - low, 0.0) / step).astype(np.float32)
+        means.append(scipy.sparse.csr_matrix(share))
+        inside.append((share * covered).sum(axis=1))
+    filled = np.outer(inside[0], inside[1])
+    mean = _mean_over(difference, *means) / np.maximum(filled, 1e-6)
+    led = plate_fill(mean.astype(np.float32), filled > 0.5, (step / max(length_m, step)) ** 2)
     return levels.spline(coarse, coarse, led, axis, axis)
 
 
@@ -128,7 +130,7 @@ def restore(heights: NDArray[np.float32], cell_m: float, tile: Tile, keep_m: flo
     fade = (_trust(axis, tile.y_m, tile.pixel_m, keep_m)[:, None]
             * _trust(axis, tile.x_m, tile.pixel_m, keep_m))
     for _ in range(rounds):
-        off = row_mean @ heights @ column_mean.T - wanted
+        off = _mean_over(heights, row_mean, column_mean) - wanted
         heights -= levels.spline(y, x, off, axis, axis) * fade
 
 
@@ -152,15 +154,22 @@ def _covered(axis: NDArray, centres: NDArray) -> slice:
     return slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
 
 
+def _mean_over(values: NDArray, rows: scipy.sparse.csr_matrix,
+               columns: scipy.sparse.csr_matrix) -> NDArray[np.float32]:
+    """Return the means of values over the pixels whose matrices are given."""
+    return np.ascontiguousarray((columns @ np.ascontiguousarray((rows @ values).T)).T)
+
+
 def _means(axis: NDArray, cell_m: float,
-           centres: NDArray) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+           centres: NDArray) -> tuple[NDArray[np.int64], scipy.sparse.csr_matrix]:
     """Return the pixels that lie wholly within the axis, and the matrix of their means."""
     pixel = centres[1] - centres[0] if len(centres) > 1 else np.inf
     whole = np.flatnonzero((centres - pixel / 2 >= axis[0] - cell_m / 2)
                            & (centres + pixel / 2 <= axis[-1] + cell_m / 2))
     low = np.maximum(axis - cell_m / 2, centres[whole, None] - pixel / 2)
     high = np.minimum(axis + cell_m / 2, centres[whole, None] + pixel / 2)
-    return whole, (np.maximum(high - low, 0.0) / pixel).astype(np.float32)
+    mean = (np.maximum(high - low, 0.0) / pixel).astype(np.float32)
+    return whole, scipy.sparse.csr_matrix(mean)
 
 
 def below_its_scale(craters: Craters, source: Source) -> Craters:
