@@ -96,9 +96,18 @@ def test_noise_is_gaussian(context):
 
 
 def test_switches_make_an_ideal_image(context):
-    config = dataclasses.replace(scene.IDEAL, encoding='mono8', bits=12)
+    config = dataclasses.replace(scene.IDEAL, encoding='mono8', bits=12, companding='linear')
     image = flat(context, config, 0.5 * config.full_well_e)
     assert image.min() == image.max() == 128 or image.max() == 127
+
+
+def test_companding_is_the_root_of_the_signal(context):
+    config = dataclasses.replace(scene.IDEAL, black_level=0.01)
+    sensor = SensorModel(CAMERA, config)
+    for share in (0.0, 0.01, 0.2, 0.5, 0.9):
+        image = flat(context, config, share * config.full_well_e)
+        assert image[0, 0, 0] == pytest.approx(255 * share**0.5, abs=1.0)
+        assert sensor.linear(image)[0, 0, 0] == pytest.approx(share, abs=0.01)
 
 
 @pytest.mark.parametrize('bits,levels', [(8, 256), (10, 1024), (12, 4096)])
@@ -137,7 +146,7 @@ def test_auto_exposure_converges_with_lag():
         electrons = radiance * sensor.electrons_per_radiance_second * auto.exposure_s
         level = np.clip(electrons / config.full_well_e, 0.0, 1.0)
         levels.append(level)
-        auto.follow(np.full((48, 64), int(level * 255), np.uint8))
+        auto.follow(np.full((48, 64), int(level**0.5 * 255), np.uint8))
     assert levels[-1] == pytest.approx(auto.aim, rel=0.05)
     assert np.all(np.diff(np.abs(np.array(levels) - auto.aim)) < 0.03)
 

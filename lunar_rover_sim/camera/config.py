@@ -77,8 +77,12 @@ class SensorConfig(Parameters):
 
     encoding: str = param('mono8', 'pixel format of the images',
                           choices=('mono8', 'mono16', 'rgb8'))
-    bits: int = param(12, 'resolution of the converter; mono8 and rgb8 show its upper 8 bits',
+    bits: int = param(12, 'resolution of the converter',
                       low=8, high=16)
+    companding: str = param(
+        'sqrt', 'how mono8 and rgb8 follow from the converter: linear, its upper 8 bits; sqrt, '
+        'the root of the signal above black, which spends levels as shot noise demands',
+        choices=('sqrt', 'linear'))
     exposure_mode: str = param(
         'sunlit', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '
         'auto: follows the images', choices=('sunlit', 'fixed', 'auto'))

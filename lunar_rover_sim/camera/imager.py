@@ -33,7 +33,8 @@ class Imager:
         noisy = c.shot_noise or (c.read_noise and c.read_noise_e > 0.0)
         self._program = load_program(context, 'screen', 'sensor',
                                      **({'SPREAD': 1} if c.psf_sigma_px > 0.0 else {}),
-                                     **({'NOISE': 1} if noisy else {}))
+                                     **({'NOISE': 1} if noisy else {}),
+                                     **({'ROOT': 1} if sensor.companded else {}))
         set_uniform(self._program, u_height=rig.height, u_spread=sensor.neighbour_weight,
                     u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
                     u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)),
@@ -110,7 +111,7 @@ class AutoExposure:
     def follow(self, image: NDArray[Any]) -> None:
         """Take in a developed (h, w) image."""
         c = self._sensor.config
-        level = image[::2, ::2].astype(np.float32) / np.iinfo(image.dtype).max - c.black_level
+        level = self._sensor.linear(image[::2, ::2])
         lit = level[level > 0.02]
         # With nothing to be seen, open up.
         bright = float(np.percentile(lit, 92)) if len(lit) > 50 else 0.05

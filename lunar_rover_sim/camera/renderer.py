@@ -37,6 +37,7 @@ LABEL_SKY, LABEL_GROUND, LABEL_ROVER, LABEL_FIRST_ROCK = 0, 1, 2, 16
 _TRUTH_LAYERS = {'normal', 'label'}
 _LEFT_LAYERS = {'left', 'depth', 'radiance'} | _TRUTH_LAYERS
 _SHADOW_UNIT = 6
+_MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 
 
 @dataclasses.dataclass(frozen=True)
@@ -193,7 +194,7 @@ class Renderer:
             return
         silhouette = self._rover.silhouette(legs, self._sun_axes)
         self._rover.bind_shadow(silhouette, _SHADOW_UNIT)
-        # Both cameras decide what is drawn, so that an image does not depend on what else is asked.
+        # Both cameras decide what is drawn: an image does not depend on what else is asked.
         cameras = [pose @ self.rig.T_base_left, pose @ self.rig.T_base_right]
         view = self._view(cameras)
         chosen = [level.tree.select(view, reach)
@@ -266,7 +267,8 @@ class Renderer:
         if name.endswith('refined'):
             level.heights.use(0)
             set_uniform(program, u_heights=0, u_last=level.grid.n - 1,
-                        u_refine=(0.8 * self._ranges[k][0], self.config.detail.exact_m, 0.012, level.grid.cell_m))
+                        u_refine=(0.8 * self._ranges[k][0], self.config.detail.exact_m,
+                                  _MESH_ERROR_M, level.grid.cell_m))
         self._lighting.viewport = (window[0], window[1] + first, window[2], last - first)
         self._ground_passes[name].render(vertices=3)
 

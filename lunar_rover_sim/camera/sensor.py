@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.config import CameraConfig, ReflectanceConfig, SensorConfig, SunConfig
 from lunar_rover_sim.camera.hapke import parameter_set, reflectance
@@ -52,6 +54,20 @@ class SensorModel:
         """Numbers of the output per number of the converter, and 1 / its largest number."""
         bits = 16 if self.config.encoding == 'mono16' else 8
         return 2.0**(bits - self.config.bits), 1.0 / ((1 << bits) - 1)
+
+    @property
+    def companded(self) -> bool:
+        """Whether the output is the root of the signal.
+
+        As the Mars rovers' cameras reduced 12 bits to 8 (Maki et al., 2003, J. Geophys. Res. 108).
+        """
+        return self.config.companding == 'sqrt' and self.config.encoding != 'mono16'
+
+    def linear(self, image: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the signal above black, as a share of full scale, that pixels stand for."""
+        level = image.astype(np.float32) / np.float32(np.iinfo(image.dtype).max)
+        black = np.float32(self.config.black_level)
+        return level * level if self.companded else (level - black) / (1 - black)
 
     @property
     def neighbour_weight(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import cv2
 import numpy as np
@@ -37,7 +38,9 @@ class SgmConfig(Parameters):
     speckle_window_px: int = param(60, 'smaller patches are thrown away; 0 keeps them',
                                    unit='px', low=0, high=10000)
     speckle_range_px: int = param(2, 'disparity steps within a patch', unit='px', low=1, high=32)
-    dark_level: int = param(10, 'rows above the first with a brighter pixel are sky and not '
+    min_contrast: float = param(3.0, 'standard deviation within a block below which a match is '
+                                'not trusted; 0 trusts all', unit='of 255', low=0.0, high=64.0)
+    dark_level: int = param(20, 'rows above the first with a brighter pixel are sky and not '
                             'matched; 0 matches all rows', unit='of 255', low=0, high=255)
 
     def validate(self) -> None:
@@ -80,7 +83,7 @@ class SgmMatcher:
     def __init__(self, config: SgmConfig) -> None:
         self.config = config
         area = config.block_size**2
-        self._matcher = cv2.StereoSGBM_create(
+        self._matcher = cv2.StereoSGBM_create(  # type: ignore[attr-defined]
             minDisparity=config.min_disparity, numDisparities=config.num_disparities,
             blockSize=config.block_size, P1=config.p1 or 8 * area, P2=config.p2 or 32 * area,
             disp12MaxDiff=config.left_right_max_px, preFilterCap=config.pre_filter_cap,
@@ -88,7 +91,7 @@ class SgmMatcher:
             speckleWindowSize=config.speckle_window_px, speckleRange=config.speckle_range_px,
             mode=_MODES[config.mode])
 
-    def match(self, left: NDArray[np.generic], right: NDArray[np.generic]) -> DisparityMap:
+    def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16.
 
         Raises ConfigError if their shapes differ or the search range exceeds the width.
@@ -110,6 +113,10 @@ class SgmMatcher:
             part = disparity[top:]
             np.multiply(fixed, np.float32(1.0 / 16.0), out=part)
             part[fixed < 16 * config.min_disparity] = invalid
+            if config.min_contrast > 0.0:
+                part[_contrast(left8[top:], config.block_size) < config.min_contrast] = invalid
+            # Blocks at the upper edge are not whole.
+            part[:config.block_size // 2] = invalid
         reach = config.min_disparity + config.num_disparities
         margin = config.block_size // 2
         x = max(reach - 1, 0) + margin
@@ -128,9 +135,16 @@ class SgmMatcher:
         return max(int(np.argmax(bright)) - self.config.block_size, 0)
 
 
-def _gray(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+def _contrast(image: NDArray[np.uint8], block: int) -> NDArray[np.float32]:
+    """Return the standard deviation within the block around each pixel."""
+    mean = cv2.boxFilter(image, cv2.CV_32F, (block, block))
+    square = cv2.sqrBoxFilter(image, cv2.CV_32F, (block, block))
+    return np.sqrt(np.maximum(square - mean * mean, 0.0))
+
+
+def _gray(image: NDArray[Any]) -> NDArray[np.uint8]:
     if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)  # type: ignore[operator]
+        image = (image >> 8).astype(np.uint8)
     if image.ndim == 3:
         image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     return np.ascontiguousarray(image, dtype=np.uint8)

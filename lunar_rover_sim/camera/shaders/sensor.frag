@@ -53,5 +53,10 @@ void main() {
     electrons += pattern.y;
     float number = (electrons * u_adc.x * (1.0 - u_adc.y) + u_adc.y) * u_adc.z;
     number = clamp(floor(number + 0.5), 0.0, u_adc.z);
+#ifdef ROOT
+    float signal = max(number - u_adc.y * u_adc.z, 0.0) / ((1.0 - u_adc.y) * u_adc.z);
+    o_level = floor(sqrt(signal) / u_out.y + 0.5) * u_out.y;
+#else
     o_level = floor(number * u_out.x) * u_out.y;
+#endif
 }

@@ -1,0 +1,103 @@
+"""Disparity against truth: density, bad pixels, end-point error, and why pixels are missing."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.stereo.sgm import DisparityMap
+
+F32 = NDArray[np.float32]
+
+
+@dataclasses.dataclass(frozen=True)
+class StereoErrors:
+    """Counts of pixels, and sums, of one or more frames; add them up with `+`.
+
+    ground: pixels with finite true depth whose true match lies within the search range and the
+        other image; only these are judged
+    matched: of these, pixels with a disparity
+    bad1, bad2: matched pixels that are wrong by more than 1 and 2 px
+    error_sum_px, error_squared_px: sums of the absolute and squared error of matched pixels [px]
+    lit, lit_matched: pixels that are not in shadow, and those of them that are matched
+    occluded, shadowed, flat: unmatched pixels that the other camera does not see; otherwise that
+        lie in shadow; otherwise whose surroundings hardly vary
+    """
+
+    ground: int = 0
+    matched: int = 0
+    bad1: int = 0
+    bad2: int = 0
+    error_sum_px: float = 0.0
+    error_squared_px: float = 0.0
+    lit: int = 0
+    lit_matched: int = 0
+    occluded: int = 0
+    shadowed: int = 0
+    flat: int = 0
+
+    def __add__(self, other: StereoErrors) -> StereoErrors:
+        return StereoErrors(*(a + b for a, b in zip(dataclasses.astuple(self),
+                                                    dataclasses.astuple(other))))
+
+    def summary(self) -> dict[str, float]:
+        """Return shares of 1 and errors in px; NaN where there is nothing to divide by."""
+        unmatched = self.ground - self.matched
+
+        def share(part: float, whole: float) -> float:
+            return part / whole if whole else float('nan')
+        return {
+            'density': share(self.matched, self.ground),
+            'density on lit ground': share(self.lit_matched, self.lit),
+            'bad-1': share(self.bad1, self.matched),
+            'bad-2': share(self.bad2, self.matched),
+            'end-point error [px]': share(self.error_sum_px, self.matched),
+            'RMS error [px]': float(np.sqrt(share(self.error_squared_px, self.matched))),
+            'invalid: occluded': share(self.occluded, unmatched),
+            'invalid: in shadow': share(self.shadowed, unmatched),
+            'invalid: low texture': share(self.flat, unmatched),
+            'invalid: other': share(unmatched - self.occluded - self.shadowed - self.flat,
+                                    unmatched),
+        }
+
+
+def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | None,
+                  left: NDArray[Any], *, shadow_level: float = 0.08,
+                  texture_level: float = 0.012, block_px: int = 7) -> StereoErrors:
+    """Judge a disparity map.
+
+    truth_px: (h, w) true disparity of the left image (0 for sky); right_truth_px: that of the
+    right image, to find what is occluded; left: the left image. shadow_level: below this share
+    of full scale a pixel counts as shadow. texture_level: standard deviation within a block, as
+    a share of full scale, below which it counts as low in texture.
+    """
+    import cv2
+    height, width = truth_px.shape
+    image = left.astype(np.float32) / np.iinfo(left.dtype).max
+    if image.ndim == 3:
+        image = image.mean(axis=2)
+    column = np.arange(width, dtype=np.float32)[None, :]
+    ground = (truth_px > 0.0) & (truth_px <= disparity.max_disparity_px) \
+        & (column - truth_px >= 0.0) & (truth_px >= max(disparity.min_disparity_px, 0.25))
+    matched = ground & disparity.valid
+    error = np.abs(disparity.disparity_px - truth_px)[matched]
+    mean = cv2.blur(image, (block_px, block_px))
+    deviation = np.sqrt(np.maximum(cv2.blur(image * image, (block_px, block_px)) - mean**2, 0.0))
+    dark = mean < shadow_level
+    missing = ground & ~disparity.valid
+    occluded = np.zeros_like(missing)
+    if right_truth_px is not None:
+        rows, columns = np.nonzero(missing)
+        there = np.clip(np.rint(columns - truth_px[missing]), 0, width - 1).astype(int)
+        occluded[rows, columns] = right_truth_px[rows, there] > truth_px[missing] + 1.0
+    shadowed = missing & ~occluded & dark
+    flat = missing & ~occluded & ~dark & (deviation < texture_level)
+    lit = ground & ~dark
+    return StereoErrors(int(ground.sum()), int(matched.sum()), int((error > 1.0).sum()),
+                        int((error > 2.0).sum()), float(error.sum()),
+                        float((error.astype(float)**2).sum()), int(lit.sum()),
+                        int((lit & matched).sum()), int(occluded.sum()), int(shadowed.sum()),
+                        int(flat.sum()))
