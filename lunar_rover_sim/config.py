@@ -52,7 +52,7 @@ class NodeConfig(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class WaitConfig(Parameters):
-    """Whose answers time waits for in lockstep."""
+    """Whose answers time waits for in lockstep; in real time, whose publishers it starts with."""
 
     topics: tuple[str, ...] = param((), 'topics whose stamps are awaited, besides those of the '
                                     'nodes of a run')

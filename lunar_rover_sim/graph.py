@@ -58,9 +58,10 @@ def resolve(scenario: Scenario) -> Scenario:
     duration_s = round(duration_s, 9)
     physics, gait = scenario.physics_node, scenario.gait_controller_node
     recorder = scenario.recorder_node
+    # In real time nobody is waited for, but time starts when those topics have publishers.
+    physics = dataclasses.replace(
+        physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
     if scenario.shared.lockstep:
-        physics = dataclasses.replace(
-            physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
         if 'drive_node' in nodes and scenario.drive_node.mode != 'none':
             gait = dataclasses.replace(gait, wait=_extended(
                 gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz}))

@@ -104,7 +104,8 @@ def test_lockstep_waits_for_the_nodes_of_the_run() -> None:
     assert blind.gait_controller_node.wait.topics == ()
     assert not any(t.startswith('stereo') for t in blind.recorder_node.acknowledge)
     live = resolve(load_scenario('baseline', ['time_mode=real_time']))
-    assert live.physics_node.wait.topics == ()
+    assert live.physics_node.wait.topics == full.physics_node.wait.topics
+    assert live.gait_controller_node.wait.topics == live.recorder_node.acknowledge == ()
 
 
 def test_scenarios_are_ros_parameter_files() -> None:

@@ -36,6 +36,17 @@ class AnswerListener:
         self._last_progress = time.monotonic()
         self._timer = node.create_timer(0.02, self._discover)
 
+    @property
+    def found(self) -> bool:
+        """Whether every awaited topic has a publisher."""
+        return not self._pending
+
+    def check_found(self) -> None:
+        """Raise GraphError, naming the topics, if publishers are overdue [wall time]."""
+        if self._pending and time.monotonic() - self._last_progress > self._wait.start_s:
+            raise GraphError(f'no publisher for {self._wait.start_s:g} s on '
+                             + ', '.join(self._pending))
+
     def progress(self) -> None:
         """Take note that time went on, an answer came, or nothing is awaited at present."""
         self._last_progress = time.monotonic()

@@ -92,7 +92,9 @@ class PhysicsNode(node_main.GraphNode):
             self._finish()
 
     def _advance_by_wall_clock(self) -> None:
-        if self._paused:
+        if self._paused or not self._listener.found:
+            # Whoever is to see the start is still on the way.
+            self._restart_wall_clock()
             return
         wall_s = time.monotonic() - self._wall_start
         due_ns = self._wall_start_ns + round(wall_s * 1e9 * self._config.real_time_factor)
@@ -129,10 +131,12 @@ class PhysicsNode(node_main.GraphNode):
         self.finished = True
 
     def _watch(self) -> None:
-        if self._paused or not self._config.lockstep:
+        if self._paused:
             self._listener.progress()
-        else:
+        elif self._config.lockstep:
             self._listener.check_silence(self._now_ns)
+        else:
+            self._listener.check_found()
 
     # Commands
 
