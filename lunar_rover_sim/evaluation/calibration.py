@@ -107,12 +107,15 @@ def walk(simulation: Simulation, controller: GaitController, duration_s: float,
     return Walk(*columns)
 
 
-def measure_stride(simulation: Simulation, gait: GaitConfig,
-                   stride: Stride) -> tuple[float, float]:
-    """Return the mean velocity [m/s, rad/s] of a stride, over whole cycles after the start."""
+def measure_stride(simulation: Simulation, gait: GaitConfig, stride: Stride,
+                   measure_s: float = MEASURE_S) -> tuple[float, float]:
+    """Return the mean velocity [m/s, rad/s] of a stride, over whole cycles after the start.
+
+    It is measured for `measure_s` and four cycles at least.
+    """
     rate = stride.phase_rate_hz
     skip_s = max(SKIP_S, SKIP_CYCLES / rate)
-    cycles = math.ceil(max(MEASURE_CYCLES, MEASURE_S * rate))
+    cycles = math.ceil(max(MEASURE_CYCLES, measure_s * rate))
     end_s = skip_s + cycles / rate
     done = walk(simulation, GaitController(gait), end_s + STATE_PERIOD_S,
                 lambda controller, stamp_ns: controller.set_stride(stride, stamp_ns))
@@ -122,14 +125,14 @@ def measure_stride(simulation: Simulation, gait: GaitConfig,
 def measure(rover: RoverDescription | None = None, physics: PhysicsConfig | None = None,
             gait: GaitConfig | None = None, rates_hz: Sequence[float] = FINE[0],
             turns: Sequence[float] = FINE[1], workers: int = 1,
-            progress: Progress | None = None) -> GaitCalibration:
+            progress: Progress | None = None, measure_s: float = MEASURE_S) -> GaitCalibration:
     """Walk every stride of a table on flat ground, turning left and right, and return the table.
 
     Left and right are averaged. `workers` processes share the walks; their number does not change
     the result. `progress(done, all)` is called after each. Raises PhysicsError where a walk
     cannot be simulated, ConfigError where the rover does not walk forward and turn.
     """
-    settings = _settings(rover, physics, gait)
+    settings = dataclasses.replace(_settings(rover, physics, gait), measure_s=measure_s)
     strides = [Stride.turning(rate, sign * turn) for rate in rates_hz for turn in turns
                for sign in (1.0, -1.0)]
     results = _all(_measure_one, strides, settings, workers, progress)
@@ -196,6 +199,7 @@ class _Settings:
     physics: PhysicsConfig
     gait: GaitConfig
     calibration: GaitCalibration | None = None
+    measure_s: float = MEASURE_S
 
 
 def _settings(rover: RoverDescription | None, physics: PhysicsConfig | None,
@@ -206,7 +210,7 @@ def _settings(rover: RoverDescription | None, physics: PhysicsConfig | None,
 
 def _measure_one(simulation: Simulation, settings: _Settings,
                  stride: Stride) -> tuple[float, float]:
-    return measure_stride(simulation, settings.gait, stride)
+    return measure_stride(simulation, settings.gait, stride, settings.measure_s)
 
 
 def _command_one(simulation: Simulation, settings: _Settings,

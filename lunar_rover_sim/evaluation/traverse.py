@@ -34,6 +34,7 @@ WAYPOINT_STEP_M = (2.0, 7.0)   # least and greatest distance between waypoints
 OBSTACLE_M = 0.04              # rocks that rise more than this are driven around
 ROCK_HEIGHT = 0.7              # height of a rock over its greatest horizontal diameter, about
 CORRIDOR_M = 0.4               # from the way to the middle of such a rock, at least
+MOST_TRIALS = 2000             # for the next waypoint, before there is no way
 MARGIN_M = 4.0                 # waypoints keep this distance from the edge
 REST_S = 5.0                   # what is tilted past the limit has this long to come back
 BACK_UP_S, BACK_UP_MPS = 6.0, -0.08   # what is stuck goes back a little, to the next waypoint
@@ -105,19 +106,21 @@ def random_waypoints(world: World, length_m: float, rng: np.random.Generator) ->
                               f' valid is >= {2 * (MARGIN_M + WAYPOINT_STEP_M[1]):g} m')
     blocked = obstacles(world)
     points, gone, heading = [np.zeros(2)], 0.0, rng.uniform(-math.pi, math.pi)
-    for trial in range(20000):
-        if gone >= length_m:
-            return np.array(points[1:])
+    trials = 0
+    while gone < length_m:
+        trials += 1
+        if trials > MOST_TRIALS:
+            raise EvaluationError('no way between the rocks of this world; valid is one with fewer'
+                                  ' of them')
         # Ahead where that is possible, anywhere where it is not.
-        turn = heading + rng.normal(0.0, 0.7) if trial % 3 else rng.uniform(-math.pi, math.pi)
+        turn = heading + rng.normal(0.0, 0.7) if trials % 3 else rng.uniform(-math.pi, math.pi)
         step = rng.uniform(*WAYPOINT_STEP_M)
         point = points[-1] + step * np.array([math.cos(turn), math.sin(turn)])
         if np.max(np.abs(point)) > limit or _distance(points[-1], point, blocked) < CORRIDOR_M:
             continue
-        heading, gone = turn, gone + step
+        heading, gone, trials = turn, gone + step, 0
         points.append(point)
-    raise EvaluationError('no way between the rocks of this world; valid is one with fewer of them'
-                          ' or larger')
+    return np.array(points[1:])
 
 
 def _distance(start: Array, end: Array, points: Array) -> float:
