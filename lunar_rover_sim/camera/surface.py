@@ -97,7 +97,7 @@ class Surface:
         self._tiles[0].use(3)
         n, cell = self._sizes[0], self._cell_m
         set_uniform(program, u_matter=2, u_grid=(1.0 / (n * cell), 0.5), u_tile_a=3,
-                    u_grain=(1.0 / 1.7, 2.5))
+                    u_grain=(1.0 / 3.1, 2.0, 0.11, 3.0))
 
 
 def _ground_texture(context: moderngl.Context, heights_m: F32, cell_m: float, clearance_m: F32,

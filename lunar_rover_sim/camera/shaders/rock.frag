@@ -2,13 +2,14 @@
 in vec3 v_relative, v_normal, v_local;
 in vec4 v_matter;
 flat in float v_index;
+flat in float v_diameter;
 #include "common.glsl"
 #ifndef TRUTH
 layout(location = 1) out float o_depth;
 #endif
 uniform sampler2D u_tile_a, u_matter;
 uniform vec2 u_grid;
-uniform vec2 u_grain;           // 1 / period, strength of the grain on rock faces
+uniform vec4 u_grain;           // 1 / period and strength of grain; periods and strength of lumps
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 uniform float u_rock_theta;
 uniform Hapke u_rock;
@@ -19,10 +20,15 @@ void main() {
     o_truth = vec4(normal, 16.0 + v_index);
 #else
     vec3 view = -normalize(v_relative);
-    vec2 plane = abs(v_local.z) > 0.3 * length(v_local.xy) ? v_local.xy : v_local.xz + 0.37;
-    vec2 grain = texture(u_tile_a, (plane + v_index * 0.173) * u_grain.x).xy - 0.501961;
+    // Lumps and pits in proportion to the rock, grain as fine as the ground's.
+    vec3 facing = abs(v_local);
+    vec2 plane = facing.z > max(facing.x, facing.y) ? v_local.xy
+        : (facing.x > facing.y ? v_local.yz : v_local.xz + 0.37);
+    vec2 lumps = texture(u_tile_a, plane * (u_grain.z / v_diameter) + v_index * 0.6180339).xy;
+    vec2 grain = texture(u_tile_a, plane * u_grain.x + v_index * 0.381966).xy;
+    vec2 tilt = u_grain.w * (lumps - 0.501961) + u_grain.y * (grain - 0.501961);
     vec3 side = normalize(cross(normal, vec3(0.37, 0.71, 0.6)));
-    normal = normalize(normal + u_grain.y * (grain.x * side + grain.y * cross(normal, side)));
+    normal = normalize(normal + tilt.x * side + tilt.y * cross(normal, side));
     float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
     float lit = disc(v_matter.x / max(v_matter.y, 1e-3), u_sun_radius);
 #ifdef ROVER_SHADOW

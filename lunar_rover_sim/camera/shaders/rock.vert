@@ -8,6 +8,7 @@ uniform mat4 u_clip;
 out vec3 v_relative, v_normal, v_local;
 out vec4 v_matter;              // clearance, occluder distance, albedo, height within the rock
 flat out float v_index;
+flat out float v_diameter;
 
 void main() {
     mat3 turn = mat3(i_x, i_y, i_z);
@@ -18,5 +19,6 @@ void main() {
     float up = clamp(0.5 + arm.z / (0.7 * length(i_x)), 0.0, 1.0);
     v_matter = vec4(mix(i_light.xy, i_light.zw, up), i_matter.x, up);
     v_index = i_matter.y;
+    v_diameter = length(i_x);
     gl_Position = u_clip * vec4(v_relative, 1.0);
 }
