@@ -96,6 +96,7 @@ class ImuNoise:
         self._mixing[3:, 3:] = _axes(config.gyro_scale_error, config.gyro_misalignment_deg)
         self._resolution = np.repeat([config.accel_resolution_mps2, config.gyro_resolution_radps],
                                      3)
+        self._quantised = bool(np.any(self._resolution > 0.0))
         limits = np.repeat([config.accel_range_mps2, config.gyro_range_radps], 3)
         self._limit = np.where(limits > 0.0, limits, np.inf)
 
@@ -111,10 +112,14 @@ class ImuNoise:
 
     def measure(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:
         """Return the measurement of one true (3,) specific force and (3,) rate."""
-        many = self.measure_many(np.reshape(np.asarray(specific_force, float), (1, 3)),
-                                 np.reshape(np.asarray(rate, float), (1, 3)))
-        return ImuSample(many.specific_force[0], many.rate[0], many.accel_bias[0],
-                         many.gyro_bias[0])
+        true = np.concatenate([specific_force, rate])
+        if not self._enabled:
+            return ImuSample(true[:3], true[3:], np.zeros(3), np.zeros(3))
+        draws = self._rng.standard_normal(12)
+        bias = self._bias
+        self._bias = bias + self._walk * draws[6:]
+        measured = self._limited(self._mixing.dot(true) + bias + self._white * draws[:6])
+        return ImuSample(measured[:3], measured[3:], bias[:3], bias[3:])
 
     def measure_many(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:
         """Return the measurements of (n, 3) true signals, one sampling interval apart.
@@ -133,11 +138,15 @@ class ImuNoise:
         self._bias = bias[-1]
         bias = bias[:-1]
         measured = true @ self._mixing.T + bias + self._white * draws[:, :6]
-        for column, step in enumerate(self._resolution):
-            if step > 0.0:
-                measured[:, column] = step * np.round(measured[:, column] / step)
-        measured = np.clip(measured, -self._limit, self._limit)
+        measured = self._limited(measured)
         return ImuSample(measured[:, :3], measured[:, 3:], bias[:, :3], bias[:, 3:])
+
+    def _limited(self, measured: Array) -> Array:
+        """Return (..., 6) signals rounded and clipped."""
+        if self._quantised:
+            step = np.where(self._resolution > 0.0, self._resolution, 1.0)
+            measured = np.where(self._resolution > 0.0, step * np.round(measured / step), measured)
+        return np.minimum(np.maximum(measured, -self._limit), self._limit)
 
 
 def _axes(scale_error: tuple[float, ...], misalignment_deg: tuple[float, ...]) -> Array:
