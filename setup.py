@@ -35,8 +35,9 @@ setup(
     install_requires=[
         'matplotlib>=3.8',
         'moderngl>=5.12',
-        # 4 is the first with the contact and actuator models that the rover is tuned on.
-        'mujoco>=4,<5',
+        # 4 needs Python 3.11.
+        'mujoco>=3.17,<5; python_version<"3.11"',
+        'mujoco>=4,<5; python_version>="3.11"',
         # 1.26 for the rclpy of Ubuntu 24.04, 2 with the wheels.
         'numpy>=1.26,<3',
         'opencv-python-headless>=4.9,<6',
