@@ -22,7 +22,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
                         metavar='FILE', help='table to write (gait_calibration.yaml)')
     parser.add_argument('--force', action='store_true', help='overwrite an existing table')
     parser.add_argument('--coarse', action='store_true',
-                        help='a table of 48 instead of 234 strides')
+                        help='a table of 54 instead of 130 strides')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
                         help='processes that share the work (one per core)')
     parser.set_defaults(run=run)

@@ -30,10 +30,10 @@ from lunar_rover_sim.world.rocks import Rocks
 
 Grid = tuple[tuple[float, ...], tuple[float, ...]]   # phase rates [Hz], turns
 # At a slow pace the sweep of the inner side reverses at 0.7: a turn on either side of it.
-FINE: Grid = ((0.2, 0.35, 0.45, 0.55, 0.7, 0.95, 1.2, 1.35, 1.5, 1.7, 1.9, 2.05, 2.2),
-              (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.46, 0.52, 0.58, 0.64, 0.69, 0.71, 0.76, 0.82,
-               0.88, 0.94, 1.0))
-COARSE: Grid = ((0.2, 0.5, 0.9, 1.2, 1.5, 2.2), (0.0, 0.2, 0.4, 0.52, 0.64, 0.76, 0.88, 1.0))
+FINE: Grid = ((0.2, 0.4, 0.55, 0.75, 1.0, 1.2, 1.5, 1.75, 2.0, 2.2),
+              (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.69, 0.71, 0.8, 0.9, 1.0))
+COARSE: Grid = ((0.2, 0.5, 0.9, 1.2, 1.5, 2.2), (0.0, 0.1, 0.25, 0.4, 0.55, 0.69, 0.71, 0.85, 1.0))
+MIRROR_FROM_HZ = 1.1     # slower walks are regular enough for one side to do for both
 STATE_PERIOD_S = 0.005   # how often the gait controller answers
 SKIP_S, SKIP_CYCLES = 5.0, 1.0
 MEASURE_S, MEASURE_CYCLES = 20.0, 4.0
@@ -128,17 +128,23 @@ def measure(rover: RoverDescription | None = None, physics: PhysicsConfig | None
             progress: Progress | None = None, measure_s: float = MEASURE_S) -> GaitCalibration:
     """Walk every stride of a table on flat ground, turning left and right, and return the table.
 
-    Left and right are averaged. `workers` processes share the walks; their number does not change
-    the result. `progress(done, all)` is called after each. Raises PhysicsError where a walk
-    cannot be simulated, ConfigError where the rover does not walk forward and turn.
+    From `MIRROR_FROM_HZ` on, left and right are averaged. `workers` processes share the walks;
+    their number does not change the result. `progress(done, all)` is called after each. Raises
+    PhysicsError where a walk cannot be simulated, ConfigError where the rover does not walk
+    forward and turn.
     """
     settings = dataclasses.replace(_settings(rover, physics, gait), measure_s=measure_s)
     strides = [Stride.turning(rate, sign * turn) for rate in rates_hz for turn in turns
-               for sign in (1.0, -1.0)]
-    results = _all(_measure_one, strides, settings, workers, progress)
-    table = np.array(results).reshape(len(rates_hz), len(turns), 2, 2)
-    forward = table[:, :, :, 0].mean(axis=2)
-    yaw_rate = 0.5 * (table[:, :, 0, 1] - table[:, :, 1, 1])
+               for sign in (1.0, -1.0) if sign > 0.0 or turn > 0.0 and rate >= MIRROR_FROM_HZ]
+    results = dict(zip(strides, _all(_measure_one, strides, settings, workers, progress)))
+    forward = np.zeros((len(rates_hz), len(turns)))
+    yaw_rate = np.zeros_like(forward)
+    for i, rate in enumerate(rates_hz):
+        for k, turn in enumerate(turns):
+            left = results[Stride.turning(rate, turn)]
+            right = results.get(Stride.turning(rate, -turn), (left[0], -left[1]))
+            forward[i, k] = 0.5 * (left[0] + right[0])
+            yaw_rate[i, k] = 0.5 * (left[1] - right[1])
     described, simulated, walked = settings.rover, settings.physics, settings.gait
     return GaitCalibration(
         tuple(rates_hz), tuple(turns), tuple(tuple(row) for row in forward.tolist()),
