@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.drive.config import DriveConfig
@@ -27,6 +28,8 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.store import load_rover
 from lunar_rover_sim.stereo.sgm import SgmConfig
 from lunar_rover_sim.world.config import WorldConfig
+
+FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.rate == topics.FRAME)
 
 SHARED = '/**'
 ROS_KEY = 'ros__parameters'
@@ -127,6 +130,9 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     sgm: SgmConfig = group(SgmConfig)
     frame_rate_hz: int = param(10, 'stereo pairs per second; its period is a whole number of '
                                'state periods', unit='Hz', low=1, high=200)
+    await_readers: tuple[str, ...] = param((), 'topics whose readers must be there before the '
+                                           'first frame is drawn in lockstep',
+                                           choices=FRAME_TOPICS)
 
     @property
     def frame_period_ns(self) -> int:

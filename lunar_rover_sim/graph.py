@@ -11,7 +11,7 @@ from pathlib import Path
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
-from lunar_rover_sim.config import NODE_CONFIGS, Scenario, WaitConfig
+from lunar_rover_sim.config import FRAME_TOPICS, NODE_CONFIGS, Scenario, WaitConfig
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.rover.store import save_rover
 
@@ -57,7 +57,7 @@ def resolve(scenario: Scenario) -> Scenario:
     duration_s = math.ceil(round(scenario.run.duration_s / frame_s, 6)) * frame_s
     duration_s = round(duration_s, 9)
     physics, gait = scenario.physics_node, scenario.gait_controller_node
-    recorder = scenario.recorder_node
+    recorder, render = scenario.recorder_node, scenario.render_node
     # In real time nobody is waited for, but time starts when those topics have publishers.
     physics = dataclasses.replace(
         physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
@@ -67,10 +67,13 @@ def resolve(scenario: Scenario) -> Scenario:
                 gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz}))
         if not recorder.acknowledge:
             recorder = dataclasses.replace(recorder, acknowledge=_acknowledged(scenario))
+        if 'render_node' in nodes and not render.await_readers:
+            render = dataclasses.replace(render, await_readers=tuple(
+                name for name in recorder.acknowledge if name in FRAME_TOPICS))
     return dataclasses.replace(
         scenario, run=dataclasses.replace(scenario.run, duration_s=duration_s),
         physics_node=dataclasses.replace(physics, duration_s=duration_s),
-        gait_controller_node=gait, recorder_node=recorder)
+        gait_controller_node=gait, recorder_node=recorder, render_node=render)
 
 
 def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:

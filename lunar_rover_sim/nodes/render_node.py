@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import collections
 from concurrent.futures import Future, ThreadPoolExecutor
+import dataclasses
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.camera.renderer import Renderer, StereoFrame
+from lunar_rover_sim.camera.renderer import Renderer
 from lunar_rover_sim.config import RenderNodeConfig
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, main as node_main, qos
@@ -27,11 +29,27 @@ from lunar_rover_sim.stereo.depth import depth_from_disparity
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.store import load as load_world
 
-_DRAWN = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.TRUE_DEPTH)
-_MATCHED = (topics.DISPARITY, topics.DEPTH)
-_INFOS = (topics.LEFT_INFO, topics.RIGHT_INFO)
-_LAYERS = {topics.LEFT_IMAGE.name: 'left', topics.RIGHT_IMAGE.name: 'right',
-           topics.TRUE_DEPTH.name: 'depth'}
+_INFOS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name)
+_MATCHED = (topics.DISPARITY.name, topics.DEPTH.name)
+# Topic → what of the renderer it shows or is made from. CameraInfos come last: they say that the
+# frame is done.
+_LAYERS: dict[str, tuple[str, ...]] = {
+    topics.LEFT_IMAGE.name: ('left',), topics.RIGHT_IMAGE.name: ('right',),
+    topics.TRUE_DEPTH.name: ('depth',), topics.DISPARITY.name: ('left', 'right'),
+    topics.DEPTH.name: ('left', 'right'), **dict.fromkeys(_INFOS, ())}
+_TOPICS = tuple(topic for topic in topics.CONTRACT if topic.name in _LAYERS)
+_FRAME_IDS = {topic.name: topic.frame_id for topic in _TOPICS}
+
+
+@dataclasses.dataclass
+class _Shown:
+    """A frame: the state it shows, what was drawn of it, and what was published."""
+
+    stamp_ns: int
+    T_world_base: NDArray[np.float64]
+    joint_angle_rad: NDArray[np.float64]
+    layers: dict[str, Any] = dataclasses.field(default_factory=dict)
+    published: set[str] = dataclasses.field(default_factory=set)
 
 
 class RenderNode(node_main.GraphNode):
@@ -58,12 +76,13 @@ class RenderNode(node_main.GraphNode):
         self._last_period = 0 if config.lockstep else -1
         self._poses: collections.deque[tuple[int, bytes]] = collections.deque()
         self._joints: dict[int, bytes] = {}
-        self._shown: tuple[int, Any, Any, set[str]] | None = None
+        self._shown: _Shown | None = None
+        self._awaited = list(config.await_readers)
 
         self._publishers_by_topic = {
             topic.name: self.create_publisher(message_class(topic.type), topic.name,
                                               qos.offered(topic))
-            for topic in (*_DRAWN, *_MATCHED, *_INFOS)}
+            for topic in _TOPICS}
         self._publish_sun()
         self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
                                  qos.requested(topics.WORLD_HASH, config.lockstep))
@@ -71,7 +90,7 @@ class RenderNode(node_main.GraphNode):
                                  qos.requested(topics.JOINT_STATES, config.lockstep), raw=True)
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
-        self.create_timer(0.1, self._draw_missing)
+        self.create_timer(0.05, self._look_for_readers)
 
     def destroy_node(self) -> None:
         """Finish the matching under way and release the GL context."""
@@ -119,78 +138,80 @@ class RenderNode(node_main.GraphNode):
     # Output
 
     def _draw_due(self) -> None:
+        lockstep = self._config.lockstep
         while self._poses:
             stamp, raw = self._poses[0]
-            if self._config.lockstep and stamp not in self._joints:
-                return  # the legs of this pose are still on their way
+            if lockstep and (stamp not in self._joints or not self._readers_are_there()):
+                return  # the legs of this pose, or who is to read it, are still on their way
             self._poses.popleft()
-            joints_raw = self._joints.pop(stamp, None) if self._config.lockstep else \
+            joints_raw = self._joints.pop(stamp, None) if lockstep else \
                 next(iter(self._joints.values()), None)
             angles = np.zeros(4) if joints_raw is None else conversions.legs_of(
                 deserialize_message(joints_raw, JointState), 'position')
             pose = conversions.pose_of(deserialize_message(raw, Odometry))
-            self._shown = (stamp, pose, angles, set())
-            self._draw()
+            self._shown = _Shown(stamp, pose, angles)
+            self._draw(self._shown)
 
-    def _draw_missing(self) -> None:
-        """Serve a reader that appeared after the present frame was drawn."""
+    def _readers_are_there(self) -> bool:
+        while self._awaited and self._is_read(self._awaited[-1]):
+            self._awaited.pop()
+        return not self._awaited
+
+    def _is_read(self, name: str) -> bool:
+        return self._publishers_by_topic[name].get_subscription_count() > 0
+
+    def _look_for_readers(self) -> None:
+        """Serve readers that appeared after the present frame was drawn."""
+        self._draw_due()
         if self._shown is not None:
-            self._draw()
+            self._draw(self._shown)
 
-    def _wanted(self, among: tuple[topics.Topic, ...]) -> list[str]:
-        assert self._shown is not None
-        return [t.name for t in among if t.name not in self._shown[3]
-                and self._publishers_by_topic[t.name].get_subscription_count() > 0]
-
-    def _draw(self) -> None:
-        assert self._shown is not None
-        stamp_ns_, pose, angles, done = self._shown
-        drawn, matched = self._wanted(_DRAWN), self._wanted(_MATCHED)
-        infos = [t.name for t in _INFOS if t.name not in done]
-        layers = {_LAYERS[name] for name in drawn} | ({'left', 'right'} if matched else set())
-        stamp = conversions.time_msg(stamp_ns_)
+    def _draw(self, shown: _Shown) -> None:
+        """Draw and publish what is read of this frame and was not published yet."""
+        wanted = [name for name in _LAYERS if name not in shown.published
+                  and (name in _INFOS or self._is_read(name))]
+        if not wanted:
+            return
+        layers = {layer for name in wanted for layer in _LAYERS[name]} - set(shown.layers)
         if layers:
-            frame = self._renderer.render(pose, angles, stamp_ns_ // self._config.frame_period_ns,
-                                          layers)
-            self._publish_drawn(frame, drawn, stamp)
-            if matched:
-                self._match(frame, matched, stamp)
-        for name in infos:
-            left = name == topics.LEFT_INFO.name
-            self._publishers_by_topic[name].publish(conversions.camera_info(
-                self._rig, _frame_id(name), self._rig.P_left if left else self._rig.P_right,
-                stamp))
-        done.update(drawn, matched, infos)
+            frame = self._renderer.render(
+                shown.T_world_base, shown.joint_angle_rad,
+                shown.stamp_ns // self._config.frame_period_ns, layers)
+            drawn = {'left': frame.left, 'right': frame.right, 'depth': frame.depth_m}
+            shown.layers.update((name, drawn[name]) for name in layers)
+        stamp = conversions.time_msg(shown.stamp_ns)
+        for name in wanted:
+            if name in _INFOS:
+                left = name == topics.LEFT_INFO.name
+                self._send(name, conversions.camera_info(
+                    self._rig, _FRAME_IDS[name],
+                    self._rig.P_left if left else self._rig.P_right, stamp))
+            elif name not in _MATCHED:
+                self._send(name, conversions.image(shown.layers[_LAYERS[name][0]],
+                                                   _FRAME_IDS[name], stamp))
+        matched = [name for name in wanted if name in _MATCHED]
+        if matched:
+            self._match(shown.layers['left'], shown.layers['right'], matched, stamp)
+        shown.published.update(wanted)
 
-    def _publish_drawn(self, frame: StereoFrame, names: list[str], stamp: Time) -> None:
-        pixels = {'left': frame.left, 'right': frame.right, 'depth': frame.depth_m}
-        for name in names:
-            layer = pixels[_LAYERS[name]]
-            if layer is not None:
-                self._publishers_by_topic[name].publish(
-                    conversions.image(layer, _frame_id(name), stamp))
+    def _send(self, name: str, msg: Any) -> None:
+        self._publishers_by_topic[name].publish(msg)
 
-    def _match(self, frame: StereoFrame, names: list[str], stamp: Time) -> None:
+    def _match(self, left: Any, right: Any, names: list[str], stamp: Time) -> None:
         if self._matching is not None:
             self._matching.result()
-        self._matching = self._thread.submit(self._match_and_publish, frame, names, stamp)
+        self._matching = self._thread.submit(self._match_and_publish, left, right, names, stamp)
 
-    def _match_and_publish(self, frame: StereoFrame, names: list[str], stamp: Time) -> None:
-        if frame.left is None or frame.right is None:
-            return
-        disparity = self._matcher.match(frame.left, frame.right)
+    def _match_and_publish(self, left: Any, right: Any, names: list[str], stamp: Time) -> None:
+        disparity = self._matcher.match(left, right)
         focal_px, baseline_m = float(self._rig.K[0, 0]), self._rig.baseline_m
         if topics.DISPARITY.name in names:
-            self._publishers_by_topic[topics.DISPARITY.name].publish(conversions.disparity_image(
+            self._send(topics.DISPARITY.name, conversions.disparity_image(
                 disparity, focal_px, baseline_m, topics.DISPARITY.frame_id, stamp))
         if topics.DEPTH.name in names:
-            depth_m = depth_from_disparity(disparity, focal_px, baseline_m)
-            self._publishers_by_topic[topics.DEPTH.name].publish(
-                conversions.image(depth_m, topics.DEPTH.frame_id, stamp))
-
-
-def _frame_id(name: str) -> str:
-    return next(topic.frame_id for topic in topics.CONTRACT if topic.name == name)
+            self._send(topics.DEPTH.name, conversions.image(
+                depth_from_disparity(disparity, focal_px, baseline_m), topics.DEPTH.frame_id,
+                stamp))
 
 
 def main(args: list[str] | None = None) -> int:
