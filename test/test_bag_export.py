@@ -136,9 +136,8 @@ def test_bad_export(tmp_path, items, bag):
             export(poor, tmp_path / 'seq', kind)
     blind = synthetic.write(tmp_path / 'blind', [i for i in items if i.topic != 'odom'])
     assert any('ground truth is missing' in note for note in export(blind, tmp_path / 'seq'))
-    ended = synthetic.write(tmp_path / 'short',
-                                  [i for i in items if i.topic != 'imu/data_raw'
-                                   or series.header_ns(i.message) < 90_000_000])
+    ended = synthetic.write(tmp_path / 'short', [
+        i for i in items if i.topic != 'imu/data_raw' or series.header_ns(i.message) < 90_000_000])
     with pytest.raises(BagError, match='nothing to export'):
         export(ended, tmp_path / 'seq2')
     assert not [p for p in tmp_path.iterdir() if 'partial' in p.name or p.name == 'seq2']

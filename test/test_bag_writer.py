@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-import resource
+import random
 import signal
 import subprocess
 import sys
@@ -16,6 +16,7 @@ import synthetic_bag as synthetic
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.check import check
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.stamps import stamp_ns
@@ -36,7 +37,7 @@ RECORDER = """
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     writer = BagWriter({path!r}, storage={storage!r}, compression={compression!r})
     try:
-        for item in synthetic.drive(3.0):
+        for item in synthetic.drive(2.2):
             writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
     except BagError as error:
         print(error)
@@ -181,7 +182,7 @@ def test_a_kill_loses_at_most_a_second(tmp_path, storage, compression):
     with open_bag(path) as bag:
         assert bag.incomplete == marker.UNFINISHED
         before = [m for m in bag.raw()]
-        assert 2.0e9 <= bag.end_ns <= 3.0e9
+        assert 1.2e9 <= bag.end_ns <= 2.2e9
         assert sum(bag.counts.values()) == len(before)
         last_odom = [m.time_ns for m in bag.raw(['odom'])]
         assert last_odom == list(range(5_000_000, last_odom[-1] + 1, 5_000_000))
@@ -193,29 +194,33 @@ def test_a_kill_loses_at_most_a_second(tmp_path, storage, compression):
     from rosbags.rosbag2 import Reader
     with Reader(path) as reader:
         assert len(list(reader.messages())) == len(before)
+    if storage == 'mcap':
+        make_reader = pytest.importorskip('mcap.reader').make_reader
+        with (path / 'bag.mcap').open('rb') as file:
+            assert len(list(make_reader(file).iter_messages())) == len(before)
 
 
 def test_a_cut_anywhere_is_survived(tmp_path, items):
-    """Cut at 40 places, the file opens and recovers to a prefix of the recording."""
+    """Cut at 16 places, the file opens and recovers to a prefix of the recording."""
     path = synthetic.write(tmp_path / 'bag', items)
     data = (path / 'bag.mcap').read_bytes()
     whole = [m for m in everything(path)]
-    for i in range(40):
+    for i in range(16):
         cut = tmp_path / f'cut{i}'
         cut.mkdir()
-        (cut / 'bag.mcap').write_bytes(data[:50 + (len(data) - 51) * i // 39])
+        (cut / 'bag.mcap').write_bytes(data[:50 + (len(data) - 51) * i // 15])
         marker.mark(cut)
         found = everything(cut)
         assert set(found) <= set(whole)
         assert recover(cut) == len(found)
         assert everything(cut) == found
-        if i > 30:
+        if i > 12:
             assert found
 
 
 @pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
 def test_a_full_disk_is_one_error_and_a_readable_bag(tmp_path, storage, compression):
-    limit = 6_000_000 if compression == 'none' else 2_500_000
+    limit = 5_000_000 if compression == 'none' else 2_000_000
     done = record(tmp_path / 'bag', storage, compression, limit)
     assert done.returncode == 1, done.stderr
     assert done.stdout.count('\n') == 1
@@ -265,6 +270,32 @@ def test_a_damaged_file_is_named(tmp_path):
         open_bag(path / 'bag.mcap')
 
 
+@pytest.mark.parametrize('storage', STORAGES)
+def test_damaged_bytes_are_one_error(tmp_path, storage):
+    """Bags with random bytes changed are checked, or refused in one line; 24 seeded ones."""
+    path = synthetic.write(tmp_path / 'bag', synthetic.drive(0.1), storage=storage)
+    originals = {p: p.read_bytes() for p in path.iterdir()}
+    data = next(p for p in originals if p.suffix != '.yaml')
+    rng = random.Random(1)
+    for i in range(24):
+        target = path / 'metadata.yaml' if i % 4 == 0 else data
+        damaged = bytearray(originals[target])
+        for _ in range(rng.choice((1, 3, 20))):
+            far = len(damaged) if i % 2 else min(3000, len(damaged))  # the index is at the end
+            damaged[-1 - rng.randrange(far)] = rng.randrange(256)
+        if rng.random() < 0.2:
+            damaged = damaged[:rng.randrange(len(damaged))]
+        for original, content in originals.items():
+            original.write_bytes(content)
+        target.write_bytes(damaged)
+        if rng.random() < 0.3:
+            (path / 'metadata.yaml').unlink()
+        try:
+            check(path)
+        except BagError as error:
+            assert '\n' not in str(error)
+
+
 def test_unknown_topics_offer_the_nearest(tmp_path, items):
     path = synthetic.write(tmp_path / 'bag', items, namespace='/rover1')
     with open_bag(path) as bag:
@@ -277,7 +308,6 @@ def test_unknown_topics_offer_the_nearest(tmp_path, items):
 
 def test_flush_limits_what_memory_holds(tmp_path, items):
     """A flush makes everything visible to another reader of the same file."""
-    assert resource.getpagesize() > 0
     with BagWriter(tmp_path / 'bag', flush_period_s=3600.0) as writer:
         for item in items:
             writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)

@@ -202,6 +202,9 @@ class _Check:
         if not sets:
             return
         union = set().union(*sets.values())
+        if not union:
+            self._add('stereo sets', Status.SKIP, 'no stereo image in the bag')
+            return
         problems = [f'{name} lacks {len(union - have)} of {len(union)} stamps, first '
                     f'{min(union - have) / NS_PER_S:.6f} s'
                     for name, have in sets.items() if union - have]
@@ -329,8 +332,8 @@ class _Check:
 
     def _calibration(self) -> None:
         """Both camera infos, the disparity message and the images tell of one camera."""
-        last = {t.name: self._scan.topics[t.name].last for t in STEREO_SET
-                if t.name in self._scan.topics and not self._scan.topics[t.name].problems}
+        last = {name: t.last for name, t in self._scan.topics.items()
+                if t.topic in STEREO_SET and t.last is not None and not t.problems}
         left, right = last.get(topics.LEFT_INFO.name), last.get(topics.RIGHT_INFO.name)
         if left is None or right is None:
             return

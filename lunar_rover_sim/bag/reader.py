@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 import functools
 from pathlib import Path
-import sqlite3
 from types import TracebackType
 from typing import Any, NamedTuple
 
@@ -64,10 +63,8 @@ class Bag:
                     raise
                 self._reader = _open(self.path, partial=True)
                 self.incomplete = f'it has no end ({error})'
-        except (AnyReaderError, ReaderError, OSError, sqlite3.Error, ValueError, KeyError,
-                TypeError, AttributeError, IndexError, AssertionError) as error:
-            words = ' '.join(str(error).split()) or type(error).__name__
-            raise BagError(f'{self.path}: cannot be read as a bag: {words}') from None
+        except Exception as error:  # whatever the parsers make of a file that is no bag
+            raise BagError(f'{self.path}: cannot be read as a bag: {_words(error)}') from None
 
     @property
     def reader(self) -> AnyReader:
@@ -168,8 +165,8 @@ class Bag:
         try:
             for c, time_ns, data in self.reader.messages(connections, start_ns, stop_ns):
                 yield RawMessage(c.topic, c.msgtype, time_ns, data)
-        except (AnyReaderError, ReaderError, OSError, ValueError) as error:
-            raise BagError(f'{self.path}: is damaged: {error}') from None
+        except Exception as error:  # whatever the parsers make of damaged bytes
+            raise BagError(f'{self.path}: is damaged: {_words(error)}') from None
 
     def messages(self, topics: Iterable[str] = (), start_ns: int | None = None,
                  stop_ns: int | None = None) -> Iterator[tuple[str, int, Any]]:
@@ -181,8 +178,9 @@ class Bag:
         """Return the message of CDR bytes."""
         try:
             return self.reader.deserialize(data, msgtype)
-        except (AnyReaderError, AssertionError) as error:
-            raise BagError(f'{self.path}: a {msgtype} cannot be decoded: {error}') from None
+        except Exception as error:  # whatever the parsers make of damaged bytes
+            raise BagError(f'{self.path}: a {msgtype} cannot be decoded: '
+                           f'{_words(error)}') from None
 
     def first(self, topic: str) -> Any:
         """Return the first message of a topic; BagError where there is none."""
@@ -234,3 +232,7 @@ def _storage_file(path: Path) -> Path:
         if files:
             return files[0]
     raise BagError(f'{path}: is no bag: it holds neither .mcap nor .db3 files')
+
+
+def _words(error: Exception) -> str:
+    return ' '.join(str(error).split()) or type(error).__name__

@@ -52,7 +52,8 @@ class Scan:
 
     namespace: str
     topics: dict[str, TopicScan] = dataclasses.field(default_factory=dict)
-    signals: dict[str, list[tuple[float, ...]]] = dataclasses.field(default_factory=dict)
+    signals: dict[str, list[tuple[int, tuple[float, ...]]]] = dataclasses.field(
+        default_factory=dict)
     frames: list[FrameError] = dataclasses.field(default_factory=list)
     depth_mismatch: list[str] = dataclasses.field(default_factory=list)
     contrast: int = 0  # left images that are not of one grey
@@ -60,8 +61,8 @@ class Scan:
     def signal(self, topic: Topic) -> tuple[np.ndarray, np.ndarray]:
         """Return stamps (n,) [ns] and the values (n, k) that `_SIGNALS` picks."""
         rows = self.signals.get(topic.name, [])
-        stamps = np.array(self.topics[topic.name].stamps_ns if rows else [], dtype=np.int64)
-        return stamps, np.array(rows, dtype=float)
+        return (np.array([stamp for stamp, _ in rows], dtype=np.int64),
+                np.array([row for _, row in rows], dtype=float))
 
 
 def _odometry(m: Any) -> tuple[float, ...]:
@@ -136,7 +137,7 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: content.FiniteC
     if message.__msgtype__ != topic.topic.type:
         return
     if name in _SIGNALS:
-        result.signals.setdefault(name, []).append(_SIGNALS[name](message))
+        result.signals.setdefault(name, []).append((stamp_ns, _SIGNALS[name](message)))
     if problem:
         return
     if name in (topics.DISPARITY.name, topics.TRUE_DEPTH.name, topics.DEPTH.name):
@@ -187,7 +188,8 @@ class _DepthPair:
             return
         both = is_matched(message, disparity) & np.isfinite(depth)
         if both.any():
-            ratio = np.abs(depth[both] * disparity[both] / (message.f * message.t) - 1.0).max()
-            if ratio > 1e-3:
+            product = depth[both].astype(float) * disparity[both]
+            ratio = float(np.abs(product / (message.f * message.t) - 1.0).max())
+            if not ratio <= 1e-3:
                 self._result.depth_mismatch.append(
                     f'{at} depth differs from f t / d by {100 * ratio:.1f} %')
