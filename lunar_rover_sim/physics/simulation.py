@@ -56,6 +56,7 @@ class Simulation:
         self._motor = data.qfrc_actuator[6:10]
         self._com = data.subtree_com[base]
         self._axles = data.xpos[legs[0]:legs[0] + 4]
+        self._contacts_full = data.warning[_CONTACTFULL]
         self._imu_position = np.array(rover.imu.position_m)
         self._R_base_imu = matrix_from_wxyz(wxyz_from_rpy(*np.radians(rover.imu.rpy_deg)))
         self._gravity = np.array([0.0, 0.0, -config.gravity_mps2])
@@ -123,12 +124,12 @@ class Simulation:
         if n_steps < 1:
             raise PhysicsError(f'advance: {n_steps} steps asked for; valid is >= 1')
         model, data = self.model, self.data
-        step = mujoco.mj_step
+        step, step_wrench, step_torque = mujoco.mj_step, self._leg_wrench, self._motor
         wrench, torque = np.zeros((4, 6)), np.zeros(4)
         for _ in range(n_steps):
             step(model, data)
-            wrench += self._leg_wrench
-            torque += self._motor
+            wrench += step_wrench
+            torque += step_torque
         self._steps += n_steps
         self._check()
         wrench /= n_steps
@@ -208,10 +209,11 @@ class Simulation:
 
     def _check(self) -> None:
         """Raise PhysicsError if the state is no longer that of a rover on the ground."""
-        if not self._qvel @ self._qvel < MAX_SPEED ** 2 or self.data.warning[_CONTACTFULL].number:
+        if not self._qvel.dot(self._qvel) < MAX_SPEED ** 2 or self._contacts_full.number:
             raise PhysicsError(diagnosis(self.model, self.data, self.time_ns * 1e-9))
-        x, y = self._qpos[0], self._qpos[1]
-        if max(abs(x), abs(y)) > self._half_extent_m:
+        x, y, _ = self._qpos[:3].tolist()
+        limit = self._half_extent_m
+        if not (abs(x) <= limit and abs(y) <= limit):
             raise PhysicsError(f'at {self.time_ns * 1e-9:.3f} s base_link left the ground at'
                                f' x = {x:.2f} m, y = {y:.2f} m; the ground ends at'
-                               f' {self._half_extent_m:.2f} m')
+                               f' {limit:.2f} m')
