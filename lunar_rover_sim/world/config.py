@@ -67,7 +67,7 @@ class ReliefConfig(Parameters):
     """
 
     hurst: float = param(0.65, 'Hurst exponent of the regolith', low=0.05, high=0.99)
-    rms_slope_deg: float = param(2.2, 'RMS slope of the regolith at `baseline_m`', unit='deg',
+    rms_slope_deg: float = param(2.0, 'RMS slope of the regolith at `baseline_m`', unit='deg',
                                  low=0.0, high=45.0)
     baseline_m: float = param(0.3, 'baseline of `rms_slope_deg`', unit='m', low=0.0,
                               open_low=True)
@@ -91,7 +91,7 @@ class CraterConfig(Parameters):
     Thomson 2014) until their depth is the oldest that is still counted.
     """
 
-    density: float = param(0.04, 'fraction of geometric saturation; 0: no craters', low=0.0,
+    density: float = param(0.03, 'fraction of geometric saturation; 0: no craters', low=0.0,
                            high=0.5)
     slope: float = param(2.0, 'exponent of the cumulative size distribution', low=1.0, high=4.0)
     min_diameter_m: float = param(0.15, 'smallest crater', unit='m', low=0.0, open_low=True)

@@ -158,7 +158,7 @@ def profile_table(config: CraterConfig) -> ProfileTable:
 
 
 def keep_clear(craters: Craters, config: CraterConfig, radius_m: float,
-               steepest_deg: float = 10.0) -> Craters:
+               steepest_deg: float = 5.0) -> Craters:
     """Return the craters without those whose steep parts reach within a radius of the origin."""
     table = profile_table(config)
     slope = np.interp(craters.age, table.ages, table.steepest)

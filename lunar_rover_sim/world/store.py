@@ -36,7 +36,7 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 logger = logging.getLogger(__name__)
 
 FORMAT = 1
-BUILDER = 3  # raise when the same parameters come to give another world: it empties the cache
+BUILDER = 4  # raise when the same parameters come to give another world: it empties the cache
 _MOST_SAMPLES = 8193 ** 2
 _MOST_ITEMS = 2_000_000
 _MOST_BYTES_YAML = 1_000_000
