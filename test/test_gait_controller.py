@@ -3,7 +3,7 @@
 import dataclasses
 import math
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.gait.config import GAIT_ARRAYS, GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.stride import Stride
@@ -262,6 +262,14 @@ def test_parameters_that_do_not_fit_are_refused(values, message):
 def test_the_number_of_spokes_cannot_change_while_walking():
     with pytest.raises(ConfigError, match='spokes: 5'):
         GaitController().configure(GaitConfig(spokes=5))
+
+
+@pytest.mark.parametrize('bad', [[0.0, math.nan, 0.0, 0.0], [0.0] * 3, [math.inf] * 4])
+def test_joint_states_that_are_none_are_refused(bad):
+    with pytest.raises(PhysicsError, match='joint angle: .*four finite'):
+        GaitController().update(0, bad, np.zeros(4))
+    with pytest.raises(PhysicsError, match='joint velocity'):
+        GaitController().update(0, np.zeros(4), bad)
 
 
 def test_all_but_structure_is_live():

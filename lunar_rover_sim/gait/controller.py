@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.phases import LegPhases
@@ -143,10 +143,10 @@ class GaitController:
         """Return the command that answers the joint state of `stamp_ns`.
 
         joint_angle_rad, joint_velocity_radps: (4,) as measured, angles unwrapped. Time that goes
-        backward starts the controller anew.
+        backward starts the controller anew. Raises PhysicsError where the state is not four finite
+        angles and velocities.
         """
-        angle = np.asarray(joint_angle_rad, dtype=float).tolist()
-        velocity = np.asarray(joint_velocity_radps, dtype=float).tolist()
+        angle, velocity = _legs('angle', joint_angle_rad), _legs('velocity', joint_velocity_radps)
         if self._last_ns is not None and stamp_ns < self._last_ns:
             self.reset()
         dt = 0.0
@@ -230,6 +230,14 @@ class GaitController:
             commands.append(_bounded(command, limit))
             references.append(reference)
         return LegCommand(np.array(commands), np.array(references), np.array(phases.phase))
+
+
+def _legs(name: str, values: ArrayLike) -> list[float]:
+    array = np.asarray(values, dtype=float)
+    if array.shape != (4,) or not np.isfinite(array).all():
+        raise PhysicsError(f'joint {name}: {array.tolist()} is not valid; valid are four finite'
+                           ' numbers')
+    return array.tolist()
 
 
 def _bounded(value: float, limit: float) -> float:
