@@ -114,6 +114,8 @@ def _crater_sizes(axis: Any, world: World) -> None:
         return
     for index, level in enumerate(world.levels):
         inside = np.abs(catalogue.position_m).max(axis=1) <= level.half_extent_m
+        if index:  # smaller ones are there on finer levels only
+            inside &= catalogue.diameter_m >= 8.0 * level.cell_m
         diameter = np.sort(catalogue.diameter_m[inside])[::-1]
         area = (2.0 * level.half_extent_m) ** 2
         axis.loglog(diameter, np.arange(1, len(diameter) + 1) / area, '-',
