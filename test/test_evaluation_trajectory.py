@@ -169,7 +169,9 @@ def test_the_moving_frame_is_taken_into_account():
     T_base_camera = se3(Rotation.from_rotvec([0.4, 0.1, -0.2]).as_matrix(), [0.1, 0.05, 0.2])
     camera = truth.of_frame(T_base_camera)
     assert evaluate(truth, camera).ate_m.rmse > 1e-3
+    assert evaluate(truth, camera).turned_deg == pytest.approx(26.0, abs=2.0)
     result = evaluate(truth.of_frame(T_base_camera), camera)
+    assert result.turned_deg is None
     assert result.ate_m.max < 1e-12
     back = camera.of_frame(inverse(T_base_camera))
     assert np.allclose(back.positions_m, truth.positions_m, atol=1e-12)

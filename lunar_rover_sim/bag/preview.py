@@ -9,6 +9,7 @@ from typing import Any
 
 from matplotlib import colormaps
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 import numpy as np
 
 from lunar_rover_sim import frames, topics
@@ -145,6 +146,10 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float) -> 
         1.0 + slope_x**2 + slope_y**2)
     extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
     axes.imshow(shade, cmap='gray', origin='lower', extent=extent, vmin=0.0, vmax=1.0)
+    near = np.abs(world.rocks.position_m[:, :2] - centre_m).max(axis=1) < half_m
+    for (rock_x, rock_y), diameter in zip(world.rocks.position_m[near, :2],
+                                          world.rocks.diameter_m[near]):
+        axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12'))
 
 
 def recorded_world(bag: Bag) -> World | None:

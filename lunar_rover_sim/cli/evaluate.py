@@ -69,14 +69,18 @@ def run(args: argparse.Namespace) -> int:
                     (f'RPE over {args.distance:g} m [deg]', result.rpe_distance_deg),
                     (f'RPE over {args.time:g} s [m]', result.rpe_time_m),
                     (f'RPE over {args.time:g} s [deg]', result.rpe_time_deg)):
-        table.add_row(Text(name), *(f'{v:.5f}' for v in (s.rmse, s.mean, s.median, s.max)),
+        table.add_row(Text(name), *(_number(v, 5) for v in (s.rmse, s.mean, s.median, s.max)),
                       str(s.count))
     console.print(table)
-    console.print(f'scale {result.scale:.5f}, drift {result.drift_percent:.2f} % of distance '
-                  f'(at the end {result.end_drift_percent:.2f} %), {result.length_m:.2f} m, '
-                  f'tracked {100 * result.tracked_share:.1f} %, '
+    console.print(f'scale {_number(result.scale, 5)}, drift {_number(result.drift_percent, 2)} % '
+                  f'of distance (at the end {_number(result.end_drift_percent, 2)} %), '
+                  f'{result.length_m:.2f} m, tracked {100 * result.tracked_share:.1f} %, '
                   f'{len(result.estimate)} poses, {result.unmatched} without truth',
                   highlight=False, markup=False, soft_wrap=True)
+    if result.turned_deg is not None:
+        console.print(f'note: all orientations are off by the same {result.turned_deg:.0f} deg; '
+                      'is --estimate-frame (or --truth-frame) right?', highlight=False,
+                      soft_wrap=True)
     if args.output is not None:
         from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 
@@ -91,3 +95,7 @@ def run(args: argparse.Namespace) -> int:
         for written in (json_path, *paths):
             console.print(str(written), highlight=False, markup=False, soft_wrap=True)
     return 0
+
+
+def _number(value: float, digits: int) -> str:
+    return f'{value:.{digits}f}' if value == value else '-'

@@ -66,6 +66,15 @@ class Evaluation:
         """(n,) absolute position errors [m]."""
         return metrics.absolute_errors_m(self.truth, self.estimate)
 
+    @property
+    def turned_deg(self) -> float | None:
+        """Angle [deg] by which all orientations are off alike, as of a wrong moving frame.
+
+        None where it is below 5 degrees, or the errors differ by more than a fifth of it.
+        """
+        angle = self.ate_deg
+        return angle.mean if angle.mean > 5.0 and angle.std < 0.2 * angle.mean else None
+
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values for JSON; NaN becomes None."""
         result: dict[str, Any] = {
