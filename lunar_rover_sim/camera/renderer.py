@@ -35,6 +35,10 @@ LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance')
 LABEL_SKY, LABEL_GROUND, LABEL_ROVER, LABEL_FIRST_ROCK = 0, 1, 2, 16
 
 _TRUTH_LAYERS = {'normal', 'label'}
+_GROUND_PASSES: dict[str, dict[str, int]] = {
+    'ground': {'ROVER_SHADOW': 1}, 'refined': {'ROVER_SHADOW': 1, 'REFINE': 1},
+    'unlit ground': {'UNLIT': 1}, 'unlit refined': {'UNLIT': 1, 'REFINE': 1},
+    'truth ground': {'TRUTH': 1}}
 _LEFT_LAYERS = {'left', 'depth', 'radiance'} | _TRUTH_LAYERS
 _SHADOW_UNIT = 6
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
@@ -125,20 +129,16 @@ class Renderer:
         self._programs = {
             'inner': load_program(context, 'terrain', 'terrain'),
             'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
-            'ground': load_program(context, 'screen', 'ground', ROVER_SHADOW=1),
-            'refined': load_program(context, 'screen', 'ground', REFINE=1, ROVER_SHADOW=1),
-            'unlit ground': load_program(context, 'screen', 'ground', UNLIT=1),
-            'unlit refined': load_program(context, 'screen', 'ground', REFINE=1, UNLIT=1),
+            **{name: load_program(context, 'screen', 'ground', LEVELS=len(self._levels), **flags)
+               for name, flags in _GROUND_PASSES.items()},
             'rock': load_program(context, 'rock', 'rock', ROVER_SHADOW=1),
             'rover': load_program(context, 'rover', 'rover'),
-            'truth ground': load_program(context, 'screen', 'ground', TRUTH=1),
             'truth rock': load_program(context, 'rock', 'rock', TRUTH=1),
             'truth rover': load_program(context, 'rover', 'rover', TRUTH=1),
         }
         self._imager = Imager(context, self.rig, self.sensor, self.seed)
         self._ground_passes = {name: context.vertex_array(self._programs[name], [])
-                               for name in ('ground', 'refined', 'unlit ground',
-                                            'unlit refined', 'truth ground')}
+                               for name in _GROUND_PASSES}
         cells, full = [], config.detail.full_resolution_m
         for level in self._levels:
             cells.append(np.array([level.grid.cell_m * 2.0**k for k in range(level.tree.depth)]))
@@ -207,7 +207,7 @@ class Renderer:
             self._light_ground(chosen, camera, window, lit)
             self._draw_objects(camera, view, window, legs)
             if truth and eye == 0:
-                self._draw_truth(chosen, camera, view, window, legs)
+                self._draw_truth(camera, view, window, legs)
 
     def _place(self, camera: Array, view: View, window: tuple[int, int, int, int],
                shadow: Silhouette) -> None:
@@ -232,7 +232,7 @@ class Renderer:
         self._geometry.viewport = window
         self._geometry.clear(viewport=window)
         for k, (level, (chunks, skirts)) in enumerate(zip(self._levels, chosen)):
-            program = self._programs['outer' if k else 'inner']
+            program = self._programs['inner' if level.tree.aligned else 'outer']
             level.bind(program)
             self._mesh.draw(program, chunks)
             self._mesh.draw(program, skirts, skirt=True)
@@ -246,29 +246,33 @@ class Renderer:
         self._lighting.clear(viewport=window)
         context.enable_only(context.NOTHING)
         self._mesh_depth.use(5)
-        for k, (level, (chunks, _)) in enumerate(zip(self._levels, chosen)):
-            if len(chunks) == 0:
-                continue
-            first, last = self._rows(level.tree.boxes(chunks), camera)
-            kind = '' if lit else 'unlit '
-            middle = first
-            coarse = chunks[chunks[:, 2] > 1.0]
-            if k == 0 and len(coarse):
-                middle = self._rows(level.tree.boxes(coarse), camera)[1]
-                self._ground_rows(kind + 'refined', k, window, first, middle)
-            if middle < last:
-                self._ground_rows(kind + 'ground', k, window, middle, last)
+        kind = '' if lit else 'unlit '
+        rows = [self._rows(level.tree.boxes(chunks), camera)
+                for level, (chunks, _) in zip(self._levels, chosen) if len(chunks)]
+        if not rows:
+            return
+        first, last = min(r[0] for r in rows), max(r[1] for r in rows)
+        # Where the mesh is coarser than the grid and near enough to matter, it is refined.
+        chunks = chosen[0][0]
+        coarse = chunks[chunks[:, 2] > 1.0]
+        middle = first
+        if len(coarse):
+            middle = self._rows(self._levels[0].tree.boxes(coarse), camera)[1]
+        if first < middle:
+            self._light_rows(kind + 'refined', window, first, middle)
+        if max(first, middle) < last:
+            self._light_rows(kind + 'ground', window, max(first, middle), last)
 
-    def _ground_rows(self, name: str, k: int, window: tuple[int, int, int, int], first: int,
-                     last: int) -> None:
-        program, level = self._programs[name], self._levels[k]
-        self._surface.bind(program, k, level)
+    def _light_rows(self, name: str, window: tuple[int, int, int, int], first: int,
+                    last: int) -> None:
+        program, ground = self._programs[name], self._levels[0]
+        self._surface.bind(program)
         set_uniform(program, u_depth=5)
         if name.endswith('refined'):
-            level.heights.use(0)
-            set_uniform(program, u_heights=0, u_last=level.grid.n - 1,
-                        u_refine=(0.8 * self._ranges[k][0], self.config.detail.exact_m,
-                                  _MESH_ERROR_M, level.grid.cell_m))
+            ground.heights.use(0)
+            set_uniform(program, u_heights=0, u_last=ground.grid.n - 1,
+                        u_refine=(0.8 * self._ranges[0][0], self.config.detail.exact_m,
+                                  _MESH_ERROR_M, ground.grid.cell_m))
         self._lighting.viewport = (window[0], window[1] + first, window[2], last - first)
         self._ground_passes[name].render(vertices=3)
 
@@ -295,8 +299,8 @@ class Renderer:
                         u_ground_light=self.config.sun.irradiance * surroundings)
             self._rover.draw(program, legs)
 
-    def _draw_truth(self, chosen: list[tuple[Array, Array]], camera: Array, view: View,
-                    window: tuple[int, int, int, int], legs: Array) -> None:
+    def _draw_truth(self, camera: Array, view: View, window: tuple[int, int, int, int],
+                    legs: Array) -> None:
         """Draw normals and labels over the depth that is there."""
         context = self._context
         if self._truth is None:
@@ -310,13 +314,10 @@ class Renderer:
         colour_only.clear(viewport=window)
         context.enable_only(context.NOTHING)
         self._mesh_depth.use(5)
-        for k, (_, (chunks, _skirts)) in enumerate(zip(self._levels, chosen)):
-            if len(chunks):
-                colour_only.viewport = window
-                program = self._programs['truth ground']
-                self._surface.bind(program, k, self._levels[k])
-                set_uniform(program, u_depth=5)
-                self._ground_passes['truth ground'].render(vertices=3)
+        program = self._programs['truth ground']
+        self._surface.bind(program)
+        set_uniform(program, u_depth=5)
+        self._ground_passes['truth ground'].render(vertices=3)
         colour_only.release()
         context.depth_func = '<='
         try:

@@ -12,7 +12,6 @@ from lunar_rover_sim.camera import detail
 from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.camera.context import set_uniform
 from lunar_rover_sim.camera.sunlight import Sunlight
-from lunar_rover_sim.camera.terrain import TerrainLevel
 from lunar_rover_sim.world.model import World
 
 if TYPE_CHECKING:
@@ -33,13 +32,23 @@ class Surface:
 
     def __init__(self, context: moderngl.Context, world: World, config: RenderConfig,
                  sunlight: Sunlight, seed: int) -> None:
-        self._ground = [_ground_texture(context, grid.heights_m, grid.cell_m, *clearance)
-                        for grid, clearance in zip(world.levels, sunlight.clearance)]
-        ones = np.ones((2, 2), np.float32)
-        self._matter = [_matter_texture(context, world.albedo if k == 0 else ones, *scattered)
-                        for k, scattered in enumerate(sunlight.scattered)]
-        self._cell_m = world.ground.cell_m
-        self._sizes = [grid.n for grid in world.levels]
+        # One layer per level; a smaller level fills the corner of its layer.
+        self._side = max(grid.n for grid in world.levels)
+        layers = len(world.levels)
+        self._ground = context.texture_array((self._side, self._side, layers), 4, dtype='f2')
+        self._matter = context.texture_array((self._side, self._side, layers), 4, dtype='f1')
+        for k, (grid, clearance) in enumerate(zip(world.levels, sunlight.clearance)):
+            albedo = world.albedo if k == 0 else np.ones((grid.n, grid.n), np.float32)
+            area = (0, 0, k, grid.n, grid.n, 1)
+            self._ground.write(_ground_texels(grid.heights_m, grid.cell_m, *clearance), area)
+            self._matter.write(_matter_texels(albedo, *sunlight.scattered[k]), area)
+        for texture in (self._ground, self._matter):
+            texture.build_mipmaps()
+            texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+            texture.repeat_x = texture.repeat_y = False
+        self._levels = np.array([[1.0 / (self._side * grid.cell_m), 0.5 * grid.n / self._side,
+                                  -np.log2(grid.cell_m), grid.half_extent_m]
+                                 for grid in world.levels])
         tangent = np.tan(min(sunlight.sun.elevation_rad, np.radians(75.0)))
         self._centre, self._half_range = float(tangent), float(0.4 * (1.0 + tangent**2))
         self._tiles, self._periods = [], []
@@ -70,38 +79,29 @@ class Surface:
         texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
         return texture
 
-    def bind(self, program: moderngl.Program, k: int, level: TerrainLevel) -> None:
-        """Bind what ground of level `k` is drawn with."""
-        n, cell = level.grid.n, level.grid.cell_m
-        self._ground[k].use(1)
-        self._matter[k].use(2)
-        self._tiles[0].use(3)
-        self._tiles[1].use(4)
+    def bind(self, program: moderngl.Program) -> None:
+        """Bind what the ground is lit with."""
+        for unit, texture in enumerate((self._ground, self._matter, *self._tiles)):
+            texture.use(1 + unit)
         angle = np.radians(_TURN_DEG)
         set_uniform(program, u_ground=1, u_matter=2, u_tile_a=3, u_tile_b=4,
-                    u_level=(level.inner_half_m, level.grid.half_extent_m),
-                    u_lod=self._lods(k, cell), u_grid=(1.0 / (n * cell), 0.5),
+                    u_level=np.ascontiguousarray(self._levels, np.float32),
+                    u_lod=tuple(float(-np.log2(p / t.width))
+                                for p, t in zip(self._periods, self._tiles)),
                     u_tile=(1.0 / self._periods[0], 1.0 / self._periods[1], _SLOPE_SCALE,
                             _SLOPE_SCALE),
                     u_turn=(float(np.cos(angle)), float(np.sin(angle)), self._centre,
                             self._half_range))
 
-    def _lods(self, k: int, cell_m: float) -> tuple[float, ...]:
-        matter = cell_m * self._sizes[k] / self._matter[k].width
-        texels = [cell_m, matter] + [p / t.width for p, t in zip(self._periods, self._tiles)]
-        return tuple(float(-np.log2(texel)) for texel in texels)
-
     def bind_rocks(self, program: moderngl.Program) -> None:
-        """Bind what rocks are drawn with."""
-        self._matter[0].use(2)
+        """Bind what rocks are lit with."""
+        self._matter.use(2)
         self._tiles[0].use(3)
-        n, cell = self._sizes[0], self._cell_m
-        set_uniform(program, u_matter=2, u_grid=(1.0 / (n * cell), 0.5), u_tile_a=3,
+        set_uniform(program, u_matter=2, u_grid=tuple(self._levels[0, :2]), u_tile_a=3,
                     u_grain=(1.0 / 3.1, 2.0, 0.11, 3.0))
 
 
-def _ground_texture(context: moderngl.Context, heights_m: F32, cell_m: float, clearance_m: F32,
-                    occluder_m: F32) -> moderngl.Texture:
+def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32, occluder_m: F32) -> bytes:
     n = heights_m.shape[0]
     data = np.empty((n, n, 4), np.float16)
     slope = np.empty((n, n), np.float32)
@@ -112,24 +112,15 @@ def _ground_texture(context: moderngl.Context, heights_m: F32, cell_m: float, cl
     slope[0], slope[-1] = slope[1], slope[-2]
     data[..., 1] = slope
     data[..., 2], data[..., 3] = clearance_m, occluder_m
-    texture = context.texture((n, n), 4, data.tobytes(), dtype='f2')
-    texture.build_mipmaps()
-    texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-    texture.repeat_x = texture.repeat_y = False
-    return texture
+    return data.tobytes()
 
 
-def _matter_texture(context: moderngl.Context, albedo: F32, irradiance: F32,
-                    surroundings: F32) -> moderngl.Texture:
-    n = max(albedo.shape[0], irradiance.shape[0])
+def _matter_texels(albedo: F32, irradiance: F32, surroundings: F32) -> bytes:
+    n = albedo.shape[0]
     data = np.zeros((n, n, 4), np.uint8)
     for channel, value in enumerate((albedo * np.float32(0.5), np.sqrt(4.0 * irradiance),
                                      np.sqrt(4.0 * surroundings))):
         if value.shape[0] != n:
             value = cv2.resize(value, (n, n), interpolation=cv2.INTER_LINEAR)
         data[..., channel] = np.clip(np.rint(value * 255.0), 0, 255)
-    texture = context.texture((n, n), 4, data.tobytes(), dtype='f1')
-    texture.build_mipmaps()
-    texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-    texture.repeat_x = texture.repeat_y = False
-    return texture
+    return data.tobytes()

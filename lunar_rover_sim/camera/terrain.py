@@ -57,6 +57,12 @@ class ChunkTree:
             self._high.append(_blocks(self._high[-1], 2, np.maximum))
 
     @property
+    def aligned(self) -> bool:
+        """Whether the finer level inside this one ends where chunks end (or there is none)."""
+        edge = 0.5 * (self.n - 1) - self._inner_half_m / self.cell_m
+        return self._inner_half_m == 0.0 or abs(edge / CHUNK - round(edge / CHUNK)) < 1e-6
+
+    @property
     def depth(self) -> int:
         """Number of strides: 1, 2, 4 ..."""
         return len(self._low)

@@ -2,14 +2,15 @@
 #include "common.glsl"
 #include "ray.glsl"
 uniform sampler2D u_depth;
-uniform sampler2D u_ground;     // slope x, slope y, clearance, occluder distance
-uniform sampler2D u_matter;     // albedo / 2, roots of 4 scattered irradiance and 4 lit surroundings
+uniform sampler2DArray u_ground;    // slope x, slope y, clearance, occluder distance
+uniform sampler2DArray u_matter;    // albedo / 2, roots of 4 irradiance scattered here and around
 uniform sampler2D u_tile_a, u_tile_b;   // slope x, slope y, horizon tangent, its deviation
 uniform vec4 u_tile;            // 1 / period of a and b [1/m], slope scale of a and b
 uniform vec4 u_turn;            // cos, sin of the turn of tile b; centre and half range of horizon
-uniform vec2 u_grid;            // 1 / (n cell), offset of the first sample in texture units
-uniform vec4 u_lod;             // -log2 of the texel [m] of ground, matter, tiles a and b
-uniform vec2 u_level;           // half extents of the finer level and of this one [m]
+// Of each level: scale and offset from metres to texture units, log2 of texels per metre, half
+// extent [m].
+uniform vec4 u_level[LEVELS];
+uniform vec2 u_lod;             // log2 of texels per metre of tiles a and b
 uniform vec2 u_theta;           // tangent of the roughness that is not drawn: near, far
 uniform Hapke u_regolith;
 
@@ -37,25 +38,23 @@ float ground_at(vec2 xy) {
 
 float refined(float depth, vec3 ray) {
     vec3 origin = u_camera;
-    float fall = max(-ray.z, 0.25 * u_refine.z);
-    float reach = min(u_refine.z / fall, 0.06 * depth);
-    float step = reach * 0.25;
-    float t = depth - reach;
-    float above = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
-    float low = t, f_low = above, high = -1.0, f_high = 0.0;
-    for (int i = 0; i < 8; i++) {
-        t += step;
-        float next = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
-        if (high < 0.0) {
-            if (next <= 0.0) { high = t; f_high = next; }
-            else { low = t; f_low = next; }
-        }
+    // Loops end as soon as no pixel of a block needs them.
+    int steps = depth > u_refine.x && depth < u_refine.y ? 8 : 0;
+    float reach = min(u_refine.z / max(-ray.z, 0.25 * u_refine.z), 0.06 * depth);
+    float t = depth - reach, low = t, high = -1.0, f_low = -1.0, f_high = 0.0;
+    for (int i = 0; i <= steps && steps > 0; i++) {
+        float f = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
+        if (f <= 0.0) { high = t; f_high = f; break; }
+        low = t;
+        f_low = f;
+        t += reach * 0.25;
     }
-    if (high < 0.0 || f_low <= 0.0) return depth;
-    for (int i = 0; i < 3; i++) {
+    int turns = high > 0.0 && f_low > 0.0 ? 3 : 0;
+    if (turns == 0) return depth;
+    for (int i = 0; i < turns; i++) {
         t = low + (high - low) * f_low / max(f_low - f_high, 1e-9);
-        float next = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
-        if (next > 0.0) { low = t; f_low = next; } else { high = t; f_high = next; }
+        float f = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
+        if (f > 0.0) { low = t; f_low = f; } else { high = t; f_high = f; }
     }
     return low + (high - low) * f_low / max(f_low - f_high, 1e-9);
 }
@@ -65,7 +64,7 @@ void main() {
     float depth = texelFetch(u_depth, ivec2(gl_FragCoord.xy), 0).r;
     vec3 ray = pixel_ray(pixel());
 #ifdef REFINE
-    if (depth > u_refine.x && depth < u_refine.y) depth = refined(depth, ray);
+    depth = refined(depth, ray);
 #endif
 #ifndef TRUTH
     o_depth = depth;
@@ -73,22 +72,27 @@ void main() {
     vec3 relative = ray * depth;
     vec2 xy = relative.xy + u_camera.xy;
     float reach = max(abs(xy.x), abs(xy.y));
-    if (depth == 0.0 || reach < u_level.x || reach > u_level.y) discard;
+    vec4 grid = u_level[0];
+    float layer = 0.0;
+    for (int k = 1; k < LEVELS; k++) {
+        if (reach > u_level[k - 1].w) { grid = u_level[k]; layer = float(k); }
+    }
+    vec3 uv = vec3(xy * grid.x + grid.y, layer);
+    if (depth == 0.0) discard;
 #ifdef TRUTH
-    vec2 fall = textureLod(u_ground, xy * u_grid.x + u_grid.y, 0.0).xy;
+    vec2 fall = textureLod(u_ground, uv, 0.0).xy;
     o_truth = vec4(normalize(vec3(-fall, 1.0)), 1.0);
 #elif !defined(UNLIT)
     vec3 view = -normalize(ray);
     // Footprint of the pixel on level ground: across and along the line of sight.
     float size = depth * length(u_ray_right);
     float along = min(size / max(abs(view.z), 0.02), 4.0 * size);
-    vec2 uv = xy * u_grid.x + u_grid.y;
     float level = log2(along);
-    vec4 ground = textureLod(u_ground, uv, level + u_lod.x);
-    vec4 matter = textureLod(u_matter, uv, level + u_lod.y);
-    vec4 a = textureLod(u_tile_a, xy * u_tile.x, level + u_lod.z);
+    vec4 ground = textureLod(u_ground, uv, level + grid.z);
+    vec4 matter = textureLod(u_matter, uv, level + grid.z);
+    vec4 a = textureLod(u_tile_a, xy * u_tile.x, level + u_lod.x);
     mat2 turn = mat2(u_turn.x, u_turn.y, -u_turn.y, u_turn.x);
-    vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, level + u_lod.w);
+    vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, level + u_lod.y);
     vec2 slope_a = (a.xy - 0.501961) * u_tile.z;
     vec2 slope_b = (b.xy - 0.501961) * u_tile.w * turn;
     vec2 slope = ground.xy + slope_a + slope_b;

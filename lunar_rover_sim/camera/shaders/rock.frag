@@ -7,8 +7,9 @@ flat in float v_diameter;
 #ifndef TRUTH
 layout(location = 1) out float o_depth;
 #endif
-uniform sampler2D u_tile_a, u_matter;
-uniform vec2 u_grid;
+uniform sampler2D u_tile_a;
+uniform sampler2DArray u_matter;
+uniform vec2 u_grid;            // from metres to texture units of the finest level
 uniform vec4 u_grain;           // 1 / period and strength of grain; periods and strength of lumps
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 uniform float u_rock_theta;
@@ -35,7 +36,8 @@ void main() {
     lit *= rover_visibility(v_relative);
 #endif
     float reflectance = hapke(mu0, mu, dot(u_sun, view), u_rock_theta, v_matter.z, u_rock);
-    vec3 matter = texture(u_matter, (v_relative.xy + u_camera.xy) * u_grid.x + u_grid.y).rgb;
+    vec3 matter = textureLod(u_matter, vec3((v_relative.xy + u_camera.xy) * u_grid.x + u_grid.y, 0.0),
+                             3.0).rgb;
     float around = matter.b * matter.b * 0.25;
     o_radiance = u_irradiance * (reflectance * lit + u_diffuse.y * v_matter.z
                                  * around * 0.5 * (1.0 - normal.z));

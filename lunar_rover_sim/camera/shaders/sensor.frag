@@ -17,38 +17,36 @@ uint hash(uint s) {
     return (word >> 22u) ^ word;
 }
 
-vec2 gaussians(uint s) {
+float gaussian(uint s) {
     uint a = hash(s), b = hash(a ^ 0x9e3779b9u);
     float radius = sqrt(-2.0 * log((float(a >> 8u) + 0.5) / 16777216.0));
-    float angle = float(b >> 8u) * (6.28318530718 / 16777216.0);
-    return radius * vec2(cos(angle), sin(angle));       // Box & Muller
-}
-
-float radiance(ivec2 p, ivec2 step, int first) {
-    ivec2 q = p + step;
-    q.x = clamp(q.x, 0, textureSize(u_radiance, 0).x - 1);
-    q.y = clamp(q.y, first, first + u_height - 1);
-    return texelFetch(u_radiance, q, 0).r;
+    return radius * cos(float(b >> 8u) * (6.28318530718 / 16777216.0));     // Box & Muller
 }
 
 void main() {
     ivec2 p = ivec2(gl_FragCoord.xy);
     int first = p.y < u_height ? 0 : u_height;
-    float value = radiance(p, ivec2(0), first);
+    float value = texelFetch(u_radiance, p, 0).r;
 #ifdef SPREAD
-    float near = radiance(p, ivec2(1, 0), first) + radiance(p, ivec2(-1, 0), first)
-        + radiance(p, ivec2(0, 1), first) + radiance(p, ivec2(0, -1), first);
-    float far = radiance(p, ivec2(1, 1), first) + radiance(p, ivec2(-1, 1), first)
-        + radiance(p, ivec2(1, -1), first) + radiance(p, ivec2(-1, -1), first);
+    ivec2 low = ivec2(max(p.x - 1, 0), max(p.y - 1, first));
+    ivec2 high = min(p + 1, ivec2(textureSize(u_radiance, 0).x - 1, first + u_height - 1));
+    float near = texelFetch(u_radiance, ivec2(low.x, p.y), 0).r
+        + texelFetch(u_radiance, ivec2(high.x, p.y), 0).r
+        + texelFetch(u_radiance, ivec2(p.x, low.y), 0).r
+        + texelFetch(u_radiance, ivec2(p.x, high.y), 0).r;
+    float far = texelFetch(u_radiance, low, 0).r + texelFetch(u_radiance, high, 0).r
+        + texelFetch(u_radiance, ivec2(low.x, high.y), 0).r
+        + texelFetch(u_radiance, ivec2(high.x, low.y), 0).r;
     float k = 1.0 / (1.0 + 2.0 * u_spread);
     value = k * k * (value + u_spread * near + u_spread * u_spread * far);
 #endif
     vec2 pattern = texelFetch(u_pattern, p, 0).rg;
     float electrons = value * u_electrons * pattern.x + u_dark;
 #ifdef NOISE
+    // Shot and read noise are independent: one Gaussian of their joint variance.
     uint pixel = hash(uint(p.y) * 65537u + uint(p.x) + u_seed * 2654435761u);
-    vec2 moment = gaussians(hash(pixel ^ hash(u_frame * 2u + 0x85ebca6bu)));
-    electrons += u_noise.x * sqrt(max(electrons, 0.0)) * moment.x + u_noise.y * moment.y;
+    electrons += sqrt(u_noise.x * max(electrons, 0.0) + u_noise.y * u_noise.y)
+        * gaussian(pixel ^ hash(u_frame * 2u + 0x85ebca6bu));
 #endif
     electrons += pattern.y;
     float number = (electrons * u_adc.x * (1.0 - u_adc.y) + u_adc.y) * u_adc.z;
