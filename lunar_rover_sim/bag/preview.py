@@ -16,22 +16,21 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.scenario import recorded_scenario
-from lunar_rover_sim.errors import BagError, ConfigError, WorldError
-from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.store import cache_folder, cache_key, load
+from lunar_rover_sim.world.store import cache_folder, load
 
 FRAMES = 4
 
 
-def preview(path: Path | str, output: Path | str,
+def preview(path: Path | str, output: Path | str, world: Path | str | None = None,
             progress: Callable[[str], None] | None = None) -> list[Path]:
     """Write PNG pictures of a bag into the folder `output` and return their paths.
 
     stereo_<n>.png left and right image side by side, disparity and true depth below them;
-    trajectory.png over the world's hillshade, where its folder is still there; attitude.png and
-    imu.png over time. What the bag does not hold is left out. Raises BagError where it can be
-    read but nothing can be shown.
+    trajectory.png over the world's hillshade, where its folder is still there (`world` names it);
+    attitude.png and imu.png over time. What the bag does not hold is left out. Raises BagError
+    where it can be read but nothing can be shown, or where `world` is another one.
     """
     output = Path(output)
     paths: list[Path] = []
@@ -48,7 +47,7 @@ def preview(path: Path | str, output: Path | str,
         if bag.has(topics.ODOM.name):
             odometry = series.read_odometry(bag)
             if len(odometry.stamps_ns):
-                _trajectory(bag, odometry, save)
+                _trajectory(bag, odometry, world, save)
                 _attitude(odometry, save)
         if bag.has(topics.IMU_RAW.name):
             _imu(bag, save)
@@ -109,13 +108,14 @@ def _percentile(values: np.ndarray, percent: float) -> float:
     return float(np.percentile(known, percent)) if known.size else 1.0
 
 
-def _trajectory(bag: Bag, odometry: series.Odometry, save: Callable[[Figure, str], None]) -> None:
+def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
+                save: Callable[[Figure, str], None]) -> None:
     figure = Figure(figsize=(7, 6.5), layout='constrained')
     axes = figure.subplots()
     xy = odometry.positions_m[:, :2]
     low, high = xy.min(axis=0), xy.max(axis=0)
-    centre, half = (low + high) / 2, max(0.75 * float((high - low).max()), 1.0)
-    draw_hillshade(axes, bag, centre, half)
+    centre, half = (low + high) / 2, max(0.75 * float((high - low).max()), 2.0)
+    draw_hillshade(axes, bag, centre, half, world)
     axes.plot(xy[:, 0], xy[:, 1], color='tab:red', lw=1.5)
     axes.plot(*xy[0], 'o', color='tab:green', ms=6, label='start')
     axes.plot(*xy[-1], 's', color='tab:red', ms=6, label='end')
@@ -127,9 +127,13 @@ def _trajectory(bag: Bag, odometry: series.Odometry, save: Callable[[Figure, str
     save(figure, 'trajectory.png')
 
 
-def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float) -> None:
-    """Draw the world of a bag, lit from its sun's azimuth, where that world is still there."""
-    world = recorded_world(bag)
+def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
+                   folder: Path | str | None = None) -> None:
+    """Draw the world of a bag, lit from its sun's azimuth, where that world is still there.
+
+    Raises BagError where `folder` is given and holds another world.
+    """
+    world = recorded_world(bag, folder)
     if world is None:
         return
     azimuth = 135.0
@@ -152,26 +156,33 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float) -> 
         axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12'))
 
 
-def recorded_world(bag: Bag) -> World | None:
-    """Return the world that was driven on, from the scenario's folder or the cache.
+def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
+    """Return the world that was driven on: from `folder`, the scenario's folder or the cache.
 
-    None where neither holds a world of the hash in the bag.
+    None where neither holds a world of the hash in the bag. Raises BagError where `folder` is
+    given and does not.
     """
     if not bag.has(topics.WORLD_HASH.name):
         return None
     wanted = bag.first(topics.WORLD_HASH.name).data
-    scenario = recorded_scenario(bag)
+    if folder is not None:
+        try:
+            given = load(folder, verify=False)
+        except WorldError as error:
+            raise BagError(f'world: {error}') from None
+        if given.hash != wanted:
+            raise BagError(f'world: {folder} has the hash {given.hash}; the bag was recorded on '
+                           f'{wanted}')
+        return given
     folders = []
-    named = scenario.get('physics_node', 'world')
+    named = recorded_scenario(bag).get('physics_node', 'world')
     if isinstance(named, str) and named:
         folders.append(Path(named))
-    with suppress(ConfigError):
-        config = WorldConfig.from_mapping(scenario.sections.get('world', {}), 'world')
-        seed = int(scenario.number('physics_node', 'seed', 0))
-        folders.append(cache_folder() / cache_key(config, seed))
-    for folder in folders:
+    folders += [file.parent for file in sorted(cache_folder().glob('*/world.yaml'))
+                if f'hash: {wanted}' in file.read_text(encoding='utf-8', errors='replace')]
+    for candidate in folders:
         with suppress(WorldError):
-            world = load(folder, verify=False)
+            world = load(candidate, verify=False)
             if world.hash == wanted:
                 return world
     return None

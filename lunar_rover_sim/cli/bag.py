@@ -25,6 +25,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = _add(bags, 'preview', 'PNG pictures: stereo, trajectory, attitude, IMU', _preview)
     parser.add_argument('-o', '--output', type=Path, metavar='DIR',
                         help='folder of the pictures; by default BAG_preview beside the bag')
+    parser.add_argument('--world', type=Path, metavar='DIR',
+                        help='the world that was driven on, where it is not in the cache')
     _add(bags, 'recover', 'write what a cut-off bag lacks to be read by every tool', _recover)
     parser = _add(bags, 'export', 'write the sequence for SLAM programs', _export)
     parser.add_argument('-o', '--output', type=Path, metavar='DIR', required=True,
@@ -111,7 +113,7 @@ def _preview(args: argparse.Namespace) -> int:
 
     folder = args.bag.resolve()
     output = args.output or folder.with_name(f'{folder.stem}_preview')
-    for path in preview(args.bag, output):
+    for path in preview(args.bag, output, args.world):
         print(path)
     return 0
 
