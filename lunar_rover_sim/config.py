@@ -28,6 +28,7 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.store import load_rover
 from lunar_rover_sim.stereo.sgm import SgmConfig
 from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.yaml_text import parse_yaml
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.rate == topics.FRAME)
 
@@ -246,10 +247,10 @@ def _read(path: Path) -> dict[str, Any]:
     if path.stat().st_size > MAX_SCENARIO_BYTES:
         raise ConfigError(f'{path}: larger than {MAX_SCENARIO_BYTES} bytes; not a scenario')
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        reason = ' '.join(str(error).split())
-        raise ConfigError(f'{path}: not valid YAML: {reason}') from None
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: cannot be read: {error}') from None
+    document = parse_yaml(text, str(path))
     if document is None:
         document = {}
     if not isinstance(document, Mapping):
@@ -281,10 +282,7 @@ def _parse_override(override: str) -> dict[str, Any]:
     name, equals, text = override.partition('=')
     if not equals or not name:
         raise ConfigError(f'--set {override}: valid is section.parameter=value')
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise ConfigError(f'--set {override}: the value is not valid YAML') from None
+    value = parse_yaml(text, f'--set {override}')
     section, dot, parameter = name.partition('.')
     if not dot and section in _shared_names():
         return {SHARED: {section: value}}

@@ -11,7 +11,8 @@ PACKAGE = Path(__file__).resolve().parent.parent / 'lunar_rover_sim'
 
 CHAIN = ('world', 'rover', 'physics', 'camera', 'stereo', 'bag', 'evaluation')
 LEAVES = ('gait', 'drive')
-FREE = ('errors', 'frames', 'parameters', 'topics', 'lockstep', 'resources')
+FREE = ('errors', 'frames', 'parameters', 'topics', 'lockstep', 'resources',
+        'yaml_text')
 ROS = {'rclpy', 'launch', 'launch_ros', 'sensor_msgs', 'nav_msgs', 'std_msgs', 'geometry_msgs',
        'stereo_msgs', 'rosgraph_msgs', 'std_srvs', 'tf2_msgs', 'rcl_interfaces',
        'builtin_interfaces'}

@@ -34,7 +34,7 @@ def test_overrides() -> None:
     """`--set` reaches nodes, groups, the world, the rover and shared parameters."""
     scenario = load_scenario('baseline', [
         'gait_controller_node.duty_factor=0.55', 'render_node.sun.elevation_deg=3',
-        'world.craters.density=0.02', 'rover.chassis.mass_kg=2.5', 'seed=9'])
+        'world.craters.density=2e-2', 'rover.chassis.mass_kg=2.5', 'seed=9'])
     assert scenario.gait_controller_node.duty_factor == 0.55
     assert scenario.render_node.sun.elevation_deg == 3.0
     assert scenario.world.craters.density == 0.02

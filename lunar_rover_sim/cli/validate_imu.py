@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from lunar_rover_sim.physics.allan import fit_noise, overlapping_allan
     from lunar_rover_sim.physics.config import ImuConfig
     from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters
+    from lunar_rover_sim.yaml_text import parse_yaml
 
     if not 0.05 <= args.hours <= 24.0:
         raise ConfigError(f'--hours: {args.hours} is not valid; valid is 0.05 to 24')
@@ -46,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         name, equals, value = item.partition('=')
         if not equals:
             raise ConfigError(f'--set: {item!r} is not valid; valid is NAME=VALUE')
-        values[name] = _value(value)
+        values[name] = parse_yaml(value, f'--set {name}')
     config = ImuConfig.from_mapping(values, 'imu')
     output = Path(args.output)
     if not output.parent.is_dir():
@@ -84,15 +85,6 @@ def run(args: argparse.Namespace) -> int:
                   ' rad/s²/√Hz')
     console.print(f'plot: {output}')
     return 0 if passed else 1
-
-
-def _value(text: str) -> object:
-    """Return text as YAML means it, and `1e-3` as the number it is (YAML 1.1 wants `1.0e-3`)."""
-    import yaml
-    try:
-        return float(text)
-    except ValueError:
-        return yaml.safe_load(text)
 
 
 def _plot(curves, fits, true, output) -> None:  # type: ignore[no-untyped-def]

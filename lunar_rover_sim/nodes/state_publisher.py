@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.types import message_class
 from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
 from lunar_rover_sim.rover.visual import link_poses
 
 try:
@@ -28,8 +26,7 @@ class StatePublisher:
     def __init__(self, node: Node, rover: RoverDescription, imu: ImuNoise) -> None:
         self._rover = rover
         self._imu = imu
-        self._R_base_imu = frames.matrix_from_wxyz(
-            frames.wxyz_from_rpy(*np.radians(rover.imu.rpy_deg)))
+        self._R_base_imu = imu_pose(rover)[:3, :3]
         self._accel_variance, self._gyro_variance = imu.white_noise_variances()
         state_topics = (topics.ODOM, topics.JOINT_STATES, topics.IMU_RAW, topics.IMU_TRUTH,
                         topics.IMU_BIAS, *topics.CONTACTS)
@@ -80,10 +77,9 @@ class StatePublisher:
 
     def _static_transforms(self) -> object:
         zero = conversions.time_msg(0)
-        imu = frames.se3(self._R_base_imu, self._rover.imu.position_m)
-        rig = StereoRig(self._rover, CameraConfig())
+        left, right = optical_poses(self._rover)
         return TFMessage(transforms=[
             conversions.transform(frames.BASE_FRAME, child, pose, zero)
-            for child, pose in ((frames.IMU_FRAME, imu),
-                                (frames.LEFT_OPTICAL_FRAME, rig.T_base_left),
-                                (frames.RIGHT_OPTICAL_FRAME, rig.T_base_right))])
+            for child, pose in ((frames.IMU_FRAME, imu_pose(self._rover)),
+                                (frames.LEFT_OPTICAL_FRAME, left),
+                                (frames.RIGHT_OPTICAL_FRAME, right))])

@@ -9,6 +9,7 @@ import yaml
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.resources import config_path
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.yaml_text import parse_yaml
 
 
 def load_rover(path: str | Path | None = None) -> RoverDescription:
@@ -18,11 +19,9 @@ def load_rover(path: str | Path | None = None) -> RoverDescription:
     """
     path = Path(path) if path is not None else config_path('rover.yaml')
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+        content = parse_yaml(path.read_text(encoding='utf-8'), str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f'{path}: cannot be read ({error})') from None
-    except yaml.YAMLError as error:
-        raise ConfigError(f'{path}: not valid YAML ({" ".join(str(error).split())})') from None
     try:
         return RoverDescription.from_mapping({} if content is None else content)
     except ConfigError as error:

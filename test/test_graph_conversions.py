@@ -1,0 +1,99 @@
+"""Messages made of states: quaternion order, frames, transforms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from lunar_rover_sim import frames, topics  # noqa: E402  (what follows needs rclpy)
+from lunar_rover_sim.errors import GraphError  # noqa: E402
+from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
+from lunar_rover_sim.physics.config import ImuConfig  # noqa: E402
+from lunar_rover_sim.physics.imu import ImuNoise  # noqa: E402
+from lunar_rover_sim.physics.state import RoverState  # noqa: E402
+from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
+
+YAW_90 = frames.wxyz_from_rpy(0, 0, np.pi / 2)
+
+
+@pytest.fixture()
+def state() -> RoverState:
+    """A rover at (1, 2, 3), turned left by 90 degrees, rolling forward at 0.1 m/s."""
+    from dataclasses import fields
+    values: dict[str, Any] = {f.name: np.zeros(4) for f in fields(RoverState)}
+    values.update(time_ns=5_000_000, position_m=np.array([1.0, 2.0, 3.0]),
+                  orientation_wxyz=YAW_90, linear_velocity_mps=np.array([0.1, 0.0, 0.0]),
+                  angular_velocity_radps=np.zeros(3), contact_force_n=np.ones((4, 3)),
+                  contact_torque_nm=np.zeros((4, 3)),
+                  specific_force_mps2=np.array([0.0, 0.0, 1.62]), imu_rate_radps=np.zeros(3))
+    return RoverState(**values)
+
+
+def test_odometry(state: RoverState) -> None:
+    """Pose in odom, twist in base_link; xyzw only in the message; and back."""
+    msg = conversions.odometry(state, conversions.time_msg(1_234_567_890))
+    assert (msg.header.frame_id, msg.child_frame_id) == ('odom', 'base_link')
+    assert (msg.header.stamp.sec, msg.header.stamp.nanosec) == (1, 234_567_890)
+    assert msg.pose.pose.orientation.z == pytest.approx(np.sqrt(0.5))
+    assert msg.twist.twist.linear.x == 0.1
+    T = conversions.pose_of(msg)
+    assert np.allclose(T[:3, 3], [1, 2, 3])
+    assert np.allclose(T[:3, 0], [0, 1, 0])
+
+
+def test_a_pose_that_is_none_is_refused(state: RoverState) -> None:
+    """An all-zero quaternion, as in a message nobody filled, is named."""
+    msg = conversions.odometry(state, conversions.time_msg(0))
+    msg.pose.pose.orientation.w = msg.pose.pose.orientation.z = 0.0
+    with pytest.raises(GraphError, match='is not a pose'):
+        conversions.pose_of(msg)
+
+
+def test_joints_in_any_order() -> None:
+    """Values are found by name, among others'."""
+    msg = conversions.joint_state(conversions.time_msg(0), [1, 2, 3, 4], [5, 6, 7, 8])
+    msg.name = ['arm', *reversed(msg.name)]
+    msg.position = [0.0, *reversed(msg.position)]
+    assert conversions.legs_of(msg, 'position').tolist() == [1, 2, 3, 4]
+
+
+class FakeNode:
+    """Takes what is published."""
+
+    def __init__(self) -> None:
+        self.sent: dict[str, list[Any]] = {}
+
+    def create_publisher(self, kind: Any, topic: str, profile: Any) -> Any:
+        """Return a publisher that keeps its messages."""
+        messages = self.sent.setdefault(topic, [])
+        return type('Publisher', (), {'publish': staticmethod(messages.append)})
+
+
+class FakeTFMessage:
+    """tf2_msgs is not on PyPI: the same field, no middleware."""
+
+    def __init__(self, transforms: list[Any]) -> None:
+        self.transforms = transforms
+
+
+def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where tf2_msgs is installed, odom → base_link → legs move and the sensors are static."""
+    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
+    node = FakeNode()
+    noise = ImuNoise(ImuConfig(), 200, np.random.default_rng(1))
+    publisher = state_publisher.StatePublisher(node, RoverDescription(), noise)  # type: ignore
+    publisher.publish(state, state.time_ns)
+    moving = {t.child_frame_id: t for t in node.sent[topics.TF.name][0].transforms}
+    assert set(moving) == {'base_link', *topics.LEGS}
+    assert moving['base_link'].header.frame_id == 'odom'
+    assert moving['base_link'].transform.translation.y == 2.0
+    static = {t.child_frame_id: t for t in node.sent[topics.TF_STATIC.name][0].transforms}
+    assert set(static) == {'imu_link', 'stereo_left_optical_frame', 'stereo_right_optical_frame'}
+    left, right = (static[f'stereo_{side}_optical_frame'].transform for side in ('left', 'right'))
+    assert left.translation.y - right.translation.y == pytest.approx(0.1)
+    for name in (topics.ODOM.name, topics.IMU_RAW.name, topics.CLOCK.name):
+        assert len(node.sent[name]) == 1
