@@ -1,6 +1,8 @@
 """Meshes and pictures of worlds, and the command line."""
 
 import argparse
+import errno
+import os
 
 import numpy as np
 from PIL import Image
@@ -80,6 +82,15 @@ def test_exported_ground_comes_back_as_a_world(tmp_path):
     xy = np.random.default_rng(0).integers(-32, 33, (500, 2)) * 0.05  # samples of both
     expected = world.height_at(xy) - world.height_at((0.0, 0.0))
     assert np.abs(again.height_at(xy) - expected).max() < 1e-4
+
+
+def test_a_full_disk_leaves_no_file(tmp_path, monkeypatch):
+    def full(*args):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    monkeypatch.setattr(os, 'replace', full)
+    with pytest.raises(WorldError, match='cannot be written: No space left on device'):
+        export.write(worlds.small(), tmp_path / 'world.ply', stride=16)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_shadow_ends_where_it_should():

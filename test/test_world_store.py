@@ -169,6 +169,13 @@ def test_cache(tmp_path, monkeypatch):
     assert store.load(store.cached(config, 7)).config.seed == 7
 
 
+def test_cache_that_cannot_be_written(tmp_path, monkeypatch):
+    (tmp_path / 'file').write_text('')
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'file'))
+    with pytest.raises(WorldError, match='cannot be written: .* LUNAR_ROVER_SIM_CACHE names'):
+        store.cached(WorldConfig.from_mapping(TINY), 7)
+
+
 def test_cache_notices_a_changed_source(tmp_path):
     path = tmp_path / 'dem.tif'
     path.write_bytes(b'one')

@@ -240,7 +240,9 @@ class GeoRaster(Raster):
             values = self._data.read(band, window=window, out_shape=shape, masked=True,
                                      resampling=Resampling.average)
         except rasterio.errors.RasterioError as error:
-            raise WorldError(f'{self.path}: {" ".join(str(error).split())}') from None
+            reason = ' '.join(str(error.__cause__ or error).split())
+            raise WorldError(f'{self.path}: cannot be read, it may be cut short: '
+                             f'{reason}') from None
         known = ~np.ma.getmaskarray(values)
         heights = np.ma.getdata(values).astype(float)
         scale, offset = self._data.scales[band - 1], self._data.offsets[band - 1]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import pathlib
-import tempfile
 from typing import Any
 
 import numpy as np
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.world.files import write_whole
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 
@@ -47,18 +46,7 @@ def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool =
         content = scene.to_mesh().export(file_type='ply')
     if isinstance(content, str):
         content = content.encode()
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
-        try:
-            with os.fdopen(handle, 'wb') as stream:
-                stream.write(content)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
-    except OSError as error:
-        raise WorldError(f'{path}: cannot be written: {error.strerror or error}') from None
+    write_whole(path, content)
     return path
 
 

@@ -26,15 +26,15 @@ class Hits:
     """Where vertical rays met a mesh.
 
     top_m: (ny, nx) highest hit, NaN where there is none; layers: (ny, nx) number of separate
-    upward faces on the ray: more than one is an overhang.
+    upward faces on the ray, where they were counted: more than one is an overhang.
     """
 
     top_m: NDArray[np.float64]
     layers: NDArray[np.int32]
 
 
-def cast(triangles_m: NDArray[np.float64], x_m: NDArray[np.float64],
-         y_m: NDArray[np.float64]) -> Hits:
+def cast(triangles_m: NDArray[np.float64], x_m: NDArray[np.float64], y_m: NDArray[np.float64],
+         count_layers: bool = True) -> Hits:
     """Return where vertical rays at the grid of x and y (evenly spaced) meet (f, 3, 3) triangles.
 
     Each triangle is tested against the rays in its bounding box only, exactly, by its edges.
@@ -54,7 +54,8 @@ def cast(triangles_m: NDArray[np.float64], x_m: NDArray[np.float64],
     index = np.flatnonzero(use)
     wide = (i1 - i0 + 1)[index]
     count = wide * (j1 - j0 + 1)[index]
-    points, heights = [], []
+    top = np.full(nx * ny, -np.inf)
+    upward: list[tuple[NDArray, NDArray]] = []
     ends = np.cumsum(count)
     start = 0
     while start < len(index):
@@ -71,18 +72,18 @@ def cast(triangles_m: NDArray[np.float64], x_m: NDArray[np.float64],
         v = (py * edge_a[t, 0] - px * edge_a[t, 1]) * inverse
         hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
         t = t[hit]
-        points.append((j[hit] * nx + i[hit], twice_area[t] > 0.0))
-        heights.append(triangles_m[t, 0, 2] + u[hit] * edge_a[t, 2] + v[hit] * edge_b[t, 2])
-        start = stop
-    top = np.full(nx * ny, -np.inf)
-    layers = np.zeros(nx * ny, np.int32)
-    if points:
-        place = np.concatenate([p for p, _ in points])
-        upward = np.concatenate([u for _, u in points])
-        z = np.concatenate(heights)
+        place = j[hit] * nx + i[hit]
+        z = triangles_m[t, 0, 2] + u[hit] * edge_a[t, 2] + v[hit] * edge_b[t, 2]
         np.maximum.at(top, place, z)
+        if count_layers:
+            up = twice_area[t] > 0.0
+            upward.append((place[up].astype(np.int32), z[up]))
+        start = stop
+    layers = np.zeros(nx * ny, np.int32)
+    if upward:
         # Neighbouring triangles meet a ray on their common edge twice: count separate heights.
-        place, z = place[upward], z[upward]
+        place = np.concatenate([p for p, _ in upward])
+        z = np.concatenate([h for _, h in upward])
         order = np.lexsort((z, place))
         place, z = place[order], z[order]
         separate = np.ones(len(place), bool)
@@ -117,7 +118,7 @@ class MeshSource:
         self._check_ground(half)
 
     def _check_ground(self, half_m: float) -> None:
-        _, hits = self._cast(half_m, self.config.cell_m, (-half_m, half_m, -half_m, half_m))
+        _, hits = self._cast(half_m, self.config.cell_m, (-half_m, half_m, -half_m, half_m), True)
         holes, overhangs = int(np.isnan(hits.top_m).sum()), int((hits.layers > 1).sum())
         rays = hits.top_m.size
         self.report.update(rays=rays, holes=holes, overhangs=overhangs)
@@ -151,7 +152,8 @@ class MeshSource:
         self._triangles = np.empty((0, 3, 3))
 
     def _cast(self, half_m: float, spacing_m: float,
-              area_m: tuple[float, float, float, float]) -> tuple[Any, Hits]:
+              area_m: tuple[float, float, float, float],
+              count_layers: bool = False) -> tuple[Any, Hits]:
         """Cast rays at the multiples of the spacing that lie in the area and in [-h, h]^2."""
         axes = []
         for low, high in (area_m[:2], area_m[2:]):
@@ -160,7 +162,7 @@ class MeshSource:
             axes.append(np.arange(first, last + 1, dtype=np.float64) * spacing_m)
         if min(len(axes[0]), len(axes[1])) < 2:
             return None, Hits(np.empty((0, 0)), np.empty((0, 0), np.int32))
-        return (axes[0], axes[1]), cast(self._triangles, axes[0], axes[1])
+        return (axes[0], axes[1]), cast(self._triangles, axes[0], axes[1], count_layers)
 
 
 def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:

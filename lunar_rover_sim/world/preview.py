@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import pathlib
 from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world import craters, rockfield, shade
+from lunar_rover_sim.world.files import write_whole
 from lunar_rover_sim.world.model import World
 
 _MOST_PIXELS = 1025  # along a side of a map
@@ -37,11 +38,9 @@ def sheet(world: World, azimuth_deg: float = 60.0, elevation_deg: float = 6.0) -
 def write(world: World, path: str | pathlib.Path, azimuth_deg: float = 60.0,
           elevation_deg: float = 6.0) -> None:
     """Write the sheet to a PNG file; raise WorldError if it cannot be written."""
-    figure = sheet(world, azimuth_deg, elevation_deg)
-    try:
-        figure.savefig(path, dpi=90, format='png')
-    except OSError as error:
-        raise WorldError(f'{path}: cannot be written: {error.strerror or error}') from None
+    content = io.BytesIO()
+    sheet(world, azimuth_deg, elevation_deg).savefig(content, dpi=90, format='png')
+    write_whole(path, content.getvalue())
 
 
 def _stride(n: int) -> int:

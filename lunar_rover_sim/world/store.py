@@ -297,9 +297,11 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
             logger.warning('%s; building it again', error)
             with contextlib.suppress(OSError):
                 folder.rename(folder.with_name(f'.{folder.name}.damaged.{os.getpid()}'))
+    world = build(config, seed, progress)
     try:
-        return save(build(config, seed, progress), folder)
-    except WorldError:
+        return save(world, folder)
+    except WorldError as error:
         if (folder / 'world.yaml').is_file():
             return folder
-        raise
+        raise WorldError(f'{error}; LUNAR_ROVER_SIM_CACHE names another folder for built '
+                         'worlds') from None
