@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import worlds
 
+from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world import craters, stamping
 from lunar_rover_sim.world.config import CraterConfig, ReliefConfig, WorldConfig
 from lunar_rover_sim.world.craters import Craters
@@ -193,6 +194,12 @@ def test_small_old_craters_do_not_survive_within_young_large_ones():
                    np.array([0.9, 0.01, 0.9]), np.zeros(3, np.int32))
     kept = craters.survivors(fine, coarser)
     assert kept.age.tolist() == [0.01, 0.9] and kept.position_m[1, 0] == 30.0
+
+
+def test_too_many_craters_are_refused():
+    config = CraterConfig(slope=4.0)
+    with pytest.raises(WorldError, match=r'are more than 500000 on one level; raise craters.min_'):
+        craters.populate(config, 25.6, 0.15, 1.6, 0, np.random.default_rng(0))
 
 
 def test_crater_density_zero_means_none():

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 from scipy.spatial import cKDTree
 
+from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world.config import CraterConfig
 
 Array = NDArray[np.float64]
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 GEOMETRIC_SATURATION = 1.54  # N(>D) D^2 (Gault 1970)
 REFERENCE_DIAMETER_M = 10.0
 RADII = np.linspace(0.0, 5.0, 401)  # of the profile table, in crater radii
+_MOST = 500_000  # craters that one level may hold
 REACH = 2.6                         # radii beyond which a crater is not drawn
 _AGES = np.linspace(0.0, 1.0, 33) ** 2
 
@@ -71,13 +73,18 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
     """Return craters with diameters in [low, high) whose centres lie in [-h, h]^2.
 
     A uniform age, from 0 to the end of the lifetime, is what equilibrium means: formation and
-    erasure are in balance at every size.
+    erasure are in balance at every size. Raises WorldError if there would be too many.
     """
     low_m, high_m = max(low_m, config.min_diameter_m), min(high_m, config.max_diameter_m)
     if low_m >= high_m or config.density == 0.0:
         return Craters.join([])
     per_m2 = density_per_m2(config, low_m) - density_per_m2(config, high_m)
-    count = rng.poisson(per_m2 * (2.0 * half_extent_m) ** 2)
+    expected = per_m2 * (2.0 * half_extent_m) ** 2
+    if expected > _MOST:
+        raise WorldError(f'craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m are more '
+                         f'than {_MOST} on one level; raise craters.min_diameter_m or lower '
+                         'craters.density or craters.slope')
+    count = rng.poisson(expected)
     u = rng.random(count)
     b = -config.slope
     diameter = (low_m ** b + u * (high_m ** b - low_m ** b)) ** (1.0 / b)
