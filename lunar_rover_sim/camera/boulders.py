@@ -19,6 +19,8 @@ F32 = NDArray[np.float32]
 _INSTANCE = '3f 3f 3f 3f 4f 2f /i'
 _NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
 _FLOATS = 18
+_COARSE_PX = 14.0       # smaller rocks are drawn with few faces
+_COARSE_VERTICES = 10
 
 
 class Boulders:
@@ -38,9 +40,11 @@ class Boulders:
         self._instances = context.buffer(reserve=max(4 * _FLOATS * len(rocks), 4), dynamic=True)
         self._buffers: list[moderngl.Buffer] = []
         self._arrays: dict[tuple[int, int], tuple[moderngl.VertexArray, moderngl.Buffer]] = {}
+        # Each shape twice: whole, and with few faces for rocks that look small.
         self._vertices: list[moderngl.Buffer] = []
         for shape in shapes:
-            self._vertices.append(context.buffer(facets(shape).tobytes()))
+            for mesh in (shape, coarse(shape)):
+                self._vertices.append(context.buffer(facets(mesh).tobytes()))
 
     def draw(self, program: moderngl.Program, view: View, focal_px: float,
              least_px: float) -> None:
@@ -48,7 +52,9 @@ class Boulders:
         visible = self.visible(view, focal_px, least_px)
         if len(visible) == 0:
             return
-        shape = self.rocks.shape[visible]
+        distance = np.linalg.norm(self.rocks.position_m[visible] - view.camera_m, axis=1)
+        small = self.rocks.diameter_m[visible] * focal_px < _COARSE_PX * distance
+        shape = 2 * self.rocks.shape[visible] + small
         order = np.argsort(shape, kind='stable')
         visible, shape = visible[order], shape[order]
         data = self._data[visible]
@@ -65,7 +71,7 @@ class Boulders:
 
     def _array(self, program: moderngl.Program,
                kind: int) -> tuple[moderngl.VertexArray, moderngl.Buffer]:
-        members = int((self.rocks.shape == kind).sum())
+        members = int((self.rocks.shape == kind // 2).sum())
         buffer = self._context.buffer(reserve=4 * _FLOATS * members, dynamic=True)
         self._buffers.append(buffer)
         used = [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
@@ -87,6 +93,28 @@ class Boulders:
             array.release()
         for buffer in (*self._buffers, *self._vertices, self._instances):
             buffer.release()
+
+
+def coarse(shape: RockShape) -> RockShape:
+    """Return the convex hull of a few far-apart vertices of a shape."""
+    from scipy.spatial import ConvexHull
+    points = shape.vertices.astype(float)
+    if len(points) <= _COARSE_VERTICES:
+        return shape
+    chosen = [int(np.argmax(np.linalg.norm(points, axis=1)))]
+    apart = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < _COARSE_VERTICES:
+        chosen.append(int(np.argmax(apart)))
+        apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    # A little larger, since corners are cut.
+    kept = points[chosen] * 1.06
+    hull = ConvexHull(kept)
+    faces = hull.simplices.copy()
+    corner = kept[faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    inward = np.einsum('ij,ij->i', normal, hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    return RockShape(shape.name, kept.astype(np.float32), faces.astype(np.int32))
 
 
 def facets(shape: RockShape) -> F32:

@@ -108,7 +108,7 @@ class SensorConfig(Parameters):
     vignetting: float = param(1.0, 'exponent share of the cos^4 fall-off; 0 switches it off',
                               low=0.0, high=2.0)
     psf_sigma_px: float = param(0.45, 'point spread; 0 switches it off', unit='px', low=0.0,
-                                high=1.2)
+                                high=0.6)
     black_level: float = param(0.004, 'offset of the converter, of full scale', low=0.0, high=0.5)
     shot_noise: bool = param(True, 'photon and dark shot noise')
     read_noise: bool = param(True, 'read noise')
@@ -124,7 +124,7 @@ class DetailConfig(Parameters):
     exact_m: float = param(14.0, 'beyond the former, up to here, every pixel is intersected with '
                            'the ground itself', unit='m', low=0.0, high=100.0)
     cells_per_distance: float = param(
-        80.0, 'beyond, the cell of the mesh is the distance divided by this', low=5.0, high=1000.0)
+        64.0, 'beyond, the cell of the mesh is the distance divided by this', low=5.0, high=1000.0)
     relief_rms_slope: float = param(0.16, 'slope of the relief below the grid, standard deviation',
                                     low=0.0, high=0.6)
     pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',

@@ -38,7 +38,8 @@ class Imager:
         set_uniform(self._program, u_height=rig.height, u_spread=sensor.neighbour_weight,
                     u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
                     u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)),
-                    u_out=sensor.output_scale, u_seed=seed % (1 << 31))
+                    u_out=sensor.output_scale)
+        self._seed = seed
         self._screen = context.vertex_array(self._program, [])
 
     def _patterns(self, seed: int) -> F32:
@@ -67,7 +68,8 @@ class Imager:
         set_uniform(self._program, u_radiance=0, u_pattern=1,
                     u_electrons=self.sensor.electrons_per_radiance_second * exposure_s,
                     u_dark=self.sensor.config.dark_current_e_s * exposure_s,
-                    u_frame=frame_index % (1 << 31))
+                    u_frame=int(np.random.SeedSequence(
+                        [self._seed, frame_index % (1 << 63)]).generate_state(1)[0]))
         self._screen.render(vertices=3)
         data = self._target.read(components=1, alignment=1, dtype=self._type,
                                  viewport=(0, 0, w, 2 * h))

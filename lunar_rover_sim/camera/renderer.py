@@ -129,6 +129,8 @@ class Renderer:
         self._programs = {
             'inner': load_program(context, 'terrain', 'terrain'),
             'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
+            'inner skirt': load_program(context, 'terrain', 'terrain', SKIRT=1),
+            'outer skirt': load_program(context, 'terrain', 'terrain', OUTER=1, SKIRT=1),
             **{name: load_program(context, 'screen', 'ground', LEVELS=len(self._levels), **flags)
                for name, flags in _GROUND_PASSES.items()},
             'rock': load_program(context, 'rock', 'rock', ROVER_SHADOW=1),
@@ -235,7 +237,9 @@ class Renderer:
             program = self._programs['inner' if level.tree.aligned else 'outer']
             level.bind(program)
             self._mesh.draw(program, chunks)
-            self._mesh.draw(program, skirts, skirt=True)
+            name = 'inner skirt' if level.tree.aligned else 'outer skirt'
+            level.bind(self._programs[name])
+            self._mesh.draw(self._programs[name], skirts, skirt=True)
 
     def _light_ground(self, chosen: list[tuple[Array, Array]], camera: Array,
                       window: tuple[int, int, int, int], lit: bool) -> None:

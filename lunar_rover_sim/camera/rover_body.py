@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 F32 = NDArray[np.float32]
 
-MAP = 384               # pixels along a side of the silhouette map
+MAP = 320               # pixels along a side of the silhouette map
 _MARGIN_M = 0.06        # around the rover
 _HIDDEN_M = 0.004       # pieces that stand out of others by less are left out of the shadow
 _SUB = 4                # fractional bits of outline corners

@@ -71,11 +71,10 @@ class SensorModel:
 
     @property
     def neighbour_weight(self) -> float:
-        """Weight of a direct neighbour, over that of the centre, in the 3 x 3 point spread."""
-        sigma = self.config.psf_sigma_px
-        # Three taps k, 1, k have the variance 2 k / (1 + 2 k).
-        variance = min(sigma * sigma, 0.6)
-        return 0.5 * variance / (1.0 - variance)
+        """Weight of each direct neighbour, over that of the pixel, in the point spread."""
+        # Five taps 1, k, k, k, k have the variance 2 k / (1 + 4 k) along each axis.
+        variance = self.config.psf_sigma_px**2
+        return 0.5 * variance / (1.0 - 2.0 * variance)
 
     def exposure_for(self, radiance: float) -> float:
         """Return the exposure time [s] that puts a radiance at the target level."""

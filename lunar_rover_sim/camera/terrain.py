@@ -101,9 +101,7 @@ class ChunkTree:
                                      np.full(keep.sum(), 1 << k), np.full(keep.sum(), limit)])
             chunks.append(chunk)
             distances.append(near[keep])
-            border = (columns == 0) | (rows == 0) \
-                | ((columns + 1) * size >= self.n - 1) | ((rows + 1) * size >= self.n - 1)
-            skirts.append(chunk[((far > 0.98 * limit) | border)[keep]])
+            skirts.append(self._rims(chunk, columns[keep], rows[keep], far[keep] > 0.98 * limit))
             rows = (2 * rows[split][:, None] + [0, 0, 1, 1]).ravel()
             columns = (2 * columns[split][:, None] + [0, 1, 0, 1]).ravel()
             if k:
@@ -111,6 +109,23 @@ class ChunkTree:
                 rows, columns = rows[inside], columns[inside]
         order = np.argsort(np.concatenate(distances), kind='stable')
         return np.concatenate(chunks)[order], np.concatenate(skirts)
+
+    def _rims(self, chunk: Array, columns: NDArray[np.int64], rows: NDArray[np.int64],
+              outer: NDArray[np.bool_]) -> Array:
+        """Return (m, 4) like chunks: sides that another stride may adjoin.
+
+        The number of the side, 0 to 3, is the fraction of the stride in quarters.
+        """
+        if len(chunk) == 0:
+            return chunk
+        taken = np.zeros((int(rows.max()) + 3, int(columns.max()) + 3), bool)
+        taken[rows + 1, columns + 1] = True
+        rims = []
+        for side, (dx, dy) in enumerate(((-1, 0), (1, 0), (0, -1), (0, 1))):
+            edge = chunk[outer & ~taken[rows + 1 + dy, columns + 1 + dx]]
+            edge[:, 2] += 0.25 * side
+            rims.append(edge)
+        return np.concatenate(rims)
 
     def _bounds(self, index: NDArray[np.int64],
                 size: int | NDArray[np.int64]) -> tuple[Array, Array]:
@@ -140,12 +155,10 @@ class ChunkTree:
         seen = (x1 > x0) & (y1 > y0)
         if h > 0.0:
             seen &= ~((x0 >= -h) & (x1 <= h) & (y0 >= -h) & (y1 <= h))
-        lows = (x0 - cx, y0 - cy, z0 - cz)
-        highs = (x1 - cx, y1 - cy, z1 - cz)
-        for plane in view.planes:
-            reach = plane[3] + sum(plane[i] * np.where(plane[i] > 0.0, highs[i], lows[i])
-                                   for i in range(3))
-            seen &= reach >= 0.0
+        middle = 0.5 * np.stack([x0 + x1, y0 + y1, z0 + z1], axis=-1) - view.camera_m
+        half = 0.5 * np.stack([x1 - x0, y1 - y0, z1 - z0], axis=-1)
+        reach = middle @ view.planes[:, :3].T + half @ np.abs(view.planes[:, :3].T)
+        seen &= np.all(reach + view.planes[:, 3] >= 0.0, axis=1)
         return near, far, seen
 
 
@@ -216,13 +229,13 @@ def _mesh() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     corner = (np.arange(CHUNK)[:, None] * side + np.arange(CHUNK)).ravel()
     faces = np.stack([corner, corner + 1, corner + side + 1,
                       corner, corner + side + 1, corner + side], axis=-1).ravel()
-    line = np.arange(CHUNK + 1)
-    ring = np.concatenate([line, line[1:] * side + CHUNK, CHUNK * side + line[::-1][1:],
-                           line[::-1][1:] * side])
-    low = len(top) + np.arange(len(ring))
-    vertices = np.concatenate([top, top[ring] + [_LOWER, 0]])
-    a, b, c, d = ring[:-1], ring[1:], low[:-1], low[1:]
-    skirt = np.stack([a, b, d, a, d, c], axis=-1).ravel()
+    # The skirt is one strip, which the shader lays along one of the four sides.
+    line = np.arange(side)
+    strip = np.concatenate([np.column_stack([line, 0 * line]),
+                            np.column_stack([line + _LOWER, 0 * line])])
+    a, b = len(top) + line[:-1], len(top) + line[1:]
+    skirt = np.stack([a, b, b + side, a, b + side, a + side], axis=-1).ravel()
+    vertices = np.concatenate([top, strip])
     return vertices, faces, skirt
 
 

@@ -60,6 +60,12 @@ float refined(float depth, vec3 ray) {
 }
 #endif
 
+// Most pixels take one mip level alone, which is half the work; the change is still soft.
+float mip(float level) {
+    float whole = floor(level);
+    return max(whole + clamp((level - whole - 0.35) / 0.3, 0.0, 1.0), 0.0);
+}
+
 void main() {
     float depth = texelFetch(u_depth, ivec2(gl_FragCoord.xy), 0).r;
     vec3 ray = pixel_ray(pixel());
@@ -88,11 +94,11 @@ void main() {
     float size = depth * length(u_ray_right);
     float along = min(size / max(abs(view.z), 0.02), 4.0 * size);
     float level = log2(along);
-    vec4 ground = textureLod(u_ground, uv, level + grid.z);
-    vec4 matter = textureLod(u_matter, uv, level + grid.z);
-    vec4 a = textureLod(u_tile_a, xy * u_tile.x, level + u_lod.x);
+    vec4 ground = textureLod(u_ground, uv, mip(level + grid.z));
+    vec4 matter = textureLod(u_matter, uv, mip(level + grid.z));
+    vec4 a = textureLod(u_tile_a, xy * u_tile.x, mip(level + u_lod.x));
     mat2 turn = mat2(u_turn.x, u_turn.y, -u_turn.y, u_turn.x);
-    vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, level + u_lod.y);
+    vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, mip(level + u_lod.y));
     vec2 slope_a = (a.xy - 0.501961) * u_tile.z;
     vec2 slope_b = (b.xy - 0.501961) * u_tile.w * turn;
     vec2 slope = ground.xy + slope_a + slope_b;

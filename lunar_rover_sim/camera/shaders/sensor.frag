@@ -2,13 +2,13 @@
 uniform sampler2D u_radiance;
 uniform int u_height;           // rows of one image; the left one lies before the right one
 uniform sampler2D u_pattern;    // fall-off times gain, offset [e-]
-uniform float u_spread;         // weight of a direct neighbour in the point spread
+uniform float u_spread;         // weight of each direct neighbour, that of the pixel being 1
 uniform float u_electrons;      // electrons per radiance on the axis
 uniform float u_dark;           // dark signal [e-]
 uniform vec2 u_noise;           // shot (0 or 1), read [e-]
 uniform vec3 u_adc;             // 1 / full well, black level, largest number
 uniform vec2 u_out;             // numbers of the output per number, 1 / largest of the output
-uniform uint u_seed, u_frame;
+uniform uint u_frame;           // a number of its own for every seed and frame
 layout(location = 0) out float o_level;
 
 uint hash(uint s) {
@@ -18,7 +18,8 @@ uint hash(uint s) {
 }
 
 float gaussian(uint s) {
-    uint a = hash(s), b = hash(a ^ 0x9e3779b9u);
+    uint a = hash(s), b = a * 2654435769u;
+    b = (b ^ (b >> 15u)) * 2246822519u;
     float radius = sqrt(-2.0 * log((float(a >> 8u) + 0.5) / 16777216.0));
     return radius * cos(float(b >> 8u) * (6.28318530718 / 16777216.0));     // Box & Muller
 }
@@ -34,19 +35,15 @@ void main() {
         + texelFetch(u_radiance, ivec2(high.x, p.y), 0).r
         + texelFetch(u_radiance, ivec2(p.x, low.y), 0).r
         + texelFetch(u_radiance, ivec2(p.x, high.y), 0).r;
-    float far = texelFetch(u_radiance, low, 0).r + texelFetch(u_radiance, high, 0).r
-        + texelFetch(u_radiance, ivec2(low.x, high.y), 0).r
-        + texelFetch(u_radiance, ivec2(high.x, low.y), 0).r;
-    float k = 1.0 / (1.0 + 2.0 * u_spread);
-    value = k * k * (value + u_spread * near + u_spread * u_spread * far);
+    value = (value + u_spread * near) / (1.0 + 4.0 * u_spread);
 #endif
     vec2 pattern = texelFetch(u_pattern, p, 0).rg;
     float electrons = value * u_electrons * pattern.x + u_dark;
 #ifdef NOISE
     // Shot and read noise are independent: one Gaussian of their joint variance.
-    uint pixel = hash(uint(p.y) * 65537u + uint(p.x) + u_seed * 2654435761u);
+    uint pixel = uint(p.y * textureSize(u_radiance, 0).x + p.x);
     electrons += sqrt(u_noise.x * max(electrons, 0.0) + u_noise.y * u_noise.y)
-        * gaussian(pixel ^ hash(u_frame * 2u + 0x85ebca6bu));
+        * gaussian(pixel * 2654435761u ^ u_frame);
 #endif
     electrons += pattern.y;
     float number = (electrons * u_adc.x * (1.0 - u_adc.y) + u_adc.y) * u_adc.z;
