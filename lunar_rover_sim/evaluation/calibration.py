@@ -29,7 +29,7 @@ from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
 
 Grid = tuple[tuple[float, ...], tuple[float, ...]]   # phase rates [Hz], turns
-# At a slow pace the sweep of the inner side reverses at 0.7: a turn on either side of it.
+# The sweep of the inner side reverses at 0.7: a turn on either side of it.
 FINE: Grid = ((0.2, 0.4, 0.55, 0.75, 1.0, 1.2, 1.5, 1.75, 2.0, 2.2),
               (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.69, 0.71, 0.8, 0.9, 1.0))
 COARSE: Grid = ((0.2, 0.5, 0.9, 1.2, 1.5, 2.2), (0.0, 0.1, 0.25, 0.4, 0.55, 0.69, 0.71, 0.85, 1.0))

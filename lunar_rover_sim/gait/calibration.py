@@ -88,7 +88,7 @@ class GaitCalibration:
         The speed of a side is advance per cycle times phase rate, times its sweep, by its share
         of the duty factor; the trial that it rests on: 0.14 m/s at 1 Hz, duty 0.6, 60 deg.
         """
-        rates, turns, duty = (1.2, 1.5, 2.5), tuple(k / 20.0 for k in range(21)), 0.6
+        rates, turns, duty = (1.0, 2.5), tuple(k / 20.0 for k in range(21)), 0.6
         forward, yaw_rate = [], []
         for rate in rates:
             strides = [Stride.turning(rate, turn) for turn in turns]

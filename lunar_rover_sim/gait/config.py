@@ -27,9 +27,10 @@ class GaitConfig(Parameters):
                                high=1.0, open_low=True, live=True)
     foot_width_deg: float = param(60.0, 'angle swept in stance, less than the spoke pitch',
                                   unit='deg', low=0.0, high=180.0, open_low=True, live=True)
-    stance_smoothing: float = param(0.2, 'share of the stance with changing slope', low=0.0,
+    # Feet that share the load must agree on a speed: uniform stances walk far more evenly.
+    stance_smoothing: float = param(0.05, 'share of the stance with changing slope', low=0.0,
                                     high=1.0, live=True)
-    flight_smoothing: float = param(0.6, 'share of the flight with changing slope', low=0.0,
+    flight_smoothing: float = param(1.0, 'share of the flight with changing slope', low=0.0,
                                     high=1.0, live=True)
     gait: str = param('trot', 'phase offsets by name; custom takes phase_offsets',
                       choices=(*GAIT_ARRAYS, 'custom'), live=True)

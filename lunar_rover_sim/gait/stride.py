@@ -7,7 +7,6 @@ import dataclasses
 MAX_DUTY_OFFSET = 0.2
 _OFFSET_ALONE = 0.4   # up to this turn the duty offset turns alone
 _OFFSET_HELD = 0.6    # and it is held up to this share of the rest, past the reversal of the sweep
-_SLOW_HZ, _FAST_HZ = 1.2, 1.5   # where turning by duty offset gives way to turning by sweep
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,18 +32,12 @@ class Stride:
         Wide curves are made by the duty offset alone, up to `MAX_DUTY_OFFSET`. For tighter ones
         the inner side shortens its sweep and then reverses it, and at last the offset goes back
         to 0: on the spot both sides do the same in opposite directions.
-
-        At a fast pace the feet leave the ground (at 0.25 m/s the Froude number v^2 / (g l) is 0.5
-        on the Moon), and the offset, which moves touch-down in time, makes the rover hop
-        irregularly. There the sweep of the inner side turns alone.
         """
         amount = abs(turn)
         beyond = max(0.0, (amount - _OFFSET_ALONE) / (1.0 - _OFFSET_ALONE))
         offset = MAX_DUTY_OFFSET * min(amount / _OFFSET_ALONE, 1.0,
                                        (1.0 - beyond) / (1.0 - _OFFSET_HELD))
-        slow = min(max((_FAST_HZ - phase_rate_hz) / (_FAST_HZ - _SLOW_HZ), 0.0), 1.0)
-        offset *= slow
-        inner = 1.0 - 2.0 * (slow * beyond + (1.0 - slow) * amount)
+        inner = 1.0 - 2.0 * beyond
         if turn < 0.0:
             return cls(phase_rate_hz, -offset, 1.0, inner)
         return cls(phase_rate_hz, offset, inner, 1.0)
