@@ -1,7 +1,7 @@
 """The graph of a scenario: `ros2 launch lunar_rover_sim sim.launch.py scenario:=baseline output:=DIR`.
 
-The same plan as `lunar_rover_sim run`, under ros2 launch: its domain is that of the shell, and the
-run ends when physics_node has finished or any node dies.
+The same plan as `lunar_rover_sim run`, under ros2 launch: its domain is that of the shell. The run
+ends when physics_node has finished; a node that dies ends it with an error and a non-zero status.
 """  # noqa: E501
 
 from pathlib import Path
@@ -9,12 +9,13 @@ from pathlib import Path
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown
+from launch.events import matches_action, Shutdown
+from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from lunar_rover_sim.config import load_scenario
-from lunar_rover_sim.graph import prepare, resolve, SCENARIO_FILE
+from lunar_rover_sim.graph import prepare, resolve, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.world.store import cached
 
 _ARGUMENTS = {
@@ -40,15 +41,37 @@ def _start(context):
                                      int(values['seed']) if values['seed'] else None))
     folder = Path(values['output']).resolve()
     world = Path(values['world'] or cached(scenario.world, scenario.shared.seed)).resolve()
-    actions = []
-    for plan in prepare(scenario, folder, world):
-        node = Node(package='lunar_rover_sim', executable=plan.name, name=plan.name,
-                    output='screen', parameters=[str(folder / SCENARIO_FILE), plan.parameters],
-                    sigterm_timeout='15')
-        ended = EmitEvent(event=Shutdown(reason=f'{plan.name} has ended'))
-        actions += [node, RegisterEventHandler(OnProcessExit(target_action=node,
-                                                             on_exit=[ended]))]
-    return actions
+    nodes = {
+        # Not `parameters`: launch writes those for `/**`, and the sections of the scenario win.
+        plan.name: Node(package='lunar_rover_sim', executable=plan.name, name=plan.name,
+                        output='screen', sigterm_timeout='15',
+                        ros_arguments=plan.ros_arguments(folder / SCENARIO_FILE)[1:])
+        for plan in prepare(scenario, folder, world)}
+    ended = OnProcessExit(target_action=lambda action: action in nodes.values(),
+                          on_exit=_Ending(nodes).on_exit)
+    return [RegisterEventHandler(ended), *nodes.values()]
+
+
+class _Ending:
+    """Stops the nodes one by one, the recorder last, once physics_node has finished."""
+
+    def __init__(self, nodes):
+        self._nodes = nodes
+        self._stopping = False
+
+    def on_exit(self, event, context):
+        """Stop the next node; raise RuntimeError, which ends the launch, for one that has died."""
+        if context.is_shutdown:
+            return None
+        name = next(name for name, node in self._nodes.items() if node is event.action)
+        self._stopping |= name == 'physics_node' and event.returncode == 0
+        if event.returncode != 0 or not self._stopping:
+            raise RuntimeError(f'{name} has ended with status {event.returncode}')
+        for other in STOP_ORDER:
+            node = self._nodes.get(other)
+            if node is not None and node.return_code is None:
+                return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
+        return EmitEvent(event=Shutdown(reason='the run is complete'))
 
 
 def generate_launch_description():
