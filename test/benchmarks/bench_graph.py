@@ -1,0 +1,59 @@
+"""Real-time factor of the graph, the share of each node, and messages lost, by count.
+
+    python test/benchmarks/bench_graph.py [--duration S] [--keep DIR]
+
+Runs the default graph, and the one without cameras, side by side in one call, and checks each bag.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+
+BLIND = 'run.nodes=[physics_node, gait_controller_node, drive_node, recorder_node]'
+KINDS = {'default graph': (), 'without cameras': ('--set', BLIND)}
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command of the package."""
+    return subprocess.run([sys.executable, '-m', 'lunar_rover_sim.cli.main', *arguments],
+                          capture_output=True, text=True)
+
+
+def main() -> int:
+    """Print one block of lines per kind of graph."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--duration', default='60', help='simulated time [s]')
+    parser.add_argument('--scenario', default='baseline')
+    parser.add_argument('--keep', type=Path, help='folder for the runs; by default none is kept')
+    args = parser.parse_args()
+    folder = args.keep or Path(tempfile.mkdtemp())
+    failed = 0
+    for kind, arguments in KINDS.items():
+        run = folder / kind.replace(' ', '_')
+        finished = command('run', args.scenario, '--duration', args.duration, '-o', str(run),
+                           *arguments)
+        print(f'{kind}, {args.duration} s of {args.scenario}')
+        for line in re.split(r'[\n\r]', finished.stdout):
+            if 'RTF' in line or 'processor' in line:
+                print('  ' + line.strip())
+        checked = command('bag', 'check', str(run / 'bag'))
+        if kind == 'default graph':
+            failed += checked.returncode != 0
+            print('  ' + '\n  '.join(line for line in checked.stdout.splitlines()
+                                     if 'count' in line or 'passed' in line or 'fail' in line))
+        if finished.returncode:
+            print('  ' + finished.stderr.strip())
+            failed += 1
+    if args.keep is None:
+        shutil.rmtree(folder)
+    return min(failed, 1)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
