@@ -150,6 +150,32 @@ def test_gait_node_answers_a_hand_made_state(peer: Peer) -> None:
     assert len(commands[-1].position) == 4
 
 
+def test_gait_parameters_change_while_it_runs(peer: Peer) -> None:
+    """As with `ros2 param set`: valid values are taken, others refused with the reason."""
+    from rcl_interfaces.srv import DescribeParameters, SetParameters
+    from rclpy.parameter import Parameter
+
+    def answer(name: str, value: Any) -> Any:
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return peer.call(SetParameters, 'gait_controller_node/set_parameters', request).results[0]
+
+    with running('gait_controller_node'):
+        assert answer('duty_factor', 0.55).successful
+        assert answer('gait', 'crawl').successful
+        refused = answer('foot_width_deg', 150.0)
+        assert not refused.successful
+        assert 'foot_width' in refused.reason
+        assert not answer('spokes', 4).successful
+        described = peer.call(
+            DescribeParameters, 'gait_controller_node/describe_parameters',
+            DescribeParameters.Request(names=['duty_factor', 'spokes'])).descriptors
+        assert 'stance' in described[0].description
+        assert not described[0].read_only
+        assert described[1].read_only
+        assert described[1].integer_range[0].to_value == 12
+
+
 def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> None:
     """No physics at all: one odometry message gives a stereo set with its stamp."""
     topics = {'stereo/left/image_raw': Image, 'stereo/right/image_raw': Image,
