@@ -17,9 +17,10 @@ from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.camera.context import create_context, load_program, set_uniform
 from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
 from lunar_rover_sim.camera.imager import AutoExposure, Imager
+from lunar_rover_sim.camera import lamp as lamps
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.rock_shadow import sun_axes
-from lunar_rover_sim.camera.sensor import SensorModel, sunlit_radiance
+from lunar_rover_sim.camera.sensor import lamplit_radiance, SensorModel, sunlit_radiance
 from lunar_rover_sim.camera.sunlight import Sunlight
 from lunar_rover_sim.camera.surface import Surface
 from lunar_rover_sim.camera.terrain import ChunkMesh, ranges, TerrainLevel, View
@@ -35,12 +36,13 @@ LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance')
 LABEL_SKY, LABEL_GROUND, LABEL_ROVER, LABEL_FIRST_ROCK = 0, 1, 2, 16
 
 _TRUTH_LAYERS = {'normal', 'label'}
+_LIT = {'ROVER_SHADOW': 1}
 _GROUND_PASSES: dict[str, dict[str, int]] = {
-    'ground': {'ROVER_SHADOW': 1}, 'refined': {'ROVER_SHADOW': 1, 'REFINE': 1},
+    'ground': _LIT, 'refined': {**_LIT, 'REFINE': 1},
     'unlit ground': {'UNLIT': 1}, 'unlit refined': {'UNLIT': 1, 'REFINE': 1},
     'truth ground': {'TRUTH': 1}}
 _LEFT_LAYERS = {'left', 'depth', 'radiance'} | _TRUTH_LAYERS
-_SHADOW_UNIT = 6
+_SHADOW_UNIT, _LAMP_UNIT = 6, 7
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 
 
@@ -80,8 +82,9 @@ class Renderer:
         self.sun_direction = sun_direction(config.sun.azimuth_deg, config.sun.elevation_deg)
         self.sensor = SensorModel(config.camera, config.sensor)
         if config.sensor.exposure_mode == 'sunlit':
-            self.exposure_s = self.sensor.exposure_for(sunlit_radiance(config.sun,
-                                                                       config.reflectance))
+            self.exposure_s = self.sensor.exposure_for(
+                max(sunlit_radiance(config.sun, config.reflectance),
+                    lamplit_radiance(config.lamp, config.reflectance)))
         else:
             self.exposure_s = config.sensor.exposure_s
         self._auto = (AutoExposure(self.sensor) if config.sensor.exposure_mode == 'auto'
@@ -126,14 +129,17 @@ class Renderer:
         self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
                                   self.sunlight.rock_light())
         self._rover = RoverBody(context, self.rover)
+        self._lamp = lamps.Lamp(context, config.lamp) if config.lamp.power_w > 0.0 else None
+        lamp = {'LAMP': 1} if self._lamp else {}
         self._programs = {
             'inner': load_program(context, 'terrain', 'terrain'),
             'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
             'inner skirt': load_program(context, 'terrain', 'terrain', SKIRT=1),
             'outer skirt': load_program(context, 'terrain', 'terrain', OUTER=1, SKIRT=1),
-            **{name: load_program(context, 'screen', 'ground', LEVELS=len(self._levels), **flags)
+            **{name: load_program(context, 'screen', 'ground', LEVELS=len(self._levels), **flags,
+                                  **(lamp if 'ROVER_SHADOW' in flags else {}))
                for name, flags in _GROUND_PASSES.items()},
-            'rock': load_program(context, 'rock', 'rock', ROVER_SHADOW=1),
+            'rock': load_program(context, 'rock', 'rock', ROVER_SHADOW=1, **lamp),
             'rover': load_program(context, 'rover', 'rover'),
             'truth rock': load_program(context, 'rock', 'rock', TRUTH=1),
             'truth rover': load_program(context, 'rover', 'rover', TRUTH=1),
@@ -198,26 +204,57 @@ class Renderer:
         self._rover.bind_shadow(silhouette, _SHADOW_UNIT)
         # Both cameras decide what is drawn: an image does not depend on what else is asked.
         cameras = [pose @ self.rig.T_base_left, pose @ self.rig.T_base_right]
-        view = self._view(cameras)
-        chosen = [level.tree.select(view, reach)
-                  for level, reach in zip(self._levels, self._ranges)]
+        K, w, h = self.rig.K, self.rig.width, self.rig.height
+        view = self._view(cameras, K, w, h)
+        chosen = self._choose(view)
+        if self._lamp is not None and lit:
+            self._draw_lamp_shadow(pose, silhouette)
         for eye in eyes:
             camera = cameras[eye]
-            window = (0, eye * self.rig.height, self.rig.width, self.rig.height)
-            self._place(camera, view, window, silhouette)
-            self._draw_geometry(chosen, window)
+            window = (0, eye * h, w, h)
+            self._place(camera, self._clip(camera, K, w, h), view, window, silhouette)
+            if self._lamp is not None:
+                self._place_lamp(pose, camera)
+            self._draw_geometry(chosen, window, self._geometry)
             self._light_ground(chosen, camera, window, lit)
             self._draw_objects(camera, view, window, legs)
             if truth and eye == 0:
                 self._draw_truth(camera, view, window, legs)
 
-    def _place(self, camera: Array, view: View, window: tuple[int, int, int, int],
-               shadow: Silhouette) -> None:
+    def _choose(self, view: View) -> list[tuple[Array, Array]]:
+        return [level.tree.select(view, reach)
+                for level, reach in zip(self._levels, self._ranges)]
+
+    def _draw_lamp_shadow(self, pose: Array, silhouette: Silhouette) -> None:
+        """Draw depth as the lamp sees it: ground and rocks."""
+        lamp = self._lamp
+        assert lamp is not None
+        place, size = pose @ lamp.T_base_lamp, lamps.MAP
+        view = self._view([place], lamp.K, size, size)
+        window = (0, 0, size, size)
+        self._place(place, self._clip(place, lamp.K, size, size), view, window, silhouette)
+        self._draw_geometry(self._choose(view), window, lamp.ground_target)
+        lamp.object_target.use()
+        lamp.object_target.viewport = window
+        self._context.enable_only(self._context.DEPTH_TEST)
+        self._surface.bind_rocks(self._programs['rock'])
+        self._boulders.draw(self._programs['rock'], view, float(lamp.K[0, 0]), 2.0)
+
+    def _place_lamp(self, pose: Array, camera: Array) -> None:
+        lamp = self._lamp
+        assert lamp is not None
+        place = pose @ lamp.T_base_lamp
+        clip = self._clip(place, lamp.K, lamps.MAP, lamps.MAP)
+        for program in self._programs.values():
+            if 'u_lamp' in program:
+                lamp.place(program, place, camera, clip, _LAMP_UNIT)
+
+    def _place(self, camera: Array, clip: NDArray[np.float32], view: View,
+               window: tuple[int, int, int, int], shadow: Silhouette) -> None:
         """Tell all programs where the camera is."""
         K, rotation = self.rig.K, camera[:3, :3]
         right, down = rotation[:, 0] / K[0, 0], rotation[:, 1] / K[1, 1]
         first = rotation[:, 2] - right * K[0, 2] - down * K[1, 2]
-        clip = self._clip(camera)
         for program in self._programs.values():
             set_uniform(program, u_clip=clip, u_camera=tuple(camera[:3, 3]),
                         u_axis=tuple(camera[:3, 2]), u_above=view.above_m, u_ray=tuple(first),
@@ -227,12 +264,12 @@ class Renderer:
                         u_rover_centre=tuple(shadow.centre_m - camera[:3, 3]))
 
     def _draw_geometry(self, chosen: list[tuple[Array, Array]],
-                       window: tuple[int, int, int, int]) -> None:
+                       window: tuple[int, int, int, int], target: Any) -> None:
         context = self._context
-        self._geometry.use()
+        target.use()
         context.enable_only(context.DEPTH_TEST)
-        self._geometry.viewport = window
-        self._geometry.clear(viewport=window)
+        target.viewport = window
+        target.clear(viewport=window)
         for k, (level, (chunks, skirts)) in enumerate(zip(self._levels, chosen)):
             program = self._programs['inner' if level.tree.aligned else 'outer']
             level.bind(program)
@@ -347,12 +384,11 @@ class Renderer:
         first = int(np.clip(np.floor(rows.min()) - 1, 0, self.rig.height - 1))
         return first, int(np.clip(np.ceil(rows.max()) + 2, first + 1, self.rig.height))
 
-    def _view(self, cameras: list[Array]) -> View:
-        """Return the view volume that holds those of all cameras."""
+    def _view(self, cameras: list[Array], K: Array, w: int, h: int) -> View:
+        """Return the view volume that holds those of all cameras of one kind."""
         camera = cameras[0]
         middle = np.mean([c[:3, 3] for c in cameras], axis=0)
         apart = max(float(np.linalg.norm(c[:3, 3] - middle)) for c in cameras)
-        K, w, h = self.rig.K, self.rig.width, self.rig.height
         right, down, forward = camera[:3, 0], camera[:3, 1], camera[:3, 2]
         normals = []
         for axis, focal, centre, size in ((right, K[0, 0], K[0, 2], w),
@@ -364,12 +400,11 @@ class Renderer:
         ground = float(np.nan_to_num(self.world.height_at(middle[:2]), nan=middle[2]))
         return View(middle, planes, max(middle[2] - ground, 0.0))
 
-    def _clip(self, camera: Array) -> NDArray[np.float32]:
+    def _clip(self, camera: Array, K: Array, w: int, h: int) -> NDArray[np.float32]:
         """Return the matrix from camera-relative world axes to clip space, column-major.
 
         Window rows count downwards, as image rows do, so that nothing has to be flipped.
         """
-        K, w, h = self.rig.K, self.rig.width, self.rig.height
         near, far = self.config.camera.near_m, self.config.camera.far_m
         projection = np.zeros((4, 4))
         projection[0, 0], projection[0, 2] = 2 * K[0, 0] / w, 2 * (K[0, 2] + 0.5) / w - 1

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.camera.config import CameraConfig, ReflectanceConfig, SensorConfig, SunConfig
+from lunar_rover_sim.camera.config import (CameraConfig, LampConfig, ReflectanceConfig,
+                                           SensorConfig, SunConfig)
 from lunar_rover_sim.camera.hapke import parameter_set, reflectance
+from lunar_rover_sim.camera.lamp import peak_intensity
 
 _NUMBER_TYPES = {'mono8': np.uint8, 'rgb8': np.uint8, 'mono16': np.uint16}
 
@@ -89,7 +91,18 @@ def sunlit_radiance(sun: SunConfig, ground: ReflectanceConfig) -> float:
 
     It is that of ground seen at 60 deg from the side, whose slopes of 14 deg face the sun.
     """
+    if sun.elevation_deg <= -0.5 * sun.angular_diameter_deg:
+        return 0.0
     elevation = math.radians(min(max(sun.elevation_deg, 0.5) + 14.0, 90.0))
     kind = parameter_set(ground.ground)
     return sun.irradiance * float(reflectance(math.sin(elevation), 0.5, 0.5 * math.sin(elevation),
                                               kind, albedo=ground.albedo_scale))
+
+
+def lamplit_radiance(lamp: LampConfig, ground: ReflectanceConfig) -> float:
+    """Return the radiance [W m-2 sr-1] of level ground 0.7 m before the lamp."""
+    distance, height = 0.7, lamp.position_m[2] + 0.09
+    cosine = height / math.hypot(distance, height)
+    irradiance = peak_intensity(lamp) / (distance**2 + height**2)
+    return irradiance * float(reflectance(cosine, cosine, 0.998, parameter_set(ground.ground),
+                                          albedo=ground.albedo_scale))

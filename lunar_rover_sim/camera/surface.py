@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -81,7 +81,8 @@ class Surface:
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind what the ground is lit with."""
-        for unit, texture in enumerate((self._ground, self._matter, *self._tiles)):
+        textures: list[Any] = [self._ground, self._matter, *self._tiles]
+        for unit, texture in enumerate(textures):
             texture.use(1 + unit)
         angle = np.radians(_TURN_DEG)
         set_uniform(program, u_ground=1, u_matter=2, u_tile_a=3, u_tile_b=4,

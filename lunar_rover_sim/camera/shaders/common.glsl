@@ -33,3 +33,7 @@ float rover_visibility(vec3 relative) {
     return distance < 0.0 ? 1.0 : disc(s.x / max(distance, 1e-3), u_sun_radius);
 }
 #endif
+
+#ifdef LAMP
+#include "lamp.glsl"
+#endif

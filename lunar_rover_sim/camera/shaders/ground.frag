@@ -103,6 +103,8 @@ void main() {
     vec2 slope_b = (b.xy - 0.501961) * u_tile.w * turn;
     vec2 slope = ground.xy + slope_a + slope_b;
     vec3 normal = normalize(vec3(-slope, 1.0));
+    // Faces of the fine relief that turn away from the camera hide behind those that face it.
+    normal = normalize(normal + view * max(0.08 - dot(normal, view), 0.0));
     float horizontal = length(u_sun.xy) + 1e-6;
     vec2 heading = u_sun.xy / horizontal;
     float tangent = u_sun.z / horizontal - dot(ground.xy, heading);
@@ -122,7 +124,16 @@ void main() {
     float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
     float reflectance = hapke(mu0, mu, dot(u_sun, view), mix(u_theta.x, u_theta.y, far), albedo,
                               u_regolith);
+#ifdef LAMP
+    vec3 to_lamp;
+    float lamp = lamp_irradiance(relative, normalize(vec3(-ground.xy, 1.0)), to_lamp);
+    float lamp_radiance = lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view),
+                                       mix(u_theta.x, u_theta.y, far), albedo, u_regolith);
+#else
+    const float lamp_radiance = 0.0;
+#endif
     float scattered = matter.g * matter.g + matter.b * matter.b * 0.5 * (1.0 - normal.z);
-    o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered);
+    o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered)
+        + lamp_radiance;
 #endif
 }

@@ -31,7 +31,9 @@ void main() {
     vec3 side = normalize(cross(normal, vec3(0.37, 0.71, 0.6)));
     normal = normalize(normal + tilt.x * side + tilt.y * cross(normal, side));
     float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
-    float lit = disc(v_matter.x / max(v_matter.y, 1e-3), u_sun_radius);
+    // Lumps beyond the terminator lie in the shadow of the rock itself.
+    float lit = disc(v_matter.x / max(v_matter.y, 1e-3), u_sun_radius)
+        * clamp(0.4 + 5.0 * dot(normalize(v_normal), u_sun), 0.0, 1.0);
 #ifdef ROVER_SHADOW
     lit *= rover_visibility(v_relative);
 #endif
@@ -41,6 +43,12 @@ void main() {
     float around = matter.b * matter.b * 0.25;
     o_radiance = u_irradiance * (reflectance * lit + u_diffuse.y * v_matter.z
                                  * around * 0.5 * (1.0 - normal.z));
+#ifdef LAMP
+    vec3 to_lamp;
+    float lamp = lamp_irradiance(v_relative, normalize(v_normal), to_lamp);
+    o_radiance += lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view), u_rock_theta,
+                               v_matter.z, u_rock);
+#endif
     o_depth = dot(v_relative, u_axis);
 #endif
 }
