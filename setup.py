@@ -61,5 +61,6 @@ setup(
         'render_node = lunar_rover_sim.nodes.render_node:main',
         'recorder_node = lunar_rover_sim.nodes.recorder_node:main',
         'drive_node = lunar_rover_sim.nodes.drive_node:main',
+        'trajectory_recorder_node = lunar_rover_sim.nodes.trajectory_recorder_node:main',
     ]},
 )

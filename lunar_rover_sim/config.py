@@ -150,6 +150,17 @@ class RecorderNodeConfig(NodeConfig, RecorderConfig):
                                          'recorder/written')
 
 
+@dataclasses.dataclass(frozen=True)
+class TrajectoryRecorderNodeConfig(NodeConfig):
+    """Parameters of trajectory_recorder_node, which runs beside a graph, not in a scenario."""
+
+    output: str = param('', 'TUM file to write; it must not exist')
+    type: str = param('', 'message type of the topic `pose`; empty takes that of its publisher',
+                      choices=('', 'geometry_msgs/msg/PoseStamped',
+                               'geometry_msgs/msg/PoseWithCovarianceStamped',
+                               'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path'))
+
+
 NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'physics_node': PhysicsNodeConfig,
     'gait_controller_node': GaitNodeConfig,

@@ -259,6 +259,36 @@ def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None
         assert recorded.counts['/somebody/elses_topic'] == 20
 
 
+@pytest.mark.parametrize('kind', ['Odometry', 'PoseStamped', 'Path'])
+def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path, kind: str) -> None:
+    """An estimator's poses become a file that `evaluate` reads; a Path repeats itself, once."""
+    from geometry_msgs.msg import PoseStamped
+    from nav_msgs.msg import Path as PathMsg
+
+    from lunar_rover_sim.evaluation.files import read_tum
+    classes = {'Odometry': Odometry, 'PoseStamped': PoseStamped, 'Path': PathMsg}
+    publisher = peer.node.create_publisher(classes[kind], 'slam/pose', 10)
+    path = PathMsg()
+    file = tmp_path / 'estimate.txt'
+    with running('trajectory_recorder_node', '-p', f'output:={file}', '-r', 'pose:=slam/pose'):
+        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+        for k in range(1, 6):
+            pose = PoseStamped()
+            pose.header.stamp.sec, pose.header.stamp.nanosec = k, 5
+            pose.pose.position.x = 0.1 * k
+            pose.pose.orientation.w = 1.0
+            path.poses.append(pose)
+            odometry = Odometry(header=pose.header)
+            odometry.pose.pose = pose.pose
+            publisher.publish({'Odometry': odometry, 'PoseStamped': pose, 'Path': path}[kind])
+            time.sleep(0.05)
+        peer.spin_until(lambda: len(file.read_text().splitlines()) == 5)
+    trajectory = read_tum(file)
+    assert trajectory.stamps_ns.tolist() == [k * 10**9 + 5 for k in range(1, 6)]
+    assert np.allclose(trajectory.positions_m[:, 0], 0.1 * np.arange(1, 6))
+    assert np.allclose(trajectory.orientations_wxyz, [1, 0, 0, 0])
+
+
 @pytest.mark.parametrize(('node', 'arguments', 'said'), [
     ('physics_node', (), "world: '' is not valid"),
     ('physics_node', ('-p', 'world:=/nowhere'), '/nowhere'),

@@ -1,0 +1,92 @@
+"""trajectory_recorder_node: an estimator's poses to a TUM file, for `lunar_rover_sim evaluate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from lunar_rover_sim.config import TrajectoryRecorderNodeConfig
+from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.nodes import conversions, main as node_main, qos
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.types import message_class
+
+TOPIC = 'pose'
+# How to get (stamp, pose) pairs out of a message of each type.
+_POSES = {
+    'geometry_msgs/msg/PoseStamped': lambda m: [(m.header.stamp, m.pose)],
+    'geometry_msgs/msg/PoseWithCovarianceStamped': lambda m: [(m.header.stamp, m.pose.pose)],
+    'nav_msgs/msg/Odometry': lambda m: [(m.header.stamp, m.pose.pose)],
+    'nav_msgs/msg/Path': lambda m: [(p.header.stamp, p.pose) for p in m.poses],
+}
+
+
+class TrajectoryRecorderNode(node_main.GraphNode):
+    """Writes each pose as it comes; of a Path, which repeats all poses, only the new ones."""
+
+    def __init__(self) -> None:
+        super().__init__('trajectory_recorder_node')
+        self._config = config = declare(self, TrajectoryRecorderNodeConfig)
+        if not config.output:
+            raise ConfigError("output: '' is not valid; valid is a file that does not exist")
+        try:
+            self._file = open(Path(config.output), 'x', encoding='ascii')
+        except FileExistsError:
+            raise ConfigError(f'output: {config.output} exists already; name another file') \
+                from None
+        except OSError as error:
+            raise ConfigError(f'output: {config.output}: {error.strerror}') from None
+        self._newest_ns = -1
+        self._count = 0
+        self._timer = self.create_timer(0.1, self._discover)
+        self._discover()
+
+    def destroy_node(self) -> None:
+        """Close the file; every pose received is in it."""
+        self._file.close()
+        self.get_logger().info(f'{self._count} poses written to {self._config.output}')
+        super().destroy_node()
+
+    def _discover(self) -> None:
+        """Subscribe with the publisher's type, or the one that a parameter names."""
+        name = self.resolve_topic_name(TOPIC)
+        infos = self.get_publishers_info_by_topic(name)
+        type_name = self._config.type or (infos[0].topic_type if infos else '')
+        if not type_name:
+            return
+        self._timer.cancel()
+        if type_name not in _POSES:
+            raise GraphError(f'{name}: type {type_name} holds no pose with a stamp; valid are '
+                             + ', '.join(_POSES))
+        profiles = [info.qos_profile for info in infos]
+        reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
+        durable = bool(profiles) and all(
+            p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+        profile = qos.adapted(qos.STATE_DEPTH, durable) if infos and reliable else \
+            qos.best_effort(qos.STATE_DEPTH)
+        extract = _POSES[type_name]
+        self.create_subscription(message_class(type_name), TOPIC,
+                                 lambda msg: self._write(extract(msg)), profile)
+
+    def _write(self, poses: list[tuple[Any, Any]]) -> None:
+        for stamp, pose in poses:
+            stamp_ns = conversions.time_ns(stamp)
+            if stamp_ns <= self._newest_ns:
+                continue
+            self._newest_ns = stamp_ns
+            p, q = pose.position, pose.orientation
+            numbers = ' '.join(repr(float(v)) for v in (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+            self._file.write(f'{stamp.sec}.{stamp.nanosec:09d} {numbers}\n')
+            self._count += 1
+        self._file.flush()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(TrajectoryRecorderNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
