@@ -19,7 +19,7 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag import consistency
 from lunar_rover_sim.bag.matching import FrameError
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.report import Report, Status
+from lunar_rover_sim.bag.report import grouped, Report, Status
 from lunar_rover_sim.bag.scan import Scan, scan, TopicScan
 from lunar_rover_sim.bag.scenario import recorded_scenario, RecordedScenario
 from lunar_rover_sim.topics import EVENT, FRAME, LATCHED, STATE
@@ -172,7 +172,12 @@ class _Check:
                 self._add(f'{rate} counts', Status.FAIL, 'too few messages to find their rate')
                 continue
             expected = np.arange(period, self._end_ns + 1, period)
-            problems = [p for t in found if (p := _count_problem(t, expected))]
+            if self._real_time:
+                problems = grouped({t.name: f'{len(set(t.stamps_ns))} of {len(expected)}'
+                                     for t in found if len(set(t.stamps_ns)) < len(expected)})
+            else:
+                problems = grouped({t.name: p for t in found
+                                     if (p := _count_problem(t, expected))})
             fine = f'{len(found)} topics x {len(expected)} at {NS_PER_S / period:g} Hz'
             self._verdict(f'{rate} counts', problems, fine,
                           Status.WARN if self._real_time else Status.FAIL)
@@ -374,7 +379,7 @@ def _count_problem(topic: TopicScan, expected: np.ndarray) -> str:
         parts.append(f'{len(extra)} off the grid, first at {extra[0] / NS_PER_S:.6f} s')
     if len(topic.stamps_ns) > len(have) and topic.topic is not topics.TF:
         parts.append(f'{len(topic.stamps_ns) - len(have)} more than once')
-    return f'{topic.name}: {", ".join(parts)}' if parts else ''
+    return ', '.join(parts)
 
 
 def _hash_of_world(folder: Path) -> str | None:

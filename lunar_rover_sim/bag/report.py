@@ -52,3 +52,12 @@ class Report:
     def failed(self) -> list[Finding]:
         """The findings that condemn the bag."""
         return [f for f in self.findings if f.status is Status.FAIL]
+
+
+def grouped(problems: dict[str, str]) -> list[str]:
+    """Return one text per problem, with the topics that share it."""
+    names: dict[str, list[str]] = {}
+    for name, problem in problems.items():
+        names.setdefault(problem, []).append(name)
+    return [shared[0] + (f' and {len(shared) - 1} more' if len(shared) > 1 else '')
+            + f': {problem}' for problem, shared in names.items()]
