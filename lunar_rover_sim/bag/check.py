@@ -174,10 +174,10 @@ class _Check:
             expected = np.arange(period, self._end_ns + 1, period)
             if self._real_time:
                 problems = grouped({t.name: f'{len(set(t.stamps_ns))} of {len(expected)}'
-                                     for t in found if len(set(t.stamps_ns)) < len(expected)})
+                                    for t in found if len(set(t.stamps_ns)) < len(expected)})
             else:
                 problems = grouped({t.name: p for t in found
-                                     if (p := _count_problem(t, expected))})
+                                    if (p := _count_problem(t, expected))})
             fine = f'{len(found)} topics x {len(expected)} at {NS_PER_S / period:g} Hz'
             self._verdict(f'{rate} counts', problems, fine,
                           Status.WARN if self._real_time else Status.FAIL)
