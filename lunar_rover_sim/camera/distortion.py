@@ -68,16 +68,25 @@ def check_invertible(camera: CameraConfig) -> None:
 
 
 def _refusal(camera: CameraConfig) -> ConfigError:
-    return ConfigError(f'distortion: {list(camera.distortion)} is not valid; valid is one that can '
-                       f'be inverted over {camera.horizontal_fov_deg:g} deg of view; use smaller '
+    return ConfigError(f'distortion: {list(camera.distortion)} is not valid; valid is one that '
+                       f'can be inverted over {camera.horizontal_fov_deg:g} deg of view; use smaller '
                        'coefficients')
 
 
-def margin(camera: CameraConfig) -> float:
-    """Return by how much wider than the image the pinhole view must be to fill it distorted."""
-    half = np.array([0.5 * camera.width, 0.5 * camera.height]) / camera.focal_px
-    edge = np.linspace(-1.0, 1.0, 41)
-    rim = np.concatenate([np.stack([edge, s + 0 * edge], axis=-1) for s in (-1.0, 1.0)]
-                         + [np.stack([s + 0 * edge, edge], axis=-1) for s in (-1.0, 1.0)])
-    ideal = undistort(rim * half, camera.distortion)
-    return max(1.0, float(np.max(np.abs(ideal) / half)))
+def padding(camera: CameraConfig) -> tuple[int, int]:
+    """Return columns and rows that a pinhole view needs beyond each edge to fill the image."""
+    if not camera.distorted:
+        return 0, 0
+    source = source_pixels(camera)
+    size = np.array([camera.width, camera.height])
+    beyond = np.maximum(-source.min(axis=(0, 1)), source.max(axis=(0, 1)) - (size - 1))
+    x, y = np.maximum(np.ceil(beyond) + 2, 0).astype(int)
+    return int(x), int(y)
+
+
+def source_pixels(camera: CameraConfig) -> Array:
+    """Return (h, w, 2): where in the pinhole image each pixel of the distorted one looks [px]."""
+    centre = np.array([0.5 * (camera.width - 1), 0.5 * (camera.height - 1)])
+    pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+    ideal = undistort((pixels - centre) / camera.focal_px, camera.distortion)
+    return ideal * camera.focal_px + centre

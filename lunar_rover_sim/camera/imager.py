@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.context import load_program, set_uniform
+from lunar_rover_sim.camera.distortion import source_pixels
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
 
@@ -21,7 +22,8 @@ class Imager:
     """Develops pairs of images, the left above the right in one texture."""
 
     def __init__(self, context: moderngl.Context, rig: StereoRig, sensor: SensorModel,
-                 seed: int) -> None:
+                 seed: int, padding: tuple[int, int] = (0, 0)) -> None:
+        """Prepare; padding: columns and rows of radiance beyond each edge of the image."""
         self._context, self._rig, self.sensor = context, rig, sensor
         c = sensor.config
         self._type = 'nu2' if sensor.output_type is np.uint16 else 'f1'
@@ -34,12 +36,20 @@ class Imager:
         self._program = load_program(context, 'screen', 'sensor',
                                      **({'SPREAD': 1} if c.psf_sigma_px > 0.0 else {}),
                                      **({'NOISE': 1} if noisy else {}),
+                                     **({'DISTORTED': 1} if sensor.camera.distorted else {}),
                                      **({'ROOT': 1} if sensor.companded else {}))
         set_uniform(self._program, u_height=rig.height, u_spread=sensor.neighbour_weight,
                     u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
                     u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)),
                     u_out=sensor.output_scale)
         self._seed = seed
+        self._source: Any = None
+        if sensor.camera.distorted:
+            source = source_pixels(sensor.camera) + padding
+            lower = source + [0, rig.height + 2 * padding[1]]
+            both = np.concatenate([source, lower]).astype(np.float32)
+            self._source = context.texture(size, 2, both.tobytes(), dtype='f4')
+            self._source.filter = (context.NEAREST, context.NEAREST)
         self._screen = context.vertex_array(self._program, [])
 
     def _patterns(self, seed: int) -> F32:
@@ -65,6 +75,9 @@ class Imager:
         self._context.enable_only(self._context.NOTHING)
         radiance.use(0)
         self._pattern.use(1)
+        if self._source is not None:
+            self._source.use(2)
+            set_uniform(self._program, u_source=2)
         set_uniform(self._program, u_radiance=0, u_pattern=1,
                     u_electrons=self.sensor.electrons_per_radiance_second * exposure_s,
                     u_dark=self.sensor.config.dark_current_e_s * exposure_s,
@@ -77,8 +90,10 @@ class Imager:
 
     def release(self) -> None:
         """Release the GL objects."""
-        for item in (self._screen, self._target, self._image, self._pattern, self._program):
-            item.release()
+        for item in (self._screen, self._target, self._image, self._pattern, self._program,
+                     self._source):
+            if item is not None:
+                item.release()
 
 
 class AutoExposure:

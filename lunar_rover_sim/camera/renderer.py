@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from lunar_rover_sim.camera import hapke
 from lunar_rover_sim.camera.boulders import Boulders
 from lunar_rover_sim.camera.config import RenderConfig
+from lunar_rover_sim.camera.distortion import padding
 from lunar_rover_sim.camera.context import create_context, load_program, set_uniform
 from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
 from lunar_rover_sim.camera.imager import AutoExposure, Imager
@@ -56,6 +57,9 @@ class StereoFrame:
     label: (h, w) int32: 0 sky, 1 ground, 2 rover, 16 + index for rocks
     radiance: (h, w) float32 ideal image of the left camera [W m-2 sr-1]
     exposure_s: exposure time
+
+    Where the camera is distorted, left and right are; the layers of truth are those of the
+    undistorted view.
     """
 
     left: NDArray[np.generic] | None = None
@@ -81,6 +85,12 @@ class Renderer:
         self.rig = StereoRig(rover, config.camera)
         self.sun_direction = sun_direction(config.sun.azimuth_deg, config.sun.elevation_deg)
         self.sensor = SensorModel(config.camera, config.sensor)
+        # A distorted image takes light from outside the pinhole image: draw with a margin.
+        self._pad = padding(config.camera)
+        self._w = self.rig.width + 2 * self._pad[0]
+        self._h = self.rig.height + 2 * self._pad[1]
+        self._K = self.rig.K.copy()
+        self._K[:2, 2] += self._pad
         if config.sensor.exposure_mode == 'sunlit':
             self.exposure_s = self.sensor.exposure_for(
                 max(sunlit_radiance(config.sun, config.reflectance),
@@ -100,7 +110,7 @@ class Renderer:
 
     def _build(self) -> None:
         context, config = self._context, self.config
-        width, height = self.rig.width, self.rig.height
+        width, height = self._w, self._h
         limit = context.info['GL_MAX_TEXTURE_SIZE']
         if max(width, 2 * height) > limit:
             raise RenderError(f'camera size {width} x {height}: this device draws at most '
@@ -144,7 +154,7 @@ class Renderer:
             'truth rock': load_program(context, 'rock', 'rock', TRUTH=1),
             'truth rover': load_program(context, 'rover', 'rover', TRUTH=1),
         }
-        self._imager = Imager(context, self.rig, self.sensor, self.seed)
+        self._imager = Imager(context, self.rig, self.sensor, self.seed, self._pad)
         self._ground_passes = {name: context.vertex_array(self._programs[name], [])
                                for name in _GROUND_PASSES}
         cells, full = [], config.detail.full_resolution_m
@@ -204,7 +214,7 @@ class Renderer:
         self._rover.bind_shadow(silhouette, _SHADOW_UNIT)
         # Both cameras decide what is drawn: an image does not depend on what else is asked.
         cameras = [pose @ self.rig.T_base_left, pose @ self.rig.T_base_right]
-        K, w, h = self.rig.K, self.rig.width, self.rig.height
+        K, w, h = self._K, self._w, self._h
         view = self._view(cameras, K, w, h)
         chosen = self._choose(view)
         if self._lamp is not None and lit:
@@ -252,7 +262,7 @@ class Renderer:
     def _place(self, camera: Array, clip: NDArray[np.float32], view: View,
                window: tuple[int, int, int, int], shadow: Silhouette) -> None:
         """Tell all programs where the camera is."""
-        K, rotation = self.rig.K, camera[:3, :3]
+        K, rotation = self._K, camera[:3, :3]
         right, down = rotation[:, 0] / K[0, 0], rotation[:, 1] / K[1, 1]
         first = rotation[:, 2] - right * K[0, 2] - down * K[1, 2]
         for program in self._programs.values():
@@ -377,12 +387,12 @@ class Renderer:
         optical = points.reshape(-1, 3) @ camera[:3, 1:3]
         if np.any(optical[:, 1] < self.config.camera.near_m):
             ahead = optical[:, 1] > self.config.camera.near_m
-            rows = self.rig.K[1, 1] * optical[ahead, 0] / optical[ahead, 1] + self.rig.K[1, 2]
-            return int(np.clip(np.min(rows, initial=self.rig.height) - 1, 0,
-                               self.rig.height - 1)), self.rig.height
-        rows = self.rig.K[1, 1] * optical[:, 0] / optical[:, 1] + self.rig.K[1, 2]
-        first = int(np.clip(np.floor(rows.min()) - 1, 0, self.rig.height - 1))
-        return first, int(np.clip(np.ceil(rows.max()) + 2, first + 1, self.rig.height))
+            rows = self._K[1, 1] * optical[ahead, 0] / optical[ahead, 1] + self._K[1, 2]
+            return int(np.clip(np.min(rows, initial=self._h) - 1, 0,
+                               self._h - 1)), self._h
+        rows = self._K[1, 1] * optical[:, 0] / optical[:, 1] + self._K[1, 2]
+        first = int(np.clip(np.floor(rows.min()) - 1, 0, self._h - 1))
+        return first, int(np.clip(np.ceil(rows.max()) + 2, first + 1, self._h))
 
     def _view(self, cameras: list[Array], K: Array, w: int, h: int) -> View:
         """Return the view volume that holds those of all cameras of one kind."""
@@ -431,7 +441,7 @@ class Renderer:
             depth[depth == 0.0] = np.inf
             out['depth_m'] = depth
         if 'radiance' in asked:
-            out['radiance'] = self._image_of(self._lighting, 0, 0)
+            out['radiance'] = np.ascontiguousarray(self._image_of(self._lighting, 0, 0))
         if asked & _TRUTH_LAYERS and self._truth is not None:
             truth = self._image_of(self._truth, 0, 0, 4)
             if 'normal' in asked:
@@ -453,12 +463,13 @@ class Renderer:
 
     def _image_of(self, target: Any, attachment: int, eye: int,
                   components: int = 1) -> NDArray[np.float32]:
-        """Read one eye's float attachment: (h, w) or (h, w, components)."""
-        h, w = self.rig.height, self.rig.width
+        """Read one eye's float attachment within the image: (h, w) or (h, w, components)."""
+        h, w = self._h, self._w
         data = target.read(viewport=(0, eye * h, w, h), components=components,
                            attachment=attachment, alignment=1, dtype='f4')
         shape = (h, w) if components == 1 else (h, w, components)
-        return np.frombuffer(data, np.float32).reshape(shape)
+        x, y = self._pad
+        return np.frombuffer(data, np.float32).reshape(shape)[y:h - y, x:w - x]
 
     def _set_constants(self) -> None:
         config, sun = self.config, self.config.sun

@@ -104,7 +104,8 @@ void main() {
     vec2 slope = ground.xy + slope_a + slope_b;
     vec3 normal = normalize(vec3(-slope, 1.0));
     // Faces of the fine relief that turn away from the camera hide behind those that face it.
-    normal = normalize(normal + view * max(0.08 - dot(normal, view), 0.0));
+    float least = clamp(dot(normalize(vec3(-ground.xy, 1.0)), view), 0.02, 0.08);
+    normal = normalize(normal + view * max(least - dot(normal, view), 0.0));
     float horizontal = length(u_sun.xy) + 1e-6;
     vec2 heading = u_sun.xy / horizontal;
     float tangent = u_sun.z / horizontal - dot(ground.xy, heading);
@@ -115,7 +116,7 @@ void main() {
     float spread_a = 2.0 * a.w * u_turn.w, spread_b = 2.0 * b.w * u_turn.w;
     float lit_a = disc(above_a, width + 1.8 * spread_a);
     float lit_b = disc(above_b, width + 1.8 * spread_b);
-    float far = clamp(0.5 + 0.25 * (level + 5.64), 0.0, 1.0);
+    float far = smoothstep(-7.9, -3.4, level);
     lit *= mix(lit_a * lit_b, 1.0, far);
 #ifdef ROVER_SHADOW
     lit *= rover_visibility(relative);

@@ -24,9 +24,31 @@ float gaussian(uint s) {
     return radius * cos(float(b >> 8u) * (6.28318530718 / 16777216.0));     // Box & Muller
 }
 
+#ifdef DISTORTED
+// Where in the undistorted image each pixel looks.
+uniform sampler2D u_source;
+float radiance_at(vec2 q) {
+    ivec2 c = ivec2(floor(q));
+    vec2 f = q - vec2(c);
+    return mix(mix(texelFetch(u_radiance, c, 0).r, texelFetch(u_radiance, c + ivec2(1, 0), 0).r,
+                   f.x),
+               mix(texelFetch(u_radiance, c + ivec2(0, 1), 0).r,
+                   texelFetch(u_radiance, c + 1, 0).r, f.x), f.y);
+}
+#endif
+
 void main() {
     ivec2 p = ivec2(gl_FragCoord.xy);
     int first = p.y < u_height ? 0 : u_height;
+#ifdef DISTORTED
+    vec2 q = texelFetch(u_source, p, 0).rg;
+    float value = radiance_at(q);
+#ifdef SPREAD
+    value = (value + u_spread * (radiance_at(q + vec2(1.0, 0.0)) + radiance_at(q - vec2(1.0, 0.0))
+                                 + radiance_at(q + vec2(0.0, 1.0))
+                                 + radiance_at(q - vec2(0.0, 1.0)))) / (1.0 + 4.0 * u_spread);
+#endif
+#else
     float value = texelFetch(u_radiance, p, 0).r;
 #ifdef SPREAD
     ivec2 low = ivec2(max(p.x - 1, 0), max(p.y - 1, first));
@@ -37,11 +59,12 @@ void main() {
         + texelFetch(u_radiance, ivec2(p.x, high.y), 0).r;
     value = (value + u_spread * near) / (1.0 + 4.0 * u_spread);
 #endif
+#endif
     vec2 pattern = texelFetch(u_pattern, p, 0).rg;
     float electrons = value * u_electrons * pattern.x + u_dark;
 #ifdef NOISE
     // Shot and read noise are independent: one Gaussian of their joint variance.
-    uint pixel = uint(p.y * textureSize(u_radiance, 0).x + p.x);
+    uint pixel = uint(p.y * textureSize(u_pattern, 0).x + p.x);
     electrons += sqrt(u_noise.x * max(electrons, 0.0) + u_noise.y * u_noise.y)
         * gaussian(pixel * 2654435761u ^ u_frame);
 #endif
