@@ -56,11 +56,11 @@ setup(
     },
     entry_points={'console_scripts': [
         'lunar_rover_sim = lunar_rover_sim.cli.main:main',
-        'physics_node = lunar_rover_sim.nodes.physics_node:main',
-        'gait_controller_node = lunar_rover_sim.nodes.gait_controller_node:main',
-        'render_node = lunar_rover_sim.nodes.render_node:main',
-        'recorder_node = lunar_rover_sim.nodes.recorder_node:main',
-        'drive_node = lunar_rover_sim.nodes.drive_node:main',
-        'trajectory_recorder_node = lunar_rover_sim.nodes.trajectory_recorder_node:main',
+        'physics_node = lunar_rover_sim.start:physics_node',
+        'gait_controller_node = lunar_rover_sim.start:gait_controller_node',
+        'render_node = lunar_rover_sim.start:render_node',
+        'recorder_node = lunar_rover_sim.start:recorder_node',
+        'drive_node = lunar_rover_sim.start:drive_node',
+        'trajectory_recorder_node = lunar_rover_sim.start:trajectory_recorder_node',
     ]},
 )
