@@ -18,6 +18,7 @@ from lunar_rover_sim.rover.store import save_rover
 SCENARIO_FILE = 'scenario.yaml'
 ROVER_FILE = 'rover.yaml'
 BAG_FOLDER = 'bag'
+WORLD_LINK = 'world'
 LOG_FOLDER = 'logs'
 
 # The order in which nodes are told to stop: the recorder last, since it takes what they say.
@@ -132,6 +133,8 @@ def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
         raise BagError(f'{folder}: cannot be made: {error.strerror}') from None
     (folder / SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
     save_rover(scenario.rover, folder / ROVER_FILE)
+    # So that those who look at the bag later find the ground it was recorded on.
+    (folder / WORLD_LINK).symlink_to(world)
     places = {'world': str(world), 'rover': str(folder / ROVER_FILE)}
     plans = []
     for name in scenario.run.nodes:

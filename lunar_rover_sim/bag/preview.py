@@ -157,7 +157,8 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
 
 
 def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
-    """Return the world that was driven on: from `folder`, the scenario's folder or the cache.
+    """Return the world that was driven on: from `folder`, `world` beside the bag (where `run`
+    leaves a link), the scenario's folder or the cache.
 
     None where neither holds a world of the hash in the bag. Raises BagError where `folder` is
     given and does not.
@@ -174,7 +175,7 @@ def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
             raise BagError(f'world: {folder} has the hash {given.hash}; the bag was recorded on '
                            f'{wanted}')
         return given
-    folders = []
+    folders = [bag.path.absolute().parent / 'world']
     named = recorded_scenario(bag).get('physics_node', 'world')
     if isinstance(named, str) and named:
         folders.append(Path(named))
