@@ -1,0 +1,1 @@
+"""A compact stereo and mono visual odometry: a yardstick that every machine has."""

@@ -1,0 +1,96 @@
+"""Geometry of one, two and a pair of views (Hartley and Zisserman, 2nd ed., 2004)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.evaluation.reference.sequence import Camera
+from lunar_rover_sim.frames import Array, inverse, se3
+
+_RANSAC_PX = 2.0
+_CONFIDENCE = 0.999
+_START_ANGLE_RAD = np.radians(1.5)   # median parallax with which a single camera starts
+_START_SHARE = 0.6                   # of the tracks, that must agree with it
+
+
+def project(camera: Camera, T_camera_world: Array, points_m: Array) -> Array:
+    """Return (n, 2) pixels of (n, 3) points; those behind the camera land anywhere."""
+    p = points_m @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
+    return p[:, :2] / np.maximum(p[:, 2:], 1e-3) * camera.focal_px + camera.centre_px
+
+
+def from_disparity(camera: Camera, px: Array, disparity_px: Array) -> Array:
+    """Return (n, 3) points [m] in the left camera."""
+    z = camera.focal_px[0] * camera.baseline_m / disparity_px
+    return np.column_stack([(px - camera.centre_px) / camera.focal_px * z[:, None], z])
+
+
+def locate(camera: Camera, points_m: Array, px: Array, guess: Array,
+           least: int) -> tuple[Array | None, NDArray[np.bool_]]:
+    """Return T_camera_world of a view of known points, and which of them agree (P3P, RANSAC).
+
+    None where fewer than `least` points, or less than a third, agree.
+    """
+    good = np.zeros(len(px), bool)
+    cv2.setRNGSeed(0)
+    start = cv2.Rodrigues(guess[:3, :3])[0], guess[:3, 3:].copy()
+    ok, rotation, shift, inliers = cv2.solvePnPRansac(
+        points_m, px, camera.matrix, None, iterationsCount=300, reprojectionError=_RANSAC_PX,
+        confidence=_CONFIDENCE, flags=cv2.SOLVEPNP_AP3P)
+    if not ok or inliers is None:
+        return None, good
+    good[inliers.ravel()] = True
+    if good.sum() < max(least, len(px) // 3):
+        return None, good
+    # Once more from its inliers; points on the edge of the threshold may change sides.
+    for rotation, shift in ((rotation, shift), start):
+        rotation, shift = cv2.solvePnPRefineLM(points_m[good], px[good], camera.matrix, None,
+                                               rotation, shift)
+        T = se3(cv2.Rodrigues(rotation)[0], np.ravel(shift))
+        error = np.linalg.norm(project(camera, T, points_m) - px, axis=1)
+        if (error < _RANSAC_PX).sum() >= max(least, len(px) // 3):
+            return T, error < _RANSAC_PX
+    return None, good
+
+
+def triangulate(camera: Camera, T_a: Array, T_b: Array, px_a: Array, px_b: Array) -> Array:
+    """Return (n, 3) points from two views, T_camera_world each (linear, H&Z 12.2)."""
+    K = camera.matrix
+    x = cv2.triangulatePoints(K @ T_a[:3], K @ T_b[:3], px_a.T.copy(), px_b.T.copy())
+    return np.asarray((x[:3] / np.where(np.abs(x[3]) > 1e-12, x[3], 1e-12)).T, dtype=np.float64)
+
+
+def angles_rad(T_a: Array, T_b: Array, points_m: Array) -> Array:
+    """Return (n,) angles [rad] between the rays from two views to their points."""
+    rays = [points_m - inverse(T)[:3, 3] for T in (T_a, T_b)]
+    cosine = np.sum(rays[0] * rays[1], axis=1) / np.maximum(
+        np.linalg.norm(rays[0], axis=1) * np.linalg.norm(rays[1], axis=1), 1e-12)
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)), dtype=np.float64)
+
+
+def two_views(camera: Camera, px_a: Array,
+              px_b: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+    """Return T_b_a, points in a with median depth 1, and which agree; None without parallax."""
+    cv2.setRNGSeed(0)
+    E, mask = cv2.findEssentialMat(px_a, px_b, camera.matrix, method=cv2.RANSAC,
+                                   prob=_CONFIDENCE, threshold=1.0)
+    if E is None or E.shape != (3, 3):
+        return None
+    _, rotation, shift, mask = cv2.recoverPose(E, px_a, px_b, camera.matrix, mask=mask)
+    T = se3(rotation, np.ravel(shift))
+    points = triangulate(camera, np.eye(4), T, px_a, px_b)
+    good = mask.ravel() > 0
+    for view, px in ((np.eye(4), px_a), (T, px_b)):
+        good &= (points @ view[2, :3] + view[2, 3] > 0.0)
+        good &= np.linalg.norm(project(camera, view, points) - px, axis=1) < _RANSAC_PX
+    if good.mean() < _START_SHARE:
+        return None
+    angles = angles_rad(np.eye(4), T, points[good])
+    if np.median(angles) < _START_ANGLE_RAD:
+        return None
+    good[np.flatnonzero(good)[angles < 0.3 * _START_ANGLE_RAD]] = False
+    depth = float(np.median(points[good, 2]))
+    T[:3, 3] /= depth
+    return T, points / depth, good
