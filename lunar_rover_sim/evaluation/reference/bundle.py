@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.evaluation.reference.sequence import Camera
+from lunar_rover_sim.evaluation.estimator_input import Camera
 from lunar_rover_sim.frames import Array
 
 _HUBER_PX = 1.0

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.evaluation.reference.sequence import Image
+from lunar_rover_sim.evaluation.estimator_input import Image
 from lunar_rover_sim.frames import Array
 
 BORDER_PX = 12
 _LK = {'winSize': (15, 15), 'maxLevel': 3,
        'criteria': (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)}
-_LK_STEREO = {**_LK, 'maxLevel': 0, 'flags': cv2.OPTFLOW_USE_INITIAL_FLOW}
+_LK_STEREO = {**_LK, 'maxLevel': 0}
 _MAX_BACK_PX = 0.5      # forth and back must come home
 _MAX_ROW_PX = 0.6       # a pair is rectified
 _HALF_PX = 7            # half of a template
@@ -33,11 +35,12 @@ def detect(image: Image, known_px: Array, wanted: int) -> Array:
     each = max(2, -(-wanted // (rows * columns)) * 2)
     for i in range(rows):
         for j in range(columns):
-            area = np.s_[i * h // rows:(i + 1) * h // rows, j * w // columns:(j + 1) * w // columns]
+            top, left = i * h // rows, j * w // columns
+            area = np.s_[top:(i + 1) * h // rows, left:(j + 1) * w // columns]
             corners = cv2.goodFeaturesToTrack(image[area], each, 0.05, 9.0, mask=mask[area],
                                               blockSize=5)
             if corners is not None and len(corners):
-                found.append(corners.reshape(-1, 2) + (j * w // columns, i * h // rows))
+                found.append(corners.reshape(-1, 2) + (left, top))
     if not found:
         return np.zeros((0, 2))
     # Round after round, the best of every cell first, so that the weak ones are what is left out.
@@ -51,8 +54,8 @@ def track(before: Image, after: Image, px: Array,
     if not len(px):
         return px, np.zeros(0, bool)
     start = px.astype(np.float32)
-    there, found, _ = _flow(before, after, start, guess_px, _LK)
-    back, found_back, _ = _flow(after, before, there, start, _LK)
+    there, found = _flow(before, after, start, guess_px, _LK)
+    back, found_back = _flow(after, before, there, start, _LK)
     h, w = after.shape
     home = np.linalg.norm(back - start, axis=1) < _MAX_BACK_PX
     inside = ((there > BORDER_PX) & (there < (w - BORDER_PX, h - BORDER_PX))).all(axis=1)
@@ -103,7 +106,7 @@ class StereoMatcher:
             return disparity
         start = px[seen].astype(np.float32)
         guess = start + np.stack([coarse[seen], np.zeros(len(seen))], axis=1).astype(np.float32)
-        there, found, _ = _flow(left, flat, start, guess, _LK_STEREO)
+        there, found = _flow(left, flat, start, guess, _LK_STEREO)
         step = there - guess
         good = found & (np.abs(step[:, 0]) < 1.5) & (np.abs(step[:, 1]) < _MAX_ROW_PX)
         u = there[:, 0].astype(np.float64)
@@ -127,10 +130,11 @@ class StereoMatcher:
 
 def _flow(before: Image, after: Image, start: NDArray[np.float32],
           guess: Array | NDArray[np.float32] | None,
-          options: dict) -> tuple[NDArray[np.float32], NDArray[np.bool_], None]:
+          options: dict) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    there: Any = None
     if guess is not None:
         options = {**options, 'flags': cv2.OPTFLOW_USE_INITIAL_FLOW}
-    there, found, _ = cv2.calcOpticalFlowPyrLK(
-        before, after, start.reshape(-1, 1, 2),
-        None if guess is None else np.array(guess, np.float32).reshape(-1, 1, 2), **options)
-    return np.asarray(there, np.float32).reshape(-1, 2), found.ravel() > 0, None
+        there = np.array(guess, np.float32).reshape(-1, 1, 2)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, start.reshape(-1, 1, 2), there,
+                                               **options)
+    return np.asarray(there, np.float32).reshape(-1, 2), found.ravel() > 0

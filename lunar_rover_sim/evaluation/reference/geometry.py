@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.evaluation.reference.sequence import Camera
+from lunar_rover_sim.evaluation.estimator_input import Camera
 from lunar_rover_sim.frames import Array, inverse, se3
 
 _RANSAC_PX = 2.0
@@ -27,32 +27,27 @@ def from_disparity(camera: Camera, px: Array, disparity_px: Array) -> Array:
     return np.column_stack([(px - camera.centre_px) / camera.focal_px * z[:, None], z])
 
 
-def locate(camera: Camera, points_m: Array, px: Array, guess: Array,
+def locate(camera: Camera, points_m: Array, px: Array,
            least: int) -> tuple[Array | None, NDArray[np.bool_]]:
     """Return T_camera_world of a view of known points, and which of them agree (P3P, RANSAC).
 
     None where fewer than `least` points, or less than a third, agree.
     """
-    good = np.zeros(len(px), bool)
+    none = np.zeros(len(px), bool)
+    least = max(least, len(px) // 3)
     cv2.setRNGSeed(0)
-    start = cv2.Rodrigues(guess[:3, :3])[0], guess[:3, 3:].copy()
     ok, rotation, shift, inliers = cv2.solvePnPRansac(
         points_m, px, camera.matrix, None, iterationsCount=300, reprojectionError=_RANSAC_PX,
         confidence=_CONFIDENCE, flags=cv2.SOLVEPNP_AP3P)
-    if not ok or inliers is None:
-        return None, good
-    good[inliers.ravel()] = True
-    if good.sum() < max(least, len(px) // 3):
-        return None, good
-    # Once more from its inliers; points on the edge of the threshold may change sides.
-    for rotation, shift in ((rotation, shift), start):
-        rotation, shift = cv2.solvePnPRefineLM(points_m[good], px[good], camera.matrix, None,
-                                               rotation, shift)
-        T = se3(cv2.Rodrigues(rotation)[0], np.ravel(shift))
-        error = np.linalg.norm(project(camera, T, points_m) - px, axis=1)
-        if (error < _RANSAC_PX).sum() >= max(least, len(px) // 3):
-            return T, error < _RANSAC_PX
-    return None, good
+    if not ok or inliers is None or len(inliers) < least:
+        return None, none
+    good = inliers.ravel()
+    rotation, shift = cv2.solvePnPRefineLM(points_m[good], px[good], camera.matrix, None,
+                                           rotation, shift)
+    T = se3(cv2.Rodrigues(rotation)[0], np.ravel(shift))
+    # Points at the edge of the threshold may have changed sides.
+    agree = np.linalg.norm(project(camera, T, points_m) - px, axis=1) < _RANSAC_PX
+    return (T, agree) if agree.sum() >= least else (None, none)
 
 
 def triangulate(camera: Camera, T_a: Array, T_b: Array, px_a: Array, px_b: Array) -> Array:

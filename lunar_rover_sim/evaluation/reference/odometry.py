@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 import dataclasses
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.errors import EvaluationError
@@ -18,7 +18,7 @@ from lunar_rover_sim.evaluation.reference.bundle import Problem, residuals
 from lunar_rover_sim.evaluation.reference.features import detect, StereoMatcher, track
 from lunar_rover_sim.evaluation.reference.geometry import (
     angles_rad, from_disparity, locate, project, triangulate, two_views)
-from lunar_rover_sim.evaluation.reference.sequence import Camera, Frame, Image
+from lunar_rover_sim.evaluation.estimator_input import Camera, Frame, Image
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.frames import Array, inverse
 
@@ -73,8 +73,7 @@ class Odometry:
         pose = None
         if known.sum() >= _MIN_INLIERS:
             points = np.array([self._points[i] for i in self._ids[known]])
-            pose, good = locate(self._camera, points, self._px[known],
-                                self._motion @ self._pose, _MIN_INLIERS)
+            pose, good = locate(self._camera, points, self._px[known], _MIN_INLIERS)
         if pose is None:
             self._missed += 1
             if self._missed >= _GIVE_UP_FRAMES:
@@ -105,7 +104,7 @@ class Odometry:
         T = self._pose @ inverse(self._keyframes[last].T_camera_world)
         self._located.append((stamp_ns, last, T))
 
-    def _keep(self, keep: Array) -> None:
+    def _keep(self, keep: NDArray[np.bool_]) -> None:
         self._ids, self._px = self._ids[keep], self._px[keep]
 
     def _follow(self, image: Image) -> None:
