@@ -108,9 +108,8 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
         periodic = topic.rate in (topics.STATE, topics.FRAME)
         if topic.node not in scenario.run.nodes or not periodic:
             continue
-        # Not every machine has tf2_msgs, and cmd_vel comes at a rate of its own.
-        if topic in (topics.TF, topics.CMD_VEL):
-            continue
+        if topic == topics.TF:
+            continue  # not every machine has tf2_msgs
         listed = ALL in recorder.topics or topic.name in recorder.topics
         if listed and topic.name not in recorder.exclude:
             result.append(topic.name)

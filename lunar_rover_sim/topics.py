@@ -49,7 +49,7 @@ CONTACTS = tuple(
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
                        'velocity command [rad/s], reference angle [rad]; stamp = state answered')
-CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', STATE, 'drive_node',
+CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', EVENT, 'drive_node',
                 frames.BASE_FRAME, 'Twist where enable_stamped_cmd_vel is false')
 LEFT_IMAGE = Topic('stereo/left/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
                    frames.LEFT_OPTICAL_FRAME, 'mono8')
