@@ -69,8 +69,8 @@ def check_invertible(camera: CameraConfig) -> None:
 
 def _refusal(camera: CameraConfig) -> ConfigError:
     return ConfigError(f'distortion: {list(camera.distortion)} is not valid; valid is one that '
-                       f'can be inverted over {camera.horizontal_fov_deg:g} deg of view; use smaller '
-                       'coefficients')
+                       f'can be inverted over {camera.horizontal_fov_deg:g} deg of view; use '
+                       'smaller coefficients')
 
 
 def padding(camera: CameraConfig) -> tuple[int, int]:
