@@ -1,4 +1,4 @@
-"""`lunar_rover_sim slam`: what SLAM programs need."""
+"""`lunar_rover_sim slam`: what SLAM programs need, and running them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from pathlib import Path
 
 # As in bag.orbslam3_settings, which is too heavy to import for a parser.
 SENSORS = ('mono', 'stereo', 'stereo-inertial', 'rgbd')
+# As in evaluation.estimators, likewise.
+SYSTEMS = ('reference', 'orbslam3', 'command')
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add the commands."""
-    text = 'what SLAM programs need: settings files'
+    text = 'what SLAM programs need: settings files; running them on bags'
     group = subparsers.add_parser('slam', help=text, description=text).add_subparsers(
         metavar='WHAT', required=True)
     text = 'write the settings file of ORB-SLAM3 for a bag or a scenario'
@@ -26,6 +28,71 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument('--legacy', action='store_true',
                         help='the layout before File.version 1.0')
     parser.set_defaults(run=_settings)
+    text = 'run a SLAM program on a bag and judge what it made of it'
+    parser = group.add_parser('run', help=text, description=text)
+    parser.add_argument('bag', type=Path, metavar='BAG')
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
+                        help='folder for settings, log and results; must not exist')
+    parser.add_argument('--sensor', choices=SENSORS, default='stereo')
+    parser.add_argument('--keep-sequence', action='store_true', help='keep the exported images')
+    parser.add_argument('--quiet', action='store_true', help='do not show the log of the program')
+    add_system_arguments(parser)
+    parser.set_defaults(run=_run)
+
+
+def add_system_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that tell which estimator runs, and how."""
+    parser.add_argument('--system', choices=SYSTEMS, default='reference',
+                        help='estimator (default: %(default)s)')
+    parser.add_argument('--executable', type=Path, metavar='PATH',
+                        help='of ORB-SLAM3: stereo_euroc, mono_euroc, rgbd_tum, ...')
+    parser.add_argument('--vocabulary', type=Path, metavar='PATH', help='of ORB-SLAM3')
+    parser.add_argument('--run', default='', metavar='COMMAND', dest='command',
+                        help='of the system `command`: with {sequence} (EuRoC), {settings}, '
+                             '{times}, {sensor} and {out}, the TUM file to write')
+    parser.add_argument('--estimate-frame', choices=('base', 'imu', 'left', 'right'), default='',
+                        help='what of the rover the poses are of (default: left, with an IMU imu)')
+    parser.add_argument('--features', type=int, default=2000, metavar='N',
+                        help='keypoints per image of ORB-SLAM3 (default: %(default)s)')
+    parser.add_argument('--timeout', type=float, default=0.0, metavar='S',
+                        help='longest time of a run [s] (default: ten times the sequence and 2 '
+                             'min)')
+
+
+def _run(args: argparse.Namespace) -> int:
+    import json
+
+    from rich.console import Console
+
+    from lunar_rover_sim.errors import EvaluationError
+    from lunar_rover_sim.evaluation.estimators import Estimator
+    from lunar_rover_sim.evaluation.slam import run_on_bag
+
+    estimator = Estimator(args.system, args.sensor, args.executable, args.vocabulary,
+                          args.command, args.estimate_frame, args.features, args.timeout)
+    try:
+        args.output.mkdir(parents=True)
+    except FileExistsError:
+        raise EvaluationError(f'{args.output}: exists already and is not overwritten') from None
+    except OSError as error:
+        raise EvaluationError(f'{args.output}: cannot be made: {error.strerror}') from None
+    console = Console()
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    with console.status('reading the bag') as status:
+        result = run_on_bag(args.bag, estimator, args.output, None if args.quiet else say,
+                            status.update, args.keep_sequence)
+    (args.output / 'result.json').write_text(json.dumps(result.to_mapping(), indent=2) + '\n',
+                                             encoding='utf-8')
+    if result.reason:
+        say(result.reason)
+    say(f'{result.system} {result.sensor}: tracked {100 * result.tracked_share:.1f} % of '
+        f'{result.frames} frames, ATE {result.ate_m:.4f} m ({result.ate_percent:.2f} % of '
+        f'{result.distance_m:.2f} m), scale {result.scale:.4f}, {result.wall_s:.1f} s')
+    say(str(args.output))
+    return 0
 
 
 def _settings(args: argparse.Namespace) -> int:
