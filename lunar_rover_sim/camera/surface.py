@@ -46,6 +46,8 @@ class Surface:
             texture.build_mipmaps()
             texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
             texture.repeat_x = texture.repeat_y = False
+        # Albedo and scattered light are smooth: the nearest mip level will do.
+        self._matter.filter = (context.LINEAR_MIPMAP_NEAREST, context.LINEAR)
         self._levels = np.array([[1.0 / (self._side * grid.cell_m), 0.5 * grid.n / self._side,
                                   -np.log2(grid.cell_m), grid.half_extent_m]
                                  for grid in world.levels])
