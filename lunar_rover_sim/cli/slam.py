@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.evaluation.estimators import Estimator
 
 # As in bag.orbslam3_settings, which is too heavy to import for a parser.
 SENSORS = ('mono', 'stereo', 'stereo-inertial', 'rgbd')
@@ -45,7 +49,7 @@ def add_system_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--system', choices=SYSTEMS, default='reference',
                         help='estimator (default: %(default)s)')
     parser.add_argument('--executable', type=Path, metavar='PATH',
-                        help='of ORB-SLAM3: stereo_euroc, mono_euroc, rgbd_tum, ...')
+                        help='of ORB-SLAM3: stereo_euroc, mono_euroc, rgbd_tum, ..., or their folder')
     parser.add_argument('--vocabulary', type=Path, metavar='PATH', help='of ORB-SLAM3')
     parser.add_argument('--run', default='', metavar='COMMAND', dest='command',
                         help='of the system `command`: with {sequence} (EuRoC), {settings}, '
@@ -59,17 +63,23 @@ def add_system_arguments(parser: argparse.ArgumentParser) -> None:
                              'min)')
 
 
+def estimator_of(args: argparse.Namespace, sensor: str) -> Estimator:
+    """Return the estimator that the arguments ask for."""
+    from lunar_rover_sim.evaluation.estimators import Estimator, stock_program
+
+    return Estimator(args.system, sensor, stock_program(args.executable, sensor), args.vocabulary,
+                     args.command, args.estimate_frame, args.features, args.timeout)
+
+
 def _run(args: argparse.Namespace) -> int:
     import json
 
     from rich.console import Console
 
     from lunar_rover_sim.errors import EvaluationError
-    from lunar_rover_sim.evaluation.estimators import Estimator
     from lunar_rover_sim.evaluation.slam import run_on_bag
 
-    estimator = Estimator(args.system, args.sensor, args.executable, args.vocabulary,
-                          args.command, args.estimate_frame, args.features, args.timeout)
+    estimator = estimator_of(args, args.sensor)
     try:
         args.output.mkdir(parents=True)
     except FileExistsError:

@@ -169,6 +169,17 @@ class Estimator:
                          'KeyFrameTrajectory.txt')
 
 
+def stock_program(path: Path | None, sensor: str) -> Path | None:
+    """Return the stock example of ORB-SLAM3 for a sensor where `path` is the folder of them."""
+    if path is None or not path.is_dir():
+        return path
+    name = 'rgbd_tum' if sensor == 'rgbd' else f'{sensor.replace("-", "_")}_euroc'
+    found = sorted(p for p in (path / name, *path.glob(f'*/{name}')) if p.is_file())
+    if not found:
+        raise EvaluationError(f'{path}: there is no {name} in it')
+    return found[0]
+
+
 def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
     """Read `stamp x y z qx qy qz qw` lines, stamps in ns or seconds, whichever fits the frames.
 

@@ -57,11 +57,11 @@ def executable(path: str | Path) -> Path:
 
 
 def run_program(command: Sequence[str | Path], folder: Path, log: Path, timeout_s: float,
-                echo: Echo | None = None) -> Exit:
+                echo: Echo | None = None, grace_s: float = _GRACE_S) -> Exit:
     """Run a program in `folder` with its output in `log`, for at most `timeout_s` [s].
 
     echo is called with every line of the output. The program gets a session of its own, which is
-    ended as a whole. Raises EvaluationError where it cannot be started.
+    ended as a whole, `grace_s` [s] after it was asked to end. Raises EvaluationError where it cannot be started.
     """
     if not timeout_s > 0.0:
         raise EvaluationError(f'timeout: {timeout_s:g} is not valid; valid is > 0 [s]')
@@ -81,7 +81,7 @@ def run_program(command: Sequence[str | Path], folder: Path, log: Path, timeout_
     except subprocess.TimeoutExpired:
         timed_out = True
     finally:
-        _end(process)
+        _end(process, grace_s)
         reader.join(_GRACE_S)
     return Exit(process.returncode, timed_out, time.monotonic() - start, tuple(tail))
 
@@ -100,9 +100,9 @@ def _copy(process: subprocess.Popen[bytes], log: Path, tail: list[str],
                 echo(line)
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def _end(process: subprocess.Popen[bytes], grace_s: float) -> None:
     """End the program and whatever it started: politely, then not."""
-    for number, patience_s in ((signal.SIGTERM, _GRACE_S), (signal.SIGKILL, None)):
+    for number, patience_s in ((signal.SIGTERM, grace_s), (signal.SIGKILL, None)):
         # The group outlives its leader as long as somebody is in it.
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, number)
