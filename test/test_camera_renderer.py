@@ -9,8 +9,9 @@ from scipy.ndimage import map_coordinates
 
 import camera_scene as scene
 from lunar_rover_sim.camera.config import CameraConfig, RenderConfig, SensorConfig
-from lunar_rover_sim.camera.renderer import (LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_ROVER,
-                                             LABEL_SKY, Renderer)
+from lunar_rover_sim.camera.frame import (LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_ROVER,
+                                          LABEL_SKY)
+from lunar_rover_sim.camera.renderer import Renderer
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError, RenderError
 

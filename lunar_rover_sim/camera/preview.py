@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.camera.renderer import StereoFrame
+from lunar_rover_sim.camera.frame import StereoFrame
 
 U8 = NDArray[np.uint8]
 

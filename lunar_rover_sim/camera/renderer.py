@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lunar_rover_sim.camera import hapke
 from lunar_rover_sim.camera.boulders import Boulders
 from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.camera.distortion import padding
 from lunar_rover_sim.camera.context import create_context, load_program, set_uniform
+from lunar_rover_sim.camera.lighting import lighting_constants
+from lunar_rover_sim.camera.projection import clip_matrix, covered_rows, view_volume
 from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
+from lunar_rover_sim.camera.frame import LAYERS, read_image, StereoFrame
 from lunar_rover_sim.camera.imager import AutoExposure, Imager
 from lunar_rover_sim.camera import lamp as lamps
 from lunar_rover_sim.camera.rig import StereoRig
@@ -26,15 +28,12 @@ from lunar_rover_sim.camera.sunlight import Sunlight
 from lunar_rover_sim.camera.surface import Surface
 from lunar_rover_sim.camera.terrain import ChunkMesh, ranges, TerrainLevel, View
 from lunar_rover_sim.errors import RenderError
-from lunar_rover_sim.frames import Array, inverse, sun_direction
+from lunar_rover_sim.frames import Array, sun_direction
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.model import World
 
 log = logging.getLogger(__name__)
-
-LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance')
-LABEL_SKY, LABEL_GROUND, LABEL_ROVER, LABEL_FIRST_ROCK = 0, 1, 2, 16
 
 _TRUTH_LAYERS = {'normal', 'label'}
 _LIT = {'ROVER_SHADOW': 1}
@@ -45,30 +44,6 @@ _GROUND_PASSES: dict[str, dict[str, int]] = {
 _LEFT_LAYERS = {'left', 'depth', 'radiance'} | _TRUTH_LAYERS
 _SHADOW_UNIT, _LAMP_UNIT = 6, 7
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
-
-
-@dataclasses.dataclass(frozen=True)
-class StereoFrame:
-    """What was drawn; layers that were not asked for are None.
-
-    left, right: (h, w) uint8 or uint16, or (h, w, 3) uint8: what the sensors put out
-    depth_m: (h, w) float32 depth along the optical axis of the left camera, +inf for the sky
-    normal: (h, w, 3) float32 unit normals of the ground grid and of rocks, world frame; sky 0
-    label: (h, w) int32: 0 sky, 1 ground, 2 rover, 16 + index for rocks
-    radiance: (h, w) float32 ideal image of the left camera [W m-2 sr-1]
-    exposure_s: exposure time
-
-    Where the camera is distorted, left and right are; the layers of truth are those of the
-    undistorted view.
-    """
-
-    left: NDArray[np.generic] | None = None
-    right: NDArray[np.generic] | None = None
-    depth_m: NDArray[np.float32] | None = None
-    normal: NDArray[np.float32] | None = None
-    label: NDArray[np.int32] | None = None
-    radiance: NDArray[np.float32] | None = None
-    exposure_s: float = 0.0
 
 
 class Renderer:
@@ -175,8 +150,7 @@ class Renderer:
         LEG_NAMES; frame_index: makes the noise of each frame its own.
 
         The same arguments give the same pixels; only automatic exposure also depends on the frames
-        before. Raises RenderError if the context is lost, or for
-        an unknown layer.
+        before. Raises RenderError if the context is lost, or for an unknown layer.
         """
         asked = set(layers)
         for name in asked.difference(LAYERS):
@@ -298,7 +272,8 @@ class Renderer:
         context.enable_only(context.NOTHING)
         self._mesh_depth.use(5)
         kind = '' if lit else 'unlit '
-        rows = [self._rows(level.tree.boxes(chunks), camera)
+        near = self.config.camera.near_m
+        rows = [covered_rows(level.tree.boxes(chunks), camera, self._K, self._h, near)
                 for level, (chunks, _) in zip(self._levels, chosen) if len(chunks)]
         if not rows:
             return
@@ -308,7 +283,8 @@ class Renderer:
         coarse = chunks[chunks[:, 2] > 1.0]
         middle = first
         if len(coarse):
-            middle = self._rows(self._levels[0].tree.boxes(coarse), camera)[1]
+            boxes = self._levels[0].tree.boxes(coarse)
+            middle = covered_rows(boxes, camera, self._K, self._h, near)[1]
         if first < middle:
             self._light_rows(kind + 'refined', window, first, middle)
         if max(first, middle) < last:
@@ -376,55 +352,13 @@ class Renderer:
         finally:
             context.depth_func = '<'
 
-    def _rows(self, boxes: Array, camera: Array) -> tuple[int, int]:
-        """Return the first row and the one after the last that (m, 2, 3) boxes may cover."""
-        corners = np.stack([boxes[:, i, axis] for axis in range(3) for i in (0, 1)], axis=1)
-        x, y, z = corners[:, :2], corners[:, 2:4], corners[:, 4:]
-        offset = camera[:3, 3]
-        points = np.stack(np.broadcast_arrays((x - offset[0])[:, :, None, None],
-                                              (y - offset[1])[:, None, :, None],
-                                              (z - offset[2])[:, None, None, :]), axis=-1)
-        optical = points.reshape(-1, 3) @ camera[:3, 1:3]
-        if np.any(optical[:, 1] < self.config.camera.near_m):
-            ahead = optical[:, 1] > self.config.camera.near_m
-            rows = self._K[1, 1] * optical[ahead, 0] / optical[ahead, 1] + self._K[1, 2]
-            return int(np.clip(np.min(rows, initial=self._h) - 1, 0,
-                               self._h - 1)), self._h
-        rows = self._K[1, 1] * optical[:, 0] / optical[:, 1] + self._K[1, 2]
-        first = int(np.clip(np.floor(rows.min()) - 1, 0, self._h - 1))
-        return first, int(np.clip(np.ceil(rows.max()) + 2, first + 1, self._h))
-
     def _view(self, cameras: list[Array], K: Array, w: int, h: int) -> View:
-        """Return the view volume that holds those of all cameras of one kind."""
-        camera = cameras[0]
         middle = np.mean([c[:3, 3] for c in cameras], axis=0)
-        apart = max(float(np.linalg.norm(c[:3, 3] - middle)) for c in cameras)
-        right, down, forward = camera[:3, 0], camera[:3, 1], camera[:3, 2]
-        normals = []
-        for axis, focal, centre, size in ((right, K[0, 0], K[0, 2], w),
-                                          (down, K[1, 1], K[1, 2], h)):
-            normals.append(axis + forward * ((centre + 0.5) / focal))
-            normals.append(-axis + forward * ((size - centre - 0.5) / focal))
-        normals.append(forward)
-        planes = np.array([[*(n / np.linalg.norm(n)), apart + 0.01] for n in normals])
         ground = float(np.nan_to_num(self.world.height_at(middle[:2]), nan=middle[2]))
-        return View(middle, planes, max(middle[2] - ground, 0.0))
+        return view_volume(cameras, K, w, h, ground)
 
     def _clip(self, camera: Array, K: Array, w: int, h: int) -> NDArray[np.float32]:
-        """Return the matrix from camera-relative world axes to clip space, column-major.
-
-        Window rows count downwards, as image rows do, so that nothing has to be flipped.
-        """
-        near, far = self.config.camera.near_m, self.config.camera.far_m
-        projection = np.zeros((4, 4))
-        projection[0, 0], projection[0, 2] = 2 * K[0, 0] / w, 2 * (K[0, 2] + 0.5) / w - 1
-        projection[1, 1], projection[1, 2] = 2 * K[1, 1] / h, 2 * (K[1, 2] + 0.5) / h - 1
-        projection[2, 2] = (far + near) / (far - near)
-        projection[2, 3] = -2 * far * near / (far - near)
-        projection[3, 2] = 1.0
-        rotation = np.eye(4)
-        rotation[:3, :3] = inverse(camera)[:3, :3]
-        return np.ascontiguousarray((projection @ rotation).T, dtype=np.float32)
+        return clip_matrix(camera, K, w, h, self.config.camera.near_m, self.config.camera.far_m)
 
     def _read(self, asked: set[str], eyes: list[int], frame_index: int) -> StereoFrame:
         out: dict[str, NDArray] = {}
@@ -463,35 +397,12 @@ class Renderer:
 
     def _image_of(self, target: Any, attachment: int, eye: int,
                   components: int = 1) -> NDArray[np.float32]:
-        """Read one eye's float attachment within the image: (h, w) or (h, w, components)."""
-        h, w = self._h, self._w
-        data = target.read(viewport=(0, eye * h, w, h), components=components,
-                           attachment=attachment, alignment=1, dtype='f4')
-        shape = (h, w) if components == 1 else (h, w, components)
-        x, y = self._pad
-        return np.frombuffer(data, np.float32).reshape(shape)[y:h - y, x:w - x]
+        return read_image(target, attachment, eye, (self._h, self._w), self._pad, components)
 
     def _set_constants(self) -> None:
-        config, sun = self.config, self.config.sun
+        constants = lighting_constants(self.config, self.sun_direction)
         for program in self._programs.values():
-            set_uniform(program, u_sun=tuple(self.sun_direction),
-                        u_irradiance=sun.irradiance,
-                        u_sun_radius=float(np.radians(0.5 * sun.angular_diameter_deg)))
-            for name, kind, scale in (('u_regolith', config.reflectance.ground,
-                                       config.reflectance.albedo_scale),
-                                      ('u_rock', config.reflectance.rocks, 1.0)):
-                p = hapke.parameter_set(kind)
-                set_uniform(program, **{f'{name}.w': p.w * scale, f'{name}.b': p.b,
-                                        f'{name}.c': p.c, f'{name}.b_s0': p.b_s0,
-                                        f'{name}.h_s': p.h_s})
-            near = np.tan(np.radians(8.0))
-            far = np.tan(np.radians(hapke.parameter_set(config.reflectance.ground).theta_deg))
-            rock = np.tan(np.radians(hapke.parameter_set(config.reflectance.rocks).theta_deg))
-            diffuse = [hapke.hemispherical_albedo(hapke.parameter_set(name)) / np.pi
-                       for name in (config.reflectance.ground, config.reflectance.rocks)]
-            diffuse[0] *= config.reflectance.albedo_scale
-            set_uniform(program, u_diffuse=(float(diffuse[0]), float(diffuse[1])))
-            set_uniform(program, u_theta=(float(near), float(far)), u_rock_theta=float(rock))
+            set_uniform(program, **constants)
 
     # Resources
 

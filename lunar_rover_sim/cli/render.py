@@ -35,7 +35,8 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from lunar_rover_sim.camera.preview import contact_sheet
-    from lunar_rover_sim.camera.renderer import LAYERS, Renderer
+    from lunar_rover_sim.camera.frame import LAYERS
+    from lunar_rover_sim.camera.renderer import Renderer
     from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
     from lunar_rover_sim.stereo.depth import depth_from_disparity
