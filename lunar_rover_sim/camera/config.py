@@ -125,11 +125,11 @@ class DetailConfig(Parameters):
                            'the ground itself', unit='m', low=0.0, high=100.0)
     cells_per_distance: float = param(
         64.0, 'beyond, the cell of the mesh is the distance divided by this', low=5.0, high=1000.0)
-    relief_rms_slope: float = param(0.16, 'slope of the relief below the grid, standard deviation',
+    relief_rms_slope: float = param(0.11, 'RMS slope of either tile of relief below the grid',
                                     low=0.0, high=0.6)
     pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',
                                 low=0.0, high=0.4)
-    pit_cover: float = param(0.25, 'share of the ground under craters below the grid', low=0.0,
+    pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,
                              high=1.0)
     rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn', unit='px', low=0.0,
                                high=20.0)
@@ -138,12 +138,15 @@ class DetailConfig(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class LampConfig(Parameters):
-    """A spot light beside the cameras, with inverse square fall-off and a shadow of its own."""
+    """A spot light with inverse square fall-off and a shadow of its own.
+
+    It sits low and to the left: light from the cameras' own place would show no relief.
+    """
 
     power_w: float = param(0.0, 'radiant flux; 0 switches it off', unit='W', low=0.0, high=1e4)
-    position_m: tuple[float, ...] = param((0.13, 0.0, 0.24), 'in base_link', unit='m', length=3)
-    pitch_deg: float = param(14.0, 'downward tilt', unit='deg', low=-90.0, high=90.0)
-    cone_deg: float = param(70.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)
+    position_m: tuple[float, ...] = param((0.15, 0.08, 0.08), 'in base_link', unit='m', length=3)
+    pitch_deg: float = param(0.0, 'downward tilt', unit='deg', low=-90.0, high=90.0)
+    cone_deg: float = param(60.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)
 
 
 @dataclasses.dataclass(frozen=True)

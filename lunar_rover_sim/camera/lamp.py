@@ -15,7 +15,8 @@ from lunar_rover_sim.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3,
 if TYPE_CHECKING:
     import moderngl
 
-MAP = 1024      # pixels along a side of the shadow map
+MAP = 2048      # pixels along a side of the shadow map
+_WIDEST_DEG = 55.0      # half angle of the map: what the cameras see lies within
 
 
 class Lamp:
@@ -31,8 +32,8 @@ class Lamp:
         self.T_base_lamp = se3(tilt @ R_BODY_OPTICAL, config.position_m)
         self.exponent = beam_exponent(config)
         self.intensity = peak_intensity(config)
-        # The map covers the beam down to a hundredth of its peak, at most 140 deg.
-        half = min(math.acos(0.01**(1.0 / self.exponent)), math.radians(70.0))
+        # The map covers the beam down to a hundredth of its peak.
+        half = min(math.acos(0.01**(1.0 / self.exponent)), math.radians(_WIDEST_DEG))
         focal = 0.5 * MAP / math.tan(half)
         centre = 0.5 * (MAP - 1)
         self.K: Array = np.array([[focal, 0, centre], [0, focal, centre], [0, 0, 1.0]])

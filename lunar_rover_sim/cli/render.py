@@ -5,6 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.camera.renderer import Renderer
+    from lunar_rover_sim.frames import Array
+    from lunar_rover_sim.world.model import World
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -25,6 +31,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument('--seed', type=int, metavar='N', help='seed of everything random')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
+    # Let argparse take `--pose -2,3,240` as a value, as it does `-2`.
+    parser._negative_number_matcher = re.compile(r'^-\.?\d')
     parser.set_defaults(run=run)
 
 
@@ -60,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
         args.output.mkdir(parents=True)
         for k, pose in enumerate(args.pose or [(0.0, 0.0, 0.0, _HEIGHT_M)]):
             T = standing(world, *pose)
+            settle(renderer, T, angles)
             frame = renderer.render(T, angles, k, LAYERS)
             name = f'{k:03d}'
             out = args.output
@@ -78,9 +87,23 @@ def run(args: argparse.Namespace) -> int:
 
 
 _HEIGHT_M = 0.09
+_SETTLED, _MOST_FRAMES = 0.01, 60
 
 
-def standing(world, x_m: float, y_m: float, yaw_deg: float, height_m: float = _HEIGHT_M):
+def settle(renderer: Renderer, T_world_base: Array, joint_angle_rad: Array) -> None:
+    """Let automatic exposure come to rest at a pose, as it would have on the way there."""
+    if renderer.config.sensor.exposure_mode != 'auto':
+        return
+    last = 0.0
+    for k in range(_MOST_FRAMES):
+        exposure_s = renderer.render(T_world_base, joint_angle_rad, k, ('left',)).exposure_s
+        if abs(exposure_s - last) < _SETTLED * exposure_s:
+            return
+        last = exposure_s
+
+
+def standing(world: World, x_m: float, y_m: float, yaw_deg: float,
+             height_m: float = _HEIGHT_M) -> Array:
     """Return T_world_base of a rover that stands upright on the slope at a place."""
     import numpy as np
 
