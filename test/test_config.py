@@ -12,7 +12,7 @@ from lunar_rover_sim.config import load_scenario, scenario_names
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.graph import resolve
 
-NAMES = ('baseline', 'dem', 'feature_sparse', 'flat', 'low_albedo')
+NAMES = ('baseline', 'dem', 'feature_sparse', 'flat', 'low_albedo', 'permanent_shadow')
 
 
 def test_the_named_scenarios_are_there() -> None:
