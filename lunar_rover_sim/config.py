@@ -21,21 +21,21 @@ from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.drive.config import DriveConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.parameters import group, merge, nearest, nest, param, Parameters
+from lunar_rover_sim.parameters import brief, group, merge, nearest, nest, param, Parameters
 from lunar_rover_sim.physics.config import ImuConfig, PhysicsConfig
 from lunar_rover_sim.resources import config_folder
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.store import load_rover
 from lunar_rover_sim.stereo.sgm import SgmConfig
 from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.yaml_text import parse_yaml
+from lunar_rover_sim.yaml_text import parse_yaml, read_text
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.rate == topics.FRAME)
 
 SHARED = '/**'
 ROS_KEY = 'ros__parameters'
 LOCKSTEP, REAL_TIME = 'lockstep', 'real_time'
-MAX_SCENARIO_BYTES = 1 << 20
+MAX_SCENARIO_BYTES = 1 << 18
 
 
 @dataclasses.dataclass(frozen=True)
@@ -255,13 +255,7 @@ def _find(name_or_path: str) -> Path:
 
 def _read(path: Path) -> dict[str, Any]:
     """Return section → nested values of a scenario file, section names checked."""
-    if path.stat().st_size > MAX_SCENARIO_BYTES:
-        raise ConfigError(f'{path}: larger than {MAX_SCENARIO_BYTES} bytes; not a scenario')
-    try:
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: cannot be read: {error}') from None
-    document = parse_yaml(text, str(path))
+    document = parse_yaml(read_text(path, MAX_SCENARIO_BYTES), str(path))
     if document is None:
         document = {}
     if not isinstance(document, Mapping):
@@ -269,7 +263,7 @@ def _read(path: Path) -> dict[str, Any]:
     sections: dict[str, Any] = {}
     for section, body in document.items():
         if section not in _section_names():
-            raise ConfigError(f'{path}: no such section {section!r}; '
+            raise ConfigError(f'{path}: no such section {brief(section)}; '
                               f'{nearest(str(section), _section_names())}')
         if not isinstance(body, Mapping) or set(body) != {ROS_KEY}:
             raise ConfigError(f'{path}: section {section!r} must hold {ROS_KEY!r} and nothing '
@@ -299,7 +293,7 @@ def _parse_override(override: str) -> dict[str, Any]:
         return {SHARED: {section: value}}
     if not dot or section not in _section_names():
         valid = [s for s in _section_names() if s != SHARED] + _shared_names()
-        raise ConfigError(f'--set {override}: no such section {section!r}; '
+        raise ConfigError(f'--set {override}: no such section {brief(section)}; '
                           f'{nearest(section, valid)}')
     return {section: nest({parameter: value})}
 

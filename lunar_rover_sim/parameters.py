@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 import difflib
 import math
+import reprlib
 import typing
 from typing import Any, TypeVar
 
@@ -20,6 +21,25 @@ T = TypeVar('T', bound='Parameters')
 
 _SCALARS = {'bool': bool, 'int': int, 'float': float, 'str': str}
 _ARRAYS = {'tuple[float, ...]': float, 'tuple[int, ...]': int, 'tuple[str, ...]': str}
+
+
+_INT64 = 2**63
+
+
+class _Brief(reprlib.Repr):
+    def repr_int(self, x: int, level: int) -> str:
+        # Python refuses to write numbers of more than 4300 digits.
+        return repr(x) if abs(x) < _INT64 else f'<whole number of {x.bit_length()} bits>'
+
+
+_BRIEF = _Brief()
+_BRIEF.maxstring = _BRIEF.maxother = 80
+_BRIEF.maxlevel = 3
+
+
+def brief(value: object) -> str:
+    """Return a value as one short line, however large it is."""
+    return _BRIEF.repr(value)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,15 +107,15 @@ class Parameters:
         name (offering the nearest ones), a wrong type or a value out of range.
         """
         if not isinstance(mapping, Mapping):
-            raise ConfigError(f'{where or cls.__name__}: {mapping!r} is not a mapping of parameter'
-                              ' names to values')
+            raise ConfigError(f'{where or cls.__name__}: {brief(mapping)} is not a mapping of '
+                              'parameter names to values')
         fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
         hints = _hints(cls)
         values: dict[str, Any] = {}
         for key, value in nest(mapping, where).items():
             name = f'{where}.{key}' if where else key
             if key not in fields:
-                raise ConfigError(f'{name}: no such parameter; {nearest(key, fields)}')
+                raise ConfigError(f'{_shown(name)}: no such parameter; {nearest(key, fields)}')
             if 'info' in fields[key].metadata:
                 values[key] = check(name, value, hints[key], fields[key].metadata['info'])
             else:
@@ -133,7 +153,8 @@ def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
     result: dict[str, Any] = {}
     for key, value in mapping.items():
         if not isinstance(key, str):
-            raise ConfigError(f'{where + "." if where else ""}{key}: a parameter name is text')
+            raise ConfigError(f'{where + "." if where else ""}{brief(key)}: a parameter name is '
+                              'text')
         head, _, tail = key.partition('.')
         if tail:
             value = {tail: value}
@@ -158,7 +179,7 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
     """Return a phrase that offers the valid names nearest to `name`."""
     names = list(valid)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    close = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.5)
     if close:
         return 'did you mean ' + ' or '.join(close) + '?'
     return 'valid are ' + ', '.join(sorted(names))
@@ -172,7 +193,7 @@ def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:
     kind_name = _kind_name(kind)
     if kind_name in _ARRAYS:
         if isinstance(value, (str, bytes)) or not isinstance(value, Sequence):
-            raise ConfigError(f'{name}: {value!r} is not a list')
+            raise ConfigError(f'{name}: {brief(value)} is not a list')
         items = tuple(_scalar(name, item, _ARRAYS[kind_name]) for item in value)
         if info.length is not None and len(items) != info.length:
             raise ConfigError(f'{name}: {len(items)} elements given; valid is {info.valid()}')
@@ -185,11 +206,13 @@ def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:
 
 
 def _scalar(name: str, value: Any, kind: type) -> Any:
+    if isinstance(value, int) and not -_INT64 <= value < _INT64:
+        raise ConfigError(f'{name}: {brief(value)} is not valid; valid are 64 bits')
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         words = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'text'}
-        raise ConfigError(f'{name}: {value!r} is not {words[kind]}')
+        raise ConfigError(f'{name}: {brief(value)} is not {words[kind]}')
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f'{name}: {value!r} is not a finite number')
     return value
@@ -198,12 +221,16 @@ def _scalar(name: str, value: Any, kind: type) -> Any:
 def _bound(name: str, value: Any, info: ParamInfo) -> None:
     if info.choices and value not in info.choices:
         hint = nearest(value, info.choices)
-        raise ConfigError(f'{name}: {value!r} is not valid; {hint}')
+        raise ConfigError(f'{name}: {brief(value)} is not valid; {hint}')
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         too_low = info.low is not None and (value < info.low
                                             or (info.open_low and value == info.low))
         if too_low or (info.high is not None and value > info.high):
             raise ConfigError(f'{name}: {value} is not valid; valid is {info.valid()}')
+
+
+def _shown(name: str) -> str:
+    return name if name.isprintable() and len(name) <= 120 else brief(name)
 
 
 def _hints(cls: type) -> dict[str, Any]:

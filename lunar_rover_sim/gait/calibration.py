@@ -16,9 +16,11 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.yaml_text import parse_yaml, read_text
 
 Array = NDArray[np.float64]
 
+_MOST_BYTES = 1 << 20
 DEAD_SPEED_MPS = 2e-4   # what is slower than this (forward, or at the feet by yaw) is standing
 # Paper and pencil: advance per cycle and half the track that a skidding turn seems to have, of
 # the default rover (0.3 m x 0.21 m between the feet, 8 cm spokes).
@@ -109,9 +111,9 @@ class GaitCalibration:
         if path is None:
             return cls.default()
         try:
-            document = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            reason = ' '.join(str(error).split())
+            document = parse_yaml(read_text(Path(path), _MOST_BYTES), str(path))
+        except ConfigError as error:
+            reason = str(error).removeprefix(f'{path}: ').removeprefix('cannot be read: ')
             raise ConfigError(f'calibration: {path} cannot be read: {reason}; make it with'
                               ' `lunar_rover_sim calibrate gait`') from None
         fields = [f.name for f in dataclasses.fields(cls) if f.init]

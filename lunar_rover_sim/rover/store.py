@@ -9,7 +9,9 @@ import yaml
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.resources import config_path
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.yaml_text import parse_yaml
+from lunar_rover_sim.yaml_text import parse_yaml, read_text
+
+_MOST_BYTES = 1 << 18
 
 
 def load_rover(path: str | Path | None = None) -> RoverDescription:
@@ -18,10 +20,7 @@ def load_rover(path: str | Path | None = None) -> RoverDescription:
     Raises ConfigError if the file cannot be read or says something invalid.
     """
     path = Path(path) if path is not None else config_path('rover.yaml')
-    try:
-        content = parse_yaml(path.read_text(encoding='utf-8'), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: cannot be read ({error})') from None
+    content = parse_yaml(read_text(path, _MOST_BYTES), str(path))
     try:
         return RoverDescription.from_mapping({} if content is None else content)
     except ConfigError as error:

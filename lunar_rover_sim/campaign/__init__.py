@@ -1,0 +1,1 @@
+"""Data sets: many randomised runs from one file, checked, exported, described."""

@@ -1,0 +1,123 @@
+"""The data card: what a data set holds, for people (Markdown) and programs (JSON)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim import __version__
+from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, CARD_FILE, README_FILE
+from lunar_rover_sim.campaign.manifest import read_json, write_json
+from lunar_rover_sim.campaign.production import failures, manifests
+from lunar_rover_sim.campaign.statistics import MEANINGS
+from lunar_rover_sim.errors import BagError
+
+_SUMS = ('duration_s', 'frames', 'distance_m', 'bytes')
+_FORMATS = {
+    'bag': 'rosbag2 (MCAP or SQLite), all topics; the bag of an episode is checked by '
+           '`lunar_rover_sim bag check`',
+    'euroc': 'EuRoC/ASL: mav0/cam0, cam1, imu0, ground truth of the IMU; sensor.yaml each',
+    'tum': 'TUM RGB-D: rgb, depth (16-bit PNG, 5000 counts a metre), groundtruth.txt of the left '
+           'camera, calibration.yaml',
+    'kitti': 'KITTI odometry: image_0, image_1, calib.txt, times.txt, poses.txt',
+    'tartanair': 'TartanAir: image_left, image_right, depth_left (npy, metres; and 16-bit PNG, '
+                 'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml',
+}
+
+
+def make_card(dataset: Path) -> dict[str, Any]:
+    """Return the data card of a data set as plain values.
+
+    statistics: name → mean, min, max over the episodes, total where that means something.
+    Raises BagError where the folder is not a data set.
+    """
+    episodes = list(manifests(dataset))
+    recorded = read_json(dataset / CAMPAIGN_FILE)
+    campaign = recorded.get('campaign')
+    if not isinstance(campaign, dict):
+        raise BagError(f'{dataset / CAMPAIGN_FILE}: has no campaign')
+    failed = failures(dataset)
+    presets = sorted({str(e['statistics'].get('imu_preset', '')) for e in episodes})
+    return {
+        'name': campaign.get('name'), 'description': campaign.get('description'),
+        'license': campaign.get('license'), 'version': __version__, 'campaign': campaign,
+        'imu_presets': presets,
+        'episodes': {e['name']: {'drawn': e.get('drawn'), 'bag_hash': e.get('bag_hash'),
+                                 'statistics': e['statistics']} for e in episodes},
+        'failed': failed,
+        'statistics': {name: summary for name in MEANINGS
+                       if (summary := _summary(name, episodes)) is not None},
+        'meanings': {name: MEANINGS[name] for name in MEANINGS},
+    }
+
+
+def write_card(dataset: Path) -> dict[str, Any]:
+    """Write card.json and README.md into the folder of a data set; return the card."""
+    card = make_card(dataset)
+    write_json(dataset / CARD_FILE, card)
+    partial = dataset / f'.{README_FILE}.partial'
+    partial.write_text(markdown(card), encoding='utf-8')
+    partial.replace(dataset / README_FILE)
+    return card
+
+
+def _summary(name: str, episodes: Sequence[dict[str, Any]]) -> dict[str, float] | None:
+    values = [value for e in episodes
+              if isinstance(value := e['statistics'].get(name), (int, float))]
+    if not values:
+        return None
+    result = {'mean': float(f'{np.mean(values):.6g}'), 'min': min(values), 'max': max(values)}
+    if name in _SUMS:
+        result['total'] = float(f'{sum(values):.9g}')
+    return result
+
+
+def markdown(card: dict[str, Any]) -> str:
+    """Return the data card as Markdown."""
+    campaign = card['campaign']
+    kept = [*(['bag'] if campaign.get('keep_bag', True) else []), *campaign.get('formats', ())]
+    lines = [f'# {card["name"]}', '', card['description'] or 'Simulated stereo, depth and inertial'
+             ' data of a rover on the Moon.', '',
+             f'- licence: {card["license"]}',
+             f'- made with lunar_rover_sim {card["version"]} from the scenario '
+             f'`{campaign.get("base")}`, design {campaign.get("design")}, seed '
+             f'{campaign.get("seed")}',
+             f'- {len(card["episodes"])} episodes' + (f', {len(card["failed"])} more failed'
+                                                      if card['failed'] else ''),
+             f'- IMU noise: {", ".join(card["imu_presets"])}', '',
+             '## What is in an episode', '',
+             'Every folder in `episodes/` holds `scenario.yaml`, from which `lunar_rover_sim run '
+             'scenario.yaml -o DIR` records the same bag, byte for byte on one kind of machine; '
+             '`manifest.json` with the sizes and SHA-256 of all files, the result of the bag '
+             'check and the statistics; and:', '',
+             *(f'- `{kind}`: {_FORMATS[kind]}' for kind in kept if kind in _FORMATS), '',
+             '## Statistics', '', '| | mean | min | max | total | meaning |', '|---|---|---|---|'
+             '---|---|']
+    for name, summary in card['statistics'].items():
+        cells = [number(summary.get(key)) for key in ('mean', 'min', 'max', 'total')]
+        lines.append(f'| {name} | {" | ".join(cells)} | {card["meanings"][name]} |')
+    lines += ['', '## What varies', '', '| parameter | distribution |', '|---|---|']
+    lines += [f'| `{_cell(name)}` | `{_cell(str(how))}` |'
+              for name, how in campaign.get('vary', {}).items()]
+    lines += ['', '## Limits', '',
+              'Images are rendered, not photographed. Semi-global matching leaves holes and errors'
+              ' on purpose; ground truth has none. Slip and sinkage follow a contact model, not '
+              'measured regolith.', '']
+    if card['failed']:
+        lines += ['## Failed episodes', '',
+                  *(f'- {name}: {_cell(error)}' for name, error in card['failed'].items()), '']
+    return '\n'.join(lines)
+
+
+def number(value: object) -> str:
+    """Return a number as text of at most five digits; nothing for None."""
+    if isinstance(value, float):
+        return f'{value:.4g}' if abs(value) < 1e5 else f'{value:.5g}'
+    return '' if value is None else str(value)
+
+
+def _cell(text: str) -> str:
+    return ' '.join(text.split()).replace('|', '\\|').replace('`', "'")

@@ -1,0 +1,44 @@
+"""Designs: where in the unit cube the episodes of a campaign lie."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+LATIN_HYPERCUBE, SOBOL, RANDOM, GRID = 'latin_hypercube', 'sobol', 'random', 'grid'
+DESIGNS = (SOBOL, LATIN_HYPERCUBE, RANDOM, GRID)
+
+
+def places(design: str, count: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Return (count, dimensions) places in [0, 1), the same for the same arguments.
+
+    latin_hypercube: every one of `count` equal slices of every dimension is met once (McKay,
+    Beckman and Conover, 1979). sobol: a scrambled low-discrepancy sequence (Owen, 1998); more
+    episodes go on where fewer ended. random: independent.
+    """
+    from scipy.stats import qmc
+
+    generator = np.random.default_rng(seed)
+    if not count or not dimensions:
+        return np.zeros((count, dimensions))
+    if design == LATIN_HYPERCUBE:
+        return qmc.LatinHypercube(dimensions, seed=generator).random(count)
+    if design == SOBOL:
+        # Balanced in powers of two: a whole one is drawn, its beginning is used.
+        sampler = qmc.Sobol(dimensions, scramble=True, seed=generator)
+        return sampler.random_base2(max(count - 1, 0).bit_length())[:count]
+    return generator.random((count, dimensions))
+
+
+def grid_rows(values: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
+    """Return every combination of the values, the last one changing fastest."""
+    return list(itertools.product(*values))
+
+
+def episode_seed(seed: int, index: int) -> int:
+    """Return the seed of an episode, in [0, 2^31): independent streams from one seed."""
+    return int(np.random.SeedSequence([seed, index]).generate_state(1)[0] & 0x7fffffff)

@@ -1,0 +1,190 @@
+"""Numbers that describe a recording, each with what it means.
+
+Images are sampled: at most `SAMPLES` stereo sets, evenly over the recording. The ground is where
+the true depth is finite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag.matching import is_matched, is_textured
+from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.scenario import recorded_scenario
+from lunar_rover_sim.bag.sensors import recorded_sensors
+from lunar_rover_sim.bag.series import picture, read_imu, read_odometry
+from lunar_rover_sim.frames import Array
+
+SAMPLES = 40
+_CORNER_THRESHOLD = 20   # grey levels of 255, as ORB-SLAM3's first threshold
+_SHADOW_LEVEL = 0.05     # of the bright ground in the same image
+_BRIGHT_PERCENTILE = 90.0
+
+MEANINGS: dict[str, str] = {
+    'duration_s': 'simulated time [s]',
+    'frames': 'stereo sets',
+    'distance_m': 'length of the true path, horizontal, in steps of 0.1 s [m]',
+    'mean_speed_mps': 'distance over duration [m/s]',
+    'climb_m': 'difference of the highest and the lowest point of the path [m]',
+    'largest_tilt_deg': 'largest angle between the base and the vertical [deg]',
+    'sun_azimuth_deg': 'direction to the sun, from x (east) towards y (north) [deg]',
+    'sun_elevation_deg': 'height of the sun above the horizontal [deg]',
+    'ground_share': 'share of the left image that shows ground, not sky',
+    'shadow_share': 'share of the ground pixels with less than 5 % of the signal of the bright '
+                    'ground (90th percentile) of the same image',
+    'textured_share': 'share of the ground pixels whose brightness changes by more than 8 % of '
+                      'full scale over two columns',
+    'corners': 'FAST corners (threshold 20 of 255) per left image',
+    'sgm_density': 'share of the ground pixels with a disparity from semi-global matching',
+    'sgm_error_px': 'median absolute error of that disparity against the true depth [px]',
+    'accel_noise_density': 'standard deviation of raw minus truth and bias, times the root of '
+                           'the sample period [m/s^2/sqrt(Hz)]',
+    'gyro_noise_density': 'the same of the gyroscope [rad/s/sqrt(Hz)]',
+    'bytes': 'size of the bag [bytes]',
+}
+
+
+def statistics(path: Path | str) -> dict[str, Any]:
+    """Return name → number (None where the bag does not tell), and the IMU's preset.
+
+    The names are those of `MEANINGS`. Raises BagError where the bag cannot be read.
+    """
+    result: dict[str, Any] = dict.fromkeys(MEANINGS)
+    with open_bag(path) as bag:
+        result['bytes'] = bag.size_bytes
+        result['duration_s'] = bag.end_ns / 1e9
+        result['frames'] = bag.counts[bag.resolve(topics.LEFT_IMAGE.name)] \
+            if bag.has(topics.LEFT_IMAGE.name) else 0
+        if bag.has(topics.ODOM.name):
+            result.update(_path(bag))
+        if bag.has(topics.SUN.name):
+            sun = bag.first(topics.SUN.name).vector
+            result['sun_azimuth_deg'] = float(np.degrees(np.arctan2(sun.y, sun.x)))
+            result['sun_elevation_deg'] = float(
+                np.degrees(np.arctan2(sun.z, np.hypot(sun.x, sun.y))))
+        result.update(_images(bag))
+        result.update(_imu(bag))
+        result['imu_preset'] = str(recorded_scenario(bag).get('physics_node', 'imu.preset', ''))
+    return {name: round(value, 9) if isinstance(value, float) else value
+            for name, value in result.items()}
+
+
+def track(path: Path | str) -> Array:
+    """Return the true path (n, 2) [m], x and y, in steps of about 0.1 s."""
+    with open_bag(path) as bag:
+        if not bag.has(topics.ODOM.name):
+            return np.zeros((0, 2))
+        odometry = read_odometry(bag)
+        return odometry.positions_m[::_step(odometry.stamps_ns), :2]
+
+
+def _path(bag: Bag) -> dict[str, float]:
+    odometry = read_odometry(bag)
+    if not len(odometry.stamps_ns):
+        return {}
+    coarse = odometry.positions_m[::_step(odometry.stamps_ns)]
+    distance = float(np.linalg.norm(np.diff(coarse[:, :2], axis=0), axis=1).sum())
+    up = frames.matrix_from_wxyz(odometry.orientations_wxyz)[:, 2, 2]
+    duration_s = float(odometry.stamps_ns[-1]) / 1e9
+    return {'distance_m': distance,
+            'mean_speed_mps': distance / duration_s if duration_s > 0.0 else 0.0,
+            'climb_m': float(np.ptp(coarse[:, 2])),
+            'largest_tilt_deg': float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))).max())}
+
+
+def _step(stamps_ns: NDArray[np.int64]) -> int:
+    """Return how many samples make 0.1 s: the bounce of the gait is no distance travelled."""
+    if len(stamps_ns) < 2:
+        return 1
+    return max(1, round(1e8 / float(np.median(np.diff(stamps_ns)))))
+
+
+class _Sample(NamedTuple):
+    """A stereo set: left image, true depth [m], disparity message."""
+
+    left: NDArray[Any]
+    depth_m: NDArray[np.float32] | None
+    disparity: Any
+
+
+def _samples(bag: Bag) -> Iterator[_Sample]:
+    if not bag.has(topics.LEFT_IMAGE.name):
+        return
+    stamps = [m.time_ns for m in bag.raw([topics.LEFT_IMAGE.name])]
+    chosen = np.unique(np.linspace(0, len(stamps) - 1, min(SAMPLES, len(stamps))).astype(int))
+    names = {bag.resolve(t.name): t for t in (topics.LEFT_IMAGE, topics.TRUE_DEPTH,
+                                              topics.DISPARITY) if bag.has(t.name)}
+    for k in chosen:
+        found = {names[topic]: message for topic, _, message in
+                 bag.messages(names, stamps[k], stamps[k] + 1)}
+        depth = picture(bag, found[topics.TRUE_DEPTH]).pixels \
+            if topics.TRUE_DEPTH in found else None
+        yield _Sample(picture(bag, found[topics.LEFT_IMAGE]).pixels, depth,
+                      found.get(topics.DISPARITY))
+
+
+def _images(bag: Bag) -> dict[str, float]:
+    """Return means over the sampled frames; of the error, the median."""
+    linear = recorded_scenario(bag).get('render_node', 'sensor.companding') == 'linear'
+    collected: dict[str, list[float]] = {}
+    for sample in _samples(bag):
+        for name, value in _describe(bag, sample, linear).items():
+            collected.setdefault(name, []).append(value)
+    return {name: float(np.median(values) if name == 'sgm_error_px' else np.mean(values))
+            for name, values in collected.items()}
+
+
+def _describe(bag: Bag, sample: _Sample, linear: bool) -> dict[str, float]:
+    levels = _levels(sample.left)
+    corners = cv2.FastFeatureDetector_create(_CORNER_THRESHOLD).detect(
+        np.ascontiguousarray((levels * 255.0).astype(np.uint8)))
+    result = {'corners': float(len(corners))}
+    if sample.depth_m is None:
+        return result
+    ground = np.isfinite(sample.depth_m)
+    result['ground_share'] = float(ground.mean())
+    if not ground.any():
+        return result
+    # mono16 is linear in any case, mono8 and rgb8 as the scenario says.
+    signal = levels if linear or sample.left.dtype == np.uint16 else levels**2
+    bright = float(np.percentile(signal[ground], _BRIGHT_PERCENTILE))
+    result['shadow_share'] = float((signal[ground] < _SHADOW_LEVEL * bright).mean())
+    result['textured_share'] = float(is_textured(sample.left)[ground].mean())
+    if sample.disparity is not None:
+        disparity = picture(bag, sample.disparity.image).pixels
+        matched = is_matched(sample.disparity, disparity) & ground
+        result['sgm_density'] = float(matched[ground].mean())
+        if matched.any():
+            true_px = sample.disparity.f * sample.disparity.t / sample.depth_m[matched]
+            result['sgm_error_px'] = float(np.median(np.abs(disparity[matched] - true_px)))
+    return result
+
+
+def _levels(image: NDArray[Any]) -> NDArray[np.float32]:
+    """Return the image as grey in [0, 1]."""
+    grey = image[..., :3].mean(axis=-1) if image.ndim == 3 else image
+    return np.asarray(grey, dtype=np.float32) / np.float32(np.iinfo(image.dtype).max)
+
+
+def _imu(bag: Bag) -> dict[str, float]:
+    """Return the noise densities that the recording shows; the bias is taken off."""
+    needed = (topics.IMU_RAW.name, topics.IMU_TRUTH.name, topics.IMU_BIAS.name)
+    if not all(bag.has(name) for name in needed):
+        return {}
+    raw, truth = read_imu(bag, needed[0]), read_imu(bag, needed[1])
+    bias = np.array([[a.x, a.y, a.z, w.x, w.y, w.z] for a, w in (
+        (m.accel.linear, m.accel.angular) for _, _, m in bag.messages([needed[2]]))])
+    rate_hz = recorded_sensors(bag).imu_rate_hz if bag.has(topics.LEFT_INFO.name) else 0.0
+    if not (len(raw.stamps_ns) == len(truth.stamps_ns) == len(bias) > 1) or not rate_hz:
+        return {}
+    accel = raw.specific_forces_mps2 - truth.specific_forces_mps2 - bias[:, :3]
+    gyro = raw.rates_radps - truth.rates_radps - bias[:, 3:]
+    return {'accel_noise_density': float(accel.std(axis=0).mean() / np.sqrt(rate_hz)),
+            'gyro_noise_density': float(gyro.std(axis=0).mean() / np.sqrt(rate_hz))}

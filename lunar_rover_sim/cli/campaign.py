@@ -1,0 +1,136 @@
+"""`lunar_rover_sim campaign`: many randomised runs into one data set."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import contextlib
+from pathlib import Path
+import signal
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
+    from lunar_rover_sim.campaign.production import Dataset, Progress
+
+_PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        'campaign', help='record a data set of randomised episodes',
+        description='Record the episodes of a campaign file, check each one, export it, and '
+                    'write a data card. What is there already is kept: the same call goes on '
+                    'after Ctrl-C, a crash or a power cut.')
+    parser.add_argument('campaign', help='name of a packaged campaign, or a YAML file')
+    parser.add_argument('-o', '--output', type=Path, metavar='DIR',
+                        help='folder of the data set; may hold part of it')
+    parser.add_argument('--jobs', type=int, default=1, metavar='N',
+                        help='episodes side by side on this machine (default: %(default)s)')
+    parser.add_argument('--scheduler', metavar='ADDRESS',
+                        help='send episodes to the Dask cluster at this address (tcp://host:port)'
+                             '; DIR must be shared by its workers')
+    parser.add_argument('--retry', action='store_true', help='make episodes again that failed')
+    parser.add_argument('--dry-run', action='store_true',
+                        help='print what would be drawn for each episode, record nothing')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make what is missing; return 1 where an episode failed."""
+    from rich.console import Console
+
+    from lunar_rover_sim.campaign.card import write_card
+    from lunar_rover_sim.campaign.file import load_campaign
+    from lunar_rover_sim.campaign.plan import plan
+    from lunar_rover_sim.campaign.production import Dataset
+    from lunar_rover_sim.errors import ConfigError
+    from lunar_rover_sim.runner import require_ros
+
+    if args.jobs < 1:
+        raise ConfigError(f'--jobs {args.jobs}: is not valid; valid is 1 or more')
+    if args.output is None and not args.dry_run:
+        raise ConfigError('-o is missing: name the folder of the data set')
+    campaign = load_campaign(args.campaign)
+    console = Console()
+    with console.status('planning'):
+        plans = list(plan(campaign))
+    if args.dry_run:
+        for episode in plans:
+            console.print(f'{episode.name}: ' + ', '.join(
+                f'{name} = {value}' for name, value in episode.drawn.items()), **_PLAIN)
+        return 0
+    require_ros()
+    # SIGTERM stops a campaign as Ctrl-C does: what is being made is dropped, the rest stays.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with Dataset(args.output, campaign) as dataset:
+        with console.status('') as status:
+            progress = dataset.survey(plans, args.retry, lambda name: status.update(
+                f'looking at what is there: {name}'))
+        dataset.record()
+        for name, reason in progress.remade.items():
+            console.print(f'{name} is made again: {reason}', **_PLAIN)
+        console.print(f'{campaign.config.name}: {len(plans)} episodes, {len(progress.finished)} '
+                      f'there, {len(progress.missing)} to make'
+                      + (f', {len(progress.failed)} failed before (--retry makes them again)'
+                         if progress.failed else ''), **_PLAIN)
+        try:
+            _make(dataset, dataset.tasks(plans, progress.missing), args, progress, console)
+        finally:
+            card = write_card(dataset.folder)
+    there = len(card['episodes'])
+    console.print(f'{there} of {len(plans)} episodes in {dataset.folder}; data card: '
+                  f'{dataset.folder / "README.md"}', **_PLAIN)
+    return 0 if there == len(plans) else 1
+
+
+def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,
+          progress: Progress, console: Any) -> None:
+    """Run the tasks here or on a cluster, and show how far it has come."""
+    from lunar_rover_sim.campaign.cluster import run_on_cluster
+    from lunar_rover_sim.campaign.pool import run_local
+
+    simulated_s = {task.plan.name: task.plan.duration_s for task in tasks}
+
+    with _bar(console, sum(simulated_s.values())) as advance:
+        made = failed = 0
+
+        def done(outcome: Outcome) -> None:
+            nonlocal made, failed
+            if outcome.error:
+                failed += 1
+                progress.failed[outcome.name] = outcome.error
+                console.print(f'{outcome.name} failed: {outcome.error}', **_PLAIN)
+            else:
+                made += 1
+                console.print(f'{outcome.name}: {outcome.frames} frames in {outcome.wall_s:.0f} s',
+                              **_PLAIN)
+            advance(simulated_s[outcome.name], f'{made}/{len(tasks)} made'
+                    + (f', {failed} failed' if failed else ''))
+
+        if not tasks:
+            return
+        if args.scheduler is not None:
+            run_on_cluster(tasks, dataset.folder, args.scheduler, done)
+        else:
+            run_local(tasks, dataset.folder, args.jobs, done)
+
+
+@contextlib.contextmanager
+def _bar(console: Any, total_s: float) -> Iterator[Any]:
+    """Show a progress bar over simulated time, with the time left once an episode is done."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeRemainingColumn
+
+    columns = (TextColumn('{task.description}'), BarColumn(),
+               TextColumn('{task.completed:.0f}/{task.total:.0f} s simulated'),
+               TimeElapsedColumn(), TextColumn('left'), TimeRemainingColumn())
+    # Episodes take minutes: the pace is that of all of them, not of the last 30 s.
+    with Progress(*columns, console=console, speed_estimate_period=1e9) as progress:
+        task = progress.add_task('recording', total=total_s)
+
+        def advance(simulated_s: float, text: str) -> None:
+            progress.update(task, advance=simulated_s, description=text)
+
+        yield advance
