@@ -18,7 +18,7 @@ def principal_plane(phase_deg, parameters, emission_deg=0.0):
 
 def test_normal_albedo_of_highland_and_mare():
     # Normal albedo in the red: highlands 0.11 to 0.18, maria 0.07 to 0.10 (Heiken et al., 1991,
-    # Lunar Sourcebook, table 9.x; LOLA's zero-phase maps, Lucey et al., 2014).
+    # Lunar Sourcebook; Lucey et al., 2014, J. Geophys. Res. Planets 119, 1665).
     assert 0.13 < hapke.normal_albedo(HIGHLAND) < 0.19
     assert 0.06 < hapke.normal_albedo(MARE) < 0.10
     assert hapke.normal_albedo(MARE) < 0.6 * hapke.normal_albedo(HIGHLAND)
@@ -34,13 +34,40 @@ def test_opposition_surge():
         HIGHLAND.b_s0 / 2)
 
 
-def test_phase_curve_falls_tenfold():
-    # The disc-integrated Moon at quarter (90 deg) is near a tenth of full (Lane & Irvine, 1973:
-    # 2.5 to 2.7 mag); for a surface element seen from above at 60 deg the fall from 0 is 3 to 6.
+def whole_disc(phase_deg, parameters):
+    """Brightness of a globe of this ground, in any unit."""
+    g = np.radians(phase_deg)
+    angle = np.radians(np.arange(-89.0, 90.0, 2.0))
+    latitude, longitude = np.meshgrid(angle, angle, indexing='ij')
+    mu = np.cos(latitude) * np.cos(longitude)
+    mu0 = np.cos(latitude) * np.cos(longitude - g)
+    r = hapke.reflectance(mu0, mu, np.cos(g), parameters)
+    return float((r * mu * np.cos(latitude)).sum())
+
+
+@pytest.mark.parametrize('phase_deg,magnitudes', [(60.0, 1.7), (90.0, 2.6), (120.0, 3.9)])
+def test_phase_curve_is_that_of_the_moon(phase_deg, magnitudes):
+    # The Moon loses 1.7, 2.6 and 3.9 mag from full to these phases (Lane & Irvine, 1973, Astron.
+    # J. 78, 267; Allen's Astrophysical Quantities). Highlands cover five sixths of it.
+    fall = -2.5 * np.log10(whole_disc(phase_deg, HIGHLAND) / whole_disc(0.0, HIGHLAND))
+    assert fall == pytest.approx(magnitudes, abs=0.35)
+
+
+def test_phase_curve_falls_all_the_way():
     fall = principal_plane(0.0, HIGHLAND) / principal_plane(60.0, HIGHLAND)
     assert 3.0 < fall < 7.0
     phases = np.arange(0.0, 89.0, 1.0)
     assert np.all(np.diff(principal_plane(phases, HIGHLAND)) < 0.0)
+
+
+def test_low_albedo_is_half_as_bright():
+    from lunar_rover_sim.config import load_scenario
+
+    def normal_albedo(name):
+        ground = load_scenario(name).render_node.reflectance
+        kind = hapke.parameter_set(ground.ground)
+        return float(np.pi * hapke.reflectance(1.0, 1.0, 1.0, kind, albedo=ground.albedo_scale))
+    assert normal_albedo('low_albedo') / normal_albedo('baseline') == pytest.approx(0.5, abs=0.03)
 
 
 def test_full_moon_has_no_limb_darkening():

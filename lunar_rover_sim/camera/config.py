@@ -60,9 +60,9 @@ class ReflectanceConfig(Parameters):
     """Which regolith lies there, and how bright it is; see `hapke` for the sets."""
 
     ground: str = param('highland', 'parameter set of the ground',
-                        choices=('highland', 'mare', 'rock'))
+                        choices=('highland', 'mare', 'rock', 'basalt'))
     rocks: str = param('rock', 'parameter set of the rocks',
-                       choices=('highland', 'mare', 'rock'))
+                       choices=('highland', 'mare', 'rock', 'basalt'))
     albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
                                 low=0.0, high=3.0)
 

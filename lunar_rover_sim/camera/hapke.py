@@ -46,8 +46,8 @@ def hockey_stick(b: float) -> float:
 # Sato et al. (2014, J. Geophys. Res. Planets 119, 1775-1805) mapped w, b, c, B_S0 and h_S over the
 # Moon at 321-689 nm with theta = 23.4 deg fixed and c from the hockey-stick relation. The sets
 # below lie within the ranges of those maps at 643 nm; w is set so that the normal albedo is that
-# of average highland and mare there (0.16 and 0.08). Rock faces are taken as brighter than mature
-# soil, less backscattering and smooth at the scale of facets.
+# of average highland and mare there (0.17 and 0.09). Rock faces are taken as less backscattering
+# than mature soil and smooth at the scale of facets; basalt is the rock of the maria.
 SETS: dict[str, HapkeParameters] = {
     'highland': HapkeParameters(w=0.300, b=0.235, c=hockey_stick(0.235), b_s0=1.65, h_s=0.075,
                                 theta_deg=23.4),
@@ -55,6 +55,8 @@ SETS: dict[str, HapkeParameters] = {
                             theta_deg=23.4),
     'rock': HapkeParameters(w=0.370, b=0.26, c=hockey_stick(0.26), b_s0=1.2, h_s=0.06,
                             theta_deg=16.0),
+    'basalt': HapkeParameters(w=0.220, b=0.26, c=hockey_stick(0.26), b_s0=1.2, h_s=0.06,
+                              theta_deg=16.0),
 }
 
 
