@@ -49,7 +49,8 @@ def add_system_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--system', choices=SYSTEMS, default='reference',
                         help='estimator (default: %(default)s)')
     parser.add_argument('--executable', type=Path, metavar='PATH',
-                        help='of ORB-SLAM3: stereo_euroc, mono_euroc, rgbd_tum, ..., or their folder')
+                        help='of ORB-SLAM3: stereo_euroc, mono_euroc, rgbd_tum, ..., or their '
+                             'folder')
     parser.add_argument('--vocabulary', type=Path, metavar='PATH', help='of ORB-SLAM3')
     parser.add_argument('--run', default='', metavar='COMMAND', dest='command',
                         help='of the system `command`: with {sequence} (EuRoC), {settings}, '

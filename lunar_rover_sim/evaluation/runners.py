@@ -61,7 +61,8 @@ def run_program(command: Sequence[str | Path], folder: Path, log: Path, timeout_
     """Run a program in `folder` with its output in `log`, for at most `timeout_s` [s].
 
     echo is called with every line of the output. The program gets a session of its own, which is
-    ended as a whole, `grace_s` [s] after it was asked to end. Raises EvaluationError where it cannot be started.
+    ended as a whole, `grace_s` [s] after it was asked to end. Raises EvaluationError where it
+    cannot be started.
     """
     if not timeout_s > 0.0:
         raise EvaluationError(f'timeout: {timeout_s:g} is not valid; valid is > 0 [s]')

@@ -12,6 +12,8 @@ from lunar_rover_sim.frames import Array, inverse, se3
 _RANSAC_PX = 2.0
 _CONFIDENCE = 0.999
 _START_ANGLE_RAD = np.radians(1.5)   # median parallax with which a single camera starts
+_START_FLOW = 0.04                   # median way in the image, of the focal length
+_SAME_RAD = np.radians(3.0)          # motions that differ by more are not both right
 _START_SHARE = 0.6                   # of the tracks, that must agree with it
 
 
@@ -67,21 +69,28 @@ def angles_rad(T_a: Array, T_b: Array, points_m: Array) -> Array:
 
 def two_views(camera: Camera, px_a: Array,
               px_b: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """Return T_b_a, points in a with median depth 1, and which agree; None without parallax."""
-    cv2.setRNGSeed(0)
-    E, mask = cv2.findEssentialMat(px_a, px_b, camera.matrix, method=cv2.RANSAC,
-                                   prob=_CONFIDENCE, threshold=1.0)
-    if E is None or E.shape != (3, 3):
+    """Return T_b_a, points in a with median depth 1, and which agree; None without parallax.
+
+    Two motions explain two views of a plane about equally well (H&Z 13.3); that which turns less
+    is taken, since the wrong one turns by tens of degrees.
+    """
+    if np.median(np.linalg.norm(px_b - px_a, axis=1)) < _START_FLOW * camera.focal_px[0]:
         return None
-    _, rotation, shift, mask = cv2.recoverPose(E, px_a, px_b, camera.matrix, mask=mask)
-    T = se3(rotation, np.ravel(shift))
-    points = triangulate(camera, np.eye(4), T, px_a, px_b)
-    good = mask.ravel() > 0
-    for view, px in ((np.eye(4), px_a), (T, px_b)):
-        good &= (points @ view[2, :3] + view[2, 3] > 0.0)
-        good &= np.linalg.norm(project(camera, view, points) - px, axis=1) < _RANSAC_PX
-    if good.mean() < _START_SHARE:
+    found = []
+    for T in _motions(camera, px_a, px_b):
+        points = triangulate(camera, np.eye(4), T, px_a, px_b)
+        good = np.ones(len(px_a), bool)
+        for view, px in ((np.eye(4), px_a), (T, px_b)):
+            good &= (points @ view[2, :3] + view[2, 3] > 0.0)
+            good &= np.linalg.norm(project(camera, view, points) - px, axis=1) < _RANSAC_PX
+        if good.mean() >= _START_SHARE:
+            found.append((T, points, good))
+    most = max((good.sum() for _, _, good in found), default=0)
+    likely = [f for f in found if f[2].sum() > 0.8 * most]
+    if not likely:
         return None
+    turns = [np.linalg.norm(cv2.Rodrigues(T[:3, :3])[0]) for T, _, _ in likely]
+    T, points, good = likely[0 if turns[0] < min(turns) + _SAME_RAD else int(np.argmin(turns))]
     angles = angles_rad(np.eye(4), T, points[good])
     if np.median(angles) < _START_ANGLE_RAD:
         return None
@@ -89,3 +98,20 @@ def two_views(camera: Camera, px_a: Array,
     depth = float(np.median(points[good, 2]))
     T[:3, 3] /= depth
     return T, points / depth, good
+
+
+def _motions(camera: Camera, px_a: Array, px_b: Array) -> list[Array]:
+    """Return T_b_a, up to scale, by the essential matrix and, for a plane, by the homography."""
+    cv2.setRNGSeed(0)
+    motions = []
+    E, mask = cv2.findEssentialMat(px_a, px_b, camera.matrix, method=cv2.RANSAC,
+                                   prob=_CONFIDENCE, threshold=1.0)
+    if E is not None and E.shape == (3, 3):
+        _, R, t, _ = cv2.recoverPose(E, px_a, px_b, camera.matrix, mask=mask)
+        motions.append(se3(R, np.ravel(t)))
+    H, _ = cv2.findHomography(px_a, px_b, cv2.RANSAC, _RANSAC_PX)
+    if H is not None:
+        _, turns, shifts, _ = cv2.decomposeHomographyMat(H, camera.matrix)
+        motions += [se3(R, np.ravel(t) / np.linalg.norm(t)) for R, t in zip(turns, shifts)
+                    if np.linalg.norm(t) > 1e-9]
+    return motions

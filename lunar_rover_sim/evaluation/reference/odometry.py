@@ -225,9 +225,8 @@ class Odometry:
         index = {i: n for n, i in enumerate(ids)}
         rows = [(c, index[i], px) for c, k in enumerate(window) for i, px in k.seen.items()
                 if i in index]
-        fixed = np.arange(len(window)) < min(_FIXED, len(window) - 1)
-        if not self._camera.baseline_m and len(window) == 2:
-            fixed[0] = True
+        # What two views began with is mended as long as the first is in the window.
+        fixed = np.arange(len(window)) < (1 if len(window) == len(self._keyframes) else _FIXED)
         problem = Problem(np.array([k.T_camera_world for k in window]), fixed,
                           np.array([self._points[i] for i in ids]),
                           np.array([r[0] for r in rows]), np.array([r[1] for r in rows]),
