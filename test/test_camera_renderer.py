@@ -64,7 +64,7 @@ def mujoco_model(world):
 
 
 def test_depth_agrees_with_ray_casts(world, renderer):
-    """10,000 random pixels: median < 1 mm and 99 % < 1 cm within 10 m, none left out."""
+    """10,000 random pixels within 10 m: median < 1 mm and 99 % < 1 cm, none left out."""
     model, data = mujoco_model(world)
     rng = np.random.default_rng(1)
     geom = np.zeros(1, np.int32)
@@ -74,14 +74,14 @@ def test_depth_agrees_with_ray_casts(world, renderer):
         frame = renderer.render(pose, STILL, 0, ('depth',))
         camera = pose @ renderer.rig.T_base_left
         rays = renderer.rig.rays()
-        for v, u in zip(rng.integers(0, 480, 2500), rng.integers(0, 640, 2500)):
+        for v, u in zip(rng.integers(0, 480, 5000), rng.integers(0, 640, 5000)):
             ray = rays[v, u]
             distance = mujoco.mj_ray(model, data, camera[:3, 3], camera[:3, :3] @ ray, None, 1,
                                      -1, geom, None)
             if 0.0 < distance < 10.0:  # in multiples of a ray with z = 1: depth itself
                 errors.append(abs(frame.depth_m[v, u] - distance))
     errors = np.array(errors)
-    assert len(errors) > 5000
+    assert len(errors) > 10000
     assert np.median(errors) < 1e-3
     assert np.quantile(errors, 0.99) < 1e-2
 

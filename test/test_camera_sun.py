@@ -1,5 +1,7 @@
 """Sunlight: shadows where geometry puts them, penumbrae as wide as the disc makes them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
@@ -100,6 +102,27 @@ def test_edge_of_a_rock_shadow_is_analytic(azimuth_deg):
         assert edge == pytest.approx(width, abs=0.0015)
 
 
+@pytest.mark.parametrize('elevation_deg', [3.0, 6.0, 20.0])
+def test_shadow_of_a_pole_ends_where_it_must(elevation_deg):
+    """A pole of height h: at h / tan e within a cell, with the penumbra of the sun's disc."""
+    cell, height, half = 0.025, 0.3, 0.05
+    s = sun(25.0, elevation_deg)
+    grid = HeightGrid(np.zeros((801, 801), np.float32), cell)
+    pole = scene.block(half=(half, half, 0.5 * height + 0.05))
+    outline = rock_shadow.silhouettes(scene.rocks([(0.0, 0.0, 0.5 * height - 0.05)]), (pole,), s)
+    clearance, occluder = ShadowLevel(grid, s, None).clearance()
+    rock_shadow.stamp(clearance, occluder, grid, outline, s)
+    e = np.radians(elevation_deg)
+    # The shadow of the top face, a square, on the line through its centre.
+    edge = half / np.abs(s.direction_xy).max()
+    r, seen = visibility_along(grid, clearance, occluder, (0.0, 0.0), -s.direction_xy, 9.0)
+    end = r[np.flatnonzero(seen < 0.5)[-1]]
+    assert end == pytest.approx(height / np.tan(e) + edge, abs=cell)
+    tip = r[np.flatnonzero(seen < 0.98)[-1]] - r[np.flatnonzero(seen < 0.02)[-1]]
+    wide = height / np.tan(e - RADIUS) - height / np.tan(e + RADIUS)
+    assert tip == pytest.approx(0.91 * wide, rel=0.1, abs=1.5 * cell)
+
+
 def pole_picture(elevation_deg, back):
     """Return the picture of a pole's shadow seen from 0.5 m, and the rig."""
     shape = scene.block(half=(0.03, 0.03, 0.4))
@@ -111,15 +134,16 @@ def pole_picture(elevation_deg, back):
         return frame, renderer.rig, pose, renderer.sun_direction
 
 
-def test_drawn_shadow_edge_follows_the_line():
+@pytest.mark.parametrize('elevation_deg', [5.0, 12.0])
+def test_drawn_shadow_edge_follows_the_line(elevation_deg):
     """Seen from 0.5 m, within 2 px and without steps at the pitch of the grid (20 px here)."""
-    frame, rig, pose, to_sun = pole_picture(12.0, -0.9)
+    frame, rig, pose, to_sun = pole_picture(elevation_deg, -0.9)
     heading = to_sun[:2] / np.linalg.norm(to_sun[:2])
     side = np.array([-heading[1], heading[0]])
     width = 0.03 * (abs(side[0]) + abs(side[1]))
-    errors = []
-    for back in np.arange(0.5, 1.6, 0.01):
-        for sign in (-1, 1):
+    errors: dict[int, list[float]] = {-1: [], 1: []}
+    for sign in (-1, 1):
+        for back in np.arange(0.5, 1.6, 0.005):
             line = -back * heading + sign * side * width
             pixel = rig.project([*line, 0.0], pose)[0]
             inner = rig.project([*(line - sign * side * 0.02), 0.0], pose)[0]
@@ -132,9 +156,15 @@ def test_drawn_shadow_edge_follows_the_line():
             if value[-1] < 4.0 * value[0] + 1e-3:
                 continue
             crossing = steps[np.argmax(value > 0.5 * value[-1])]
-            errors.append(np.linalg.norm(crossing - pixel))
-    assert len(errors) > 60
-    assert max(errors) < 2.0
+            across = (outer - inner) / np.linalg.norm(outer - inner)
+            errors[sign].append(float((crossing - pixel) @ across))
+    assert min(len(side) for side in errors.values()) > 60
+    for side in errors.values():
+        assert np.abs(side).max() < 2.0
+        # Steps would move the edge by pixels within a few samples of 5 mm.
+        assert np.abs(np.diff(side)).max() < 1.0
+        smooth = np.convolve(side, np.ones(15) / 15, mode='valid')
+        assert np.std(np.array(side)[7:-7] - smooth) < 0.25
 
 
 @pytest.mark.parametrize('elevation_deg', [2.0, 5.0, 10.0, 15.0])
@@ -150,6 +180,21 @@ def test_plane_has_no_speckle(elevation_deg):
     curve = np.abs(r[:, 2:] - 2 * r[:, 1:-1] + r[:, :-2])[inner]
     assert (r[ground] > 0.0).all()
     assert curve.max() < r[ground].max() / 4095
+
+
+@pytest.mark.parametrize('elevation_deg', [2.0, 5.0, 10.0, 15.0])
+def test_plane_looks_the_same_from_everywhere(elevation_deg):
+    """Pixels of the same geometry are equal, wherever on the plane and its grid they fall."""
+    sensor = dataclasses.replace(scene.IDEAL, encoding='mono16', companding='linear')
+    with Renderer(scene.plane(), scene.ROVER,
+                  scene.config(elevation_deg, sensor=sensor)) as renderer:
+        frames = [renderer.render(scene.pose(x, y, 0.1, 20.0), np.zeros(4), 0, ('left', 'depth'))
+                  for x, y in ((0.0, 0.0), (0.0113, -0.0071), (1.3037, 0.4519), (-0.77, 2.2222))]
+    near = frames[0].depth_m < 1.5
+    first = frames[0].left.astype(int) >> 4
+    assert first[near].min() > 0
+    for frame in frames[1:]:
+        assert np.abs((frame.left.astype(int) >> 4) - first)[near].max() <= 1
 
 
 def test_full_shadow_is_black():
