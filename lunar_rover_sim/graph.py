@@ -27,6 +27,8 @@ STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node
 
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
+# Of the silence that physics bears: what the gait controller bears.
+_GAIT_SILENCE = 0.8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,8 +66,12 @@ def resolve(scenario: Scenario) -> Scenario:
         physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
     if scenario.shared.lockstep:
         if 'drive_node' in nodes and scenario.drive_node.mode != 'none':
-            gait = dataclasses.replace(gait, wait=_extended(
-                gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz}))
+            wait = _extended(
+                gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz})
+            # Who waits for drive_node speaks first: physics would name the messenger.
+            limit_s = round(physics.wait.silence_s * _GAIT_SILENCE, 3)
+            gait = dataclasses.replace(gait, wait=dataclasses.replace(
+                wait, silence_s=max(0.1, min(wait.silence_s, limit_s))))
         if not recorder.acknowledge:
             recorder = dataclasses.replace(recorder, acknowledge=_acknowledged(scenario))
         if 'render_node' in nodes and not render.await_readers:

@@ -83,12 +83,23 @@ class Graph:
                     last_ns, last_progress = now_ns, time.monotonic()
                 limit_s = self._silence_s if last_ns > _STARTED_NS else self._start_s
                 if limit_s is not None and time.monotonic() - last_progress > limit_s:
-                    raise GraphError(f'physics_node has been silent for {limit_s:g} s at '
-                                     f'{last_ns / 1e9:.3f} s of simulated time '
-                                     f'(log: {self._log("physics_node")})')
+                    raise GraphError(self._silence(limit_s, last_ns))
                 self._measure()
                 on_progress(now_ns)
                 time.sleep(_POLL_S)
+
+    def _silence(self, limit_s: float, last_ns: int) -> str:
+        """Return whose fault it is that time stands: who said so, is stopped, or else physics."""
+        at = f'at {last_ns / 1e9:.3f} s of simulated time'
+        for name in self._processes:
+            fatal = self._fatal(name)
+            if fatal:
+                return f'{name}: {fatal} (log: {self._log(name)})'
+        for name, process in self._processes.items():
+            if _state(process.pid) == 'T':
+                return f'{name} is stopped (SIGSTOP) {at} (log: {self._log(name)})'
+        return (f'physics_node has been silent for {limit_s:g} s {at} '
+                f'(log: {self._log("physics_node")})')
 
     def stop(self, failed: bool = False) -> None:
         """Stop all nodes in order, the recorder last; raise GraphError if one ends badly.
@@ -96,16 +107,24 @@ class Graph:
         failed: the run has failed already; nobody but the recorder is given time.
         """
         failures = []
+        hurry_until = time.monotonic() + _STOP_AFTER_FAILURE_S
+        if failed:
+            # Together: there is nothing left that an order could save.
+            for name, running in self._processes.items():
+                if name != 'recorder_node' and running.poll() is None:
+                    running.send_signal(signal.SIGINT)
         for name in STOP_ORDER:
             process = self._processes.get(name)
             if process is None:
                 continue
             if process.poll() is None:
                 hurry = failed and name != 'recorder_node'
-                limit_s = _STOP_AFTER_FAILURE_S if hurry else _STOP_S
-                process.send_signal(signal.SIGINT)
+                limit_s = max(0.0, hurry_until - time.monotonic()) if hurry else _STOP_S
+                if not hurry:
+                    process.send_signal(signal.SIGINT)
                 try:
-                    process.wait(limit_s)
+                    # Who is stopped (SIGSTOP) hears nothing.
+                    process.wait(0.0 if _state(process.pid) == 'T' else limit_s)
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
@@ -130,12 +149,10 @@ class Graph:
 
     def _measure(self) -> None:
         for name, process in self._processes.items():
-            try:
-                fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
-            except OSError:
-                continue
-            # utime and stime, the 14th and 15th field of proc(5), the name being the 2nd.
-            self.cpu_s[name] = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+            fields = _stat(process.pid)
+            if fields:
+                # utime and stime, the 14th and 15th field of proc(5), the name being the 2nd.
+                self.cpu_s[name] = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
     def _ended(self) -> bool:
         """Return whether physics has finished; raise GraphError for whoever died."""
@@ -151,14 +168,33 @@ class Graph:
     def _obituary(self, name: str) -> str:
         status = self._processes[name].returncode
         how = f'status {status}' if status >= 0 else signal.Signals(-status).name
-        lines = self._log(name).read_text(errors='replace').splitlines()
-        fatal = [line[len('FATAL '):] for line in lines if line.startswith('FATAL ')]
-        last = [line.strip() for line in lines if line.strip()]
-        reason = fatal[0] if fatal else (last[-1] if last else 'it said nothing')
+        last = [line.strip() for line in self._said(name) if line.strip()]
+        reason = self._fatal(name) or (last[-1] if last else 'it said nothing')
         return f'{name} ended with {how}: {reason} (log: {self._log(name)})'
+
+    def _fatal(self, name: str) -> str:
+        """Return what a node gave as the reason of its end; '' where it has not."""
+        lines = (line for line in self._said(name) if line.startswith('FATAL '))
+        return next(lines, '').removeprefix('FATAL ')
+
+    def _said(self, name: str) -> list[str]:
+        return self._log(name).read_text(errors='replace').splitlines()
 
     def _log(self, name: str) -> Path:
         return self._folder / LOG_FOLDER / f'{name}.log'
+
+
+def _stat(pid: int) -> list[str]:
+    """Return the fields of /proc/PID/stat behind the name; none where the process has gone."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    except OSError:
+        return []
+
+
+def _state(pid: int) -> str:
+    """Return the letter of a process's state: T for stopped."""
+    return (_stat(pid) or [''])[0]
 
 
 def _die_with_parent() -> None:

@@ -79,15 +79,17 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
         failure = node.failure if node is not None else None
     except LunarRoverSimError as error:
         failure = error
-    failure = _destroy(node) or failure
+    if failure is not None:
+        # Before the clean-up, which may take long: whoever started this node is waiting for it.
+        print(f'FATAL {failure}', file=sys.stderr, flush=True)
+    second = _destroy(node)
     try:
         rclpy.try_shutdown()
     except KeyboardInterrupt:
         pass
-    if failure is not None:
-        print(f'FATAL {failure}', file=sys.stderr, flush=True)
-        return 1
-    return 0
+    if failure is None and second is not None:
+        print(f'FATAL {second}', file=sys.stderr, flush=True)
+    return 0 if failure is None and second is None else 1
 
 
 def _destroy(node: GraphNode | None) -> LunarRoverSimError | None:
