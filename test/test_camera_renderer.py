@@ -8,12 +8,15 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 import camera_scene as scene
+import worlds
 from lunar_rover_sim.camera.config import CameraConfig, RenderConfig, SensorConfig
 from lunar_rover_sim.camera.frame import (LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_ROVER,
                                           LABEL_SKY)
 from lunar_rover_sim.camera.renderer import Renderer
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError, RenderError
+from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.physics.model import build_model
 
 STILL = np.zeros(4)
 
@@ -84,6 +87,38 @@ def test_depth_agrees_with_ray_casts(world, renderer):
     assert len(errors) > 10000
     assert np.median(errors) < 1e-3
     assert np.quantile(errors, 0.99) < 1e-2
+
+
+def test_depth_is_that_of_the_world_of_physics():
+    """The same of a built world, its rocks' meshes included, in the model that is simulated."""
+    built = worlds.small()
+    model = build_model(built, scene.ROVER, PhysicsConfig())
+    data = mujoco.MjData(model)
+    data.qpos[2] = 100.0            # the rover out of the way
+    mujoco.mj_forward(model, data)
+    rng = np.random.default_rng(2)
+    errors: dict[str, list[float]] = {'anywhere': [], 'on rocks': []}
+    with Renderer(built, scene.ROVER, scene.config(12.0)) as renderer:
+        for x, y, yaw in ((0.0, 0.0, 0.0), (2.0, -1.0, 150.0), (-2.0, 2.0, -60.0)):
+            pose = pose_on(built, x, y, yaw)
+            frame = renderer.render(pose, STILL, 0, ('depth', 'label'))
+            camera = pose @ renderer.rig.T_base_left
+            rays = renderer.rig.rays()
+            rows, columns = np.nonzero(frame.label >= LABEL_FIRST_ROCK)
+            pick = rng.integers(0, len(rows), 400)
+            pixels = {'anywhere': (rng.integers(0, 480, 800), rng.integers(0, 640, 800)),
+                      'on rocks': (rows[pick], columns[pick])}
+            for name, (vs, us) in pixels.items():
+                for v, u in zip(vs, us):
+                    distance = mujoco.mj_ray(model, data, camera[:3, 3],
+                                             camera[:3, :3] @ rays[v, u], None, 1, -1,
+                                             np.zeros(1, np.int32), None)
+                    if 0.0 < distance < 10.0:
+                        errors[name].append(abs(frame.depth_m[v, u] - distance))
+    for name, good in (('anywhere', 0.99), ('on rocks', 0.95)):     # most are near an outline
+        assert len(errors[name]) > 500
+        assert np.median(errors[name]) < 1e-3
+        assert np.quantile(errors[name], good) < 1e-2, name
 
 
 def test_depth_of_a_plane_is_analytic():
