@@ -50,8 +50,8 @@ def run_on_cluster(tasks: Sequence[EpisodeTask], dataset: Path, address: str,
                 if future.status == 'finished':
                     done(future.result())
                 else:
-                    error = future.exception()
-                    done(Outcome(futures[future], f'{type(error).__name__}: {error}', 0.0))
+                    death = future.exception()
+                    done(Outcome(futures[future], f'{type(death).__name__}: {death}', 0.0))
         except BaseException:
             # What waits is taken back; what runs sees the file and stops.
             with suppress(OSError):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-import contextlib
 import dataclasses
 import fcntl
 import hashlib

@@ -143,7 +143,7 @@ def _images(bag: Bag) -> dict[str, float]:
 
 def _describe(bag: Bag, sample: _Sample, linear: bool) -> dict[str, float]:
     levels = _levels(sample.left)
-    corners = cv2.FastFeatureDetector_create(_CORNER_THRESHOLD).detect(
+    corners = cv2.FastFeatureDetector.create(_CORNER_THRESHOLD).detect(
         np.ascontiguousarray((levels * 255.0).astype(np.uint8)))
     result = {'corners': float(len(corners))}
     if sample.depth_m is None:
