@@ -206,6 +206,25 @@ def test_nothing_pops(world):
     assert np.quantile(depth_change, 0.99) < 0.01
 
 
+def test_relief_below_the_grid_is_fixed_to_the_ground(world):
+    """Frames 1 mm apart: with all detail on, each pixel keeps within what was around it."""
+    with Renderer(world, scene.ROVER, scene.config(12.0, azimuth_deg=50.0,
+                                                   detail=scene.DetailConfig())) as renderer:
+        poses = [pose_on(world, 0.0, 0.0) for _ in range(2)]
+        poses[1][0, 3] += 0.001
+        a, b = (renderer.render(p, STILL, 0, ('radiance', 'depth')) for p in poses)
+    from scipy.ndimage import maximum_filter, minimum_filter
+    scale = np.quantile(a.radiance[np.isfinite(a.depth_m)], 0.9)
+    low, high = minimum_filter(a.radiance, 3), maximum_filter(a.radiance, 3)
+    beyond = np.maximum(low - b.radiance, b.radiance - high) / scale
+    near = (a.depth_m > 1.0) & (a.depth_m < 30.0)       # at most 0.46 px of parallax
+    assert (beyond[near] > 0.05).mean() < 5e-3
+    assert beyond[near & (a.depth_m > 2.0)].max() < 0.1
+    # Where the parallax is small the picture hardly changes at all.
+    far = (a.depth_m > 4.0) & (a.depth_m < 30.0)
+    assert np.corrcoef(a.radiance[far], b.radiance[far])[0, 1] > 0.99
+
+
 def test_no_cracks(world, renderer):
     """Below the skyline there is no hole through which the sky shows."""
     for yaw in (0.0, 70.0, 200.0, 310.0):
