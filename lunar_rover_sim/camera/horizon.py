@@ -41,6 +41,12 @@ class SunGeometry:
     azimuth_rad: float
     elevation_rad: float
 
+    @classmethod
+    def towards(cls, direction: ArrayLike) -> SunGeometry:
+        """Return the geometry of a (3,) unit vector to the sun."""
+        x, y, z = np.asarray(direction, dtype=float)
+        return cls(float(np.arctan2(y, x)), float(np.arcsin(np.clip(z, -1.0, 1.0))))
+
     @property
     def sweep_rad(self) -> NDArray[np.float64]:
         """(3,) elevations of the sweeps; a very high sun is swept as if it stood lower."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from concurrent.futures import ThreadPoolExecutor
 import dataclasses
 import logging
 from types import TracebackType
@@ -19,14 +20,15 @@ from lunar_rover_sim.camera.lighting import lighting_constants
 from lunar_rover_sim.camera.projection import clip_matrix, covered_rows, view_volume
 from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
 from lunar_rover_sim.camera.frame import LAYERS, read_image, StereoFrame
+from lunar_rover_sim.camera.horizon import SunGeometry
 from lunar_rover_sim.camera.imager import AutoExposure, Imager
 from lunar_rover_sim.camera import lamp as lamps
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.rock_shadow import sun_axes
 from lunar_rover_sim.camera.sensor import lamplit_radiance, SensorModel, sunlit_radiance
 from lunar_rover_sim.camera.sunlight import Sunlight
-from lunar_rover_sim.camera.surface import Surface
-from lunar_rover_sim.camera.terrain import ChunkMesh, ranges, TerrainLevel, View
+from lunar_rover_sim.camera.surface import make_tiles, Surface
+from lunar_rover_sim.camera.terrain import ChunkMesh, level_ranges, TerrainLevel, View
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array, sun_direction
 from lunar_rover_sim.parameters import nearest
@@ -101,7 +103,10 @@ class Renderer:
         for texture in (self._radiance, self._depth, self._mesh_depth):
             texture.filter = (context.NEAREST, context.NEAREST)
 
-        self.sunlight = Sunlight(self.world, config, self.sun_direction)
+        with ThreadPoolExecutor(1) as pool:
+            tiles = pool.submit(make_tiles, config.detail,
+                                SunGeometry.towards(self.sun_direction), self.seed)
+            self.sunlight = Sunlight(self.world, config, self.sun_direction)
         self._levels = []
         inner = 0.0
         for grid in self.world.levels:
@@ -110,7 +115,7 @@ class Renderer:
         self._sun_axes = sun_axes(self.sunlight.sun)
         self._mesh = ChunkMesh(context)
         self._truth: Any = None
-        self._surface = Surface(context, self.world, config, self.sunlight, self.seed)
+        self._surface = Surface(context, self.world, self.sunlight, tiles.result())
         self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
                                   self.sunlight.rock_light())
         self._rover = RoverBody(context, self.rover)
@@ -132,12 +137,7 @@ class Renderer:
         self._imager = Imager(context, self.rig, self.sensor, self.seed, self._pad)
         self._ground_passes = {name: context.vertex_array(self._programs[name], [])
                                for name in _GROUND_PASSES}
-        cells, full = [], config.detail.full_resolution_m
-        for level in self._levels:
-            cells.append(np.array([level.grid.cell_m * 2.0**k for k in range(level.tree.depth)]))
-        every = np.unique(np.round(np.concatenate(cells), 9))
-        reach = ranges(every, full, config.detail.cells_per_distance)
-        self._ranges = [np.interp(c, every, reach) for c in cells]
+        self._ranges = level_ranges([level.tree for level in self._levels], config.detail)
         self._set_constants()
 
     # Drawing

@@ -32,8 +32,7 @@ class Sunlight:
     def __init__(self, world: World, config: RenderConfig, direction: Array) -> None:
         start = time.perf_counter()
         self.world = world
-        self.sun = SunGeometry(float(np.arctan2(direction[1], direction[0])),
-                               float(np.arcsin(np.clip(direction[2], -1.0, 1.0))))
+        self.sun = SunGeometry.towards(direction)
         levels = shadow_levels(world.levels, self.sun)
         self.clearance = [level.clearance() for level in levels]
         self.ground = levels[0]

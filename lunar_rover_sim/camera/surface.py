@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, TYPE_CHECKING
 
 import cv2
@@ -9,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera import detail
-from lunar_rover_sim.camera.config import RenderConfig
+from lunar_rover_sim.camera.config import DetailConfig
 from lunar_rover_sim.camera.context import set_uniform
+from lunar_rover_sim.camera.horizon import SunGeometry
 from lunar_rover_sim.camera.sunlight import Sunlight
 from lunar_rover_sim.world.model import World
 
@@ -27,11 +29,45 @@ _TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_share=1.0,
                pit_m=(0.005, 0.025), pebble_m=(0.0035, 0.011)))
 
 
+@dataclasses.dataclass(frozen=True)
+class Tile:
+    """Relief below the grid: side length [m], and RGBA8 mip levels as `detail` makes them."""
+
+    period_m: float
+    levels: list[NDArray[np.uint8]]
+
+
+def make_tiles(config: DetailConfig, sun: SunGeometry, seed: int) -> list[Tile]:
+    """Return the tiles, coarse to fine; needs no GL."""
+    centre, half_range = _horizon_range(sun)
+    tangents = centre + half_range * np.linspace(-1.0, 1.0, 9)
+    tiles = []
+    for k, values in enumerate(_TILES):
+        values = dict(values)
+        pits = config.pit_cover * values.pop('pit_share')  # type: ignore[operator]
+        recipe = detail.TileRecipe(
+            pit_cover=pits, rms_slope=config.relief_rms_slope,
+            pebble_cover=0.5 * config.pebble_cover, **values)  # type: ignore[arg-type]
+        texel = recipe.period_m / recipe.n
+        height = detail.relief(recipe, np.random.default_rng([seed, 77, k]))
+        horizon = detail.horizon(height, texel, sun.azimuth_rad + k * np.radians(_TURN_DEG),
+                                 tangents)
+        tiles.append(Tile(recipe.period_m, detail.mip_levels(
+            detail.slopes(height, texel), horizon, _SLOPE_SCALE, centre, half_range)))
+    return tiles
+
+
+def _horizon_range(sun: SunGeometry) -> tuple[float, float]:
+    """Return centre and half range of the tangents of the horizon that matter under this sun."""
+    tangent = np.tan(min(sun.elevation_rad, np.radians(75.0)))
+    return float(tangent), float(0.4 * (1.0 + tangent**2))
+
+
 class Surface:
     """Owns the textures that the ground and the rocks are shaded with."""
 
-    def __init__(self, context: moderngl.Context, world: World, config: RenderConfig,
-                 sunlight: Sunlight, seed: int) -> None:
+    def __init__(self, context: moderngl.Context, world: World, sunlight: Sunlight,
+                 tiles: list[Tile]) -> None:
         # One layer per level; a smaller level fills the corner of its layer.
         self._side = max(grid.n for grid in world.levels)
         layers = len(world.levels)
@@ -51,35 +87,16 @@ class Surface:
         self._levels = np.array([[1.0 / (self._side * grid.cell_m), 0.5 * grid.n / self._side,
                                   -np.log2(grid.cell_m), grid.half_extent_m]
                                  for grid in world.levels])
-        tangent = np.tan(min(sunlight.sun.elevation_rad, np.radians(75.0)))
-        self._centre, self._half_range = float(tangent), float(0.4 * (1.0 + tangent**2))
-        self._tiles, self._periods = [], []
-        for k, values in enumerate(_TILES):
-            values = dict(values)
-            pits = config.detail.pit_cover * values.pop('pit_share')  # type: ignore[operator]
-            recipe = detail.TileRecipe(
-                pit_cover=pits,
-                rms_slope=config.detail.relief_rms_slope,
-                pebble_cover=0.5 * config.detail.pebble_cover, **values)  # type: ignore[arg-type]
-            rng = np.random.default_rng([seed, 77, k])
-            azimuth = sunlight.sun.azimuth_rad + k * np.radians(_TURN_DEG)
-            self._tiles.append(self._tile_texture(context, recipe, azimuth, rng))
-            self._periods.append(recipe.period_m)
-
-    def _tile_texture(self, context: moderngl.Context, recipe: detail.TileRecipe, azimuth: float,
-                      rng: np.random.Generator) -> moderngl.Texture:
-        texel = recipe.period_m / recipe.n
-        height = detail.relief(recipe, rng)
-        tangents = self._centre + self._half_range * np.linspace(-1.0, 1.0, 9)
-        horizon = detail.horizon(height, texel, azimuth, tangents)
-        levels = detail.mip_levels(detail.slopes(height, texel), horizon, _SLOPE_SCALE,
-                                   self._centre, self._half_range)
-        texture = context.texture((recipe.n, recipe.n), 4, levels[0].tobytes(), dtype='f1')
-        texture.build_mipmaps()
-        for k, level in enumerate(levels):
-            texture.write(level.tobytes(), level=k)
-        texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-        return texture
+        self._centre, self._half_range = _horizon_range(sunlight.sun)
+        self._tiles, self._periods = [], [tile.period_m for tile in tiles]
+        for tile in tiles:
+            size = tile.levels[0].shape[0]
+            relief = context.texture((size, size), 4, tile.levels[0].tobytes(), dtype='f1')
+            relief.build_mipmaps()
+            for k, level in enumerate(tile.levels):
+                relief.write(level.tobytes(), level=k)
+            relief.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+            self._tiles.append(relief)
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind what the ground is lit with."""

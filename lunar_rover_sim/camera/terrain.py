@@ -8,12 +8,14 @@ Chunks at a change of stride have a skirt, which hides what rounding leaves open
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.config import DetailConfig
 from lunar_rover_sim.camera.context import set_uniform
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.grid import HeightGrid
@@ -250,6 +252,14 @@ def _blocks(z: NDArray[np.float32], size: int, merge: np.ufunc) -> NDArray[np.fl
     if pad:
         z = np.pad(z, ((0, pad), (0, pad)), mode='edge')
     return merge.reduce(merge.reduce(z.reshape(count, size, count, size), axis=3), axis=1)
+
+
+def level_ranges(trees: Sequence[ChunkTree], detail: DetailConfig) -> list[Array]:
+    """Return, for each tree, the (depth,) distances up to which each of its strides is used."""
+    cells: list[Array] = [tree.cell_m * 2.0**np.arange(tree.depth) for tree in trees]
+    every: Array = np.unique(np.round(np.concatenate(cells), 9))
+    reach = ranges(every, detail.full_resolution_m, detail.cells_per_distance)
+    return [np.interp(c, every, reach) for c in cells]
 
 
 def ranges(cells_m: NDArray[np.float64], full_resolution_m: float,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import time
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -19,7 +20,8 @@ from lunar_rover_sim.nodes.types import message_class
 
 # What says something of a run, not of the Moon: wall time, log lines, our own acknowledgement.
 _NEVER = ('rosout', 'parameter_events')
-_DISCOVERY_S = 0.05
+# Looking is dear (a hundredth of a second): often while the graph comes up, then seldom.
+_DISCOVERY_S, _SETTLED_S, _LATER_S = 0.05, 5.0, 0.5
 
 
 class RecorderNode(node_main.GraphNode):
@@ -47,6 +49,7 @@ class RecorderNode(node_main.GraphNode):
             self._scenario.publish(String(data=_read(config.scenario_file)))
         self._publisher = self.create_publisher(Header, topics.RECORDED.name,
                                                 qos.offered(topics.RECORDED))
+        self._looked_s = self._found_s = time.monotonic()
         self.create_timer(_DISCOVERY_S, self._discover)
 
     def destroy_node(self) -> None:
@@ -55,6 +58,10 @@ class RecorderNode(node_main.GraphNode):
         super().destroy_node()
 
     def _discover(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._found_s > _SETTLED_S and now_s - self._looked_s < _LATER_S:
+            return
+        self._looked_s = now_s
         for name, types in self.get_topic_names_and_types():
             if name in self._subscribed or not self._is_wanted(name):
                 continue
@@ -69,6 +76,7 @@ class RecorderNode(node_main.GraphNode):
 
     def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
         self._subscribed[name] = type_name
+        self._found_s = time.monotonic()
         topic = self._contract.get(name)
         profiles = [info.qos_profile for info in infos]
         durable = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
