@@ -5,12 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from lunar_rover_sim.camera.renderer import Renderer
-    from lunar_rover_sim.frames import Array
-    from lunar_rover_sim.world.model import World
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -45,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from lunar_rover_sim.camera.preview import contact_sheet
     from lunar_rover_sim.camera.frame import LAYERS
     from lunar_rover_sim.camera.renderer import Renderer
+    from lunar_rover_sim.camera.still import HEIGHT_M, settle, standing
     from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
     from lunar_rover_sim.stereo.depth import depth_from_disparity
@@ -66,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         matcher = SgmMatcher(config.sgm)
         rig = renderer.rig
         args.output.mkdir(parents=True)
-        for k, pose in enumerate(args.pose or [(0.0, 0.0, 0.0, _HEIGHT_M)]):
+        for k, pose in enumerate(args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]):
             T = standing(world, *pose)
             settle(renderer, T, angles)
             frame = renderer.render(T, angles, k, LAYERS)
@@ -84,45 +79,6 @@ def run(args: argparse.Namespace) -> int:
             console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                           f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0
-
-
-_HEIGHT_M = 0.09
-_SETTLED, _MOST_FRAMES = 0.01, 60
-
-
-def settle(renderer: Renderer, T_world_base: Array, joint_angle_rad: Array) -> None:
-    """Let automatic exposure come to rest at a pose, as it would have on the way there."""
-    if renderer.config.sensor.exposure_mode != 'auto':
-        return
-    last = 0.0
-    for k in range(_MOST_FRAMES):
-        exposure_s = renderer.render(T_world_base, joint_angle_rad, k, ('left',)).exposure_s
-        if abs(exposure_s - last) < _SETTLED * exposure_s:
-            return
-        last = exposure_s
-
-
-def standing(world: World, x_m: float, y_m: float, yaw_deg: float,
-             height_m: float = _HEIGHT_M) -> Array:
-    """Return T_world_base of a rover that stands upright on the slope at a place."""
-    import numpy as np
-
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.frames import se3
-    ground = float(world.height_at((x_m, y_m)))
-    if not np.isfinite(ground):
-        raise ConfigError(f'pose: ({x_m:g}, {y_m:g}) lies outside the world')
-    reach = 0.15
-    slope = [(float(world.height_at((x_m + reach * dx, y_m + reach * dy)))
-              - float(world.height_at((x_m - reach * dx, y_m - reach * dy)))) / (2 * reach)
-             for dx, dy in ((1, 0), (0, 1))]
-    up = np.array([-slope[0], -slope[1], 1.0])
-    up /= np.linalg.norm(up)
-    yaw = np.radians(yaw_deg)
-    left = np.cross(up, [np.cos(yaw), np.sin(yaw), 0.0])
-    left /= np.linalg.norm(left)
-    rotation = np.stack([np.cross(left, up), left, up], axis=1)
-    return se3(rotation, np.array([x_m, y_m, ground]) + height_m * up)
 
 
 def _pose(text: str) -> tuple[float, ...]:

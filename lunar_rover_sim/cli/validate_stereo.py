@@ -63,7 +63,7 @@ def _judge(scenario, frames: int, folder: Path, console) -> dict[str, float]:
     from rich.progress import track
 
     from lunar_rover_sim.camera.renderer import Renderer
-    from lunar_rover_sim.cli.render import standing
+    from lunar_rover_sim.camera.still import settle, standing
     from lunar_rover_sim.stereo.depth import disparity_from_depth
     from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
     from lunar_rover_sim.stereo.sgm import SgmMatcher
@@ -82,6 +82,7 @@ def _judge(scenario, frames: int, folder: Path, console) -> dict[str, float]:
             angle = 2.0 * np.pi * k / frames
             pose = standing(world, radius * np.cos(angle), radius * np.sin(angle),
                             float(np.degrees(angle) + 90.0))
+            settle(renderer, pose, np.zeros(4))
             frame = renderer.render(pose, np.zeros(4), k, ('left', 'right', 'depth'))
             # The right camera's depth: the left camera put where the right one is.
             moved = pose @ (rig.T_base_left @ shift @ np.linalg.inv(rig.T_base_left))

@@ -14,13 +14,15 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     info = actions.add_parser('info', help='what a world folder holds; checks its hash')
     info.add_argument('folder', help='world folder')
     info.set_defaults(run=run_info)
-    preview = actions.add_parser('preview', help='maps and statistics as a PNG')
+    preview = actions.add_parser('preview', help='maps, statistics and camera views as a PNG')
     preview.add_argument('folder', help='world folder')
     preview.add_argument('-o', '--output', default='', metavar='FILE',
                          help='PNG to write (default: FOLDER.png)')
     preview.add_argument('--sun', nargs=2, type=float, default=(60.0, 6.0),
                          metavar=('AZIMUTH', 'ELEVATION'),
                          help='[deg] from east towards north, above the horizontal')
+    preview.add_argument('--no-views', action='store_true',
+                         help='leave the camera views out; they need EGL')
     preview.add_argument('--overwrite', action='store_true', help='replace an existing file')
     preview.set_defaults(run=run_preview)
     export = actions.add_parser('export', help='a mesh file: GLB, OBJ or PLY')
@@ -188,7 +190,12 @@ def run_preview(args: argparse.Namespace) -> int:
     folder = Path(args.folder)
     output = Path(args.output) if args.output else folder.resolve().with_suffix('.png')
     _refuse_existing(output, args.overwrite)
-    write(load(folder), output, azimuth, elevation)
+    world = load(folder)
+    views: list = []
+    if not args.no_views:
+        from lunar_rover_sim.camera.still import four_views
+        views = four_views(world, azimuth, elevation)
+    write(world, output, azimuth, elevation, views)
     print(output)
     return 0
 

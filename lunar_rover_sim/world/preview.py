@@ -2,28 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import io
 import pathlib
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.world import craters, rockfield, shade
 from lunar_rover_sim.world.files import write_whole
 from lunar_rover_sim.world.model import World
 
 _MOST_PIXELS = 1025  # along a side of a map
+_LARGE_M = 0.15      # rocks from this size are marked
+
+Views = Sequence[tuple[str, NDArray[Any]]]
 
 
-def sheet(world: World, azimuth_deg: float = 60.0, elevation_deg: float = 6.0) -> Any:
-    """Return a matplotlib figure: shaded ground, heights, slope, albedo, surroundings, horizon,
-    and the size distributions of craters and rocks.
+def sheet(world: World, azimuth_deg: float = 60.0, elevation_deg: float = 6.0,
+          views: Views = ()) -> Any:
+    """Return a matplotlib figure: shaded ground, heights, slope, albedo and rocks, surroundings,
+    horizon, and the size distributions of craters and rocks; below them up to four views.
 
-    The sun stands at azimuth (from east towards north) and elevation [deg].
+    The sun stands at azimuth (from east towards north) and elevation [deg]. views: titles and
+    (h, w) images.
     """
     from matplotlib.figure import Figure
-    figure = Figure(figsize=(20, 10.4), constrained_layout=True)
-    axes = figure.subplots(2, 4)
+    rows = 3 if views else 2
+    figure = Figure(figsize=(20, 5.2 * rows - 0.9 * (rows == 3)), constrained_layout=True)
+    axes = figure.subplots(rows, 4)
+    for axis, (title, image) in zip(axes[2] if views else (), views):
+        axis.imshow(image, cmap='gray', vmin=0, vmax=np.iinfo(image.dtype).max)
+        axis.set_title(title)
+    for axis in axes[2] if views else ():
+        axis.set_axis_off()
     sun = f'sun at {elevation_deg:g}°, azimuth {azimuth_deg:g}°'
     _ground(figure, axes[0], world, azimuth_deg, elevation_deg, sun)
     _surroundings(figure, axes[1, 0], world, azimuth_deg, elevation_deg)
@@ -36,10 +49,10 @@ def sheet(world: World, azimuth_deg: float = 60.0, elevation_deg: float = 6.0) -
 
 
 def write(world: World, path: str | pathlib.Path, azimuth_deg: float = 60.0,
-          elevation_deg: float = 6.0) -> None:
+          elevation_deg: float = 6.0, views: Views = ()) -> None:
     """Write the sheet to a PNG file; raise WorldError if it cannot be written."""
     content = io.BytesIO()
-    sheet(world, azimuth_deg, elevation_deg).savefig(content, dpi=90, format='png')
+    sheet(world, azimuth_deg, elevation_deg, views).savefig(content, dpi=90, format='png')
     write_whole(path, content.getvalue())
 
 
@@ -75,6 +88,11 @@ def _ground(figure: Any, axes: Any, world: World, azimuth_deg: float, elevation_
          half, f'slope over {ground.cell_m:g} m', 'deg', cmap='inferno', vmin=0.0, vmax=35.0)
     _map(figure, axes[3], world.albedo[::stride, ::stride], half, 'albedo factor', '1',
          cmap='gray', vmin=0.8, vmax=1.2)
+    large = world.rocks.diameter_m >= _LARGE_M
+    if large.any():
+        axes[3].set_title(f'albedo factor; rocks of {_LARGE_M:g} m and more')
+        axes[3].scatter(*world.rocks.position_m[large, :2].T, c='tab:red', linewidths=0,
+                        s=60.0 * world.rocks.diameter_m[large])
 
 
 def _surroundings(figure: Any, axis: Any, world: World, azimuth_deg: float,
