@@ -46,6 +46,10 @@ class Boulders:
             for mesh in (shape, coarse(shape)):
                 self._vertices.append(context.buffer(facets(mesh).tobytes()))
 
+    def relight(self, light: F32) -> None:
+        """Take (m, 4) clearance, distance [m] at the foot and at the top under another sun."""
+        self._data[:, 12:16] = light
+
     def draw(self, program: moderngl.Program, view: View, focal_px: float,
              least_px: float) -> None:
         """Draw the rocks that are in view and look larger than `least_px`."""

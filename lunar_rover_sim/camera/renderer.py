@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from lunar_rover_sim.camera.boulders import Boulders
 from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.camera.distortion import padding
-from lunar_rover_sim.camera.context import create_context, load_program, set_uniform
+from lunar_rover_sim.camera.context import create_context, set_uniform
 from lunar_rover_sim.camera.lighting import lighting_constants
+from lunar_rover_sim.camera.programs import GROUND_PASSES, load_programs
 from lunar_rover_sim.camera.projection import clip_matrix, covered_rows, view_volume
 from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
 from lunar_rover_sim.camera.frame import LAYERS, read_image, StereoFrame
@@ -25,9 +26,9 @@ from lunar_rover_sim.camera.imager import AutoExposure, Imager
 from lunar_rover_sim.camera import lamp as lamps
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.rock_shadow import sun_axes
-from lunar_rover_sim.camera.sensor import lamplit_radiance, SensorModel, sunlit_radiance
+from lunar_rover_sim.camera.sensor import first_exposure_s, SensorModel
 from lunar_rover_sim.camera.sunlight import Sunlight
-from lunar_rover_sim.camera.surface import make_tiles, Surface
+from lunar_rover_sim.camera.surface import make_reliefs, make_tiles, Surface
 from lunar_rover_sim.camera.terrain import ChunkMesh, level_ranges, TerrainLevel, View
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array, sun_direction
@@ -38,11 +39,6 @@ from lunar_rover_sim.world.model import World
 log = logging.getLogger(__name__)
 
 _TRUTH_LAYERS = {'normal', 'label'}
-_LIT = {'ROVER_SHADOW': 1}
-_GROUND_PASSES: dict[str, dict[str, int]] = {
-    'ground': _LIT, 'refined': {**_LIT, 'REFINE': 1},
-    'unlit ground': {'UNLIT': 1}, 'unlit refined': {'UNLIT': 1, 'REFINE': 1},
-    'truth ground': {'TRUTH': 1}}
 _LEFT_LAYERS = {'left', 'depth', 'radiance'} | _TRUTH_LAYERS
 _SHADOW_UNIT, _LAMP_UNIT = 6, 7
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
@@ -68,12 +64,7 @@ class Renderer:
         self._h = self.rig.height + 2 * self._pad[1]
         self._K = self.rig.K.copy()
         self._K[:2, 2] += self._pad
-        if config.sensor.exposure_mode == 'sunlit':
-            self.exposure_s = self.sensor.exposure_for(
-                max(sunlit_radiance(config.sun, config.reflectance),
-                    lamplit_radiance(config.lamp, config.reflectance)))
-        else:
-            self.exposure_s = config.sensor.exposure_s
+        self.exposure_s = first_exposure_s(self.sensor, config)
         self._auto = (AutoExposure(self.sensor) if config.sensor.exposure_mode == 'auto'
                       else None)
         self._context = create_context()
@@ -103,42 +94,48 @@ class Renderer:
         for texture in (self._radiance, self._depth, self._mesh_depth):
             texture.filter = (context.NEAREST, context.NEAREST)
 
-        with ThreadPoolExecutor(1) as pool:
-            tiles = pool.submit(make_tiles, config.detail,
-                                SunGeometry.towards(self.sun_direction), self.seed)
-            self.sunlight = Sunlight(self.world, config, self.sun_direction)
         self._levels = []
         inner = 0.0
         for grid in self.world.levels:
             self._levels.append(TerrainLevel(context, grid, inner))
             inner = grid.half_extent_m
-        self._sun_axes = sun_axes(self.sunlight.sun)
         self._mesh = ChunkMesh(context)
         self._truth: Any = None
-        self._surface = Surface(context, self.world, self.sunlight, tiles.result())
+        self._reliefs = make_reliefs(config.detail, self.seed)
+        self._light_surface()
         self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
                                   self.sunlight.rock_light())
         self._rover = RoverBody(context, self.rover)
         self._lamp = lamps.Lamp(context, config.lamp) if config.lamp.power_w > 0.0 else None
-        lamp = {'LAMP': 1} if self._lamp else {}
-        self._programs = {
-            'inner': load_program(context, 'terrain', 'terrain'),
-            'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
-            'inner skirt': load_program(context, 'terrain', 'terrain', SKIRT=1),
-            'outer skirt': load_program(context, 'terrain', 'terrain', OUTER=1, SKIRT=1),
-            **{name: load_program(context, 'screen', 'ground', LEVELS=len(self._levels), **flags,
-                                  **(lamp if 'ROVER_SHADOW' in flags else {}))
-               for name, flags in _GROUND_PASSES.items()},
-            'rock': load_program(context, 'rock', 'rock', ROVER_SHADOW=1, **lamp),
-            'rover': load_program(context, 'rover', 'rover'),
-            'truth rock': load_program(context, 'rock', 'rock', TRUTH=1),
-            'truth rover': load_program(context, 'rover', 'rover', TRUTH=1),
-        }
+        self._programs = load_programs(context, len(self._levels), self._lamp is not None)
         self._imager = Imager(context, self.rig, self.sensor, self.seed, self._pad)
         self._ground_passes = {name: context.vertex_array(self._programs[name], [])
-                               for name in _GROUND_PASSES}
+                               for name in GROUND_PASSES}
         self._ranges = level_ranges([level.tree for level in self._levels], config.detail)
         self._set_constants()
+
+    def _light_surface(self) -> None:
+        """Compute what the sun sees."""
+        with ThreadPoolExecutor(1) as pool:
+            tiles = pool.submit(make_tiles, self._reliefs, SunGeometry.towards(self.sun_direction))
+            self.sunlight = Sunlight(self.world, self.config, self.sun_direction)
+        self._sun_axes = sun_axes(self.sunlight.sun)
+        self._surface = Surface(self._context, self.world, self.sunlight, self._reliefs,
+                                tiles.result())
+
+    def set_sun(self, azimuth_deg: float, elevation_deg: float) -> None:
+        """Move the sun; all that does not depend on it is kept."""
+        sun = dataclasses.replace(self.config.sun, azimuth_deg=azimuth_deg,
+                                  elevation_deg=elevation_deg)
+        self.config = dataclasses.replace(self.config, sun=sun)
+        self.sun_direction = sun_direction(azimuth_deg, elevation_deg)
+        with self._context:
+            self._surface.release()
+            self._light_surface()
+            self._boulders.relight(self.sunlight.rock_light())
+            self._set_constants()
+        if self._auto is None:
+            self.exposure_s = first_exposure_s(self.sensor, self.config)
 
     # Drawing
 
@@ -243,6 +240,7 @@ class Renderer:
             set_uniform(program, u_clip=clip, u_camera=tuple(camera[:3, 3]),
                         u_axis=tuple(camera[:3, 2]), u_above=view.above_m, u_ray=tuple(first),
                         u_ray_right=tuple(right), u_ray_down=tuple(down), u_first_row=window[1],
+                        u_pixel=1.0 / K[0, 0],
                         u_rover_map=_SHADOW_UNIT, u_rover_right=tuple(shadow.right),
                         u_rover_up=tuple(shadow.up),
                         u_rover_centre=tuple(shadow.centre_m - camera[:3, 3]))

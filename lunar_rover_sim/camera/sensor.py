@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.config import (CameraConfig, LampConfig, ReflectanceConfig,
-                                           SensorConfig, SunConfig)
+                                           RenderConfig, SensorConfig, SunConfig)
 from lunar_rover_sim.camera.hapke import parameter_set, reflectance
 from lunar_rover_sim.camera.lamp import peak_intensity
 
@@ -84,6 +84,14 @@ class SensorModel:
         wanted = max(c.target_level - c.black_level, 0.005) * c.full_well_e
         return float(np.clip(wanted / max(radiance * self.electrons_per_radiance_second, 1e-9),
                              1e-6, 10.0))
+
+
+def first_exposure_s(sensor: SensorModel, config: RenderConfig) -> float:
+    """Return the exposure time [s] before any image was seen."""
+    if config.sensor.exposure_mode != 'sunlit':
+        return config.sensor.exposure_s
+    return sensor.exposure_for(max(sunlit_radiance(config.sun, config.reflectance),
+                                   lamplit_radiance(config.lamp, config.reflectance)))
 
 
 def sunlit_radiance(sun: SunConfig, ground: ReflectanceConfig) -> float:

@@ -30,30 +30,38 @@ _TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_share=1.0,
 
 
 @dataclasses.dataclass(frozen=True)
-class Tile:
-    """Relief below the grid: side length [m], and RGBA8 mip levels as `detail` makes them."""
+class Relief:
+    """Periodic relief below the grid: (n, n) heights [m] over a square of side period_m."""
 
     period_m: float
-    levels: list[NDArray[np.uint8]]
+    height_m: F32
 
 
-def make_tiles(config: DetailConfig, sun: SunGeometry, seed: int) -> list[Tile]:
-    """Return the tiles, coarse to fine; needs no GL."""
-    centre, half_range = _horizon_range(sun)
-    tangents = centre + half_range * np.linspace(-1.0, 1.0, 9)
-    tiles = []
+def make_reliefs(config: DetailConfig, seed: int) -> list[Relief]:
+    """Return relief for two tiles, coarse to fine; whatever the sun."""
+    reliefs = []
     for k, values in enumerate(_TILES):
         values = dict(values)
         pits = config.pit_cover * values.pop('pit_share')  # type: ignore[operator]
         recipe = detail.TileRecipe(
             pit_cover=pits, rms_slope=config.relief_rms_slope,
             pebble_cover=0.5 * config.pebble_cover, **values)  # type: ignore[arg-type]
-        texel = recipe.period_m / recipe.n
-        height = detail.relief(recipe, np.random.default_rng([seed, 77, k]))
-        horizon = detail.horizon(height, texel, sun.azimuth_rad + k * np.radians(_TURN_DEG),
-                                 tangents)
-        tiles.append(Tile(recipe.period_m, detail.mip_levels(
-            detail.slopes(height, texel), horizon, _SLOPE_SCALE, centre, half_range)))
+        reliefs.append(Relief(recipe.period_m,
+                              detail.relief(recipe, np.random.default_rng([seed, 77, k]))))
+    return reliefs
+
+
+def make_tiles(reliefs: list[Relief], sun: SunGeometry) -> list[list[NDArray[np.uint8]]]:
+    """Return, for each relief, its RGBA8 mip levels, as `detail` makes them."""
+    centre, half_range = _horizon_range(sun)
+    tangents = centre + half_range * np.linspace(-1.0, 1.0, 9)
+    tiles = []
+    for k, relief in enumerate(reliefs):
+        texel = relief.period_m / relief.height_m.shape[0]
+        horizon = detail.horizon(relief.height_m, texel,
+                                 sun.azimuth_rad + k * np.radians(_TURN_DEG), tangents)
+        tiles.append(detail.mip_levels(detail.slopes(relief.height_m, texel), horizon,
+                                       _SLOPE_SCALE, centre, half_range))
     return tiles
 
 
@@ -67,7 +75,7 @@ class Surface:
     """Owns the textures that the ground and the rocks are shaded with."""
 
     def __init__(self, context: moderngl.Context, world: World, sunlight: Sunlight,
-                 tiles: list[Tile]) -> None:
+                 reliefs: list[Relief], tiles: list[list[NDArray[np.uint8]]]) -> None:
         # One layer per level; a smaller level fills the corner of its layer.
         self._side = max(grid.n for grid in world.levels)
         layers = len(world.levels)
@@ -88,15 +96,15 @@ class Surface:
                                   -np.log2(grid.cell_m), grid.half_extent_m]
                                  for grid in world.levels])
         self._centre, self._half_range = _horizon_range(sunlight.sun)
-        self._tiles, self._periods = [], [tile.period_m for tile in tiles]
-        for tile in tiles:
-            size = tile.levels[0].shape[0]
-            relief = context.texture((size, size), 4, tile.levels[0].tobytes(), dtype='f1')
-            relief.build_mipmaps()
-            for k, level in enumerate(tile.levels):
-                relief.write(level.tobytes(), level=k)
-            relief.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-            self._tiles.append(relief)
+        self._tiles, self._periods = [], [relief.period_m for relief in reliefs]
+        for levels in tiles:
+            size = levels[0].shape[0]
+            tile = context.texture((size, size), 4, levels[0].tobytes(), dtype='f1')
+            tile.build_mipmaps()
+            for k, level in enumerate(levels):
+                tile.write(level.tobytes(), level=k)
+            tile.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+            self._tiles.append(tile)
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind what the ground is lit with."""
@@ -113,12 +121,19 @@ class Surface:
                     u_turn=(float(np.cos(angle)), float(np.sin(angle)), self._centre,
                             self._half_range))
 
+    def release(self) -> None:
+        """Release the GL objects."""
+        self._ground.release()
+        self._matter.release()
+        for tile in self._tiles:
+            tile.release()
+
     def bind_rocks(self, program: moderngl.Program) -> None:
         """Bind what rocks are lit with."""
         self._matter.use(2)
         self._tiles[0].use(3)
         set_uniform(program, u_matter=2, u_grid=tuple(self._levels[0, :2]), u_tile_a=3,
-                    u_grain=(1.0 / 3.1, 2.0, 0.11, 3.0))
+                    u_grain=(1.0 / 3.1, 1.0, 0.11, 1.4))
 
 
 def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32, occluder_m: F32) -> bytes:

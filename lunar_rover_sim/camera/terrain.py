@@ -256,8 +256,8 @@ def _blocks(z: NDArray[np.float32], size: int, merge: np.ufunc) -> NDArray[np.fl
 
 def level_ranges(trees: Sequence[ChunkTree], detail: DetailConfig) -> list[Array]:
     """Return, for each tree, the (depth,) distances up to which each of its strides is used."""
-    cells: list[Array] = [tree.cell_m * 2.0**np.arange(tree.depth) for tree in trees]
-    every: Array = np.unique(np.round(np.concatenate(cells), 9))
+    cells = [tree.cell_m * 2.0**np.arange(tree.depth) for tree in trees]
+    every = np.unique(np.round(np.concatenate(cells), 9)).astype(np.float64)
     reach = ranges(every, detail.full_resolution_m, detail.cells_per_distance)
     return [np.interp(c, every, reach) for c in cells]
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from lunar_rover_sim.camera.config import CameraConfig, RenderConfig, SunConfig
 from lunar_rover_sim.camera.renderer import Renderer
-from lunar_rover_sim.cli.render import standing
+from lunar_rover_sim.camera.still import standing
 from lunar_rover_sim.frames import wxyz_from_matrix
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.build import build

@@ -11,6 +11,7 @@ uniform sampler2D u_tile_a;
 uniform sampler2DArray u_matter;
 uniform vec2 u_grid;            // from metres to texture units of the finest level
 uniform vec4 u_grain;           // 1 / period and strength of grain; periods and strength of lumps
+uniform float u_pixel;          // size of a pixel at depth 1
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 uniform float u_rock_theta;
 uniform Hapke u_rock;
@@ -25,8 +26,12 @@ void main() {
     vec3 facing = abs(v_local);
     vec2 plane = facing.z > max(facing.x, facing.y) ? v_local.xy
         : (facing.x > facing.y ? v_local.yz : v_local.xz + 0.37);
-    vec2 lumps = texture(u_tile_a, plane * (u_grain.z / v_diameter) + v_index * 0.6180339).xy;
-    vec2 grain = texture(u_tile_a, plane * u_grain.x + v_index * 0.381966).xy;
+    // By distance, since derivatives break where `plane` changes.
+    float texels = log2(dot(v_relative, u_axis) * u_pixel * float(textureSize(u_tile_a, 0).x));
+    vec2 scale = vec2(u_grain.z / v_diameter, u_grain.x);
+    vec2 level = max(texels + log2(scale) + 0.5, 0.0);
+    vec2 lumps = textureLod(u_tile_a, plane * scale.x + v_index * 0.6180339, level.x).xy;
+    vec2 grain = textureLod(u_tile_a, plane * scale.y + v_index * 0.381966, level.y).xy;
     vec2 tilt = u_grain.w * (lumps - 0.501961) + u_grain.y * (grain - 0.501961);
     vec3 side = normalize(cross(normal, vec3(0.37, 0.71, 0.6)));
     normal = normalize(normal + tilt.x * side + tilt.y * cross(normal, side));
