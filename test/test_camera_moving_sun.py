@@ -6,7 +6,7 @@ import camera_scene as scene
 from lunar_rover_sim.camera.config import CameraConfig, DetailConfig
 from lunar_rover_sim.camera.renderer import Renderer
 
-CAMERA = CameraConfig(width=160, height=120, focal_px=130.0)
+CAMERA = CameraConfig(width=160, height=120)
 
 
 def test_set_sun() -> None:
