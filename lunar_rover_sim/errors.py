@@ -7,8 +7,20 @@ command line prints it and exits with 1; nodes log it as fatal and exit with 1.
 from __future__ import annotations
 
 
+_MOST_CHARACTERS = 1500
+
+
 class LunarRoverSimError(Exception):
-    """Root of every error that a user can cause and mend."""
+    """Root of every error that a user can cause and mend; its message is one printable line."""
+
+    def __init__(self, message: object = '') -> None:
+        text = str(message)
+        if not text.isprintable():
+            # Names and values of untrusted files must not reach a terminal as they are.
+            text = ''.join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+        if len(text) > _MOST_CHARACTERS:
+            text = text[:_MOST_CHARACTERS] + ' ...'
+        super().__init__(text)
 
 
 class ConfigError(LunarRoverSimError):

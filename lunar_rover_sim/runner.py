@@ -13,8 +13,10 @@ import sys
 import time
 from types import TracebackType
 
+from lunar_rover_sim.bag.marker import why_incomplete
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.graph import LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
+from lunar_rover_sim.graph import (
+    BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER)
 
 _POLL_S = 0.1
 # What a node is given to end: the recorder has a bag to finish, and after a failure there is
@@ -169,7 +171,11 @@ class Graph:
         status = self._processes[name].returncode
         how = f'status {status}' if status >= 0 else signal.Signals(-status).name
         last = [line.strip() for line in self._said(name) if line.strip()]
-        reason = self._fatal(name) or (last[-1] if last else 'it said nothing')
+        reason = self._fatal(name) or (last[-1] if last else '')
+        if not reason and name == 'recorder_node':
+            # On a full disk there is no room for its words, but that of the mark was kept free.
+            reason = why_incomplete(self._folder / BAG_FOLDER) or ''
+        reason = reason or 'it said nothing'
         return f'{name} ended with {how}: {reason} (log: {self._log(name)})'
 
     def _fatal(self, name: str) -> str:
