@@ -94,19 +94,21 @@ def test_what_comes_back_goes_on():
 
 def result_of(seed, outcome='driven'):
     path = np.c_[np.linspace(0.0, 5.0, 50), np.zeros(50), np.zeros(50)]
-    return Traverse(seed, outcome, 60.0, 5.0, 1, 0, 0, 0.1, 1.0, 1.3, 5.0, 10.0, 20.0, path)
+    return Traverse(seed, outcome, 60.0, 5.0, 1, 0, 0, 0.1, 1.0, 1.3, 5.0, 10.0, 20.0, 0.005,
+                    path)
 
 
 def test_one_drive_in_twenty_may_tip_over():
     assert acceptable([result_of(k) for k in range(19)] + [result_of(19, 'tipped over')])
     assert not acceptable([result_of(k, 'tipped over') for k in range(2)])
     assert not acceptable([result_of(1), result_of(2, 'the simulation diverged')])
+    assert not acceptable([result_of(1, 'tipped over'), result_of(2, 'stranded')])
 
 
 def test_the_report_has_a_line_for_each_drive(tmp_path):
     results = [result_of(1), result_of(2, 'tipped over')]
     text = report_text(results, 'baseline')
-    assert '2 worlds, 2.0 min, 10.0 m: 1 tipped over' in text
+    assert '2 worlds, 2.0 min, 10.0 m: 1 tipped over, 0 stranded' in text
     write_csv(results, tmp_path / 'traverse.csv')
     assert len((tmp_path / 'traverse.csv').read_text().splitlines()) == 3
     plot_paths(results, tmp_path / 'traverse.png')

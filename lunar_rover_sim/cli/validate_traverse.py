@@ -30,7 +30,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive, write the report; return 1 if more than one drive in twenty tipped over."""
+    """Drive, write the report; return 1 if more than one drive in twenty was lost."""
     from rich.console import Console
     from rich.markdown import Markdown
     from rich.progress import Progress
@@ -54,22 +54,24 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f'--output: {args.output} cannot be made: {error}') from None
 
     console = Console()
+    done_so_far: list[traverse.Traverse] = []
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task(f'driving {args.seeds} worlds', total=args.seeds)
 
         def tell(result: traverse.Traverse, done: int, total: int) -> None:
             bar.update(task, completed=done, total=total)
-            bar.console.print(f'seed {result.seed}: {result.outcome}, {result.distance_m:.1f} m',
-                              highlight=False, soft_wrap=True)
+            # An hour's work is not lost when it is interrupted.
+            done_so_far.append(result)
+            traverse_report.write_all(done_so_far, scenario.name, args.output)
+            bar.console.print(f'seed {result.seed}: {result.outcome}, {result.distance_m:.1f} m,'
+                              f' {result.stuck} times stuck, tilted up to'
+                              f' {result.tilt_max_deg:.0f} deg', highlight=False, soft_wrap=True)
 
         results = traverse.study(
             scenario.world, range(args.first_seed, args.first_seed + args.seeds), table,
             scenario.rover, scenario.physics_node, gait, scenario.drive_node, args.duration,
             args.workers, tell)
-    text = traverse_report.report_text(results, scenario.name)
-    (args.output / 'traverse.md').write_text(text, encoding='utf-8')
-    traverse_report.write_csv(results, args.output / 'traverse.csv')
-    traverse_report.plot_paths(results, args.output / 'traverse.png')
+    text = traverse_report.write_all(results, scenario.name, args.output)
     console.print(Markdown(text))
     console.print(f'written: {args.output}/traverse.md, traverse.csv, traverse.png',
                   highlight=False, soft_wrap=True)

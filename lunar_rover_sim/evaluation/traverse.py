@@ -11,20 +11,21 @@ import math
 import multiprocessing
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.drive.config import DriveConfig
 from lunar_rover_sim.drive.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.errors import EvaluationError, PhysicsError
 from lunar_rover_sim.evaluation.calibration import STATE_PERIOD_S
-from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.sinkage import TipSinkage
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.store import cached, load
 
@@ -37,22 +38,26 @@ CORRIDOR_M = 0.4               # from the way to the middle of such a rock, at l
 MOST_TRIALS = 2000             # for the next waypoint, before there is no way
 MARGIN_M = 4.0                 # waypoints keep this distance from the edge
 REST_S = 5.0                   # what is tilted past the limit has this long to come back
-BACK_UP_S, BACK_UP_MPS = 6.0, -0.08   # what is stuck goes back a little, to the next waypoint
+BACK_UP_S, BACK_UP_MPS = 6.0, -0.08   # what is stuck goes back a little, and another way
+STRANDED_S, STRANDED_M = 60.0, 0.5    # who is no farther from the end for so long is stranded
 DRIVE_PERIOD = 10              # gait periods per answer of the driver: 20 Hz
 RECORD_PERIOD = 40             # gait periods per recorded point: 5 Hz
+DRIVEN, TIPPED_OVER, STRANDED = 'driven', 'tipped over', 'stranded'   # outcomes
 
 
 @dataclasses.dataclass(frozen=True)
 class Traverse:
     """One drive over one world.
 
-    outcome: 'driven' (all the time), 'tipped over', or an error of the simulation
+    outcome: 'driven' (all the time), 'tipped over', 'stranded' (all the time, but at its end stuck
+        in one place in spite of backing up), or an error of the simulation
     driven_s: simulated time; distance_m: length of the path at 5 Hz, horizontal
     waypoints, stuck, tilted: waypoints reached, times stuck, times stopped by tilt and recovered
     slip: 1 - true forward distance / distance that the feet in stance were asked to go
     transport_mechanical, transport_electric: energy / (mass gravity distance), of the positive
         power at the legs and of that drawn from the supply (nothing is recuperated)
     tilt_mean_deg, tilt_p95_deg, tilt_max_deg: angle between base z and the vertical
+    sinkage_max_m: how deep a spoke tip was in the ground or in a rock at most, at 200 Hz
     path_m: (n, 3) positions at 5 Hz
     """
 
@@ -69,12 +74,13 @@ class Traverse:
     tilt_mean_deg: float
     tilt_p95_deg: float
     tilt_max_deg: float
+    sinkage_max_m: float
     path_m: Array
 
     @property
     def tipped_over(self) -> bool:
         """Whether it ended on its side or back."""
-        return self.outcome == 'tipped over'
+        return self.outcome == TIPPED_OVER
 
     @property
     def speed_mps(self) -> float:
@@ -92,20 +98,22 @@ def obstacles(world: World) -> Array:
     return xy[rise > OBSTACLE_M]
 
 
-def random_waypoints(world: World, length_m: float, rng: np.random.Generator) -> Array:
-    """Return (n, 2) waypoints from the origin on, at least length_m of way, inside the world.
+def random_waypoints(world: World, length_m: float, rng: np.random.Generator,
+                     start_m: ArrayLike = (0.0, 0.0)) -> Array:
+    """Return (n, 2) waypoints from a start (2,) on, at least length_m of way, inside the world.
 
     The straight way from each to the next keeps `CORRIDOR_M` from obstacles, as an operator with
-    a map would plan it: the rover avoids nothing by itself. Raises EvaluationError where there is
-    no such way.
+    a map would plan it: the rover avoids nothing by itself. What is nearer to the start than that
+    is left behind, not avoided. Raises EvaluationError where there is no such way.
     """
     limit = world.ground.half_extent_m - MARGIN_M
     if limit < WAYPOINT_STEP_M[1]:
         raise EvaluationError('the world is too small to traverse:'
                               f' {2 * world.ground.half_extent_m:g} m;'
                               f' valid is >= {2 * (MARGIN_M + WAYPOINT_STEP_M[1]):g} m')
-    blocked = obstacles(world)
-    points, gone, heading = [np.zeros(2)], 0.0, rng.uniform(-math.pi, math.pi)
+    start, blocked = np.asarray(start_m, dtype=float), obstacles(world)
+    blocked = blocked[np.linalg.norm(blocked - start, axis=1) >= CORRIDOR_M]
+    points, gone, heading = [start], 0.0, rng.uniform(-math.pi, math.pi)
     trials = 0
     while gone < length_m:
         trials += 1
@@ -136,11 +144,11 @@ def traverse(world: World, seed: int, calibration: GaitCalibration, rover: Rover
              physics: PhysicsConfig, gait: GaitConfig, drive: DriveConfig,
              duration_s: float) -> Traverse:
     """Drive random waypoints over a world for a time and return what became of it."""
-    waypoints = random_waypoints(world, 1.5 * drive.speed_mps * duration_s,
-                                 np.random.default_rng(seed))
+    plan = functools.partial(random_waypoints, world, 1.5 * drive.speed_mps * duration_s,
+                             np.random.default_rng(seed))
     with Simulation(world, rover, physics) as simulation:
-        return _Run(simulation, GaitController(gait, calibration), drive, waypoints, seed,
-                    world.ground.half_extent_m).drive(duration_s)
+        return _Run(simulation, GaitController(gait, calibration), drive, plan, seed,
+                    world.ground).drive(duration_s)
 
 
 def study(worlds: WorldConfig, seeds: Sequence[int], calibration: GaitCalibration,
@@ -148,6 +156,7 @@ def study(worlds: WorldConfig, seeds: Sequence[int], calibration: GaitCalibratio
           duration_s: float = 600.0, workers: int = 1,
           progress: Callable[[Traverse, int, int], None] | None = None) -> list[Traverse]:
     """Traverse one world per seed; `progress(result, done, all)` is called after each."""
+    gait.check_spokes(rover.legs.spokes)
     one = functools.partial(_traverse_seed, worlds, calibration, rover, physics, gait, drive,
                             duration_s)
     results: list[Traverse] = []
@@ -178,59 +187,71 @@ def _traverse_seed(worlds: WorldConfig, calibration: GaitCalibration, rover: Rov
     return traverse(world, seed, calibration, rover, physics, gait, drive, duration_s)
 
 
+def _stands(path: Array) -> bool:
+    """Return whether an (n, 3) path at 5 Hz has ended long ago."""
+    last = path[-round(STRANDED_S / (RECORD_PERIOD * STATE_PERIOD_S)):, :2]
+    return (len(last) * RECORD_PERIOD * STATE_PERIOD_S >= STRANDED_S
+            and float(np.linalg.norm(last - last[-1], axis=1).max()) < STRANDED_M)
+
+
 class _Run:
     """A drive in progress: the loop, and the sums it keeps."""
 
     def __init__(self, simulation: Simulation, controller: GaitController, drive: DriveConfig,
-                 waypoints: Array, seed: int, half_extent_m: float) -> None:
+                 plan: Callable[[Array], Array], seed: int, ground: HeightGrid) -> None:
         self._simulation = simulation
         self._controller = controller
         self._drive_config = drive
-        self._waypoints = waypoints
-        self._half_extent_m = half_extent_m
+        self._plan = plan                 # waypoints from a position on
+        self._half_extent_m = ground.half_extent_m
         self._seed = seed
         self._steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         self._period_s = self._steps * simulation.config.step_s
+        self._back_up_periods = round(BACK_UP_S / self._period_s)
         self._next = 0                    # waypoint that is driven to
-        self._stuck = self._tilted = 0
+        self._reached = self._stuck = self._tilted = 0
         self._true_m = self._asked_m = 0.0
         self._mechanical_j = self._electric_j = 0.0
         self._tilts: list[float] = []
         self._path: list[Array] = []
-        self._reference: Array | None = None
+        self._reference: list[float] | None = None
+        self._tips = TipSinkage(simulation, ground)
+        self._sinkage_m = 0.0
         self._state = simulation.state()
+        self._waypoints = plan(self._state.position_m[:2])
         self._driver = self._make_driver()
 
     def drive(self, duration_s: float) -> Traverse:
         """Drive until the time is over or the rover has tipped over."""
-        outcome, periods = 'driven', round(duration_s / self._period_s)
+        outcome, periods = DRIVEN, round(duration_s / self._period_s)
         velocity, back_up = (0.0, 0.0), 0
         tilted_since: int | None = None
         try:
             for k in range(periods):
                 if back_up > 0:
-                    back_up, velocity = back_up - 1, (BACK_UP_MPS, 0.0)
+                    back_up -= 1
+                    if back_up == 0:
+                        self._go_elsewhere()
                 elif tilted_since is not None:
-                    velocity = (0.0, 0.0)
                     if k - tilted_since >= REST_S / self._period_s:
                         if self._tilt_deg() > self._drive_config.tilt_limit_deg:
-                            outcome = 'tipped over'
+                            outcome = TIPPED_OVER
                             break
                         tilted_since, self._tilted = None, self._tilted + 1
-                        self._driver = self._make_driver()
+                        back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
                 elif k % DRIVE_PERIOD == 0:
                     state = self._state
                     command = self._driver.update(state.time_ns, state.position_m,
                                                   state.orientation_wxyz)
                     velocity = (command.forward_mps, command.yaw_rate_radps)
                     if command.status == DONE:
+                        self._reached += 1
                         self._go_on()
                     elif command.status == STOPPED and command.reason.startswith('tilted'):
                         tilted_since = k
                     elif command.status == STOPPED:
                         self._stuck += 1
-                        back_up = round(BACK_UP_S / self._period_s)
-                        self._go_on()
+                        back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
                 self._step(velocity)
                 if k % RECORD_PERIOD == 0:
                     self._path.append(self._state.position_m)
@@ -241,6 +262,16 @@ class _Run:
     def _go_on(self) -> None:
         self._next = min(self._next + 1, len(self._waypoints) - 1)
         self._driver = self._make_driver()
+
+    def _go_elsewhere(self) -> None:
+        """Plan anew from here; where there is no way, go on as planned."""
+        try:
+            self._waypoints = self._plan(self._state.position_m[:2])
+        except EvaluationError:
+            self._go_on()
+        else:
+            self._next = 0
+            self._driver = self._make_driver()
 
     def _make_driver(self) -> Driver:
         x, y = self._waypoints[self._next]
@@ -259,33 +290,38 @@ class _Run:
         self._note(legs)
 
     def _note(self, legs: LegCommand) -> None:
+        # Plain floats: on four numbers they take a third of the time of arrays.
         state, dt = self._state, self._period_s
-        motor = self._simulation.rover.motor
+        resistance_ohm = self._simulation.rover.motor.resistance_ohm
         self._tilts.append(self._tilt_deg())
-        power = state.motor_torque_nm * state.joint_velocity_radps
-        self._mechanical_j += float(np.sum(np.maximum(power, 0.0))) * dt
-        drawn = power + state.motor_current_a ** 2 * motor.resistance_ohm
-        self._electric_j += float(np.sum(np.maximum(drawn, 0.0))) * dt
+        for torque, current, speed in zip(state.motor_torque_nm.tolist(),
+                                          state.motor_current_a.tolist(),
+                                          state.joint_velocity_radps.tolist()):
+            power = torque * speed
+            self._mechanical_j += max(power, 0.0) * dt
+            self._electric_j += max(power + current ** 2 * resistance_ohm, 0.0) * dt
+        self._sinkage_m = max(self._sinkage_m, self._tips.deepest_m())
+        reference = legs.angle_rad.tolist()
         if self._reference is not None:
-            asked = self._stance_m(legs, self._reference)
+            asked = self._stance_m(reference, self._reference)
             self._asked_m += abs(asked)
             self._true_m += math.copysign(1.0, asked) * float(state.linear_velocity_mps[0]) * dt
-        self._reference = legs.angle_rad
+        self._reference = reference
 
-    def _stance_m(self, legs: LegCommand, before: Array) -> float:
+    def _stance_m(self, reference: list[float], before: list[float]) -> float:
         """Return how far the feet in stance were asked to push the rover in this period [m]."""
         config, rover = self._controller.config, self._simulation.rover
-        local = (legs.angle_rad + 0.5 * config.pitch_rad) % config.pitch_rad \
-            - 0.5 * config.pitch_rad
-        stance = np.abs(local) <= math.radians(0.5 * config.foot_width_deg)
-        if not stance.any():
-            return 0.0
-        swept = (legs.angle_rad - before)[stance] * np.cos(local[stance])
-        return float(np.mean(swept)) * rover.legs.spoke_length_m
+        pitch, half = config.pitch_rad, math.radians(0.5 * config.foot_width_deg)
+        swept = []
+        for now, last in zip(reference, before):
+            local = (now + 0.5 * pitch) % pitch - 0.5 * pitch
+            if abs(local) <= half:
+                swept.append((now - last) * math.cos(local))
+        return rover.legs.spoke_length_m * sum(swept) / len(swept) if swept else 0.0
 
     def _tilt_deg(self) -> float:
-        up = matrix_from_wxyz(self._state.orientation_wxyz)[2, 2]
-        return math.degrees(math.acos(min(1.0, max(-1.0, up))))
+        _, x, y, _ = self._state.orientation_wxyz.tolist()
+        return math.degrees(math.acos(max(-1.0, 1.0 - 2.0 * (x * x + y * y))))
 
     def _result(self, outcome: str) -> Traverse:
         path = np.array(self._path).reshape(-1, 3)
@@ -294,9 +330,13 @@ class _Run:
         mass = rover.chassis.mass_kg + 4.0 * rover.legs.mass_kg
         weight = max(mass * self._simulation.config.gravity_mps2, 1e-9)
         tilts = np.array(self._tilts or [0.0])
+        if outcome == DRIVEN and _stands(path):
+            outcome = STRANDED
         return Traverse(
-            self._seed, outcome, self._state.time_ns * 1e-9, distance, self._next, self._stuck,
-            self._tilted, 1.0 - self._true_m / self._asked_m if self._asked_m else math.nan,
+            self._seed, outcome, self._state.time_ns * 1e-9, distance, self._reached,
+            self._stuck, self._tilted,
+            1.0 - self._true_m / self._asked_m if self._asked_m else math.nan,
             self._mechanical_j / (weight * distance) if distance else math.nan,
             self._electric_j / (weight * distance) if distance else math.nan,
-            float(tilts.mean()), float(np.percentile(tilts, 95.0)), float(tilts.max()), path)
+            float(tilts.mean()), float(np.percentile(tilts, 95.0)), float(tilts.max()),
+            self._sinkage_m, path)

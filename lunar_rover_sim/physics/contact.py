@@ -6,14 +6,19 @@ MuJoCo makes the force of a contact row from
 
 (MuJoCo documentation, Computation / Constraint model): r is the (negative) gap, v its rate, a its
 acceleration, A the inverse mass that the model assigns to the body (`body_invweight0`), d the
-impedance `solimp[0]` = `solimp[1]`. So a contact point is a spring k / R with a damper b / R and
-an added mass 1 / R, the ground that moves along. With `solref` = (-stiffness, -damping) and a
-constant impedance, k = stiffness / d and b = damping / d, hence
+impedance, which `solimp` lets grow with the depth from d0 to d1. So a contact point is a spring
+k / R with a damper b / R and an added mass 1 / R = d / ((1 - d) A), the ground that moves along.
+With `solref` = (-stiffness, -damping), k = stiffness d / d1^2 and b = damping / d1, hence
 
-    stiffness = K A (1 - d),   damping = C A (1 - d)
+    stiffness = K A (1 - d0) d1^2 / d0^2,   damping = C A (1 - d0) d1 / d0
 
-for K [N/m] and C [N s/m]. The added mass is d / ((1 - d) A). Tangentially there is no spring:
-inside the friction cone the point creeps with the damper C `impratio`.
+for K [N/m] and C [N s/m] at d = d0, which d is to 1 % up to half a tip radius. From there on it
+grows steeply to d1 at a whole radius, where spring and damper are 96 and 49 times as firm: a tip
+must not sink deeper. Its middle would come below the surface, and the height field, which for
+MuJoCo is a row of prisms, would hold it by their sides as if in a hole.
+
+Tangentially there is no spring: inside the friction cone the point creeps with the damper
+C `impratio`.
 
 Where a tip touches several facets of the ground at once, each is a contact point of its own; the
 spring is then as many times stiffer, and sinks less. A tip that rests against the edge between
@@ -37,29 +42,32 @@ import numpy as np
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import ContactConfig
 
-IMPEDANCE = 0.5
+IMPEDANCE = 0.5          # d0
+BURIED_IMPEDANCE = 0.98  # d1
+_MIDPOINT, _POWER = 0.85, 8.0   # how d grows between: x^8 / 0.85^7 up to 0.85 of a radius
 
 
-def set_contact(model: mujoco.MjModel, config: ContactConfig, geoms: np.ndarray) -> None:
+def set_contact(model: mujoco.MjModel, config: ContactConfig, geoms: np.ndarray,
+                tip_radius_m: float) -> None:
     """Write the contact parameters into the given geoms of a compiled model.
 
     Raises ConfigError where the model's time step cannot resolve the contact.
     """
     step = model.opt.timestep
     model.opt.impratio = config.shear_damping_nspm / config.damping_nspm
-    d = IMPEDANCE
+    d0, d1 = IMPEDANCE, BURIED_IMPEDANCE
     for geom in geoms:
         weight = model.body_invweight0[model.geom_bodyid[geom], 0]
-        stiffness = config.stiffness_npm * weight * (1.0 - d)
-        damping = config.damping_nspm * weight * (1.0 - d)
-        # The row is an oscillator of k = stiffness / d and b = damping / d. A step that is longer
-        # than half of 1 / sqrt(k), or than 1 / b, makes the feet chatter and lose their hold.
-        bound = min(0.5 * (d / stiffness) ** 0.5, d / damping)
+        k = config.stiffness_npm * weight * (1.0 - d0) / d0
+        b = config.damping_nspm * weight * (1.0 - d0) / d0
+        # A step that is longer than half of 1 / sqrt(k), or than 1 / b, makes the feet chatter and
+        # lose their hold.
+        bound = min(0.5 / k ** 0.5, 1.0 / b)
         if step > bound:
             raise ConfigError(f'step_s: {step} is too long for a contact of'
                               f' {config.stiffness_npm:g} N/m and {config.damping_nspm:g} N s/m;'
                               f' valid is <= {bound:.2g} [s], or a softer contact')
-        model.geom_solref[geom] = -stiffness, -damping
-        model.geom_solimp[geom] = d, d, 0.001, 0.5, 2.0
+        model.geom_solref[geom] = -k * d1 ** 2 / d0, -b * d1
+        model.geom_solimp[geom] = d0, d1, tip_radius_m, _MIDPOINT, _POWER
         model.geom_friction[geom] = (config.sliding_friction, config.torsional_friction_m,
                                      config.rolling_friction_m)

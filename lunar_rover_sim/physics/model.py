@@ -46,7 +46,7 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     model = spec.compile()
     _fill_ground(model, world.ground)
     rover_geoms = np.flatnonzero(model.geom_bodyid > 0)
-    set_contact(model, config.contact, rover_geoms)
+    set_contact(model, config.contact, rover_geoms, rover.legs.tip_radius_m)
     return model
 
 
