@@ -1,4 +1,4 @@
-"""Sequences for SLAM programs from bags: EuRoC, TUM RGB-D, KITTI odometry.
+"""Sequences for SLAM programs from bags: EuRoC, TUM RGB-D, KITTI odometry, TartanAir.
 
 The bag is read once, in the order of time; images are compressed by a few threads with a bounded
 queue, so that memory does not grow with the bag. The sequence appears under its name only when it
@@ -14,17 +14,19 @@ import shutil
 from typing import Any
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.calibration import CALIBRATION_FILE, calibration_yaml
 from lunar_rover_sim.bag.euroc import EurocSequence
 from lunar_rover_sim.bag.kitti import KittiSequence
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.sequence import PngWriter, Sequence
 from lunar_rover_sim.bag.series import header_ns, picture
+from lunar_rover_sim.bag.tartanair import TartanAirSequence
 from lunar_rover_sim.bag.tum import TumSequence
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.parameters import nearest
 
 FORMATS: dict[str, type[Sequence]] = {'euroc': EurocSequence, 'tum': TumSequence,
-                                      'kitti': KittiSequence}
+                                      'kitti': KittiSequence, 'tartanair': TartanAirSequence}
 _IMAGES = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.TRUE_DEPTH.name,
            topics.DEPTH.name)
 _DATA = (topics.IMU_RAW.name, topics.IMU_BIAS.name, topics.ODOM.name)
@@ -34,7 +36,7 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
            progress: Callable[[], None] | None = None) -> list[str]:
     """Write a sequence into the new folder `output`; return what is worth knowing, in sentences.
 
-    kind: euroc, tum or kitti; progress is called once a message.
+    kind: euroc, tum, kitti or tartanair; progress is called once a message.
     Images that no IMU sample encloses are left out where there is an IMU: ORB-SLAM3 reads past
     its samples otherwise.
     Raises BagError where the bag lacks what the format needs, or the folder cannot be written.
@@ -50,6 +52,8 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
             partial.mkdir(parents=True)
             with PngWriter() as images, FORMATS[kind](bag, partial, images) as sequence:
                 notes = _stream(bag, sequence, progress)
+                (partial / CALIBRATION_FILE).write_text(
+                    calibration_yaml(sequence.suite, kind), encoding='utf-8')
             partial.rename(output)
     except OSError as error:
         raise BagError(f'{output}: cannot be written: {error.strerror or error}') from None

@@ -10,7 +10,7 @@ from typing import Any
 
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
-EXPORT_FORMATS = ('euroc', 'tum', 'kitti')
+EXPORT_FORMATS = ('euroc', 'tum', 'kitti', 'tartanair')
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

@@ -1,0 +1,77 @@
+"""`lunar_rover_sim dataset`: look at, verify and describe a data set."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+_PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the commands."""
+    text = 'look at, verify and describe a data set that `campaign` made'
+    datasets = subparsers.add_parser('dataset', help=text, description=text).add_subparsers(
+        metavar='WHAT', required=True)
+    for name, run, text in (
+            ('show', _show, 'one HTML page: pictures, paths on the ground, statistics'),
+            ('verify', _verify, 'compare every file with the manifests; exits with 1 if any '
+                                'differs'),
+            ('card', _card, 'write the data card anew: README.md and card.json')):
+        parser = datasets.add_parser(name, help=text, description=text)
+        parser.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
+        parser.set_defaults(run=run)
+        if name == 'show':
+            parser.add_argument('-o', '--output', type=Path, metavar='FILE',
+                                help='the page; by default DIR/index.html')
+            parser.add_argument('--most', type=int, default=100, metavar='N',
+                                help='episodes shown with pictures (default: %(default)s)')
+
+
+def _show(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lunar_rover_sim.campaign.card import make_card
+    from lunar_rover_sim.campaign.page import write_page
+
+    console = Console()
+    card = make_card(args.dataset)
+    output = args.output or args.dataset / 'index.html'
+    with console.status('') as status:
+        write_page(args.dataset, card, output, max(0, args.most),
+                   lambda name: status.update(f'drawing {name}'))
+    console.print(str(output), **_PLAIN)
+    return 0
+
+
+def _verify(args: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lunar_rover_sim.campaign.layout import EPISODES
+    from lunar_rover_sim.campaign.manifest import why_unfinished
+    from lunar_rover_sim.errors import BagError
+
+    console = Console()
+    folders = sorted(p for p in (args.dataset / EPISODES).glob('*') if p.is_dir())
+    if not folders:
+        raise BagError(f'{args.dataset}: holds no episodes')
+    wrong = 0
+    with console.status('') as status:
+        for folder in folders:
+            status.update(f'verifying {folder.name}')
+            reason = why_unfinished(folder)
+            if reason is not None:
+                wrong += 1
+                console.print(f'{folder.name}: {reason}', **_PLAIN)
+    console.print(f'{len(folders) - wrong} of {len(folders)} episodes are as they were made',
+                  **_PLAIN)
+    return 1 if wrong else 0
+
+
+def _card(args: argparse.Namespace) -> int:
+    from lunar_rover_sim.campaign.card import write_card
+
+    write_card(args.dataset)
+    print(args.dataset / 'README.md')
+    return 0
