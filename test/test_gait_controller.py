@@ -264,6 +264,12 @@ def test_the_number_of_spokes_cannot_change_while_walking():
         GaitController().configure(GaitConfig(spokes=5))
 
 
+def test_the_gait_must_have_the_spokes_of_the_rover():
+    GaitConfig().check_spokes(3)
+    with pytest.raises(ConfigError, match='spokes: 3 is not valid for the gait; valid is 6'):
+        GaitConfig().check_spokes(6)
+
+
 @pytest.mark.parametrize('bad', [[0.0, math.nan, 0.0, 0.0], [0.0] * 3, [math.inf] * 4])
 def test_joint_states_that_are_none_are_refused(bad):
     with pytest.raises(PhysicsError, match='joint angle: .*four finite'):

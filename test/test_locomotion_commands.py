@@ -32,6 +32,7 @@ def test_an_existing_table_is_not_overwritten(tmp_path):
     (calibrate, ('gait', '-o', 'x.yaml', '--set', 'gait_controller_node.duty_factor=1.0'),
      'duty_factor: 1'),
     (calibrate, ('gait', '-o', 'x.yaml', '--set', 'rover.legs.mass_kg=-1'), 'mass_kg: -1'),
+    (calibrate, ('gait', '-o', 'x.yaml', '--set', 'rover.legs.spokes=6'), 'spokes: 3 .* is 6'),
     (validate_locomotion, ('locomotion', '--speeds', '0.1', '-0.2'), '--speeds: -0.2'),
     (validate_locomotion, ('locomotion', '--duration', '5'), '--duration: 5'),
     (validate_locomotion, ('locomotion', '--gravities', 'nan'), '--gravities: nan'),

@@ -211,7 +211,9 @@ class _Settings:
 def _settings(rover: RoverDescription | None, physics: PhysicsConfig | None,
               gait: GaitConfig | None) -> _Settings:
     physics = dataclasses.replace(physics or PhysicsConfig(), start=StartPose())
-    return _Settings(rover or RoverDescription(), physics, gait or GaitConfig())
+    rover, gait = rover or RoverDescription(), gait or GaitConfig()
+    gait.check_spokes(rover.legs.spokes)
+    return _Settings(rover, physics, gait)
 
 
 def _measure_one(simulation: Simulation, settings: _Settings,

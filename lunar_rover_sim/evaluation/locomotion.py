@@ -163,6 +163,7 @@ def study(calibration: GaitCalibration, rover: RoverDescription | None = None,
           progress: Callable[[int, int], None] | None = None) -> list[LocomotionCase]:
     """Walk and track every speed under every gravity; duration_s counts from the command."""
     rover, gait = rover or RoverDescription(), gait or GaitConfig()
+    gait.check_spokes(rover.legs.spokes)
     physics = physics or PhysicsConfig()
     ground, cases = flat_world(), []
     for gravity in gravities_mps2:

@@ -81,6 +81,12 @@ class GaitConfig(Parameters):
         """Phase offsets [cycles] of the four legs, by name or custom."""
         return GAIT_ARRAYS.get(self.gait, self.phase_offsets)
 
+    def check_spokes(self, spokes: int) -> None:
+        """Raise ConfigError where the rover's legs have another number of spokes."""
+        if self.spokes != spokes:
+            raise ConfigError(f'spokes: {self.spokes} is not valid for the gait; valid is {spokes},'
+                              " as many as the rover's legs have")
+
     def shaping(self) -> ShapingFunction:
         """Return the shaping function of these parameters."""
         return ShapingFunction(self.duty_factor, math.radians(self.foot_width_deg),

@@ -16,6 +16,7 @@ from lunar_rover_sim.nodes import conversions, main as node_main, qos
 from lunar_rover_sim.nodes.answers import AnswerListener
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.resources import config_path
+from lunar_rover_sim.rover.store import load_rover
 
 
 class GaitControllerNode(node_main.GraphNode):
@@ -28,6 +29,7 @@ class GaitControllerNode(node_main.GraphNode):
     def __init__(self) -> None:
         super().__init__('gait_controller_node')
         self._config = config = declare(self, GaitNodeConfig)
+        config.check_spokes(load_rover(config.rover or None).legs.spokes)
         self._controller = GaitController(config, GaitCalibration.load(
             config.calibration or config_path('gait_calibration.yaml')))
         self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
