@@ -112,6 +112,16 @@ def test_errors_of_a_known_map():
     assert summary['end-point error [px]'] == pytest.approx((5 * 1.5 + 2 * 3.0) / 17)
     assert summary['invalid: in shadow'] == 1.0
     assert (errors + StereoErrors()) == errors
+    # Where the matcher does not look, at full scale, or without texture there is another cause.
+    window = DisparityMap(d, 0.0, 63.0, 0.0625, (10, 8, 90, 12))
+    image[8], image[9] = 255, 100
+    causes = stereo_errors(window, truth, truth, image, block_px=1)
+    assert (causes.margin, causes.saturated, causes.flat) == (90, 90, 90)
+    assert causes.occluded == causes.shadowed == 0
+    hidden = truth.copy()
+    hidden[9, :45] = 20.0
+    seen = stereo_errors(window, truth, hidden, image, block_px=1)
+    assert (seen.occluded, seen.flat) == (45, 45)
     assert np.isnan(StereoErrors().summary()['density'])
 
 

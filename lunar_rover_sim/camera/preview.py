@@ -56,18 +56,43 @@ def tone_mapped(radiance: NDArray[np.floating]) -> U8:
     return np.repeat(level.astype(np.uint8)[..., None], 3, axis=2)
 
 
-def contact_sheet(frame: StereoFrame, sgm_depth_m: NDArray[np.floating]) -> U8:
-    """Return one picture: the pair and the ideal image; depth, SGM depth; normals, labels."""
+def disparity_picture(disparity_px: NDArray[np.floating]) -> U8:
+    """Return (h, w, 3) BGR colours of disparity, large warm, small cold; what is < 0 is black."""
+    known = disparity_px >= 0.0
+    most = max(float(disparity_px.max(initial=1.0)), 1.0)
+    level = np.clip(disparity_px / most * 255, 0, 255).astype(np.uint8)
+    colours = cv2.applyColorMap(level, cv2.COLORMAP_TURBO)
+    colours[~known] = 0
+    return np.asarray(colours, np.uint8)
+
+
+def contact_sheet(frame: StereoFrame, disparity_px: NDArray[np.floating],
+                  sgm_depth_m: NDArray[np.floating]) -> U8:
+    """Return one picture of nine: the pair, ideal image; depth, normals, labels; what SGM makes.
+
+    The last row is disparity (invalid: < 0), depth from it (NaN), and the error of that depth as a
+    share of the true one, 10 % being the hottest.
+    """
     assert frame.left is not None and frame.right is not None and frame.depth_m is not None
     assert frame.normal is not None and frame.label is not None and frame.radiance is not None
     with np.errstate(invalid='ignore'):
         error = np.abs(sgm_depth_m - frame.depth_m) / frame.depth_m
     normals = np.where(frame.label[..., None] > 0, 127.5 + 127.5 * frame.normal, 0)
-    rows = [(gray8(frame.left), gray8(frame.right), tone_mapped(frame.radiance)),
-            (depth_picture(frame.depth_m), depth_picture(sgm_depth_m),
-             normals.astype(np.uint8)[..., ::-1])]
-    sheet = np.vstack([np.hstack(row) for row in rows])
-    strip = np.hstack([label_picture(frame.label),
-                       error_picture(error, 0.1),
-                       np.zeros_like(rows[0][0])])
-    return np.vstack([sheet, strip])
+    rows = [[('left', gray8(frame.left)), ('right', gray8(frame.right)),
+             ('ideal radiance, gamma', tone_mapped(frame.radiance))],
+            [(f'true depth, {_NEAR_M:g} to {_FAR_M:g} m', depth_picture(frame.depth_m)),
+             ('normals', normals.astype(np.uint8)[..., ::-1]),
+             ('labels', label_picture(frame.label))],
+            [('disparity (SGM)', disparity_picture(disparity_px)),
+             ('depth from disparity', depth_picture(sgm_depth_m)),
+             ('its relative error, 0 to 10 %', error_picture(error, 0.1))]]
+    return np.vstack([np.hstack([_captioned(*panel) for panel in row]) for row in rows])
+
+
+def _captioned(text: str, picture: U8) -> U8:
+    picture = np.ascontiguousarray(picture)
+    scale = max(picture.shape[1] / 1000, 0.35)
+    for colour, width in (((0, 0, 0), 4), ((255, 255, 255), 1)):
+        cv2.putText(picture, text, (8, int(30 * scale) + 4), cv2.FONT_HERSHEY_SIMPLEX, scale,
+                    colour, width, cv2.LINE_AA)
+    return picture

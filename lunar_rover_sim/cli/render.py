@@ -55,14 +55,14 @@ def run(args: argparse.Namespace) -> int:
         world = load(folder)
     config = scenario.render_node
     angles = np.radians(args.joints)
+    poses = [standing(world, *pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]
     with console.status('computing the sunlight'):
         renderer = Renderer(world, scenario.rover, config, scenario.shared.seed)
     with renderer:
         matcher = SgmMatcher(config.sgm)
         rig = renderer.rig
         args.output.mkdir(parents=True)
-        for k, pose in enumerate(args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]):
-            T = standing(world, *pose)
+        for k, T in enumerate(poses):
             settle(renderer, T, angles)
             frame = renderer.render(T, angles, k, LAYERS)
             name = f'{k:03d}'
@@ -75,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
             disparity = matcher.match(frame.left, frame.right)
             np.save(out / f'{name}_disparity_px.npy', disparity.disparity_px)
             depth = depth_from_disparity(disparity, rig.focal_px, rig.baseline_m)
-            cv2.imwrite(str(out / f'{name}_preview.png'), contact_sheet(frame, depth))
+            sheet = contact_sheet(frame, disparity.disparity_px, depth)
+            cv2.imwrite(str(out / f'{name}_preview.png'), sheet)
             console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                           f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0

@@ -23,8 +23,9 @@ class StereoErrors:
     bad1, bad2: matched pixels that are wrong by more than 1 and 2 px
     error_sum_px, error_squared_px: sums of the absolute and squared error of matched pixels [px]
     lit, lit_matched: pixels that are not in shadow, and those of them that are matched
-    occluded, shadowed, flat: unmatched pixels that the other camera does not see; otherwise that
-        lie in shadow; otherwise whose surroundings hardly vary
+    margin, occluded, shadowed, saturated, flat: unmatched pixels by cause, the first that holds:
+        outside the part that the matcher looks at, not seen by the other camera, in shadow, at
+        full scale, in surroundings that hardly vary
     """
 
     ground: int = 0
@@ -35,8 +36,10 @@ class StereoErrors:
     error_squared_px: float = 0.0
     lit: int = 0
     lit_matched: int = 0
+    margin: int = 0
     occluded: int = 0
     shadowed: int = 0
+    saturated: int = 0
     flat: int = 0
 
     def __add__(self, other: StereoErrors) -> StereoErrors:
@@ -56,11 +59,13 @@ class StereoErrors:
             'bad-2': share(self.bad2, self.matched),
             'end-point error [px]': share(self.error_sum_px, self.matched),
             'RMS error [px]': float(np.sqrt(share(self.error_squared_px, self.matched))),
+            'invalid: margin of search': share(self.margin, unmatched),
             'invalid: occluded': share(self.occluded, unmatched),
             'invalid: in shadow': share(self.shadowed, unmatched),
+            'invalid: saturated': share(self.saturated, unmatched),
             'invalid: low texture': share(self.flat, unmatched),
-            'invalid: other': share(unmatched - self.occluded - self.shadowed - self.flat,
-                                    unmatched),
+            'invalid: other': share(unmatched - self.margin - self.occluded - self.shadowed
+                                    - self.saturated - self.flat, unmatched),
         }
 
 
@@ -71,8 +76,9 @@ def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | 
 
     truth_px: (h, w) true disparity of the left image (0 for sky); right_truth_px: that of the
     right image, to find what is occluded; left: the left image. shadow_level: below this share
-    of full scale a pixel counts as shadow. texture_level: standard deviation within a block, as
-    a share of full scale, below which it counts as low in texture.
+    of full scale a block counts as shadow. texture_level: standard deviation within a block, as
+    a share of full scale, below which it counts as low in texture. A block with a pixel at full
+    scale for every two below counts as saturated.
     """
     import cv2
     height, width = truth_px.shape
@@ -88,16 +94,24 @@ def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | 
     deviation = np.sqrt(np.maximum(cv2.blur(image * image, (block_px, block_px)) - mean**2, 0.0))
     dark = mean < shadow_level
     missing = ground & ~disparity.valid
+    x, y, w, h = disparity.valid_window
+    margin = missing.copy()
+    margin[y:y + h, x:x + w] = False
+    rest = missing & ~margin
     occluded = np.zeros_like(missing)
     if right_truth_px is not None:
-        rows, columns = np.nonzero(missing)
-        there = np.clip(np.rint(columns - truth_px[missing]), 0, width - 1).astype(int)
-        occluded[rows, columns] = right_truth_px[rows, there] > truth_px[missing] + 1.0
-    shadowed = missing & ~occluded & dark
-    flat = missing & ~occluded & ~dark & (deviation < texture_level)
+        rows, columns = np.nonzero(rest)
+        there = np.clip(np.rint(columns - truth_px[rest]), 0, width - 1).astype(int)
+        occluded[rows, columns] = right_truth_px[rows, there] > truth_px[rest] + 1.0
+    rest &= ~occluded
+    shadowed = rest & dark
+    rest &= ~dark
+    full = cv2.blur((image >= 1.0).astype(np.float32), (block_px, block_px)) > 1 / 3
+    saturated = rest & full
+    flat = rest & ~full & (deviation < texture_level)
     lit = ground & ~dark
     return StereoErrors(int(ground.sum()), int(matched.sum()), int((error > 1.0).sum()),
                         int((error > 2.0).sum()), float(error.sum()),
                         float((error.astype(float)**2).sum()), int(lit.sum()),
-                        int((lit & matched).sum()), int(occluded.sum()), int(shadowed.sum()),
-                        int(flat.sum()))
+                        int((lit & matched).sum()), int(margin.sum()), int(occluded.sum()),
+                        int(shadowed.sum()), int(saturated.sum()), int(flat.sum()))
