@@ -69,7 +69,7 @@ def _summary(name: str, episodes: Sequence[dict[str, Any]]) -> dict[str, float] 
               if isinstance(value := e['statistics'].get(name), (int, float))]
     if not values:
         return None
-    result = {'mean': float(f'{np.mean(values):.6g}'), 'min': min(values), 'max': max(values)}
+    result = {'mean': float(f'{np.mean(values):.9g}'), 'min': min(values), 'max': max(values)}
     if name in _SUMS:
         result['total'] = float(f'{sum(values):.9g}')
     return result

@@ -46,7 +46,7 @@ def run_on_cluster(tasks: Sequence[EpisodeTask], dataset: Path, address: str,
         futures = {client.submit(_make, task, str(dataset), pure=False): task.plan.name
                    for task in tasks}
         try:
-            for future in as_completed(futures):
+            for future in as_completed(list(futures), loop=client.loop):
                 if future.status == 'finished':
                     done(future.result())
                 else:

@@ -36,10 +36,10 @@ _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;max-width:82em;margin:2em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:1em 0}td,th{padding:.2em .7em;border-bottom:1px solid #ddd;
-text-align:right}td:first-child,th:first-child,td.t{text-align:left}th{font-weight:600}
+text-align:right}td:first-child,th:first-child,.t{text-align:left}th{font-weight:600}
 h2{margin-top:2em}section{display:flex;flex-wrap:wrap;gap:.5em;align-items:flex-start;
 margin:.5em 0 1.5em}section img{height:15em;width:auto;background:#000}h3{margin:.5em 0 0}
-.n{color:#666}img.w{max-width:100%}.e{color:#a00}@media(prefers-color-scheme:dark){
+.n{color:#666}img.w{width:100%}.e{color:#a00}@media(prefers-color-scheme:dark){
 body{background:#181818;color:#ddd}td,th{border-color:#444}.n{color:#999}img.w{background:#fff}}
 """
 
@@ -92,7 +92,7 @@ def _parts(dataset: Path, card: dict[str, Any], most: int, progress: Any) -> Ite
 
 def _statistics(card: dict[str, Any]) -> str:
     rows = ['<tr><th>statistic</th><th>mean</th><th>min</th><th>max</th><th>total</th>'
-            '<th>meaning</th></tr>']
+            '<th class="t">meaning</th></tr>']
     for name, summary in card['statistics'].items():
         cells = ''.join(f'<td>{number(summary.get(k))}</td>' for k in ('mean', 'min', 'max',
                                                                        'total'))
@@ -102,7 +102,7 @@ def _statistics(card: dict[str, Any]) -> str:
 
 
 def _table(card: dict[str, Any]) -> str:
-    heads = ''.join(f'<th>{name}</th>' for name in ('episode', 'frames', *_SHOWN, 'drawn'))
+    heads = ''.join(f'<th>{name}</th>' for name in ('episode', 'frames', *_SHOWN))
     rows = []
     for name, entry in card['episodes'].items():
         values = entry['statistics']
@@ -110,7 +110,7 @@ def _table(card: dict[str, Any]) -> str:
         drawn = ', '.join(f'{key.rpartition(".")[2]} {number(value)}'
                           for key, value in (entry.get('drawn') or {}).items())
         rows.append(f'<tr><td>{_safe(name)}</td>{cells}<td class="t n">{_safe(drawn)}</td></tr>')
-    return f'<table><tr>{heads}</tr>{"".join(rows)}</table>'
+    return f'<table><tr>{heads}<th class="t">drawn</th></tr>{"".join(rows)}</table>'
 
 
 def _overview(card: dict[str, Any]) -> str:
