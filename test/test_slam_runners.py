@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+import signal
+import subprocess
 import sys
 import textwrap
 import time
@@ -166,10 +168,32 @@ def test_stamps_of_early_frames(tmp_path) -> None:
         assert np.array_equal(read_estimate(path, frames).stamps_ns, frames)
 
 
+CHILD = 'sleep 600 & echo $! > child; wait'
+
+
 def test_children_end_with_their_parent(tmp_path) -> None:
-    ended = run_program(['/bin/sh', '-c', 'sleep 600 & echo $! > child; wait'], tmp_path,
-                        tmp_path / 'log', 1.0)
+    ended = run_program(['/bin/sh', '-c', CHILD], tmp_path, tmp_path / 'log', 1.0)
     assert ended.timed_out
+    wait_for_end(tmp_path)
+
+
+def test_children_end_when_told_to(tmp_path) -> None:
+    """SIGTERM, as from a batch system, leaves nothing behind."""
+    code = ('from pathlib import Path\n'
+            'from lunar_rover_sim.evaluation.runners import run_program\n'
+            f'folder = Path({str(tmp_path)!r})\n'
+            f'run_program(["/bin/sh", "-c", {CHILD!r}], folder, folder / "log", 600.0)\n')
+    parent = subprocess.Popen([sys.executable, '-c', code])
+    for _ in range(600):
+        if (tmp_path / 'child').exists() and (tmp_path / 'child').read_text():
+            break
+        time.sleep(0.05)
+    parent.terminate()
+    assert parent.wait(60.0) == 128 + signal.SIGTERM
+    wait_for_end(tmp_path)
+
+
+def wait_for_end(tmp_path: Path) -> None:
     child = Path('/proc') / (tmp_path / 'child').read_text().strip() / 'stat'
     for _ in range(100):
         if not child.exists() or child.read_text().split()[2] == 'Z':

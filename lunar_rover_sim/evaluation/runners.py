@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 import dataclasses
 import os
 from pathlib import Path
@@ -61,30 +61,48 @@ def run_program(command: Sequence[str | Path], folder: Path, log: Path, timeout_
     """Run a program in `folder` with its output in `log`, for at most `timeout_s` [s].
 
     echo is called with every line of the output. The program gets a session of its own, which is
-    ended as a whole, `grace_s` [s] after it was asked to end. Raises EvaluationError where it
-    cannot be started.
+    ended as a whole, `grace_s` [s] after it was asked to end, also where this process is told to
+    end. Raises EvaluationError where it cannot be started.
     """
     if not timeout_s > 0.0:
         raise EvaluationError(f'timeout: {timeout_s:g} is not valid; valid is > 0 [s]')
     start = time.monotonic()
     tail: list[str] = []
-    try:
-        process = subprocess.Popen([str(word) for word in command], cwd=folder,
-                                   stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                   stderr=subprocess.STDOUT, start_new_session=True)
-    except OSError as error:
-        raise EvaluationError(f'{command[0]}: cannot be started: {error.strerror}') from None
-    reader = threading.Thread(target=_copy, args=(process, log, tail, echo), daemon=True)
-    reader.start()
     timed_out = False
-    try:
-        process.wait(timeout_s)
-    except subprocess.TimeoutExpired:
-        timed_out = True
-    finally:
-        _end(process, grace_s)
-        reader.join(_GRACE_S)
+    with _terminable():
+        try:
+            process = subprocess.Popen([str(word) for word in command], cwd=folder,
+                                       stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                       stderr=subprocess.STDOUT, start_new_session=True)
+        except OSError as error:
+            raise EvaluationError(
+                f'{command[0]}: cannot be started: {error.strerror}') from None
+        reader = threading.Thread(target=_copy, args=(process, log, tail, echo), daemon=True)
+        reader.start()
+        try:
+            process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            timed_out = True
+        finally:
+            _end(process, grace_s)
+            reader.join(_GRACE_S)
     return Exit(process.returncode, timed_out, time.monotonic() - start, tuple(tail))
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM unwind this process, which would leave the program's session alone otherwise."""
+    def leave(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _copy(process: subprocess.Popen[bytes], log: Path, tail: list[str],
