@@ -1,0 +1,125 @@
+"""How long an episode takes to start, and what two side by side give; run on demand.
+
+    python test/benchmarks/bench_campaign.py -o FOLDER [--width 640] [--duration 10] [--rounds 3]
+
+Start: wall time and processor time of all processes from the call of `lunar_rover_sim run` to the
+acknowledgement of the first frame by the recorder, the world being in the cache. Throughput:
+simulated time per wall time of single episodes one after the other, and of as many with
+`campaign --jobs 2`, in turn, so that a busy machine troubles both alike. Prints the load beside.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+import signal
+import statistics
+import subprocess
+import sys
+import time
+
+import rclpy
+from std_msgs.msg import Header
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.config import load_scenario
+from lunar_rover_sim.domain import OwnDomain
+from lunar_rover_sim.nodes import conversions
+from lunar_rover_sim.world.store import cached
+
+CLI = [sys.executable, '-m', 'lunar_rover_sim.cli.main']
+FIRST_FRAME_NS = 100_000_000
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('-o', '--output', type=Path, required=True)
+    parser.add_argument('--width', type=int, default=640)
+    parser.add_argument('--duration', type=float, default=10.0, help='of an episode [s]')
+    parser.add_argument('--rounds', type=int, default=3)
+    args = parser.parse_args()
+    args.output.mkdir(parents=True)
+    scenario = load_scenario('baseline')
+    cached(scenario.world, scenario.shared.seed)
+    with OwnDomain() as own:
+        domain = own.id
+    os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+    camera = [f'render_node.camera.width={args.width}',
+              f'render_node.camera.height={args.width * 3 // 4}']
+    starts = [first_frame(args.output / f'start_{k}', domain, camera) for k in range(args.rounds)]
+    for wall_s, cpu_s in starts:
+        print(f'start to first recorded frame: {wall_s:.1f} s wall, {cpu_s:.1f} s processor',
+              flush=True)
+    print(f'median: {statistics.median(s[0] for s in starts):.1f} s wall, '
+          f'{statistics.median(s[1] for s in starts):.1f} s processor; {load()}', flush=True)
+    ratios = []
+    for k in range(args.rounds):
+        single_s = [campaign(args, f'single_{k}_{n}', 1, 1, camera) for n in range(2)]
+        both_s = campaign(args, f'both_{k}', 2, 2, camera)
+        # Two cores: the sum of two single runs, each as if it had the machine for itself.
+        summed = sum(args.duration / s for s in single_s)
+        pair = 2.0 * args.duration / both_s
+        ratios.append(pair / summed)
+        print(f'single {single_s[0]:.1f} s, {single_s[1]:.1f} s; two at once {both_s:.1f} s; '
+              f'{pair:.2f} of {summed:.2f} simulated s/s: {ratios[-1]:.2f}; {load()}', flush=True)
+    print(f'throughput of --jobs 2 over the sum of single ones: {statistics.median(ratios):.2f}')
+    return 0
+
+
+def first_frame(folder: Path, domain: int, settings: list[str]) -> tuple[float, float]:
+    """Return wall and processor time until the recorder has written the first frame [s]."""
+    rclpy.init(args=[])
+    node = rclpy.create_node('bench_campaign')
+    stamps: list[int] = []
+    node.create_subscription(Header, topics.RECORDED.name,
+                             lambda m: stamps.append(conversions.time_ns(m.stamp)), 10)
+    start = time.monotonic()
+    run = subprocess.Popen(
+        [*CLI, 'run', 'baseline', '-o', str(folder), '--duration', '60', '--domain', str(domain),
+         *(word for s in settings for word in ('--set', s))], stdout=subprocess.DEVNULL)
+    try:
+        while not stamps or stamps[-1] < FIRST_FRAME_NS:
+            rclpy.spin_once(node, timeout_sec=0.02)
+            if run.poll() is not None:
+                raise SystemExit('the run ended before its first frame')
+        return time.monotonic() - start, processor_s(run.pid)
+    finally:
+        run.send_signal(signal.SIGINT)
+        run.wait()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def processor_s(pid: int) -> float:
+    """Return the processor time of a process and its children that run [s]."""
+    total = 0.0
+    children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+    for number in (str(pid), *children):
+        fields = Path(f'/proc/{number}/stat').read_text().rpartition(')')[2].split()
+        total += (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    return total
+
+
+def campaign(args: argparse.Namespace, name: str, episodes: int, jobs: int,
+             settings: list[str]) -> float:
+    """Return the wall time of a campaign [s], all included."""
+    file = args.output / f'{name}.yaml'
+    lines = ['world.seed: 1', f'run.duration_s: {args.duration}',
+             *(s.replace('=', ': ') for s in settings)]
+    file.write_text(f'episodes: {episodes}\nsettings:\n'
+                    + ''.join(f'  {line}\n' for line in lines))
+    start = time.monotonic()
+    subprocess.run([*CLI, 'campaign', str(file), '-o', str(args.output / name), '--jobs',
+                    str(jobs)], check=True, stdout=subprocess.DEVNULL)
+    return time.monotonic() - start
+
+
+def load() -> str:
+    """Return what else the machine is doing."""
+    return f'load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores'
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
