@@ -7,7 +7,7 @@ from lunar_rover_sim.drive.config import DriveConfig
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.calibration import flat_world
 from lunar_rover_sim.evaluation.traverse import (
-    CORRIDOR_M, obstacles, random_waypoints, Traverse, traverse)
+    CORRIDOR_M, is_stranded, obstacles, random_waypoints, Traverse, traverse)
 from lunar_rover_sim.evaluation.traverse_report import (
     acceptable, plot_paths, report_text, write_csv)
 from lunar_rover_sim.gait.calibration import GaitCalibration
@@ -90,6 +90,30 @@ def test_what_comes_back_goes_on():
     # The walk itself tilts it by more than 4 deg now and then; at rest it is level.
     result = drive(world_of(lambda x, y: 0.0 * x), 20.0, tilt_limit_deg=4.0)
     assert result.outcome == 'driven' and result.tilted >= 1
+
+
+def test_what_is_stuck_backs_up_and_goes_another_way():
+    # A wall all round, 1.3 m away, far too steep to climb; rocks are none, so ways lead through.
+    world = world_of(lambda x, y: np.where(np.maximum(np.abs(x), np.abs(y)) > 1.3, 0.5, 0.0))
+    result = drive(world, 40.0, speed_mps=0.2)
+    # It rears up against the wall, or gets no farther: either way it is stopped.
+    assert result.outcome == 'driven' and result.stuck + result.tilted >= 1
+    assert result.waypoints == 0
+    assert np.abs(result.path_m[:, :2]).max() < 1.5
+    # It has been at the wall, and away from it again.
+    nearest = int(np.argmax(np.abs(result.path_m[:, :2]).max(axis=1)))
+    away = np.linalg.norm(result.path_m[nearest:, :2] - result.path_m[nearest, :2], axis=1)
+    assert away.max() > 0.2
+
+
+def test_who_stays_in_one_place_for_long_is_stranded():
+    time_s = np.arange(0.0, 100.0, 0.2)
+    ahead, there = 0.1 * np.minimum(time_s, 35.0), 0.2 * np.sin(time_s)
+    assert is_stranded(np.c_[ahead, there, 0.0 * time_s])
+    assert not is_stranded(np.c_[0.1 * time_s, there, 0.0 * time_s])
+    # So long a time must have passed.
+    assert not is_stranded(np.zeros((250, 3)))
+    assert not is_stranded(np.zeros((0, 3)))
 
 
 def result_of(seed, outcome='driven'):

@@ -187,9 +187,9 @@ def _traverse_seed(worlds: WorldConfig, calibration: GaitCalibration, rover: Rov
     return traverse(world, seed, calibration, rover, physics, gait, drive, duration_s)
 
 
-def _stands(path: Array) -> bool:
-    """Return whether an (n, 3) path at 5 Hz has ended long ago."""
-    last = path[-round(STRANDED_S / (RECORD_PERIOD * STATE_PERIOD_S)):, :2]
+def is_stranded(path_m: Array) -> bool:
+    """Return whether an (n, 3) path at 5 Hz has been in the place of its end for long."""
+    last = path_m[-round(STRANDED_S / (RECORD_PERIOD * STATE_PERIOD_S)):, :2]
     return (len(last) * RECORD_PERIOD * STATE_PERIOD_S >= STRANDED_S
             and float(np.linalg.norm(last - last[-1], axis=1).max()) < STRANDED_M)
 
@@ -330,7 +330,7 @@ class _Run:
         mass = rover.chassis.mass_kg + 4.0 * rover.legs.mass_kg
         weight = max(mass * self._simulation.config.gravity_mps2, 1e-9)
         tilts = np.array(self._tilts or [0.0])
-        if outcome == DRIVEN and _stands(path):
+        if outcome == DRIVEN and is_stranded(path):
             outcome = STRANDED
         return Traverse(
             self._seed, outcome, self._state.time_ns * 1e-9, distance, self._reached,
