@@ -1,5 +1,6 @@
 """The renderer: geometry, truth layers, determinism, and what it refuses."""
 
+import contextlib
 import dataclasses
 
 import mujoco
@@ -304,11 +305,28 @@ def test_bad_input(world, renderer):
         scene.config(-5.0)
     with pytest.raises(ConfigError, match='near_m'):
         RenderConfig(camera=CameraConfig(near_m=10.0, far_m=10.0))
-    big = RenderConfig(camera=CameraConfig(width=8192, height=8192 + 1 - 1))
-    limit = renderer._context.info['GL_MAX_TEXTURE_SIZE']
-    if limit < 2 * 8192:
-        with pytest.raises(RenderError, match='this device draws at most'):
-            Renderer(world, scene.ROVER, big)
+
+
+def test_size_beyond_the_device(monkeypatch, world):
+    class Small(contextlib.nullcontext):
+        info = {'GL_MAX_TEXTURE_SIZE': 1024}
+
+        def release(self):
+            self.released = True
+    device = Small()
+    monkeypatch.setattr('lunar_rover_sim.camera.renderer.create_context', lambda: device)
+    big = RenderConfig(camera=CameraConfig(width=640, height=640))
+    with pytest.raises(RenderError, match='640 x 640: this device draws at most 1024 x 512'):
+        Renderer(world, scene.ROVER, big)
+    assert device.released
+
+
+def test_lost_context(monkeypatch, world, renderer):
+    def lost(*_):
+        raise Exception('GL_CONTEXT_LOST')
+    monkeypatch.setattr(renderer._imager, 'develop', lost)
+    with pytest.raises(RenderError, match='context may be lost: GL_CONTEXT_LOST'):
+        renderer.render(pose_on(world, 0.0, 0.0), STILL, 0, ('left',))
 
 
 def test_no_egl(monkeypatch, world):
