@@ -16,7 +16,7 @@ from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
 from lunar_rover_sim.campaign.layout import STOP_FILE
 from lunar_rover_sim.errors import GraphError
 
-_CONNECT_S = 15
+_CONNECT_S = 10
 
 
 def run_on_cluster(tasks: Sequence[EpisodeTask], dataset: Path, address: str,
