@@ -77,6 +77,9 @@ def run(args: argparse.Namespace) -> int:
                          if progress.failed else ''), **_PLAIN)
         try:
             _make(dataset, dataset.tasks(plans, progress.missing), args, progress, console)
+        except KeyboardInterrupt:
+            console.print('interrupted; the same call goes on from here', **_PLAIN)
+            raise
         finally:
             card = write_card(dataset.folder)
     there = len(card['episodes'])
