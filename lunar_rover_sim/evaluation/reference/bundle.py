@@ -40,7 +40,7 @@ class Problem:
     seen_px: Array
 
     def solve(self, camera: Camera) -> Array:
-        """Improve poses and points in place; return the (k,) errors that are left [px]."""
+        """Improve poses and points in place; return the (k, 3) errors that are left [px]."""
         error = self._errors(camera, self.T_camera_world, self.points_m)
         damping, cost = _DAMPING, _huber(error)
         system = self._system(camera, error)
@@ -57,7 +57,7 @@ class Problem:
                 break
             cost -= gain
             system = self._system(camera, error)
-        return np.asarray(np.linalg.norm(error, axis=1), dtype=np.float64)
+        return error
 
     def _errors(self, camera: Camera, poses: Array, points: Array) -> Array:
         return residuals(camera, poses[self.camera_of], points[self.point_of], self.seen_px)

@@ -14,12 +14,9 @@ from lunar_rover_sim.frames import Array
 BORDER_PX = 12
 _LK = {'winSize': (15, 15), 'maxLevel': 3,
        'criteria': (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)}
-_LK_STEREO = {**_LK, 'maxLevel': 0}
 _MAX_BACK_PX = 0.5      # forth and back must come home
 _MAX_ROW_PX = 0.6       # a pair is rectified
-_HALF_PX = 7            # half of a template
-_SEARCH_PX = 48         # along a row, about the plane of the ground
-_MIN_CORRELATION = 0.7
+_DISPARITIES = 128      # that are searched
 _GRID = (6, 8)          # cells in which corners are found, rows and columns
 
 
@@ -32,15 +29,13 @@ def detect(image: Image, known_px: Array, wanted: int) -> Array:
     rows, columns = _GRID
     h, w = image.shape
     found = []
-    each = max(2, -(-wanted // (rows * columns)) * 2)
-    for i in range(rows):
-        for j in range(columns):
-            top, left = i * h // rows, j * w // columns
-            area = np.s_[top:(i + 1) * h // rows, left:(j + 1) * w // columns]
-            corners = cv2.goodFeaturesToTrack(image[area], each, 0.05, 9.0, mask=mask[area],
-                                              blockSize=5)
-            if corners is not None and len(corners):
-                found.append(corners.reshape(-1, 2) + (left, top))
+    for i, j in np.ndindex(rows, columns):
+        top, left = i * h // rows, j * w // columns
+        area = np.s_[top:(i + 1) * h // rows, left:(j + 1) * w // columns]
+        corners = cv2.goodFeaturesToTrack(image[area], 2 + 2 * wanted // (rows * columns), 0.05,
+                                          9.0, mask=mask[area], blockSize=5)
+        if corners is not None and len(corners):
+            found.append(corners.reshape(-1, 2) + (left, top))
     if not found:
         return np.zeros((0, 2))
     # Round after round, the best of every cell first, so that the weak ones are what is left out.
@@ -53,88 +48,64 @@ def track(before: Image, after: Image, px: Array,
     """Follow (n, 2) points into the next image; return where they are, and which were found."""
     if not len(px):
         return px, np.zeros(0, bool)
-    start = px.astype(np.float32)
-    there, found = _flow(before, after, start, guess_px, _LK)
-    back, found_back = _flow(after, before, there, start, _LK)
+    there, found = _flow(before, after, px, px if guess_px is None else guess_px)
+    back, found_back = _flow(after, before, there, px)
     h, w = after.shape
-    home = np.linalg.norm(back - start, axis=1) < _MAX_BACK_PX
+    home = np.linalg.norm(back - px, axis=1) < _MAX_BACK_PX
     inside = ((there > BORDER_PX) & (there < (w - BORDER_PX, h - BORDER_PX))).all(axis=1)
-    return there.astype(np.float64), found & found_back & home & inside
+    return there, found & found_back & home & inside
 
 
-class StereoMatcher:
-    """Disparities of points, by correlation along the row and a sub-pixel step.
+def disparities(left: Image, right: Image, px: Array) -> Array:
+    """Return (n,) disparities [px] of points in the left image, NaN where there is none.
 
-    The ground, seen from low, is sheared between the images by a tenth of a pixel a row and more;
-    the right image is therefore first warped by the plane of disparities of the last pair.
+    Semi-global matching, then a sub-pixel step. Ground seen from low is sheared between the
+    images by a tenth of a pixel a row and more, so the right one is warped first by the plane
+    that most disparities lie on.
     """
-
-    def __init__(self) -> None:
-        self._plane: Array | None = None   # disparity = plane . (u, v, 1)
-
-    def match(self, left: Image, right: Image, px: Array) -> Array:
-        """Return (n,) disparities [px] of points in the left image, NaN where there is none."""
-        if self._plane is None:
-            self._plane = np.array([0.0, 0.0, 64.0])
-            for _ in range(2):
-                self._fit(px, self._once(left, right, px, 2 * _SEARCH_PX))
-        disparity = self._once(left, right, px, _SEARCH_PX)
-        self._fit(px, disparity)
-        return disparity
-
-    def _once(self, left: Image, right: Image, px: Array, search_px: int) -> Array:
-        a, b, c = self._plane if self._plane is not None else np.zeros(3)
-        h, w = left.shape
-        flat = np.asarray(cv2.warpAffine(
-            right, np.array([[1.0 - a, -b, -c], [0.0, 1.0, 0.0]]), (w, h),
-            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP), np.uint8)
-        coarse = np.full(len(px), np.nan)
-        for k, (u, v) in enumerate(np.rint(px).astype(int)):
-            if not (_HALF_PX <= u < w - _HALF_PX and _HALF_PX <= v < h - _HALF_PX):
-                continue
-            rows = slice(v - _HALF_PX, v + _HALF_PX + 1)
-            first = max(0, u - search_px - _HALF_PX)
-            strip = flat[rows, first:min(w, u + search_px + _HALF_PX + 1)]
-            score = cv2.matchTemplate(strip, left[rows, u - _HALF_PX:u + _HALF_PX + 1],
-                                      cv2.TM_CCOEFF_NORMED)[0]
-            best = int(np.argmax(score))
-            if score[best] >= _MIN_CORRELATION and 0 < best < len(score) - 1:
-                coarse[k] = first + best + _HALF_PX - u
-        disparity = np.full(len(px), np.nan)
-        seen = np.flatnonzero(np.isfinite(coarse))
-        if not len(seen):
-            return disparity
-        start = px[seen].astype(np.float32)
-        guess = start + np.stack([coarse[seen], np.zeros(len(seen))], axis=1).astype(np.float32)
-        there, found = _flow(left, flat, start, guess, _LK_STEREO)
-        step = there - guess
-        good = found & (np.abs(step[:, 0]) < 1.5) & (np.abs(step[:, 1]) < _MAX_ROW_PX)
-        u = there[:, 0].astype(np.float64)
-        value = px[seen, 0] - (u - (a * u + b * px[seen, 1] + c))
-        disparity[seen[good & (value > 0.3)]] = value[good & (value > 0.3)]
-        return disparity
-
-    def _fit(self, px: Array, disparity: Array) -> None:
-        """Fit the plane of most disparities, by reweighted least squares."""
-        seen = np.isfinite(disparity)
-        if seen.sum() < 20:
-            return
-        A, d = np.column_stack([px[seen], np.ones(seen.sum())]), disparity[seen]
-        weight = np.ones(len(d))
-        for _ in range(8):
-            root = np.sqrt(weight)[:, None]
-            plane = np.linalg.lstsq(A * root, d * root[:, 0], rcond=None)[0]
-            weight = 1.0 / (1.0 + np.abs(A @ plane - d))
-        self._plane = plane
+    padded = [cv2.copyMakeBorder(image, 0, 0, _DISPARITIES, 0, cv2.BORDER_REPLICATE)
+              for image in (left, right)]
+    # Five by five pixels, smoothness as OpenCV advises for them, and a check from right to left.
+    matcher = cv2.StereoSGBM.create(0, _DISPARITIES, 5, 200, 800, 1, 31, 5, 100, 2)
+    dense = matcher.compute(*padded)[:, _DISPARITIES:].astype(np.float64) / 16.0
+    u, v = np.rint(px).astype(int).T
+    coarse = dense[v, u]
+    found = np.full(len(px), np.nan)
+    seen = np.flatnonzero(coarse > 0.0)
+    if len(seen) < 8:
+        return found
+    at = np.column_stack([px[seen], np.ones(len(seen))])
+    plane = _plane(at, coarse[seen])
+    h, w = left.shape
+    flat = np.asarray(cv2.warpAffine(
+        right, np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]) - np.outer([1.0, 0.0], plane), (w, h),
+        flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP), np.uint8)
+    # A point p of `flat` is the point p - plane . (p, 1) of the right image.
+    guess = px[seen].copy()
+    guess[:, 0] -= (coarse[seen] - at @ plane) / (1.0 - plane[0])
+    there, good = _flow(left, flat, px[seen], guess, maxLevel=0)
+    step = np.abs(there - guess)
+    good &= (step[:, 0] < 1.5) & (step[:, 1] < _MAX_ROW_PX)
+    value = px[seen, 0] - there[:, 0] + np.column_stack([there[:, 0], at[:, 1:]]) @ plane
+    found[seen[good]] = value[good]
+    return found
 
 
-def _flow(before: Image, after: Image, start: NDArray[np.float32],
-          guess: Array | NDArray[np.float32] | None,
-          options: dict) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    there: Any = None
-    if guess is not None:
-        options = {**options, 'flags': cv2.OPTFLOW_USE_INITIAL_FLOW}
-        there = np.array(guess, np.float32).reshape(-1, 1, 2)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, start.reshape(-1, 1, 2), there,
-                                               **options)
-    return np.asarray(there, np.float32).reshape(-1, 2), found.ravel() > 0
+def _plane(at: Array, disparity: Array) -> Array:
+    """Return the plane of most disparities, by reweighted least squares."""
+    plane: Array = np.zeros(3)
+    weight: Array = np.ones(len(at))
+    for _ in range(8):
+        root = np.sqrt(weight)
+        plane = np.linalg.lstsq(at * root[:, None], disparity * root, rcond=None)[0]
+        weight = 1.0 / (1.0 + np.abs(at @ plane - disparity))
+    return plane
+
+
+def _flow(before: Image, after: Image, start: Array, guess: Array,
+          **options: Any) -> tuple[Array, NDArray[np.bool_]]:
+    there, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, start.astype(np.float32).reshape(-1, 1, 2),
+        guess.astype(np.float32).reshape(-1, 1, 2), flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        **{**_LK, **options})
+    return there.reshape(-1, 2).astype(np.float64), found.ravel() > 0

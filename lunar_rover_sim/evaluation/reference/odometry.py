@@ -1,12 +1,11 @@
 """Visual odometry: corners are tracked, frames located, keyframes adjusted in a window.
 
-A stereo pair gives the depth of new points at once. A single camera starts once the essential
-matrix of two frames leaves enough parallax; the median depth of the first points is its unit.
+A stereo pair gives the depth of new points at once. A single camera starts once two frames leave
+enough parallax; the median depth of the first points is its unit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 import dataclasses
 
 import numpy as np
@@ -14,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.reference.bundle import Problem, residuals
-from lunar_rover_sim.evaluation.reference.features import detect, StereoMatcher, track
+from lunar_rover_sim.evaluation.estimator_input import Camera, Frame, Image
+from lunar_rover_sim.evaluation.reference.bundle import Problem
+from lunar_rover_sim.evaluation.reference.features import detect, disparities, track
 from lunar_rover_sim.evaluation.reference.geometry import (
     angles_rad, from_disparity, locate, project, triangulate, two_views)
-from lunar_rover_sim.evaluation.estimator_input import Camera, Frame, Image
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.frames import Array, inverse
 
@@ -46,16 +45,15 @@ class Odometry:
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
-        self._matcher = StereoMatcher()
         self._before: Image | None = None
-        self._ids: Array = np.zeros(0, np.int64)
+        self._ids: NDArray[np.int64] = np.zeros(0, np.int64)
         self._px: Array = np.zeros((0, 2))
         self._next = 0
         self._points: dict[int, Array] = {}
         self._keyframes: list[_Keyframe] = []
         self._motion: Array = np.eye(4)        # camera now from camera before
         self._pose: Array = np.eye(4)
-        self._since = 0
+        self._since = 0                        # frames since the last keyframe
         self._missed = 0
         self._located: list[tuple[int, int, Array]] = []   # stamp, keyframe, pose in it
         self.lost_ns: int | None = None
@@ -65,14 +63,16 @@ class Odometry:
         if self.lost_ns is not None:
             return False
         if self._before is not None:
-            self._follow(frame.left)
+            self._follow(self._before, frame.left)
         self._before = frame.left
         if not self._points:
-            return self._start(frame)
-        known = np.array([i in self._points for i in self._ids], bool)
+            started = self._start(frame) if self._camera.baseline_m else self._start_mono(frame)
+            if started:
+                self._note(frame.stamp_ns)
+            return started
+        known, points = self._known()
         pose = None
-        if known.sum() >= _MIN_INLIERS:
-            points = np.array([self._points[i] for i in self._ids[known]])
+        if len(points) >= _MIN_INLIERS:
             pose, good = locate(self._camera, points, self._px[known], _MIN_INLIERS)
         if pose is None:
             self._missed += 1
@@ -81,9 +81,7 @@ class Odometry:
             return False
         self._motion = pose @ inverse(self._pose) if not self._missed else np.eye(4)
         self._pose, self._missed = pose, 0
-        keep = np.ones(len(self._ids), bool)
-        keep[np.flatnonzero(known)[~good]] = False
-        self._keep(keep)
+        self._drop(known[~good])
         self._since += 1
         if self._due(int(good.sum())):
             self._make_keyframe(frame)
@@ -100,60 +98,49 @@ class Odometry:
                           wxyz(Rotation.from_matrix(poses[:, :3, :3])), 'reference')
 
     def _note(self, stamp_ns: int) -> None:
-        last = len(self._keyframes) - 1
-        T = self._pose @ inverse(self._keyframes[last].T_camera_world)
-        self._located.append((stamp_ns, last, T))
+        T = self._pose @ inverse(self._keyframes[-1].T_camera_world)
+        self._located.append((stamp_ns, len(self._keyframes) - 1, T))
 
-    def _keep(self, keep: NDArray[np.bool_]) -> None:
-        self._ids, self._px = self._ids[keep], self._px[keep]
+    def _known(self) -> tuple[NDArray[np.int64], Array]:
+        """Return the indices of the tracks that have a point, and these points."""
+        index = [k for k, i in enumerate(self._ids.tolist()) if i in self._points]
+        points = [self._points[int(self._ids[k])] for k in index]
+        return np.array(index, np.int64), np.array(points).reshape(-1, 3)
 
-    def _follow(self, image: Image) -> None:
+    def _drop(self, which: NDArray) -> None:
+        self._ids, self._px = np.delete(self._ids, which), np.delete(self._px, which, axis=0)
+
+    def _follow(self, before: Image, image: Image) -> None:
         """Track into the next image, starting where the last motion leads."""
         guess = self._px.copy()
-        known = np.array([i in self._points for i in self._ids], bool)
-        if known.any():
-            points = np.array([self._points[i] for i in self._ids[known]])
-            guess[known] += (project(self._camera, self._motion @ self._pose, points)
-                             - project(self._camera, self._pose, points))
-        assert self._before is not None
-        there, found = track(self._before, image, self._px, guess)
-        self._px = there
-        self._keep(found)
+        known, points = self._known()
+        guess[known] += (project(self._camera, self._motion @ self._pose, points)
+                         - project(self._camera, self._pose, points))
+        self._px, found = track(before, image, self._px, guess)
+        self._drop(np.flatnonzero(~found))
 
     def _start(self, frame: Frame) -> bool:
-        if self._camera.baseline_m:
-            self._make_keyframe(frame)
-            if len(self._points) < 2 * _MIN_INLIERS:
-                self._points.clear()
-                self._keyframes.clear()
-                self._since = 0
-                return False
-            self._note(frame.stamp_ns)
-            return True
-        return self._start_mono(frame)
+        self._make_keyframe(frame)
+        if len(self._points) < 2 * _MIN_INLIERS:
+            self._points.clear()
+            self._keyframes.clear()
+        return bool(self._points)
 
     def _start_mono(self, frame: Frame) -> bool:
         first = self._keyframes[0].seen if self._keyframes else {}
-        both = np.array([i in first for i in self._ids], bool)
-        if both.sum() < 4 * _MIN_INLIERS:
-            self._keyframes = []
+        both = np.array([k for k, i in enumerate(self._ids.tolist()) if i in first], np.int64)
+        if len(both) < 4 * _MIN_INLIERS:
             self._refill(frame.left)
-            self._keyframes.append(_Keyframe(np.eye(4), self._observations(None)))
+            self._keyframes = [_Keyframe(np.eye(4), self._observations(None))]
             return False
-        ids, px = self._ids[both], self._px[both]
-        old = np.array([first[i][:2] for i in ids])
-        views = two_views(self._camera, old, px)
+        ids = self._ids[both]
+        views = two_views(self._camera, np.array([first[i][:2] for i in ids]), self._px[both])
         if views is None:
             return False
-        T, points, good = views
-        self._pose, self._motion = T, np.eye(4)
+        self._pose, points, good = views
         self._points = dict(zip(ids[good].tolist(), points[good]))
-        keep = np.ones(len(self._ids), bool)
-        keep[np.flatnonzero(both)[~good]] = False
-        self._keep(keep)
+        self._drop(both[~good])
         self._make_keyframe(frame)
-        self._located.append((frame.stamp_ns, 1,
-                              self._pose @ inverse(self._keyframes[1].T_camera_world)))
         return True
 
     def _due(self, inliers: int) -> bool:
@@ -164,13 +151,12 @@ class Odometry:
 
     def _refill(self, image: Image) -> None:
         new = detect(image, self._px, _CORNERS - len(self._px))
-        self._ids = np.concatenate([self._ids, self._next + np.arange(len(new))]).astype(np.int64)
+        self._ids = np.concatenate([self._ids, self._next + np.arange(len(new))])
         self._px = np.concatenate([self._px, new])
         self._next += len(new)
 
     def _observations(self, disparity: Array | None) -> dict[int, Array]:
-        right = (np.full(len(self._px), np.nan) if disparity is None
-                 else self._px[:, 0] - disparity)
+        right = self._px[:, 0] - (np.nan if disparity is None else disparity)
         return dict(zip(self._ids.tolist(), np.column_stack([self._px, right])))
 
     def _make_keyframe(self, frame: Frame) -> None:
@@ -178,80 +164,66 @@ class Odometry:
         self._refill(frame.left)
         disparity = None
         if frame.right is not None and self._camera.baseline_m:
-            disparity = self._matcher.match(frame.left, frame.right, self._px)
+            disparity = disparities(frame.left, frame.right, self._px)
         self._keyframes.append(_Keyframe(self._pose, self._observations(disparity)))
-        self._new_points()
+        add_points = self._measure if self._camera.baseline_m else self._triangulate
+        add_points()
         if len(self._keyframes) > 1:
             self._adjust()
-            self._new_points()
+            add_points()
 
-    def _new_points(self) -> None:
-        """Give a point to every track that has none and whose depth can be told."""
-        if self._camera.baseline_m:
-            T_world_camera = inverse(self._pose)
-            seen = self._keyframes[-1].seen
-            new = [i for i in self._ids.tolist() if i not in self._points
-                   and seen[i][0] - seen[i][2] > _MIN_DISPARITY_PX]
-            px = np.array([seen[i] for i in new]).reshape(-1, 3)
-            local = from_disparity(self._camera, px[:, :2], px[:, 0] - px[:, 2])
-            world = local @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-            self._points.update(zip(new, world))
-            return
+    def _measure(self) -> None:
+        """Give a point to every track that has none, by its disparity."""
+        new = {i: px for i, px in self._keyframes[-1].seen.items()
+               if i not in self._points and px[0] - px[2] > _MIN_DISPARITY_PX}
+        px = np.array(list(new.values())).reshape(-1, 3)
+        T = inverse(self._pose)
+        points = from_disparity(self._camera, px[:, :2], px[:, 0] - px[:, 2])
+        self._points.update(zip(new, points @ T[:3, :3].T + T[:3, 3]))
+
+    def _triangulate(self) -> None:
+        """Give a point to every track that has none and was seen from well apart."""
         for keyframe in self._keyframes[-_WINDOW:-1]:
             shared = [k for k, i in enumerate(self._ids.tolist())
                       if i in keyframe.seen and i not in self._points]
             if not shared:
                 continue
-            old = np.array([keyframe.seen[int(self._ids[k])][:2] for k in shared])
-            points = triangulate(self._camera, keyframe.T_camera_world, self._pose, old,
-                                 self._px[shared])
-            wide = angles_rad(keyframe.T_camera_world, self._pose, points) > _MIN_ANGLE_RAD
-            fits = np.ones(len(points), bool)
-            for T, px in ((keyframe.T_camera_world, old), (self._pose, self._px[shared])):
-                depth = points @ T[2, :3] + T[2, 3]
+            ids = self._ids[shared].tolist()
+            views = ((keyframe.T_camera_world, np.array([keyframe.seen[i][:2] for i in ids])),
+                     (self._pose, self._px[shared]))
+            (T_a, px_a), (T_b, px_b) = views
+            points = triangulate(self._camera, T_a, T_b, px_a, px_b)
+            good = angles_rad(T_a, T_b, points) > _MIN_ANGLE_RAD
+            for T, px in views:
                 error = np.linalg.norm(project(self._camera, T, points) - px, axis=1)
-                fits &= (depth > 0.0) & (error < _MAX_ERROR_PX)
-            for k, point, good in zip(shared, points, wide & fits):
-                if good:
-                    self._points[int(self._ids[k])] = point
+                good &= (points @ T[2, :3] + T[2, 3] > 0.0) & (error < _MAX_ERROR_PX)
+            self._points.update((i, p) for i, p, g in zip(ids, points, good) if g)
 
     def _adjust(self) -> None:
         """Adjust the last keyframes and what they see; drop what does not fit."""
         window = self._keyframes[-_WINDOW:]
-        ids = [i for i in {i for k in window for i in k.seen} if i in self._points
-               and sum(i in k.seen for k in window) > 1]
-        if len(ids) < _MIN_INLIERS:
+        often = {i for i in {i for k in window for i in k.seen} & self._points.keys()
+                 if sum(i in k.seen for k in window) > 1}
+        if len(often) < _MIN_INLIERS:
             return
-        index = {i: n for n, i in enumerate(ids)}
-        rows = [(c, index[i], px) for c, k in enumerate(window) for i, px in k.seen.items()
-                if i in index]
+        index = {i: n for n, i in enumerate(sorted(often))}
+        rows = [(c, i, px) for c, k in enumerate(window) for i, px in k.seen.items() if i in often]
         # What two views began with is mended as long as the first is in the window.
         fixed = np.arange(len(window)) < (1 if len(window) == len(self._keyframes) else _FIXED)
         problem = Problem(np.array([k.T_camera_world for k in window]), fixed,
-                          np.array([self._points[i] for i in ids]),
-                          np.array([r[0] for r in rows]), np.array([r[1] for r in rows]),
-                          np.array([r[2] for r in rows]))
-        problem.solve(self._camera)
+                          np.array([self._points[i] for i in index]),
+                          np.array([c for c, _, _ in rows]),
+                          np.array([index[i] for _, i, _ in rows]),
+                          np.array([px for _, _, px in rows]))
+        left = np.abs(problem.solve(self._camera))
         for keyframe, T in zip(window, problem.T_camera_world):
             keyframe.T_camera_world = T
         self._pose = window[-1].T_camera_world
-        for i, point in zip(ids, problem.points_m):
-            self._points[i] = point
-        left = np.abs(residuals(self._camera, problem.T_camera_world[problem.camera_of],
-                                problem.points_m[problem.point_of], problem.seen_px))
-        for (c, n, px), error in zip(rows, left):
+        self._points.update(zip(index, problem.points_m))
+        for (c, i, px), error in zip(rows, left):
             if error[:2].max() > _MAX_ERROR_PX:
-                self._points.pop(ids[n], None)
-                del window[c].seen[ids[n]]
+                self._points.pop(i, None)
+                del window[c].seen[i]
             elif error[2] > _MAX_ERROR_PX:
                 px[2] = np.nan
-        keep = np.array([i in window[-1].seen for i in self._ids.tolist()], bool)
-        self._keep(keep)
-
-
-def run(camera: Camera, frames: Iterable[Frame]) -> Trajectory:
-    """Track all frames of a sequence; raise EvaluationError where none could be located."""
-    odometry = Odometry(camera)
-    for frame in frames:
-        odometry.add(frame)
-    return odometry.trajectory()
+        self._drop(np.flatnonzero([i not in window[-1].seen for i in self._ids.tolist()]))
