@@ -55,6 +55,15 @@ def test_the_torque_follows_the_data_sheet(speed):
     np.testing.assert_allclose(state.motor_torque_nm, MOTOR.torque_limit_nm(speed), rtol=1e-6)
 
 
+@pytest.mark.parametrize('speed', [1e3, 1e30, -1e300])
+def test_a_command_out_of_all_reason_asks_for_full_torque(speed):
+    with floating() as simulation:
+        simulation.command([speed, -speed, speed, -speed])
+        state = simulation.advance(1)
+    np.testing.assert_allclose(state.motor_torque_nm / MOTOR.leg_stall_torque_nm,
+                               np.sign(speed) * np.array([1.0, -1.0, 1.0, -1.0]))
+
+
 def test_the_velocity_is_tracked_in_the_air():
     with floating() as simulation:
         command = np.array([2.0, -1.0, 0.5, 3.0])

@@ -21,13 +21,14 @@ from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.world.model import World
 
 MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unless it diverges
+MAX_COMMAND_RADPS = 1e6
 MAX_START_TILT_DEG = 60.0  # settled beyond this, the rover lies on its side or against a rock
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 # (a @ _CROSS).reshape(3, 3) @ b is the cross product of a and b.
 _CROSS = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
                    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
                    [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
-_CONTACTFULL = int(mujoco.mjtWarning.mjWARN_CONTACTFULL)
+_FULL = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
 
 
 class Simulation:
@@ -56,7 +57,7 @@ class Simulation:
         self._motor = data.qfrc_actuator[6:10]
         self._com = data.subtree_com[base]
         self._axles = data.xpos[legs[0]:legs[0] + 4]
-        self._contacts_full = data.warning[_CONTACTFULL]
+        self._full = [data.warning[kind] for kind in _FULL]
         self._imu_position = np.array(rover.imu.position_m)
         self._R_base_imu = matrix_from_wxyz(wxyz_from_rpy(*np.radians(rover.imu.rpy_deg)))
         self._gravity = np.array([0.0, 0.0, -config.gravity_mps2])
@@ -110,6 +111,8 @@ class Simulation:
         if velocity.shape != (4,) or not np.isfinite(velocity).all():
             raise PhysicsError(f'command: {velocity_radps!r} is not valid; valid is four finite'
                                ' velocities [rad/s]')
+        # Far beyond what asks for full torque, and short of what MuJoCo takes for nonsense and 0.
+        velocity = np.minimum(np.maximum(velocity, -MAX_COMMAND_RADPS), MAX_COMMAND_RADPS)
         self._ctrl[:] = velocity * self._gear
 
     def state(self) -> RoverState:
@@ -207,9 +210,14 @@ class Simulation:
             specific_force_mps2=force.dot(R_world_middle).dot(self._R_base_imu),
             imu_rate_radps=rate.dot(self._R_base_imu))
 
+    def _is_full(self) -> bool:
+        """Return whether MuJoCo had to leave out contacts or constraints."""
+        contacts, constraints = self._full
+        return bool(contacts.number or constraints.number)
+
     def _check(self) -> None:
         """Raise PhysicsError if the state is no longer that of a rover on the ground."""
-        if not self._qvel.dot(self._qvel) < MAX_SPEED ** 2 or self._contacts_full.number:
+        if not self._qvel.dot(self._qvel) < MAX_SPEED ** 2 or self._is_full():
             raise PhysicsError(diagnosis(self.model, self.data, self.time_ns * 1e-9))
         x, y, _ = self._qpos[:3].tolist()
         limit = self._half_extent_m
