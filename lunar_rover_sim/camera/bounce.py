@@ -46,7 +46,7 @@ def _along(z: F32, gx: F32, gy: F32, exitance: F32, cell_m: float, c: float, s: 
     """Return sum of exitance (sin^2 a2 - sin^2 a1) / 2 along one azimuth."""
     n = z.shape[0]
     slope = (gx * c + gy * s).astype(np.float32)
-    highest = np.zeros_like(z)          # sine of the highest angle so far, over the own plane
+    highest = np.zeros_like(z)          # sine squared of the highest angle, over the own plane
     total = np.zeros_like(z)
     previous = exitance.copy()
     last = (0, 0)
@@ -59,11 +59,13 @@ def _along(z: F32, gx: F32, gy: F32, exitance: F32, cell_m: float, c: float, s: 
         to = (slice(max(0, -di), n - max(0, di)), slice(max(0, -dj), n - max(0, dj)))
         of = (slice(max(0, di), n - max(0, -di)), slice(max(0, dj), n - max(0, -dj)))
         reach = np.float32(np.hypot(di, dj) * cell_m)
-        rise = (z[of] - z[to]) / reach - slope[to]
-        sine = np.maximum(rise, 0.0) / np.sqrt(1.0 + rise * rise)
-        gain = np.maximum(sine**2 - highest[to]**2, 0.0)
+        rise = np.maximum((z[of] - z[to]) / reach - slope[to], np.float32(0.0))
+        rise *= rise
+        sine2 = rise / (np.float32(1.0) + rise)
+        gain = np.maximum(sine2 - highest[to], np.float32(0.0))
+        highest[to] += gain
         # What rises between two samples is taken to be as bright as their mean.
-        total[to] += 0.25 * gain * (exitance[of] + previous[to])
+        gain *= exitance[of] + previous[to]
+        total[to] += gain
         previous[to] = exitance[of]
-        highest[to] = np.maximum(highest[to], sine)
-    return total
+    return np.float32(0.25) * total

@@ -32,6 +32,7 @@ F32 = NDArray[np.float32]
 _ELEVATION_OFFSETS_DEG = (-0.6, -0.3, 0.0)
 _NOTHING = np.float32(-1e6)
 _MAX_SWEEP_DEG = 80.0
+_ROWS = 16
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +93,13 @@ class ShadowLevel:
 
     def clearance(self) -> tuple[F32, F32]:
         """Return (clearance_m, occluder_m), each (n, n) float32."""
-        return split(self.heights_m[None] - self.shadow_m, self.sun)
+        clearance, occluder = np.empty_like(self.heights_m), np.empty_like(self.heights_m)
+        # Few rows at a time stay in the processor's cache.
+        for first in range(0, len(self.heights_m), _ROWS):
+            rows = slice(first, first + _ROWS)
+            clearance[rows], occluder[rows] = split(self.heights_m[rows] - self.shadow_m[:, rows],
+                                                    self.sun)
+        return clearance, occluder
 
     def clearance_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
         """Return (clearance_m, occluder_m) of (..., 3) points on or above the ground."""
