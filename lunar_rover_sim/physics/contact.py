@@ -12,8 +12,8 @@ With `solref` = (-stiffness, -damping), k = stiffness d / d1^2 and b = damping /
 
     stiffness = K A (1 - d0) d1^2 / d0^2,   damping = C A (1 - d0) d1 / d0
 
-for K [N/m] and C [N s/m] at d = d0, which d is to 1 % up to half a tip radius. From there on it
-grows steeply to d1 at a whole radius, where spring and damper are 96 and 49 times as firm: a tip
+for K [N/m] and C [N s/m] at d = d0, which d is to 1 % up to 0.7 tip radii. From there on it
+grows steeply to d1 at a whole radius, where spring and damper are 196 and 99 times as firm: a tip
 must not sink deeper. Its middle would come below the surface, and the height field, which for
 MuJoCo is a row of prisms, would hold it by their sides as if in a hole.
 
@@ -43,8 +43,8 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import ContactConfig
 
 IMPEDANCE = 0.5          # d0
-BURIED_IMPEDANCE = 0.98  # d1
-_MIDPOINT, _POWER = 0.85, 8.0   # how d grows between: x^8 / 0.85^7 up to 0.85 of a radius
+BURIED_IMPEDANCE = 0.99  # d1
+_MIDPOINT, _POWER = 0.95, 16.0   # how d grows between: x^16 / 0.95^15 up to 0.95 of a radius
 
 
 def set_contact(model: mujoco.MjModel, config: ContactConfig, geoms: np.ndarray,
