@@ -10,6 +10,7 @@ has ever held more than LIMIT_MIB above what it held at the end of the warm-up.
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 import csv
 import json
 import os
@@ -46,7 +47,9 @@ def main() -> int:
     parser.add_argument('--keep-bag', action='store_true')
     args = parser.parse_args()
     args.output.mkdir(parents=True)
-    rows = record(args)
+    rows: list[dict[str, object]] = []
+    with suppress(KeyboardInterrupt):
+        record(args, rows)
     with open(args.output / 'memory.csv', 'w', newline='', encoding='utf-8') as file:
         writer = csv.DictWriter(file, ['simulated_s', 'wall_s', 'process', 'rss_mib'])
         writer.writeheader()
@@ -54,8 +57,8 @@ def main() -> int:
     return judge(rows, args)
 
 
-def record(args: argparse.Namespace) -> list[dict[str, object]]:
-    """Return one row per sample and process."""
+def record(args: argparse.Namespace, rows: list[dict[str, object]]) -> None:
+    """Add one row per sample and process; what was sampled stays when it is interrupted."""
     with OwnDomain() as own:
         domain = own.id
     os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
@@ -65,7 +68,6 @@ def record(args: argparse.Namespace) -> list[dict[str, object]]:
         [sys.executable, '-m', 'lunar_rover_sim.cli.main', 'run', args.scenario, '-o', str(folder),
          '--duration', str(args.duration), '--domain', str(domain),
          *(word for s in settings for word in ('--set', s))], stdout=subprocess.DEVNULL)
-    rows: list[dict[str, object]] = []
     start = time.monotonic()
     try:
         with ClockMonitor() as clock:
@@ -84,7 +86,6 @@ def record(args: argparse.Namespace) -> list[dict[str, object]]:
         if not args.keep_bag:
             shutil.rmtree(folder / BAG_FOLDER, ignore_errors=True)
     print(f'run ended with status {run.returncode}; logs: {folder / LOG_FOLDER}')
-    return rows
 
 
 def processes(runner: int) -> dict[str, int]:
