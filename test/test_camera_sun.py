@@ -9,6 +9,7 @@ from scipy.ndimage import map_coordinates
 import camera_scene as scene
 from lunar_rover_sim.camera import detail, rock_shadow
 from lunar_rover_sim.camera.bounce import one_bounce
+from lunar_rover_sim.camera.hapke import reflectance, SETS
 from lunar_rover_sim.camera.horizon import disc_fraction, shadow_levels, ShadowLevel, SunGeometry
 from lunar_rover_sim.camera.renderer import Renderer
 from lunar_rover_sim.world.grid import HeightGrid
@@ -262,3 +263,28 @@ def test_bounce_of_a_lit_slope():
         assert irradiance[128, column] == pytest.approx(expected, rel=0.25)
     flat, _ = one_bounce(np.zeros((n, n), np.float32), cell, lit, direction, 0.1)
     assert flat.max() == 0.0
+
+
+def test_plane_is_as_bright_as_hapke_says_at_any_elevation():
+    with Renderer(scene.plane(), scene.ROVER, scene.config(6.0)) as renderer:
+        T = scene.pose(0.0, 0.0, 0.1, 20.0)
+        eye = -(T @ renderer.rig.T_base_left)[:3, :3] @ renderer.rig.rays()[..., None]
+        eye = eye[..., 0] / np.linalg.norm(eye[..., 0], axis=2, keepdims=True)
+        for elevation_deg in (-1.0, 0.0, 1.0, 30.0, 85.0):
+            renderer.set_sun(100.0, elevation_deg)
+            frame = renderer.render(T, np.zeros(4), 0, ('radiance', 'depth'))
+            near = (frame.depth_m < 0.8) & (frame.depth_m > 0.45)
+            drawn = frame.radiance[near]
+            assert np.all(np.isfinite(drawn)) and drawn.min() >= 0.0
+            if elevation_deg < -RADIUS:
+                assert drawn.max() == 0.0
+            if elevation_deg < 1.0:
+                continue
+            to_sun = renderer.sun_direction
+            expected = 1361.0 * reflectance(to_sun[2], eye[near][:, 2], eye[near] @ to_sun,
+                                            SETS['highland'], theta_deg=8.0)
+            ratio = drawn / expected
+            # Some pixels lie in the shadow of the rover, a few in its penumbra.
+            assert np.mean(ratio > 0.5) > 0.5
+            assert np.mean(np.abs(ratio[ratio > 0.5] - 1.0) < 0.02) > 0.97
+            assert ratio.max() < 1.02
