@@ -20,6 +20,7 @@ import signal
 import subprocess
 import sys
 import time
+from typing import TextIO
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -31,9 +32,8 @@ from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
 LIMIT_MIB = 50.0
 WARM_UP_S = 60.0
 PERIOD_S = 2.0
-SETTINGS = ('world.size_m=12.8', 'world.surroundings.samples=257', 'render_node.camera.width=128',
-            'render_node.camera.height=96', 'render_node.sgm.num_disparities=32',
-            'drive_node.shape=circle', 'drive_node.shape_size_m=4.0', 'drive_node.laps=1000',
+SETTINGS = ('world.size_m=12.8', 'world.surroundings.samples=257', 'render_node.sgm.num_disparities=32',
+            'physics_node.wait.start_s=300.0', 'drive_node.shape=circle', 'drive_node.shape_size_m=4.0', 'drive_node.laps=1000',
             'drive_node.stuck_time_s=0.0', 'physics_node.wait.silence_s=60.0')
 
 
@@ -43,6 +43,7 @@ def main() -> int:
     parser.add_argument('-o', '--output', type=Path, required=True)
     parser.add_argument('--duration', type=float, default=3600.0, help='simulated time [s]')
     parser.add_argument('--state-rate', type=int, default=200, help='of physics messages [Hz]')
+    parser.add_argument('--width', type=int, default=128, help='of the images [px]')
     parser.add_argument('--scenario', default='feature_sparse')
     parser.add_argument('--keep-bag', action='store_true')
     args = parser.parse_args()
@@ -63,7 +64,9 @@ def record(args: argparse.Namespace, rows: list[dict[str, object]]) -> None:
         domain = own.id
     os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
     folder = args.output / 'run'
-    settings = [*SETTINGS, f'physics_node.state_rate_hz={args.state_rate}']
+    settings = [*SETTINGS, f'physics_node.state_rate_hz={args.state_rate}',
+                f'render_node.camera.width={args.width}',
+                f'render_node.camera.height={args.width * 3 // 4}']
     run = subprocess.Popen(
         [sys.executable, '-m', 'lunar_rover_sim.cli.main', 'run', args.scenario, '-o', str(folder),
          '--duration', str(args.duration), '--domain', str(domain),
@@ -78,7 +81,11 @@ def record(args: argparse.Namespace, rows: list[dict[str, object]]) -> None:
                         rows.append({'simulated_s': clock.now_ns() / 1e9,
                                      'wall_s': round(time.monotonic() - start, 1),
                                      'process': name, 'rss_mib': rss})
+                        writer.writerow(rows[-1])
+                file.flush()
                 time.sleep(PERIOD_S)
+    except KeyboardInterrupt:
+        pass
     finally:
         if run.poll() is None:
             run.send_signal(signal.SIGINT)
