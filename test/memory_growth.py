@@ -32,9 +32,10 @@ from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
 LIMIT_MIB = 50.0
 WARM_UP_S = 60.0
 PERIOD_S = 2.0
-SETTINGS = ('world.size_m=12.8', 'world.surroundings.samples=257', 'render_node.sgm.num_disparities=32',
-            'physics_node.wait.start_s=300.0', 'drive_node.shape=circle', 'drive_node.shape_size_m=4.0', 'drive_node.laps=1000',
-            'drive_node.stuck_time_s=0.0', 'physics_node.wait.silence_s=60.0')
+SETTINGS = ('world.size_m=12.8', 'world.surroundings.samples=257',
+            'render_node.sgm.num_disparities=32', 'drive_node.shape=circle',
+            'drive_node.shape_size_m=4.0', 'drive_node.laps=1000', 'drive_node.stuck_time_s=0.0',
+            'physics_node.wait.silence_s=60.0', 'physics_node.wait.start_s=300.0')
 
 
 def main() -> int:
@@ -49,17 +50,18 @@ def main() -> int:
     args = parser.parse_args()
     args.output.mkdir(parents=True)
     rows: list[dict[str, object]] = []
-    with suppress(KeyboardInterrupt):
-        record(args, rows)
+    # SIGTERM ends the recording, as Ctrl-C does; what was measured up to there is judged.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with open(args.output / 'memory.csv', 'w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, ['simulated_s', 'wall_s', 'process', 'rss_mib'])
-        writer.writeheader()
-        writer.writerows(rows)
+        with suppress(KeyboardInterrupt):
+            record(args, rows, file)
     return judge(rows, args)
 
 
-def record(args: argparse.Namespace, rows: list[dict[str, object]]) -> None:
-    """Add one row per sample and process; what was sampled stays when it is interrupted."""
+def record(args: argparse.Namespace, rows: list[dict[str, object]], file: TextIO) -> None:
+    """Add one row per sample and process, to the file at once; interrupted, they stay."""
+    writer = csv.DictWriter(file, ['simulated_s', 'wall_s', 'process', 'rss_mib'])
+    writer.writeheader()
     with OwnDomain() as own:
         domain = own.id
     os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
@@ -84,8 +86,6 @@ def record(args: argparse.Namespace, rows: list[dict[str, object]]) -> None:
                         writer.writerow(rows[-1])
                 file.flush()
                 time.sleep(PERIOD_S)
-    except KeyboardInterrupt:
-        pass
     finally:
         if run.poll() is None:
             run.send_signal(signal.SIGINT)
