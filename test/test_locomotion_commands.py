@@ -28,6 +28,7 @@ def test_an_existing_table_is_not_overwritten(tmp_path):
 @pytest.mark.parametrize(('module', 'words', 'message'), [
     (calibrate, ('gait', '-o', '/nowhere/table.yaml'), '/nowhere is not a folder'),
     (calibrate, ('gait', '-o', 'x.yaml', '--workers', '0'), '--workers: 0'),
+    (calibrate, ('gait', '-o', 'x.yaml', '--measure', '0'), '--measure: 0'),
     (calibrate, ('gait', 'flatt', '-o', 'x.yaml'), 'flatt: no such scenario; did you mean flat'),
     (calibrate, ('gait', '-o', 'x.yaml', '--set', 'gait_controller_node.duty_factor=1.0'),
      'duty_factor: 1'),

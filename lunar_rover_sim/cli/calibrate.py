@@ -23,6 +23,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument('--force', action='store_true', help='overwrite an existing table')
     parser.add_argument('--coarse', action='store_true',
                         help='a table of 54 instead of 130 strides')
+    parser.add_argument('--measure', type=float, default=20.0, metavar='S',
+                        help='time that each walk is measured for [s]; fast turns scatter, and'
+                             ' longer walks average it out (20)')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
                         help='processes that share the work (one per core)')
     parser.set_defaults(run=run)
@@ -43,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f'--output: {args.output.parent} is not a folder')
     if args.workers < 1:
         raise ConfigError(f'--workers: {args.workers} is not valid; valid is >= 1')
+    if not 1.0 <= args.measure <= 3600.0:
+        raise ConfigError(f'--measure: {args.measure:g} is not valid; valid is 1 to 3600 [s]')
     scenario = load_scenario(args.scenario, args.overrides)
     rates, turns = calibration.COARSE if args.coarse else calibration.FINE
     console = Console()
@@ -50,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
         task = bar.add_task('walking')
         table = calibration.measure(
             scenario.rover, scenario.physics_node, scenario.gait_controller_node, rates, turns,
-            args.workers, lambda done, total: bar.update(task, completed=done, total=total))
+            args.workers, lambda done, total: bar.update(task, completed=done, total=total),
+            args.measure)
     table.save(args.output)
     ahead, spot = [row[0] for row in table.forward_mps], [row[-1] for row in table.yaw_rate_radps]
     console.print(f'{args.output}: {len(rates)} phase rates, {len(turns)} turns; straight on'
