@@ -88,7 +88,8 @@ def record(args: argparse.Namespace, rows: list[dict[str, object]], file: TextIO
                 time.sleep(PERIOD_S)
     finally:
         if run.poll() is None:
-            run.send_signal(signal.SIGINT)
+            # Not SIGINT: whoever is started in the background of a shell ignores it.
+            run.terminate()
             run.wait()
         if not args.keep_bag:
             shutil.rmtree(folder / BAG_FOLDER, ignore_errors=True)
