@@ -18,7 +18,7 @@ import synthetic_bag as synthetic
 from lunar_rover_sim.bag.extrinsics import recorded_frame
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.cli import slam as cli
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import BagError, EvaluationError
 from lunar_rover_sim.evaluation.estimators import Estimator, read_estimate
 from lunar_rover_sim.evaluation.files import write_tum
 from lunar_rover_sim.evaluation.runners import run_program
@@ -152,6 +152,9 @@ def test_other_program(tmp_path, bag) -> None:
     ({'system': 'orbslam3', 'program': Path('/no/such'), 'vocabulary': Path('/no')},
      '/no/such: there is no such program'),
     ({'system': 'command'}, 'needs the command line'),
+    ({'system': 'command', 'command': '/no/such {out}'}, '/no/such: there is no such program'),
+    ({'system': 'command', 'command': 'true {nope}'}, "'nope'; valid fields are sequence"),
+    ({'system': 'command', 'command': 'true "{out}'}, 'No closing quotation'),
 ])
 def test_bad_estimator(arguments, message) -> None:
     with pytest.raises(EvaluationError, match=message):
@@ -195,7 +198,7 @@ def test_children_end_when_told_to(tmp_path) -> None:
 
 def wait_for_end(tmp_path: Path) -> None:
     child = Path('/proc') / (tmp_path / 'child').read_text().strip() / 'stat'
-    for _ in range(100):
+    for _ in range(1200):
         if not child.exists() or child.read_text().split()[2] == 'Z':
             break
         time.sleep(0.05)
@@ -216,3 +219,7 @@ def test_command_line(tmp_path, bag, capsys) -> None:
     assert json.loads((tmp_path / 'result' / 'result.json').read_text())['tracked_share'] == 0.0
     with pytest.raises(EvaluationError, match='exists already'):
         args.run(args)
+    args = parser.parse_args(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
+    with pytest.raises(BagError, match='there is no such bag'):
+        args.run(args)
+    assert not (tmp_path / 'nothing').exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,9 +93,13 @@ def _run(args: argparse.Namespace) -> int:
     def say(line: str) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    with console.status('reading the bag') as status:
-        result = run_on_bag(args.bag, estimator, args.output, None if args.quiet else say,
-                            status.update, args.keep_sequence)
+    try:
+        with console.status('reading the bag') as status:
+            result = run_on_bag(args.bag, estimator, args.output, None if args.quiet else say,
+                                status.update, args.keep_sequence)
+    finally:
+        with suppress(OSError):
+            args.output.rmdir()   # where nothing came of it
     (args.output / 'result.json').write_text(json.dumps(result.to_mapping(), indent=2) + '\n',
                                              encoding='utf-8')
     if result.reason:

@@ -29,6 +29,7 @@ _SLACK_S = 120.0         # for loading a vocabulary, and for the end
 _SLOWEST = 10.0          # wall time over sequence time
 _STAMP_NS = 2000         # how far a written stamp may be off
 _TUM_STAMPS = 'rgb.txt'
+_FIELDS = ('sequence', 'settings', 'times', 'sensor', 'out')   # of a command
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,8 +80,10 @@ class Estimator:
             executable(self.program)
             if not self.vocabulary.is_file():
                 raise EvaluationError(f'{self.vocabulary}: there is no such vocabulary')
-        if self.system == 'command' and not self.command:
-            raise EvaluationError('command: needs the command line to run')
+        if self.system == 'command':
+            if not self.command.strip():
+                raise EvaluationError('command: needs the command line to run')
+            self._words(dict.fromkeys(_FIELDS, ''))
         if self.timeout_s < 0.0:
             raise EvaluationError(f'timeout: {self.timeout_s:g} is not valid; valid is >= 0 [s]')
 
@@ -127,13 +130,14 @@ class Estimator:
                         frames_ns, ended.wall_s)
 
     def _reference(self, sequence: Path, frames_ns: Stamps, timeout_s: float) -> Estimate:
-        start = time.monotonic()
+        start, start_cpu = time.monotonic(), time.process_time()
         camera = estimator_input.read_camera(sequence, self.sensor == 'stereo')
         odometry = Odometry(camera)
         reason = ''
         for frame in estimator_input.read_frames(sequence, camera):
             odometry.add(frame)
-            if time.monotonic() - start > timeout_s:
+            # Its own time: on a busy machine it is slow, not stuck, and is to say the same.
+            if time.process_time() - start_cpu > timeout_s:
                 reason = f'was ended after {timeout_s:.0f} s'
                 break
         wall_s = time.monotonic() - start
@@ -150,14 +154,8 @@ class Estimator:
         """Return the command line and the files in which to look for its result."""
         out = 'estimate_raw.txt'
         if self.system == 'command':
-            values = {'sequence': sequence, 'settings': path, 'times': sequence / 'times.txt',
-                      'sensor': self.sensor, 'out': folder / out}
-            try:
-                words = [word.format(**values) for word in shlex.split(self.command)]
-            except (KeyError, IndexError, ValueError) as error:
-                raise EvaluationError(f'command: {self.command!r} is not valid: {error}; valid '
-                                      f'fields are {", ".join(values)}') from None
-            return [str(executable(words[0])), *words[1:]], (out,)
+            return self._words(dict(zip(_FIELDS, map(str, (
+                sequence, path, sequence / 'times.txt', self.sensor, folder / out))))), (out,)
         assert self.program is not None and self.vocabulary is not None
         program = executable(self.program)
         command = [str(program), str(self.vocabulary.absolute()), str(path), str(sequence)]
@@ -167,6 +165,15 @@ class Estimator:
             command.append(str(sequence / 'associations.txt'))
         return command, ('f_run.txt', 'CameraTrajectory.txt', 'kf_run.txt',
                          'KeyFrameTrajectory.txt')
+
+    def _words(self, values: dict[str, str]) -> list[str]:
+        """Return the command line with its fields filled in."""
+        try:
+            words = [word.format(**values) for word in shlex.split(self.command)]
+        except (KeyError, IndexError, ValueError) as error:
+            raise EvaluationError(f'command: {self.command!r} is not valid: {error}; valid '
+                                  f'fields are {", ".join(_FIELDS)}') from None
+        return [str(executable(words[0])), *words[1:]]
 
 
 def stock_program(path: Path | None, sensor: str) -> Path | None:

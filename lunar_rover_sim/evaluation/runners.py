@@ -69,7 +69,7 @@ def run_program(command: Sequence[str | Path], folder: Path, log: Path, timeout_
     start = time.monotonic()
     tail: list[str] = []
     timed_out = False
-    with _terminable():
+    with _terminable() as arm:
         try:
             process = subprocess.Popen([str(word) for word in command], cwd=folder,
                                        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
@@ -80,6 +80,7 @@ def run_program(command: Sequence[str | Path], folder: Path, log: Path, timeout_
         reader = threading.Thread(target=_copy, args=(process, log, tail, echo), daemon=True)
         reader.start()
         try:
+            arm()
             process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             timed_out = True
@@ -90,17 +91,31 @@ def run_program(command: Sequence[str | Path], folder: Path, log: Path, timeout_
 
 
 @contextmanager
-def _terminable() -> Iterator[None]:
-    """Let SIGTERM unwind this process, which would leave the program's session alone otherwise."""
+def _terminable() -> Iterator[Callable[[], None]]:
+    """Let SIGTERM unwind this process, which would leave the program's session alone otherwise.
+
+    Not before the function that this gives is called: the program must be known by then.
+    """
+    told: list[int] = []
+    armed = False
+
     def leave(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)
+        told.append(number)
+        if armed:
+            raise SystemExit(128 + number)
+
+    def arm() -> None:
+        nonlocal armed
+        armed = True
+        if told:
+            raise SystemExit(128 + told[0])
 
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield arm
         return
     before = signal.signal(signal.SIGTERM, leave)
     try:
-        yield
+        yield arm
     finally:
         signal.signal(signal.SIGTERM, before)
 

@@ -97,7 +97,8 @@ def _plane(at: Array, disparity: Array) -> Array:
     weight: Array = np.ones(len(at))
     for _ in range(8):
         root = np.sqrt(weight)
-        plane = np.linalg.lstsq(at * root[:, None], disparity * root, rcond=None)[0]
+        plane = np.asarray(np.linalg.lstsq(at * root[:, None], disparity * root, rcond=None)[0],
+                           dtype=np.float64)
         weight = 1.0 / (1.0 + np.abs(at @ plane - disparity))
     return plane
 
