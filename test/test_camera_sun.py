@@ -270,7 +270,7 @@ def test_plane_is_as_bright_as_hapke_says_at_any_elevation():
         T = scene.pose(0.0, 0.0, 0.1, 20.0)
         eye = -(T @ renderer.rig.T_base_left)[:3, :3] @ renderer.rig.rays()[..., None]
         eye = eye[..., 0] / np.linalg.norm(eye[..., 0], axis=2, keepdims=True)
-        for elevation_deg in (-1.0, 0.0, 1.0, 30.0, 85.0):
+        for elevation_deg in (-1.0, 0.0, 1.0, 30.0, 85.0, 90.0):
             renderer.set_sun(100.0, elevation_deg)
             frame = renderer.render(T, np.zeros(4), 0, ('radiance', 'depth'))
             near = (frame.depth_m < 0.8) & (frame.depth_m > 0.45)

@@ -106,7 +106,7 @@ void main() {
     // Faces of the fine relief that turn away from the camera hide behind those that face it.
     float least = clamp(dot(normalize(vec3(-ground.xy, 1.0)), view), 0.02, 0.08);
     normal = normalize(normal + view * max(least - dot(normal, view), 0.0));
-    float horizontal = length(u_sun.xy) + 1e-6;
+    float horizontal = max(length(u_sun.xy), 0.02);     // a sun overhead: slopes stay finite
     vec2 heading = u_sun.xy / horizontal;
     float tangent = u_sun.z / horizontal - dot(ground.xy, heading);
     float width = u_sun_radius * (1.0 + tangent * tangent);
