@@ -84,8 +84,8 @@ class GaitConfig(Parameters):
     def check_spokes(self, spokes: int) -> None:
         """Raise ConfigError where the rover's legs have another number of spokes."""
         if self.spokes != spokes:
-            raise ConfigError(f'spokes: {self.spokes} is not valid for the gait; valid is {spokes},'
-                              " as many as the rover's legs have")
+            raise ConfigError(f'spokes: {self.spokes} is not valid for the gait; valid is '
+                              f"{spokes}, as many as the rover's legs have")
 
     def shaping(self) -> ShapingFunction:
         """Return the shaping function of these parameters."""
