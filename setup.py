@@ -54,9 +54,9 @@ setup(
         # Campaigns on the workers of a Dask cluster.
         'cluster': ['distributed>=2024.4'],
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
-        'test': ['evo>=1.30', 'pytest>=8', 'flake8>=7', 'flake8-quotes>=3', 'mypy>=1.10',
-                 'types-PyYAML', 'mcap>=1.2', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100',
-                 'distributed>=2024.4'],
+        'test': ['evo>=1.30', 'pytest>=8', 'pytest-xdist>=3.5', 'flake8>=7', 'flake8-quotes>=3',
+                 'mypy>=1.10', 'types-PyYAML', 'mcap>=1.2', 'mcap-ros2-support>=0.5',
+                 'hypothesis>=6.100', 'distributed>=2024.4'],
     },
     entry_points={'console_scripts': [
         'lunar_rover_sim = lunar_rover_sim.cli.main:main',

@@ -93,14 +93,14 @@ def test_what_comes_back_goes_on():
 
 
 def test_what_is_stuck_backs_up_and_goes_another_way():
-    # A wall all round, 1.3 m away, far too steep to climb; rocks are none, so ways lead through.
-    world = world_of(lambda x, y: np.where(np.maximum(np.abs(x), np.abs(y)) > 1.3, 0.5, 0.0))
+    # A slope of 35 degrees all round, 1 m away; rocks are none, so ways lead through.
+    world = world_of(lambda x, y: 0.7 * np.maximum(np.hypot(x, y) - 1.0, 0.0))
     result = drive(world, 40.0, speed_mps=0.2)
-    # It rears up against the wall, or gets no farther: either way it is stopped.
+    # It tilts too far on the slope, or gets no farther: either way it is stopped.
     assert result.outcome == 'driven' and result.stuck + result.tilted >= 1
     assert result.waypoints == 0
     assert np.abs(result.path_m[:, :2]).max() < 1.5
-    # It has been at the wall, and away from it again.
+    # It has been at the slope, and away from it again.
     nearest = int(np.argmax(np.abs(result.path_m[:, :2]).max(axis=1)))
     away = np.linalg.norm(result.path_m[nearest:, :2] - result.path_m[nearest, :2], axis=1)
     assert away.max() > 0.2

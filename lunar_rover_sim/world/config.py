@@ -210,7 +210,7 @@ class WorldConfig(Parameters):
 PRESETS: dict[str, dict[str, Any]] = {
     'baseline': {},
     'feature_sparse': {
-        'relief': {'rms_slope_deg': 0.9, 'far_rms_slope_deg': 1.5},
+        'relief': {'rms_slope_deg': 0.4, 'far_rms_slope_deg': 1.5},
         'craters': {'density': 0.012, 'min_diameter_m': 0.4, 'age_exponent': 3.0},
         'rocks': {'abundance': 0.0015, 'min_diameter_m': 0.05},
         'albedo': {'variation': 0.015, 'grain': 0.01},
