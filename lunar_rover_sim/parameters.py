@@ -46,8 +46,8 @@ def brief(value: object) -> str:
 class ParamInfo:
     """What is known of one parameter: meaning, unit, valid range or choices.
 
-    `low` and `high` are inclusive unless `open_low`; for lists they bound every element and
-    `length` bounds their number. `live` parameters may change while a node runs.
+    `low` and `high` are inclusive unless `open_low`, `open_high`; for lists they bound every
+    element and `length` bounds their number. `live` parameters may change while a node runs.
     """
 
     doc: str
@@ -55,6 +55,7 @@ class ParamInfo:
     low: float | None = None
     high: float | None = None
     open_low: bool = False
+    open_high: bool = False
     choices: tuple[str, ...] = ()
     length: int | None = None
     live: bool = False
@@ -69,7 +70,7 @@ class ParamInfo:
         if self.low is not None:
             parts.append(f'{">" if self.open_low else ">="} {self.low:g}')
         if self.high is not None:
-            parts.append(f'<= {self.high:g}')
+            parts.append(f'{"<" if self.open_high else "<="} {self.high:g}')
         unit = f' [{self.unit}]' if self.unit else ''
         return (' and '.join(parts) or 'any value of its type') + unit
 
@@ -225,7 +226,9 @@ def _bound(name: str, value: Any, info: ParamInfo) -> None:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         too_low = info.low is not None and (value < info.low
                                             or (info.open_low and value == info.low))
-        if too_low or (info.high is not None and value > info.high):
+        too_high = info.high is not None and (value > info.high
+                                              or (info.open_high and value == info.high))
+        if too_low or too_high:
             raise ConfigError(f'{name}: {value} is not valid; valid is {info.valid()}')
 
 

@@ -24,7 +24,7 @@ class GaitConfig(Parameters):
 
     spokes: int = param(3, 'spokes per leg: one cycle turns a leg by 360 / spokes', low=2, high=12)
     duty_factor: float = param(0.6, 'share of the cycle that a leg is in stance', low=0.0,
-                               high=1.0, open_low=True, live=True)
+                               high=1.0, open_low=True, open_high=True, live=True)
     foot_width_deg: float = param(60.0, 'angle swept in stance, less than the spoke pitch',
                                   unit='deg', low=0.0, high=180.0, open_low=True, live=True)
     # Feet that share the load must agree on a speed: uniform stances walk far more evenly.
