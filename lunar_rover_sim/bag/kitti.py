@@ -12,28 +12,22 @@ from typing import Any
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.posed import PosedSequence
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.sequence import numbers, pose_of, PngWriter, Sequence
-from lunar_rover_sim.bag.stamps import in_seconds
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.bag.sequence import numbers, PngWriter
 from lunar_rover_sim.frames import Array, inverse
 
 
-class KittiSequence(Sequence):
+class KittiSequence(PosedSequence):
     """Writes a KITTI odometry sequence."""
 
+    POSES = 'poses.txt'
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name)
-    uses = (topics.ODOM.name,)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
-        self._path = bag.path
         self._T_base_left = self.suite.T_base_imu @ self.suite.T_imu_left
         self._T_first_odom: Array | None = None
-        self._has_truth = bag.has(topics.ODOM.name)
-        self._poses: dict[int, Array] = {}
-        self._waiting: list[int] = []
-        self._count = 0
         for name in ('image_0', 'image_1'):
             (folder / name).mkdir()
         suite = self.suite
@@ -45,30 +39,12 @@ class KittiSequence(Sequence):
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
         """Write the pair, its stamp, and its pose as soon as it is known."""
         for name, topic in (('image_0', topics.LEFT_IMAGE), ('image_1', topics.RIGHT_IMAGE)):
-            self.png.write(self.folder / name / f'{self._count:06d}.png', pixels[topic.name])
-        self.line('times.txt', in_seconds(stamp_ns))
-        self._count += 1
-        if self._has_truth:
-            self._waiting.append(stamp_ns)
-            self._settle()
+            self.png.write(self.folder / name / f'{self.count:06d}.png', pixels[topic.name])
+        self.taken(stamp_ns)
 
-    def data(self, topic: str, stamp_ns: int, message: Any) -> None:
-        """Keep the pose until its image comes."""
-        self._poses[stamp_ns] = pose_of(message) @ self._T_base_left
-        if len(self._poses) > 2000:
-            del self._poses[min(self._poses)]
-        self._settle()
-
-    def notes(self) -> list[str]:
-        """Tell whether there are poses; BagError where an image has none."""
-        if self._waiting:
-            raise BagError(f'{self._path}: no odometry at the stamp of the image at '
-                           f'{in_seconds(self._waiting[0])} s, which poses.txt needs')
-        return [] if self._has_truth else ['no odometry in the bag: poses.txt is missing']
-
-    def _settle(self) -> None:
-        while self._waiting and self._waiting[0] in self._poses:
-            T = self._poses.pop(self._waiting.pop(0))
-            if self._T_first_odom is None:
-                self._T_first_odom = inverse(T)
-            self.line('poses.txt', numbers((self._T_first_odom @ T)[:3]))
+    def write_pose(self, T_odom_base: Array) -> None:
+        """Write the pose in the frame of the first one."""
+        T = T_odom_base @ self._T_base_left
+        if self._T_first_odom is None:
+            self._T_first_odom = inverse(T)
+        self.line('poses.txt', numbers((self._T_first_odom @ T)[:3]))

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.posed import PosedSequence
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.sequence import numbers, pose_of, PngWriter, Sequence
-from lunar_rover_sim.bag.stamps import in_seconds
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.bag.sequence import numbers, PngWriter
 from lunar_rover_sim.frames import Array, wxyz_from_matrix
 
 SKY_M = 10_000.0
@@ -30,32 +29,26 @@ _FARTHEST_MM = 65535
 _R_NED_ODOM: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 # Columns: forward, right, down in the optical frame (x right, y down, z forward).
 _R_OPTICAL_FRD: Array = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-_MOST_WAITING = 2000
 
 
-class TartanAirSequence(Sequence):
+class TartanAirSequence(PosedSequence):
     """Writes a TartanAir sequence; optical flow and segmentation are not in it."""
 
+    POSES = 'pose_left.txt'
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name,
              topics.TRUE_DEPTH.name)
-    uses = (topics.ODOM.name,)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
-        self._path = bag.path
         suite = self.suite
         self._mounts = {'left': suite.T_base_imu @ suite.T_imu_left,
                         'right': suite.T_base_imu @ suite.T_imu_right}
-        self._has_truth = bag.has(topics.ODOM.name)
-        self._poses: dict[int, Array] = {}
-        self._waiting: list[int] = []
-        self._count = 0
         for name in ('image_left', 'image_right', 'depth_left', 'depth_left_mm'):
             (folder / name).mkdir()
 
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
         """Write the pair, its depth and its stamp, and its poses as soon as they are known."""
-        number = f'{self._count:06d}'
+        number = f'{self.count:06d}'
         for side, topic in (('left', topics.LEFT_IMAGE), ('right', topics.RIGHT_IMAGE)):
             self.png.write(self.folder / f'image_{side}' / f'{number}_{side}.png',
                            pixels[topic.name])
@@ -64,34 +57,18 @@ class TartanAirSequence(Sequence):
                 np.where(np.isfinite(depth_m), depth_m, np.float32(SKY_M)), allow_pickle=False)
         self.png.write(self.folder / 'depth_left_mm' / f'{number}_left_depth.png',
                        millimetres(depth_m))
-        self.line('times.txt', in_seconds(stamp_ns))
-        self._count += 1
-        if self._has_truth:
-            self._waiting.append(stamp_ns)
-            self._settle()
-
-    def data(self, topic: str, stamp_ns: int, message: Any) -> None:
-        """Keep the pose until its image comes."""
-        self._poses[stamp_ns] = pose_of(message)
-        if len(self._poses) > _MOST_WAITING:
-            del self._poses[min(self._poses)]
-        self._settle()
+        self.taken(stamp_ns)
 
     def notes(self) -> list[str]:
         """Tell what is not in it; BagError where an image has no pose."""
-        if self._waiting:
-            raise BagError(f'{self._path}: no odometry at the stamp of the image at '
-                           f'{in_seconds(self._waiting[0])} s, which pose_left.txt needs')
-        notes = ['optical flow and segmentation are not written']
-        return notes if self._has_truth else [*notes, 'no odometry in the bag: poses are missing']
+        return ['optical flow and segmentation are not written', *super().notes()]
 
-    def _settle(self) -> None:
-        while self._waiting and self._waiting[0] in self._poses:
-            T_odom_base = self._poses.pop(self._waiting.pop(0))
-            for side, T_base_camera in self._mounts.items():
-                position, wxyz = ned_pose(T_odom_base @ T_base_camera)
-                w, x, y, z = wxyz
-                self.line(f'pose_{side}.txt', numbers(position, [x, y, z, w]))
+    def write_pose(self, T_odom_base: Array) -> None:
+        """Write the poses of both cameras."""
+        for side, T_base_camera in self._mounts.items():
+            position, wxyz = ned_pose(T_odom_base @ T_base_camera)
+            w, x, y, z = wxyz
+            self.line(f'pose_{side}.txt', numbers(position, [x, y, z, w]))
 
 
 def ned_pose(T_odom_camera: Array) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ from lunar_rover_sim.nodes.types import message_class
 
 # What says something of a run, not of the Moon: wall time, log lines, our own acknowledgement.
 _NEVER = ('rosout', 'parameter_events')
-# Looking is dear (a hundredth of a second): often while the graph comes up, then seldom.
+# Looking is dear (some milliseconds): often while the graph comes up, then seldom.
 _DISCOVERY_S, _SETTLED_S, _LATER_S = 0.05, 5.0, 0.5
 
 
