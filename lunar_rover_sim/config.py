@@ -23,7 +23,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.parameters import brief, group, merge, nearest, nest, param, Parameters
 from lunar_rover_sim.physics.config import ImuConfig, PhysicsConfig
-from lunar_rover_sim.resources import config_folder
+from lunar_rover_sim.resources import find_file, packaged_names
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.store import load_rover
 from lunar_rover_sim.stereo.sgm import SgmConfig
@@ -220,7 +220,7 @@ class Scenario:
 
 def scenario_names() -> list[str]:
     """Return the names of the packaged scenarios."""
-    return sorted(path.stem for path in (config_folder() / 'scenarios').glob('*.yaml'))
+    return packaged_names('scenario')
 
 
 def load_scenario(name_or_path: str, overrides: Iterable[str] = (),
@@ -231,26 +231,13 @@ def load_scenario(name_or_path: str, overrides: Iterable[str] = (),
     seed: replaces the shared seed.
     Raises ConfigError that names the parameter and offers the nearest valid names.
     """
-    path = _find(name_or_path)
+    path = find_file('scenario', name_or_path)
     sections = _read(path)
     for override in overrides:
         sections = merge(sections, _parse_override(override))
     if seed is not None:
         sections = merge(sections, {SHARED: {'seed': seed}})
     return _build(path.stem, sections)
-
-
-def _find(name_or_path: str) -> Path:
-    path = Path(name_or_path)
-    if path.suffix in ('.yaml', '.yml') or '/' in name_or_path:
-        if not path.is_file():
-            raise ConfigError(f'{name_or_path}: no such scenario file')
-        return path
-    packaged = config_folder() / 'scenarios' / f'{name_or_path}.yaml'
-    if not packaged.is_file():
-        raise ConfigError(f'{name_or_path}: no such scenario; '
-                          f'{nearest(name_or_path, scenario_names())}')
-    return packaged
 
 
 def _read(path: Path) -> dict[str, Any]:

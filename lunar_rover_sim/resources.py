@@ -6,6 +6,7 @@ from pathlib import Path
 import sys
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import nearest
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -30,3 +31,25 @@ def config_path(name: str) -> Path:
     if not path.exists():
         raise ConfigError(f'{name}: no such packaged configuration file in {path.parent}')
     return path
+
+
+def packaged_names(kind: str) -> list[str]:
+    """Return the names of the packaged files of a kind: 'scenario' or 'campaign'."""
+    return sorted(path.stem for path in (config_folder() / f'{kind}s').glob('*.yaml'))
+
+
+def find_file(kind: str, name_or_path: str) -> Path:
+    """Return the file of a kind that a packaged name or a path means.
+
+    Raises ConfigError where there is none, offering the nearest names.
+    """
+    path = Path(name_or_path)
+    if path.suffix in ('.yaml', '.yml') or '/' in name_or_path:
+        if not path.is_file():
+            raise ConfigError(f'{name_or_path}: no such {kind} file')
+        return path
+    packaged = config_folder() / f'{kind}s' / f'{name_or_path}.yaml'
+    if not packaged.is_file():
+        raise ConfigError(f'{name_or_path}: no such {kind}; '
+                          f'{nearest(name_or_path, packaged_names(kind))}')
+    return packaged

@@ -41,14 +41,17 @@ class Graph:
     silence_s, start_s: wall time without progress of the clock after which physics counts as hung,
         in the run and in its first simulated second, where time stands until the slowest node has
         started; None where time may stand still anyway (paused, real time).
+    end_ns: simulated time at which physics finishes; then it is given time to leave; 0 for never.
     cpu_s: node → processor time that it has used so far [s].
     """
 
     def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int,
-                 silence_s: float | None = None, start_s: float | None = None) -> None:
+                 silence_s: float | None = None, start_s: float | None = None,
+                 end_ns: int = 0) -> None:
         self._folder = folder
         self._silence_s = silence_s
         self._start_s = start_s
+        self._end_ns = end_ns
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self.cpu_s: dict[str, float] = {}
         (folder / LOG_FOLDER).mkdir(exist_ok=True)
@@ -84,6 +87,8 @@ class Graph:
                 if now_ns != last_ns:
                     last_ns, last_progress = now_ns, time.monotonic()
                 limit_s = self._silence_s if last_ns > _STARTED_NS else self._start_s
+                if limit_s is not None and 0 < self._end_ns <= last_ns:
+                    limit_s += _STOP_S
                 if limit_s is not None and time.monotonic() - last_progress > limit_s:
                     raise GraphError(self._silence(limit_s, last_ns))
                 self._measure()

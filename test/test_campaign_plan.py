@@ -174,7 +174,7 @@ def test_mistakes_are_named(text: str, match: str) -> None:
 
 def test_file_table_needs_a_file() -> None:
     """A campaign that is not there is named."""
-    with pytest.raises(ConfigError, match='no_such.yaml: cannot be read: no such file'):
+    with pytest.raises(ConfigError, match='no_such.yaml: no such campaign file'):
         load_campaign('no_such.yaml')
     with pytest.raises(ConfigError, match='polar_sun: no such campaign; did you mean polar_suns'):
         load_campaign('polar_sun')

@@ -355,3 +355,26 @@ def test_a_joint_state_without_our_joints_is_named(peer: Peer) -> None:
         process.kill()
     assert process.returncode == 1
     assert "of joints ['wheel']" in stderr
+
+
+def test_an_answer_from_the_future_does_not_hold_the_gate_open(peer: Peer,
+                                                               world_folder: Path) -> None:
+    """Stamps of another clock are refused and named; time waits for those of its own."""
+    clocks = peer.listen(Odometry, 'odom')
+    publisher = peer.node.create_publisher(JointState, 'joint_commands', 10)
+
+    def answer(stamp_s: int) -> None:
+        command = JointState(name=LEGS, velocity=[0.0] * 4)
+        command.header.stamp.sec = stamp_s
+        publisher.publish(command)
+
+    with running('physics_node', '-p', f'world:={world_folder}', '-p', 'time_mode:=lockstep',
+                 '-p', 'wait.topics:=[joint_commands]', '-p', 'wait.lags_s:=[0.0]') as process:
+        peer.spin_until(lambda: bool(clocks), meanwhile=lambda: answer(1_700_000_000))
+        for _ in range(10):
+            peer.spin_until(lambda: True)
+            answer(1_700_000_000)
+        assert len(clocks) == 1
+        peer.spin_until(lambda: len(clocks) > 100, meanwhile=lambda: answer(1))
+        process.send_signal(signal.SIGINT)
+        assert 'joint_commands: stamp 1700000000.000 s refused' in process.stdout.read()

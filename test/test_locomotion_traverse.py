@@ -83,7 +83,8 @@ def test_gentle_waves_are_driven_with_little_slip():
 def test_what_stays_tilted_past_the_limit_has_tipped_over():
     slope = math.tan(math.radians(8.0))
     result = drive(world_of(lambda x, y: slope * y), 30.0, tilt_limit_deg=5.0)
-    assert result.tipped_over and result.driven_s < 10.0
+    # It has been at rest, has backed up once, and has been at rest again.
+    assert result.tipped_over and 10.0 < result.driven_s < 20.0
 
 
 def test_what_comes_back_goes_on():

@@ -12,8 +12,8 @@ from typing import Any
 from lunar_rover_sim.campaign.design import DESIGNS, GRID, SOBOL
 from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import brief, nearest, param, Parameters
-from lunar_rover_sim.resources import config_folder
+from lunar_rover_sim.parameters import brief, param, Parameters
+from lunar_rover_sim.resources import find_file, packaged_names
 from lunar_rover_sim.yaml_text import parse_yaml, read_text
 
 MAX_CAMPAIGN_BYTES = 1 << 18
@@ -82,12 +82,12 @@ class Campaign:
 
 def campaign_names() -> list[str]:
     """Return the names of the packaged campaigns."""
-    return sorted(path.stem for path in (config_folder() / 'campaigns').glob('*.yaml'))
+    return packaged_names('campaign')
 
 
 def load_campaign(name_or_path: str | Path) -> Campaign:
     """Return a campaign by packaged name or path; ConfigError says what is wrong with it."""
-    path = _find(str(name_or_path))
+    path = find_file('campaign', str(name_or_path))
     return parse_campaign(read_text(path, MAX_CAMPAIGN_BYTES), path)
 
 
@@ -156,14 +156,3 @@ def _mapping(document: Mapping[str, Any], key: str) -> dict[str, Any]:
         if not isinstance(name, str):
             raise ConfigError(f'{key}: {brief(name)} is not the name of a parameter')
     return dict(value)
-
-
-def _find(name_or_path: str) -> Path:
-    path = Path(name_or_path)
-    if path.suffix in ('.yaml', '.yml') or '/' in name_or_path:
-        return path
-    packaged = config_folder() / 'campaigns' / f'{name_or_path}.yaml'
-    if not packaged.is_file():
-        raise ConfigError(f'{name_or_path}: no such campaign; '
-                          f'{nearest(name_or_path, campaign_names())}')
-    return packaged

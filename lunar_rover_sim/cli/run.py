@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
         console.print(f'{scenario.name}, seed {scenario.shared.seed}: '
                       f'{scenario.run.duration_s:g} s, ROS_DOMAIN_ID={domain.id}')
         start = time.monotonic()
-        with Graph(plans, folder, domain.id, silence_s, start_s) as graph:
+        with Graph(plans, folder, domain.id, silence_s, start_s,
+                   round(scenario.run.duration_s * 1e9)) as graph:
             try:
                 _watch(graph, scenario, console)
             except KeyboardInterrupt:

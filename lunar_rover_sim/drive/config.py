@@ -44,7 +44,7 @@ class DriveConfig(Parameters):
                                      unit='deg', low=10.0, high=180.0)
     goal_tolerance_m: float = param(0.2, 'how near to its end a route is done', unit='m', low=0.0,
                                     open_low=True)
-    tilt_limit_deg: float = param(50.0, 'stop when the base tilts more than this', unit='deg',
+    tilt_limit_deg: float = param(40.0, 'stop when the base tilts more than this', unit='deg',
                                   low=0.0, high=180.0, open_low=True)
     stuck_time_s: float = param(10.0, 'stop after this time without progress; 0 never stops',
                                 unit='s', low=0.0)

@@ -37,7 +37,8 @@ ROCK_HEIGHT = 0.7              # height of a rock over its greatest horizontal d
 CORRIDOR_M = 0.4               # from the way to the middle of such a rock, at least
 MOST_TRIALS = 2000             # for the next waypoint, before there is no way
 MARGIN_M = 4.0                 # waypoints keep this distance from the edge
-REST_S = 5.0                   # what is tilted past the limit has this long to come back
+REST_S = 5.0                   # what is tilted past the limit has this long to come back, ...
+ON_ITS_SIDE_DEG = 70.0         # ... and if it leans no more than this, one trial to back up
 BACK_UP_S, BACK_UP_MPS = 6.0, -0.08   # what is stuck goes back a little, and another way
 STRANDED_S, STRANDED_M = 60.0, 0.5    # who is no farther from the end for so long is stranded
 DRIVE_PERIOD = 10              # gait periods per answer of the driver: 20 Hz
@@ -226,6 +227,7 @@ class _Run:
         outcome, periods = DRIVEN, round(duration_s / self._period_s)
         velocity, back_up = (0.0, 0.0), 0
         tilted_since: int | None = None
+        backed_up = False       # from a tilt that stayed; the next time it is over
         try:
             for k in range(periods):
                 if back_up > 0:
@@ -235,8 +237,10 @@ class _Run:
                 elif tilted_since is not None:
                     if k - tilted_since >= REST_S / self._period_s:
                         if self._tilt_deg() > self._drive_config.tilt_limit_deg:
-                            outcome = TIPPED_OVER
-                            break
+                            if backed_up or self._tilt_deg() > ON_ITS_SIDE_DEG:
+                                outcome = TIPPED_OVER
+                                break
+                            backed_up = True
                         tilted_since, self._tilted = None, self._tilted + 1
                         back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
                 elif k % DRIVE_PERIOD == 0:
@@ -252,6 +256,8 @@ class _Run:
                     elif command.status == STOPPED:
                         self._stuck += 1
                         back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
+                    else:
+                        backed_up = False
                 self._step(velocity)
                 if k % RECORD_PERIOD == 0:
                     self._path.append(self._state.position_m)

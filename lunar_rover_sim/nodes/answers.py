@@ -15,6 +15,9 @@ from lunar_rover_sim.lockstep import StampGate
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.types import message_class
 
+# Whoever answers may have seen a state that is still on its way to this node, but no more.
+_MOST_AHEAD_NS = 1_000_000_000
+
 
 class AnswerListener:
     """A `StampGate` fed by subscriptions.
@@ -22,14 +25,18 @@ class AnswerListener:
     A topic is subscribed as soon as somebody publishes it, with the publisher's type and
     durability, so that any message with a stamp takes part: joint commands, camera_info, a user's
     pose. `handlers` get the serialised message before the gate learns of it. `on_answer` is called
-    after every answer.
+    after every answer. What is stamped more than a second after `now_ns()`, the newest time that
+    the node knows of (None: none yet), is refused: it would hold the gate open until then.
     """
 
-    def __init__(self, node: Node, wait: WaitConfig, on_answer: Callable[[], None],
+    def __init__(self, node: Node, wait: WaitConfig, now_ns: Callable[[], int | None],
+                 on_answer: Callable[[], None],
                  handlers: Mapping[str, Callable[[bytes, int], None]] | None = None) -> None:
         self.gate = StampGate(wait.lag_ns_by_topic())
         self._node = node
         self._wait = wait
+        self._now_ns = now_ns
+        self._refused = 0
         self._on_answer = on_answer
         self._handlers = dict(handlers or {})
         self._pending = list(self.gate.topics)
@@ -88,6 +95,10 @@ class AnswerListener:
             if stamp is None:
                 raise GraphError(f'{topic}: messages of type {type_name} have no stamp; time '
                                  'cannot wait for them')
+            now_ns = self._now_ns()
+            if now_ns is not None and stamp > now_ns + _MOST_AHEAD_NS:
+                self._refuse(topic, stamp, now_ns)
+                return
             if handler is not None:
                 handler(raw, stamp)
             self.gate.answer(topic, stamp)
@@ -97,3 +108,10 @@ class AnswerListener:
 
         self._node.create_subscription(message_class(type_name), topic, callback,
                                        qos.adapted(qos.STATE_DEPTH, durable), raw=True)
+
+    def _refuse(self, topic: str, stamp: int, now_ns: int) -> None:
+        self._refused += 1
+        self._node.get_logger().warning(
+            f'{topic}: stamp {stamp / 1e9:.3f} s refused ({self._refused} so far); valid is at '
+            f'most {_MOST_AHEAD_NS / 1e9:g} s after the simulated time, {now_ns / 1e9:.3f} s '
+            '(does its publisher use /clock?)', throttle_duration_sec=1.0)

@@ -40,7 +40,7 @@ class GaitControllerNode(node_main.GraphNode):
         self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
                                                 qos.offered(topics.JOINT_COMMANDS))
         self._listener = AnswerListener(
-            self, config.wait, self._answer_while_open,
+            self, config.wait, self._newest_ns, self._answer_while_open,
             {topics.CMD_VEL.name: lambda raw, ns: self._commands.append(
                 (ns, deserialize_message(raw, TwistStamped).twist))})
         if not self._waits:
@@ -58,6 +58,11 @@ class GaitControllerNode(node_main.GraphNode):
     def _state_callback(self, msg: JointState) -> None:
         self._states.append(msg)
         self._answer_while_open()
+
+    def _newest_ns(self) -> int | None:
+        if not self._states:
+            return self._now_ns or None
+        return conversions.time_ns(self._states[-1].header.stamp)
 
     def _answer_while_open(self) -> None:
         while self._states:

@@ -49,7 +49,8 @@ class PhysicsNode(node_main.GraphNode):
         self._latched = [self._latch(topics.WORLD_HASH, world.hash),
                          self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
 
-        self._listener = AnswerListener(self, config.wait, self._advance_while_open,
+        self._listener = AnswerListener(self, config.wait, lambda: self._now_ns,
+                                        self._advance_while_open,
                                         {topics.JOINT_COMMANDS.name: self._command_callback})
         if topics.JOINT_COMMANDS.name not in config.wait.topics:
             self.create_subscription(
