@@ -37,6 +37,7 @@ MIRROR_FROM_HZ = 1.1     # slower walks are regular enough for one side to do fo
 STATE_PERIOD_S = 0.005   # how often the gait controller answers
 SKIP_S, SKIP_CYCLES = 5.0, 1.0
 MEASURE_S, MEASURE_CYCLES = 20.0, 4.0
+FASTEST_MPS = 0.6
 FORWARD_TOLERANCE, YAW_TOLERANCE, SLOWEST_YAW_RADPS = 0.10, 0.15, 0.05
 # The velocities (forward, yaw rate) that must be followed.
 COMMANDS = tuple((v, w) for v in (0.03, 0.06, 0.10, 0.15, 0.20, 0.25)
@@ -258,7 +259,9 @@ def _all(task: _Task, items: Sequence[Any], settings: _Settings, workers: int,
 
 
 def _simulation(settings: _Settings) -> Simulation:
-    return Simulation(flat_world(), settings.rover, settings.physics)
+    # Who walks straight on for long needs room for it.
+    return Simulation(flat_world(FASTEST_MPS * (SKIP_S + settings.measure_s)), settings.rover,
+                      settings.physics)
 
 
 def _start_worker(settings: _Settings) -> None:
