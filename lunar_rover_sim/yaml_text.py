@@ -18,7 +18,7 @@ _MOST_DEPTH = 32
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML follows YAML 1.1, where a float needs a point: 1e-3 would be text."""
+    """PyYAML follows YAML 1.1, where 1e-3 and 1.0e6 would be text."""
 
     _depth = 0
 
@@ -42,8 +42,9 @@ class _Loader(yaml.SafeLoader):
 
 
 _Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9][0-9_]*[eE][-+]?[0-9]+'),
-    list('-+0123456789'))
+    'tag:yaml.org,2002:float',
+    re.compile(r'[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9]*)?)[eE][-+]?[0-9]+$'),
+    list('-+.0123456789'))
 
 
 def parse_yaml(text: str, where: str) -> Any:

@@ -37,5 +37,5 @@ def test_yaml_is_plain(text: str) -> None:
 
 def test_plain_yaml_is_read() -> None:
     """What people write is read as before: exponents without a point are numbers."""
-    assert parse_yaml('a: [1e-3, 2.5, x, true, null]\nb: {c: "d"}', 'x') == {
-        'a': [1e-3, 2.5, 'x', True, None], 'b': {'c': 'd'}}
+    assert parse_yaml('a: [1e-3, 1.0e6, 2.5, 1e3x, x, true, null]\nb: {c: "d"}', 'x') == {
+        'a': [1e-3, 1e6, 2.5, '1e3x', 'x', True, None], 'b': {'c': 'd'}}

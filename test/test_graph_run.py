@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -170,6 +171,24 @@ def test_a_stopped_node_is_named(tmp_path: Path) -> None:
     assert run.returncode == 1
     assert 'joint_commands (from gait_controller_node' in stderr
     assert time.monotonic() - stopped < 10
+
+
+def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
+    """Motors too strong for an explicit integrator: named, and the drive up to there is kept."""
+    folder = tmp_path / 'run'
+    motors = ('rover.motor.velocity_gain_nms=10.0', 'rover.motor.current_limit_a=1.0e6',
+              'rover.motor.stall_torque_nm=1000.0', 'physics_node.integrator=euler',
+              'drive_node.start_delay_s=3.0')
+    run = start(folder, *(word for setting in motors for word in ('--set', setting)))
+    _, stderr = run.communicate(timeout=90)
+    assert run.returncode == 1
+    assert len(stderr.strip().splitlines()) == 1
+    said = re.search(r'physics_node ended with status 1: the simulation diverged at ([\d.]+) s in '
+                     r'body \w+', stderr)
+    assert said and float(said[1]) > 3.0
+    with open_bag(folder / 'bag') as bag:
+        assert bag.counts['/odom'] > 500
+        assert bag.counts['/stereo/left/image_raw'] > 25
 
 
 def test_interrupt_finishes_the_bag(tmp_path: Path) -> None:

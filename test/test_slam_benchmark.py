@@ -238,10 +238,10 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     assert args.run(args) == 0
     assert len(simulator.drives) == 4
     printed = capsys.readouterr().out
-    text = (tmp_path / 'out/table.md').read_text()
+    text = (tmp_path / 'out/command.md').read_text()
     assert '2 drives of 2 s per line' in text and '| flat | 2 | mono | command | 2/2 |' in text
     assert '1.2500 ± 0.0000' in printed
-    for name in ('table.csv', 'table.tex', 'report.html'):
+    for name in ('command.csv', 'command.tex', 'command.html'):
         assert (tmp_path / 'out' / name).stat().st_size > 200
     drive = json.loads((tmp_path / 'out/recordings').glob('*=2-seed1/drive.json').__next__()
                        .read_text())

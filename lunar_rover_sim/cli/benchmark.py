@@ -22,8 +22,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         'benchmark', help='simulate, run SLAM, and judge: a table over scenarios and sensors',
         description='Simulate and record each scenario with several seeds, run an estimator with '
-                    'each sensor, and write a table (Markdown, CSV, LaTeX) with 95 % intervals '
-                    'and a report (HTML). What is done already is kept: the same call goes on.')
+                    'each sensor, and write SYSTEM.md, .csv and .tex, a table with 95 % '
+                    'intervals, and SYSTEM.html, a report. What is done already is kept: the '
+                    'same call goes on.')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
                         help='folder of the benchmark; may hold part of it')
     parser.add_argument('--scenarios', nargs='+', default=list(_SCENARIOS), metavar='SCENARIO')
@@ -39,7 +40,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
                         dest='overrides', help='override one parameter; may be repeated')
     parser.add_argument('--paper', type=Path, metavar='FILE',
                         help='published numbers to put beside, YAML: scenario: {sensor: {ate_m: '
-                             'number, scale: number}}')
+                             'number, scale: number}} (default: those of the three scenarios in '
+                             'config/published_slam.yaml; in a sweep, none)')
     parser.add_argument('--retry', action='store_true', help='do cells again that failed')
     add_system_arguments(parser)
     parser.set_defaults(run=run)
@@ -53,9 +55,13 @@ def run(args: argparse.Namespace) -> int:
     from lunar_rover_sim.errors import EvaluationError
     from lunar_rover_sim.evaluation import benchmark, table
     from lunar_rover_sim.evaluation.report import html_report
+    from lunar_rover_sim.resources import config_path
 
-    paper = table.read_paper(args.paper) if args.paper is not None else None
     parameter, _, values = args.sweep.partition('=')
+    published = args.paper
+    if published is None and not parameter:
+        published = config_path('published_slam.yaml')
+    paper = table.read_paper(published) if published is not None else None
     cells = benchmark.plan(args.scenarios, [estimator_of(args, s) for s in args.sensors],
                            args.seeds, args.duration, parameter,
                            [v for v in values.split(',') if v], args.overrides)
@@ -93,12 +99,13 @@ def run(args: argparse.Namespace) -> int:
         'SE(3); scale is true over estimated size of the path, by Sim(3). Distance is horizontal, '
         'in steps of 0.1 s.']
     said = table.findings(rows) if not parameter else []
+    title = 'Benchmark' + (f' over {parameter}' if parameter else '')
     written = {
-        'table.md': '\n\n'.join([*statement, text, *said]).rstrip() + '\n',
-        'table.csv': table.csv_text(rows),
-        'table.tex': table.latex(rows, paper, parameter),
-        'report.html': html_report('Benchmark' + (f' over {parameter}' if parameter else ''),
-                                   statement, rows, done, args.output, parameter, paper)}
+        f'{args.system}.md': '\n\n'.join([*statement, text, *said]).rstrip() + '\n',
+        f'{args.system}.csv': table.csv_text(rows),
+        f'{args.system}.tex': table.latex(rows, paper, parameter),
+        f'{args.system}.html': html_report(title, statement, rows, done, args.output,
+                                            parameter, paper)}
     console.print(text + '\n'.join(['', *said]), highlight=False, markup=False, soft_wrap=True)
     for name, content in written.items():
         try:

@@ -33,10 +33,10 @@ Grid = tuple[tuple[float, ...], tuple[float, ...]]   # phase rates [Hz], turns
 FINE: Grid = ((0.2, 0.4, 0.55, 0.75, 1.0, 1.2, 1.5, 1.75, 2.0, 2.2),
               (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.69, 0.71, 0.8, 0.9, 1.0))
 COARSE: Grid = ((0.2, 0.5, 0.9, 1.2, 1.5, 2.2), (0.0, 0.1, 0.25, 0.4, 0.55, 0.69, 0.71, 0.85, 1.0))
-MIRROR_FROM_HZ = 1.1     # slower walks are regular enough for one side to do for both
 STATE_PERIOD_S = 0.005   # how often the gait controller answers
 SKIP_S, SKIP_CYCLES = 5.0, 1.0
 MEASURE_S, MEASURE_CYCLES = 20.0, 4.0
+COMMAND_S = 60.0
 FASTEST_MPS = 0.6
 FORWARD_TOLERANCE, YAW_TOLERANCE, SLOWEST_YAW_RADPS = 0.10, 0.15, 0.05
 # The velocities (forward, yaw rate) that must be followed.
@@ -129,21 +129,21 @@ def measure(rover: RoverDescription | None = None, physics: PhysicsConfig | None
             progress: Progress | None = None, measure_s: float = MEASURE_S) -> GaitCalibration:
     """Walk every stride of a table on flat ground, turning left and right, and return the table.
 
-    From `MIRROR_FROM_HZ` on, left and right are averaged. `workers` processes share the walks;
-    their number does not change the result. `progress(done, all)` is called after each. Raises
-    PhysicsError where a walk cannot be simulated, ConfigError where the rover does not walk
-    forward and turn.
+    Left and right are averaged: a trot begins with one diagonal, and is no mirror image.
+    `workers` processes share the walks; their number does not change the result.
+    `progress(done, all)` is called after each. Raises PhysicsError where a walk cannot be
+    simulated, ConfigError where the rover does not walk forward and turn.
     """
     settings = dataclasses.replace(_settings(rover, physics, gait), measure_s=measure_s)
     strides = [Stride.turning(rate, sign * turn) for rate in rates_hz for turn in turns
-               for sign in (1.0, -1.0) if sign > 0.0 or turn > 0.0 and rate >= MIRROR_FROM_HZ]
+               for sign in ((1.0, -1.0) if turn else (1.0,))]
     results = dict(zip(strides, _all(_measure_one, strides, settings, workers, progress)))
     forward = np.zeros((len(rates_hz), len(turns)))
     yaw_rate = np.zeros_like(forward)
     for i, rate in enumerate(rates_hz):
         for k, turn in enumerate(turns):
             left = results[Stride.turning(rate, turn)]
-            right = results.get(Stride.turning(rate, -turn), (left[0], -left[1]))
+            right = results[Stride.turning(rate, -turn)] if turn else (left[0], -left[1])
             forward[i, k] = 0.5 * (left[0] + right[0])
             yaw_rate[i, k] = 0.5 * (left[1] - right[1])
     described, simulated, walked = settings.rover, settings.physics, settings.gait
@@ -193,9 +193,10 @@ def measure_commands(velocities: Sequence[tuple[float, float]], calibration: Gai
                      progress: Progress | None = None) -> list[Obedience]:
     """Command velocities (forward, yaw rate) on flat ground; measure what the rover does.
 
-    Means run from 5 s after the start for 20 s.
+    Means run from 5 s after the start for a minute: a fast walk wanders about its mean course.
     """
-    settings = dataclasses.replace(_settings(rover, physics, gait), calibration=calibration)
+    settings = dataclasses.replace(_settings(rover, physics, gait), calibration=calibration,
+                                   measure_s=COMMAND_S)
     results = _all(_command_one, velocities, settings, workers, progress)
     return [Obedience(asked, result) for asked, result in zip(velocities, results)]
 
@@ -225,9 +226,9 @@ def _measure_one(simulation: Simulation, settings: _Settings,
 def _command_one(simulation: Simulation, settings: _Settings,
                  velocity: tuple[float, float]) -> tuple[float, float]:
     done = walk(simulation, GaitController(settings.gait, settings.calibration),
-                SKIP_S + MEASURE_S + STATE_PERIOD_S,
+                SKIP_S + settings.measure_s + STATE_PERIOD_S,
                 lambda controller, stamp_ns: controller.set_velocity(*velocity, stamp_ns))
-    return done.mean_velocity(SKIP_S, SKIP_S + MEASURE_S)
+    return done.mean_velocity(SKIP_S, SKIP_S + settings.measure_s)
 
 
 _Task = Callable[[Simulation, _Settings, Any], tuple[float, float]]

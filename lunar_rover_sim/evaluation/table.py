@@ -171,6 +171,7 @@ def _badness(row: Row) -> tuple[float, float]:
 def text_cells(rows: Sequence[Row], paper: Paper, parameter: str = '',
                plus_minus: str = '±') -> tuple[list[str], list[list[str]]]:
     """Return the titles of the columns, and the lines of the table, as text."""
+    paper = {row.scenario: paper[row.scenario] for row in rows if row.scenario in paper}
     titles = ['scenario', *([parameter] if parameter else []), 'sensor', 'system', 'drives',
               'ATE [m]', 'ATE [% of distance]', 'scale', 'tracked [%]', 'distance [m]',
               *(['paper: ATE [m]', 'paper: scale'] if paper else [])]
