@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
         f'{args.system}.csv': table.csv_text(rows),
         f'{args.system}.tex': table.latex(rows, paper, parameter),
         f'{args.system}.html': html_report(title, statement, rows, done, args.output,
-                                            parameter, paper)}
+                                           parameter, paper)}
     console.print(text + '\n'.join(['', *said]), highlight=False, markup=False, soft_wrap=True)
     for name, content in written.items():
         try:
