@@ -24,7 +24,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
                         metavar='FILE', help='table to write (gait_calibration.yaml)')
     parser.add_argument('--force', action='store_true', help='overwrite an existing table')
     parser.add_argument('--coarse', action='store_true',
-                        help='a table of 54 instead of 130 strides')
+                        help='a table of 54 instead of 165 strides')
     parser.add_argument('--measure', type=float, default=20.0, metavar='S',
                         help='time that each walk is measured for [s]; fast turns scatter, and'
                              ' longer walks average it out (20)')

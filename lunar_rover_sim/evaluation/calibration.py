@@ -30,8 +30,8 @@ from lunar_rover_sim.world.rocks import Rocks
 
 Grid = tuple[tuple[float, ...], tuple[float, ...]]   # phase rates [Hz], turns
 # The sweep of the inner side reverses at 0.7: a turn on either side of it.
-FINE: Grid = ((0.2, 0.4, 0.55, 0.75, 1.0, 1.2, 1.5, 1.75, 2.0, 2.2),
-              (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.69, 0.71, 0.8, 0.9, 1.0))
+FINE: Grid = ((0.2, 0.4, 0.55, 0.75, 1.0, 1.2, 1.5, 1.75, 1.88, 2.0, 2.2),
+              (0.0, 0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.69, 0.71, 0.8, 0.9, 1.0))
 COARSE: Grid = ((0.2, 0.5, 0.9, 1.2, 1.5, 2.2), (0.0, 0.1, 0.25, 0.4, 0.55, 0.69, 0.71, 0.85, 1.0))
 STATE_PERIOD_S = 0.005   # how often the gait controller answers
 SKIP_S, SKIP_CYCLES = 5.0, 1.0
