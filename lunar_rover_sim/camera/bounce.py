@@ -9,6 +9,9 @@ tenth of the first) and the direction dependence of the scattering ground are le
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+import os
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +34,13 @@ def one_bounce(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.fl
     gy, gx = gradient[0], gradient[1]
     facing = (direction[2] - gx * direction[0] - gy * direction[1]) / np.sqrt(1 + gx**2 + gy**2)
     exitance = (albedo * lit * np.maximum(facing, 0.0)).astype(np.float32)
+    angles = 2.0 * np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     total = np.zeros_like(exitance)
-    for k in range(_AZIMUTHS):
-        angle = 2.0 * np.pi * (k + 0.5) / _AZIMUTHS
-        total += _along(heights_m, gx, gy, exitance, cell_m, np.cos(angle), np.sin(angle))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        # Summed in their order, whichever is ready first.
+        for part in pool.map(lambda angle: _along(heights_m, gx, gy, exitance, cell_m,
+                                                  np.cos(angle), np.sin(angle)), angles):
+            total += part
     irradiance = total * np.float32(2.0 / _AZIMUTHS)
     # Mean over about a metre, weighted as an upright face sees it: mostly the near ground.
     surroundings = 0.5 * cv2.GaussianBlur(exitance, (0, 0), max(0.4 / cell_m, 0.6)) \

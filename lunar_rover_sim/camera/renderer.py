@@ -28,7 +28,7 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.rock_shadow import sun_axes
 from lunar_rover_sim.camera.sensor import first_exposure_s, SensorModel
 from lunar_rover_sim.camera.sunlight import Sunlight
-from lunar_rover_sim.camera.surface import make_reliefs, make_tiles, Surface
+from lunar_rover_sim.camera.surface import Surface, TileMaker
 from lunar_rover_sim.camera.terrain import ChunkMesh, level_ranges, TerrainLevel, View
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array, sun_direction
@@ -101,7 +101,7 @@ class Renderer:
             inner = grid.half_extent_m
         self._mesh = ChunkMesh(context)
         self._truth: Any = None
-        self._reliefs = make_reliefs(config.detail, self.seed)
+        self._tiles = TileMaker(config.detail, self.seed)
         self._light_surface()
         self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
                                   self.sunlight.rock_light())
@@ -117,11 +117,10 @@ class Renderer:
     def _light_surface(self) -> None:
         """Compute what the sun sees."""
         with ThreadPoolExecutor(1) as pool:
-            tiles = pool.submit(make_tiles, self._reliefs, SunGeometry.towards(self.sun_direction))
+            tiles = pool.submit(self._tiles.make, SunGeometry.towards(self.sun_direction))
             self.sunlight = Sunlight(self.world, self.config, self.sun_direction)
         self._sun_axes = sun_axes(self.sunlight.sun)
-        self._surface = Surface(self._context, self.world, self.sunlight, self._reliefs,
-                                tiles.result())
+        self._surface = Surface(self._context, self.world, self.sunlight, *tiles.result())
 
     def set_sun(self, azimuth_deg: float, elevation_deg: float) -> None:
         """Move the sun; all that does not depend on it is kept."""

@@ -37,8 +37,21 @@ class Relief:
     height_m: F32
 
 
-def make_reliefs(config: DetailConfig, seed: int) -> list[Relief]:
-    """Return relief for two tiles, coarse to fine; whatever the sun."""
+class TileMaker:
+    """Makes the tiles under any sun; the relief, which is the same under all, once."""
+
+    def __init__(self, config: DetailConfig, seed: int) -> None:
+        self._config, self._seed = config, seed
+        self._reliefs: list[Relief] = []
+
+    def make(self, sun: SunGeometry) -> tuple[list[Relief], list[list[NDArray[np.uint8]]]]:
+        """Return the reliefs, coarse to fine, and for each its RGBA8 mip levels."""
+        if not self._reliefs:
+            self._reliefs = _make_reliefs(self._config, self._seed)
+        return self._reliefs, _make_tiles(self._reliefs, sun)
+
+
+def _make_reliefs(config: DetailConfig, seed: int) -> list[Relief]:
     reliefs = []
     for k, values in enumerate(_TILES):
         values = dict(values)
@@ -51,8 +64,7 @@ def make_reliefs(config: DetailConfig, seed: int) -> list[Relief]:
     return reliefs
 
 
-def make_tiles(reliefs: list[Relief], sun: SunGeometry) -> list[list[NDArray[np.uint8]]]:
-    """Return, for each relief, its RGBA8 mip levels, as `detail` makes them."""
+def _make_tiles(reliefs: list[Relief], sun: SunGeometry) -> list[list[NDArray[np.uint8]]]:
     centre, half_range = _horizon_range(sun)
     tangents = centre + half_range * np.linspace(-1.0, 1.0, 9)
     tiles = []
