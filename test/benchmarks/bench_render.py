@@ -1,6 +1,7 @@
 """Stereo pairs per second, beside MuJoCo's classic renderer on the same world and cameras.
 
-    python test/benchmarks/bench_render.py [--width 640 --height 480] [--pairs 30] [--skip-mujoco]
+    python test/benchmarks/bench_render.py [--width 640 --height 480] [--pairs 20] [--skip-mujoco]
+        [--area]
 
 Prints a table; asserts nothing. MuJoCo draws height field, rocks and a 4096 x 4096 shadow map
 through EGL, without noise, and reads both images back. CPU time counts all threads: on a machine
@@ -126,6 +127,8 @@ def main():
     parser.add_argument('--height', type=int, default=480)
     parser.add_argument('--pairs', type=int, default=20)
     parser.add_argument('--skip-mujoco', action='store_true')
+    parser.add_argument('--area', action='store_true',
+                        help='a world of 16 times the area too: minutes, and 8 GiB of memory')
     args = parser.parse_args()
     camera = CameraConfig(width=args.width, height=args.height)
     config = RenderConfig(camera=camera, sun=SunConfig(azimuth_deg=60.0, elevation_deg=6.0))
@@ -141,10 +144,18 @@ def main():
     row('pair and depth', wall, cpu)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f'peak memory {peak:.2f} GiB')
-    many = dataclasses.replace(WorldConfig(), rocks=RockConfig(abundance=0.06, max_number=20000))
-    crowd = build(many, 1)
-    wall10, cpu10, _, _ = ours(crowd, config, track)
-    row(f'{len(crowd.rocks)} rocks', wall10, cpu10, f'{cpu10 / cpu:.2f} x the CPU time')
+    others = {'10x the rocks': dataclasses.replace(
+        WorldConfig(), rocks=RockConfig(abundance=0.3, max_number=40000))}
+    if args.area:
+        others['16x the area'] = dataclasses.replace(
+            WorldConfig(), size_m=4 * WorldConfig().size_m, rocks=RockConfig(max_number=40000))
+    for name, settings in others.items():
+        other = build(settings, 1)
+        wall_other, cpu_other, setup, _ = ours(other, config, track)
+        row(name, wall_other, cpu_other,
+            f'{wall_other / wall:.2f} x the time, {cpu_other / cpu:.2f} x the CPU time; '
+            f'{len(other.rocks)} rocks, setup {setup:.1f} s')
+        del other
     if not args.skip_mujoco:
         sun = np.array([np.cos(np.radians(60.0)), np.sin(np.radians(60.0)), 0.0])
         sun = sun * np.cos(np.radians(6.0)) + [0.0, 0.0, np.sin(np.radians(6.0))]
