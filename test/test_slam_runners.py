@@ -171,6 +171,18 @@ def test_stamps_of_early_frames(tmp_path) -> None:
         assert np.array_equal(read_estimate(path, frames).stamps_ns, frames)
 
 
+def test_repeated_poses_are_of_frames_that_were_not_located(tmp_path) -> None:
+    """ORB-SLAM3 writes the last pose again while it looks for its place, stamp and all."""
+    frames = np.arange(1, 10, dtype=np.int64) * 100_000_000
+    lines = [f'{ns} {k} 0 0 0 0 0 1\n' for k, ns in enumerate(frames)]
+    path = tmp_path / 'f.txt'
+    path.write_text(''.join([*lines[:4], lines[3], lines[3], *lines[6:]]))
+    assert np.array_equal(read_estimate(path, frames).stamps_ns, np.delete(frames, (4, 5)))
+    path.write_text(''.join([*lines[:4], lines[3].replace(' 3 ', ' 3.5 '), *lines[4:]]))
+    with pytest.raises(EvaluationError, match='stamps do not increase: pose 4'):
+        read_estimate(path, frames)
+
+
 CHILD = 'sleep 600 & echo $! > child; wait'
 
 

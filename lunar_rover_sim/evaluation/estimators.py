@@ -190,8 +190,10 @@ def stock_program(path: Path | None, sensor: str) -> Path | None:
 def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
     """Read `stamp x y z qx qy qz qw` lines, stamps in ns or seconds, whichever fits the frames.
 
-    Stamps within 2 us of a frame are that frame's: programs keep them as floating point. Raises
-    EvaluationError that names the file where it cannot be read.
+    Stamps within 2 us of a frame are that frame's: programs keep them as floating point. A line
+    that repeats the one before is left out: for a frame that it could not locate, ORB-SLAM3 writes
+    the last pose again, stamp and all. Raises EvaluationError that names the file where it cannot
+    be read.
     """
     rows = []
     try:
@@ -208,6 +210,8 @@ def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
             raise EvaluationError(f'{path}: line {number} is not of numbers') from None
         if len(rows[-1]) != 8:
             raise EvaluationError(f'{path}: line {number} has {len(words)} columns; valid is 8')
+        if rows[-2:-1] == rows[-1:]:
+            rows.pop()
     if not rows:
         raise EvaluationError(f'{path}: holds no poses')
     values = np.array(rows)
