@@ -64,9 +64,10 @@ def test_a_wrong_baseline_is_noticed(drive) -> None:
 
 
 def test_mono_shape(drive) -> None:
+    """Within 0.5 % of the way: an adjustment that lets the scale go leaves jumps of 2 %."""
     frames, truth, camera = drive
     odometry = Odometry(dataclasses.replace(camera, baseline_m=0.0))
     located = [odometry.add(frame) for frame in frames]
     assert all(located[located.index(True):])
     result = evaluate(truth, odometry.trajectory(), EvaluationOptions('sim3'))
-    assert result.ate_m.rmse < 0.02 * truth.length_m
+    assert result.ate_m.rmse < 0.005 * truth.length_m
