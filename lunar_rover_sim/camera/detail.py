@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -108,18 +109,30 @@ def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[n
 def mip_levels(slope: F32, tangent: F32, slope_scale: float, centre: float,
                half_range: float) -> list[NDArray[np.uint8]]:
     """Return RGBA8 mip levels: slope / scale / 2 + 1/2, horizon in its range, its deviation."""
+    coarsest = int(np.log2(len(tangent)))
     levels = []
-    mean = np.concatenate([slope, tangent[..., None], tangent[..., None]**2], axis=-1)
-    while True:
-        deviation = np.sqrt(np.maximum(mean[..., 3] - mean[..., 2]**2, 0.0))
-        code = np.empty(mean.shape, np.float32)
-        code[..., :2] = mean[..., :2] / slope_scale * 255.0 + 128.0
-        code[..., 2] = (mean[..., 2] - centre) / half_range * 127.5 + 127.5
-        code[..., 3] = deviation / (2.0 * half_range) * 255.0
-        levels.append(np.clip(np.rint(code), 0.0, 255.0).astype(np.uint8))
-        if mean.shape[0] == 1:
-            return levels
-        mean = 0.25 * (mean[::2, ::2] + mean[1::2, ::2] + mean[::2, 1::2] + mean[1::2, 1::2])
+    square = tangent * tangent
+    for level in range(coarsest + 1):
+        if level:
+            slope, tangent, square = _halved(slope), _halved(tangent), _halved(square)
+        deviation = np.sqrt(np.maximum(square - tangent * tangent, np.float32(0.0)))
+        code = np.empty((*tangent.shape, 4), np.uint8)
+        code[..., :2] = _coded(slope, 255.0 / slope_scale, 128.0)
+        code[..., 2] = _coded(tangent, 127.5 / half_range, 127.5 * (1.0 - centre / half_range))
+        code[..., 3] = _coded(deviation, 127.5 / half_range, 0.0)
+        levels.append(code)
+    return levels
+
+
+def _halved(values: F32) -> F32:
+    size = (values.shape[1] // 2, values.shape[0] // 2)
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _coded(values: F32, factor: float, offset: float) -> NDArray[np.uint8]:
+    """Return factor values + offset, rounded, within 0 to 255."""
+    coded = cv2.addWeighted(values, factor, values, 0.0, offset, dtype=cv2.CV_8U)
+    return np.asarray(coded, np.uint8).reshape(values.shape)
 
 
 def _fractal(recipe: TileRecipe, rng: np.random.Generator) -> F32:
@@ -189,7 +202,8 @@ def _pebble(top: F32, texel: float, x: float, y: float, diameter: float,
     edge = radius * rng.uniform(0.75, 1.0, sides)
     height = rng.uniform(0.25, 0.65) * diameter * flat**0.5 \
         + rng.normal(0.0, 0.2) * u + rng.normal(0.0, 0.2) * v
-    for a, s, e in zip(angle, steep, edge):
-        height = np.minimum(height, s * (e - np.cos(a) * u - np.sin(a) * v))
+    angle, steep, edge = (side[:, None, None] for side in (angle, steep, edge))
+    cuts = steep * (edge - np.cos(angle) * u - np.sin(angle) * v)
+    height = np.minimum(height, cuts.min(axis=0))
     grid = np.ix_(iy, ix)
     top[grid] = np.maximum(top[grid], height)

@@ -49,7 +49,10 @@ class Sunlight:
             return np.zeros((n, n), np.float32), np.zeros((n, n), np.float32)
         clearance, occluder = self.clearance[k]
         radius = np.radians(0.5 * config.sun.angular_diameter_deg)
-        lit = np.clip(0.5 + (0.5 / radius) * clearance / occluder, 0.0, 1.0).astype(np.float32)
+        lit = clearance / occluder
+        lit *= np.float32(0.5 / radius)
+        lit += np.float32(0.5)
+        np.clip(lit, 0.0, 1.0, out=lit)
         size = (n, n)
         albedo = hemispherical_albedo(parameter_set(config.reflectance.ground)) \
             * config.reflectance.albedo_scale

@@ -37,7 +37,6 @@ def run(args: argparse.Namespace) -> int:
     """Simulate and record; print a summary."""
     from rich.console import Console
 
-    from lunar_rover_sim.bag.summary import summarise
     from lunar_rover_sim.config import load_scenario, REAL_TIME
     from lunar_rover_sim.domain import OwnDomain
     from lunar_rover_sim.graph import BAG_FOLDER, prepare, resolve
@@ -85,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
     console.print(_shares(graph.cpu_s, wall_s), highlight=False, soft_wrap=True)
     bag = folder / BAG_FOLDER
     if 'recorder_node' in scenario.run.nodes:
+        from lunar_rover_sim.bag.summary import summarise
+
         console.print(summarise(bag).lines(wall_s), highlight=False, soft_wrap=True)
         console.print(f'bag: {bag}', soft_wrap=True, highlight=False)
     return 130 if interrupted else 0

@@ -22,7 +22,10 @@ class DriveNode(node_main.GraphNode):
     def __init__(self) -> None:
         super().__init__('drive_node')
         self._config = config = declare(self, DriveNodeConfig)
-        half_extent_m = load_world(config.world).ground.half_extent_m if config.world else np.inf
+        half_extent_m = np.inf
+        if config.world:
+            # Who draws and walks on it verifies it.
+            half_extent_m = load_world(config.world, verify=False).ground.half_extent_m
         self._driver = Driver(config, half_extent_m)
         self._period_ns = 1_000_000_000 // config.rate_hz
         self._last_period = 0 if config.lockstep else -1

@@ -17,6 +17,7 @@ import numpy as np
 from lunar_rover_sim.frames import wxyz_from_rpy
 from lunar_rover_sim.rover.description import LEG_NAMES, Legs, Motor, RoverDescription
 from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
+from lunar_rover_sim.rover.mounts import MAST_RADIUS_M
 
 GROUND_BIT = 1
 ROCK_BIT = 2
@@ -27,7 +28,6 @@ FREE_JOINT = 'base_free'
 CHASSIS_GEOM = 'chassis'
 MAST_GEOM = 'mast'
 IMU_SITE = 'imu'
-MAST_RADIUS_M = 0.008
 # As firm as the solver has it: with MuJoCo's defaults a joint held by dry friction creeps.
 _DRY_SOLREF = [0.002, 1.0]
 _DRY_SOLIMP = [0.999, 0.999, 0.001, 0.5, 2.0]

@@ -7,6 +7,8 @@ import numpy as np
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
 from lunar_rover_sim.rover.description import RoverDescription
 
+MAST_RADIUS_M = 0.008   # of the pole that carries the cameras
+
 
 def imu_pose(rover: RoverDescription) -> Array:
     """Return T_base_imu (4, 4)."""

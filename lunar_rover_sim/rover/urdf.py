@@ -15,8 +15,7 @@ from lunar_rover_sim import frames
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
-from lunar_rover_sim.rover.mjcf import MAST_RADIUS_M
-from lunar_rover_sim.rover.mounts import camera_poses, imu_pose
+from lunar_rover_sim.rover.mounts import camera_poses, imu_pose, MAST_RADIUS_M
 
 _OPTICAL_RPY = (-math.pi / 2, 0.0, -math.pi / 2)
 _COLOURS = {'body': (0.78, 0.66, 0.36), 'leg': (0.55, 0.55, 0.57), 'tip': (0.15, 0.15, 0.16)}

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.frames import Array, BASE_FRAME, se3
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
-from lunar_rover_sim.rover.mjcf import MAST_RADIUS_M
-from lunar_rover_sim.rover.mounts import camera_poses
+from lunar_rover_sim.rover.mounts import camera_poses, MAST_RADIUS_M
 from lunar_rover_sim.rover.primitives import box, cylinder, Mesh, merge, sphere, transformed
 
 GOLD = (0.62, 0.45, 0.16)

@@ -7,8 +7,6 @@ import functools
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
-from scipy.spatial import cKDTree
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world.config import CraterConfig
@@ -130,6 +128,8 @@ def profile_table(config: CraterConfig) -> ProfileTable:
 
     dh/dt = kappa (h'' + h' / r), in units of the radius, solved implicitly; volume is conserved.
     """
+    from scipy.linalg import solve_banded  # worlds are built rarely and read by every node
+
     step = RADII[1]
     n = len(RADII)
     # Finite volumes on rings: faces at r +- step/2; no flux through the centre and the far end.
@@ -176,6 +176,8 @@ def keep_clear(craters: Craters, config: CraterConfig, radius_m: float,
 
 def survivors(craters: Craters, coarser: Craters) -> Craters:
     """Return the craters that no younger crater of a coarser level has erased."""
+    from scipy.spatial import cKDTree
+
     alive = np.ones(len(craters), bool)
     if len(craters) and len(coarser):
         younger = coarser.select(coarser.time < craters.time.max())

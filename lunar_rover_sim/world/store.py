@@ -287,7 +287,6 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
     Two processes may ask for the same world at once: whoever is first puts it in place.
     progress: as for `build.build`.
     """
-    from lunar_rover_sim.world.build import build
     folder = cache_folder() / cache_key(config, seed)
     if (folder / 'world.yaml').is_file():
         try:
@@ -297,6 +296,8 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
             logger.warning('%s; building it again', error)
             with contextlib.suppress(OSError):
                 folder.rename(folder.with_name(f'.{folder.name}.damaged.{os.getpid()}'))
+    from lunar_rover_sim.world.build import build  # what only building needs is slow to import
+
     world = build(config, seed, progress)
     try:
         return save(world, folder)
