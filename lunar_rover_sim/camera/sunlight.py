@@ -18,7 +18,8 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.model import World
 
 F32 = NDArray[np.float32]
-_COARSE = (4, 8)        # cells of the finest level, and of others, per cell of bounced light
+# Cells of a level per cell of bounced light; cells half as wide change the light in shadow by 1 %.
+_COARSE = 8
 log = logging.getLogger(__name__)
 
 
@@ -44,7 +45,7 @@ class Sunlight:
     def _scattered(self, k: int, config: RenderConfig, direction: Array) -> tuple[F32, F32]:
         """Return bounced irradiance and surroundings of one level, on a coarser grid."""
         grid = self.world.levels[k]
-        n = -(-grid.n // _COARSE[min(k, 1)])
+        n = -(-grid.n // _COARSE)
         if not config.detail.bounce or direction[2] <= 0.0 or config.sun.irradiance == 0.0:
             return np.zeros((n, n), np.float32), np.zeros((n, n), np.float32)
         clearance, occluder = self.clearance[k]

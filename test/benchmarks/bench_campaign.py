@@ -5,8 +5,10 @@
 
 Start: wall time and processor time of all processes from the call of `lunar_rover_sim run` to the
 acknowledgement of the first frame by the recorder, the world being in the cache. Throughput:
-simulated time per wall time of single episodes one after the other, and of as many with
-`campaign --jobs 2`, in turn, so that a busy machine troubles both alike. Prints the load beside.
+simulated time per wall time of two episodes with `campaign --jobs 2`, over the sum of two single
+ones, in turn, so that a busy machine troubles all alike. A single episode draws and simulates on
+all cores, so that on two cores two at once cannot have twice its throughput; beside it stands a
+single one that is held to one core, which is what each of two at once has. Prints the load.
 """
 
 from __future__ import annotations
@@ -60,17 +62,18 @@ def main() -> int:
               flush=True)
     print(f'median: {statistics.median(s[0] for s in starts):.1f} s wall, '
           f'{statistics.median(s[1] for s in starts):.1f} s processor; {load()}', flush=True)
-    ratios = []
+    ratios: dict[str, list[float]] = {'all cores': [], 'one core': []}
     for k in range(args.rounds):
-        single_s = [campaign(args, f'single_{k}_{n}', 1, 1, camera) for n in range(2)]
+        single_s = {'all cores': campaign(args, f'single_{k}', 1, 1, camera),
+                    'one core': campaign(args, f'held_{k}', 1, 1, camera, one_core=True)}
         both_s = campaign(args, f'both_{k}', 2, 2, camera)
-        # Two cores: the sum of two single runs, each as if it had the machine for itself.
-        summed = sum(args.duration / s for s in single_s)
-        pair = 2.0 * args.duration / both_s
-        ratios.append(pair / summed)
-        print(f'single {single_s[0]:.1f} s, {single_s[1]:.1f} s; two at once {both_s:.1f} s; '
-              f'{pair:.2f} of {summed:.2f} simulated s/s: {ratios[-1]:.2f}; {load()}', flush=True)
-    print(f'throughput of --jobs 2 over the sum of single ones: {statistics.median(ratios):.2f}')
+        for kind, alone_s in single_s.items():
+            ratios[kind].append(alone_s / both_s)
+            print(f'single on {kind} {alone_s:.1f} s, two at once {both_s:.1f} s: '
+                  f'{ratios[kind][-1]:.2f} of the sum; {load()}', flush=True)
+    for kind, values in ratios.items():
+        print(f'throughput of --jobs 2 over the sum of two single runs on {kind}: '
+              f'{statistics.median(values):.2f}')
     return 0
 
 
@@ -109,8 +112,9 @@ def processor_s(pid: int) -> float:
 
 
 def campaign(args: argparse.Namespace, name: str, episodes: int, jobs: int,
-             settings: list[str]) -> float:
+             settings: list[str], one_core: bool = False) -> float:
     """Return the wall time of a campaign [s], all included."""
+    core = {min(os.sched_getaffinity(0))}
     file = args.output / f'{name}.yaml'
     lines = ['world.seed: 1', f'run.duration_s: {args.duration}',
              *(s.replace('=', ': ') for s in settings)]
@@ -118,7 +122,8 @@ def campaign(args: argparse.Namespace, name: str, episodes: int, jobs: int,
                     + ''.join(f'  {line}\n' for line in lines))
     start = time.monotonic()
     subprocess.run([*CLI, 'campaign', str(file), '-o', str(args.output / name), '--jobs',
-                    str(jobs)], check=True, stdout=subprocess.DEVNULL)
+                    str(jobs)], check=True, stdout=subprocess.DEVNULL,
+                   preexec_fn=(lambda: os.sched_setaffinity(0, core)) if one_core else None)
     return time.monotonic() - start
 
 
