@@ -26,7 +26,7 @@ from lunar_rover_sim.physics.config import ImuConfig, PhysicsConfig
 from lunar_rover_sim.resources import find_file, packaged_names
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.store import load_rover
-from lunar_rover_sim.stereo.sgm import SgmConfig
+from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.yaml_text import parse_yaml, read_text
 

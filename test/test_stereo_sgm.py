@@ -6,7 +6,8 @@ import pytest
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth
 from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
-from lunar_rover_sim.stereo.sgm import DisparityMap, SgmConfig, SgmMatcher
+from lunar_rover_sim.stereo.config import SgmConfig
+from lunar_rover_sim.stereo.sgm import DisparityMap, SgmMatcher
 
 
 def textured_pair(disparity_px, height=240, width=400, sky=60, seed=0):
