@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 _LIT = {'ROVER_SHADOW': 1}
 # Passes over the pixels of the ground, by name.
 GROUND_PASSES: dict[str, dict[str, int]] = {
-    'ground': _LIT, 'refined': {**_LIT, 'REFINE': 1},
+    'ground': {**_LIT, 'SKYLINE': 1}, 'refined': {**_LIT, 'SKYLINE': 1, 'REFINE': 1},
     'unlit ground': {'UNLIT': 1}, 'unlit refined': {'UNLIT': 1, 'REFINE': 1},
     'truth ground': {'TRUTH': 1}}
 

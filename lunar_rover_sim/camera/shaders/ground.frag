@@ -66,13 +66,50 @@ float mip(float level) {
     return max(whole + clamp((level - whole - 0.35) / 0.3, 0.0, 1.0), 0.0);
 }
 
+#ifdef SKYLINE
+// Share of a pixel at the skyline that the ground covers, from the steps of the skyline around it
+// (Reshetov, Morphological antialiasing, 2009). edge: the uppermost pixel of ground in the column.
+const int FARTHEST_STEP = 24;
+float covered_share(ivec2 edge, bool is_sky) {
+    vec2 rise = vec2(0.0);          // of the skyline beyond its run to the left and to the right
+    ivec2 run = ivec2(0);
+    for (int side = 0; side < 2; side++) {
+        ivec2 q = edge;
+        for (int k = 0; k < FARTHEST_STEP && rise[side] == 0.0; k++) {
+            q.x += 2 * side - 1;
+            if (q.x < 0 || q.x >= textureSize(u_depth, 0).x) break;
+            if (texelFetch(u_depth, q - ivec2(0, 1), 0).r > 0.0) rise[side] = 1.0;
+            else if (texelFetch(u_depth, q, 0).r == 0.0) rise[side] = -1.0;
+            else run[side]++;
+        }
+    }
+    float t = (2.0 * float(run.x) + 1.0) / float(run.x + run.y + 1) - 1.0;     // -1 to 1
+    float height = 0.5 * (rise.x * max(-t, 0.0) + rise.y * max(t, 0.0));
+    return is_sky ? max(height, 0.0) : 1.0 + min(height, 0.0);
+}
+#endif
+
 void main() {
     float depth = texelFetch(u_depth, ivec2(gl_FragCoord.xy), 0).r;
+#ifdef SKYLINE
+    ivec2 p = ivec2(gl_FragCoord.xy);
+    int last = u_first_row + textureSize(u_depth, 0).y / 2 - 1;
+    float covered = 1.0;
+    bool is_sky = depth == 0.0;
+    ivec2 edge = is_sky ? ivec2(p.x, min(p.y + 1, last)) : p;
+    if (is_sky) depth = texelFetch(u_depth, edge, 0).r;
+    // Rare: most blocks of pixels jump over it.
+    if (depth > 0.0 && edge.y > u_first_row
+        && texelFetch(u_depth, edge - ivec2(0, 1), 0).r == 0.0)
+        covered = covered_share(edge, is_sky);
+#endif
     vec3 ray = pixel_ray(pixel());
 #ifdef REFINE
     depth = refined(depth, ray);
 #endif
-#ifndef TRUTH
+#ifdef SKYLINE
+    o_depth = is_sky ? 0.0 : depth;
+#elif !defined(TRUTH)
     o_depth = depth;
 #endif
     vec3 relative = ray * depth;
@@ -136,5 +173,8 @@ void main() {
     float scattered = matter.g * matter.g + matter.b * matter.b * 0.5 * (1.0 - normal.z);
     o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered)
         + lamp_radiance;
+#ifdef SKYLINE
+    o_radiance *= covered;
+#endif
 #endif
 }
