@@ -86,7 +86,9 @@ def run(args: argparse.Namespace) -> int:
     if 'recorder_node' in scenario.run.nodes:
         from lunar_rover_sim.bag.summary import summarise
 
-        console.print(summarise(bag).lines(wall_s), highlight=False, soft_wrap=True)
+        with console.status('summing up the bag'):
+            summary = summarise(bag)
+        console.print(summary.lines(wall_s), highlight=False, soft_wrap=True)
         console.print(f'bag: {bag}', soft_wrap=True, highlight=False)
     return 130 if interrupted else 0
 
