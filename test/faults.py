@@ -341,6 +341,8 @@ def main() -> int:
     parser.add_argument('--scale', type=float, default=1.0, help='of the number of faults')
     parser.add_argument('--only', default='', help='one kind of fault')
     args = parser.parse_args()
+    # Who is started in the background of a shell ignores Ctrl-C, and so do its children.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = args.output.resolve()
     folder.mkdir(parents=True)
     rng = np.random.default_rng(args.seed)
