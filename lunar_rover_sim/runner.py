@@ -86,14 +86,20 @@ class Graph:
                 now_ns = clock.now_ns()
                 if now_ns != last_ns:
                     last_ns, last_progress = now_ns, time.monotonic()
-                limit_s = self._silence_s if last_ns > _STARTED_NS else self._start_s
-                if limit_s is not None and 0 < self._end_ns <= last_ns:
-                    limit_s += _STOP_S
+                limit_s = self._limit_s(last_ns)
                 if limit_s is not None and time.monotonic() - last_progress > limit_s:
                     raise GraphError(self._silence(limit_s, last_ns))
                 self._measure()
                 on_progress(now_ns)
                 time.sleep(_POLL_S)
+
+    def _limit_s(self, last_ns: int) -> float | None:
+        """Return how long time may stand: longer while nodes start, unless one is stopped."""
+        starting = last_ns <= _STARTED_NS and not self._stopped()
+        limit_s = self._start_s if starting else self._silence_s
+        if limit_s is not None and 0 < self._end_ns <= last_ns:
+            limit_s += _STOP_S
+        return limit_s
 
     def _silence(self, limit_s: float, last_ns: int) -> str:
         """Return whose fault it is that time stands: who said so, is stopped, or else physics."""
@@ -102,11 +108,13 @@ class Graph:
             fatal = self._fatal(name)
             if fatal:
                 return f'{name}: {fatal} (log: {self._log(name)})'
-        for name, process in self._processes.items():
-            if _state(process.pid) == 'T':
-                return f'{name} is stopped (SIGSTOP) {at} (log: {self._log(name)})'
+        for name in self._stopped():
+            return f'{name} is stopped (SIGSTOP) {at} (log: {self._log(name)})'
         return (f'physics_node has been silent for {limit_s:g} s {at} '
                 f'(log: {self._log("physics_node")})')
+
+    def _stopped(self) -> list[str]:
+        return [name for name, process in self._processes.items() if _state(process.pid) == 'T']
 
     def stop(self, failed: bool = False) -> None:
         """Stop all nodes in order, the recorder last; raise GraphError if one ends badly.

@@ -173,6 +173,21 @@ def test_a_stopped_node_is_named(tmp_path: Path) -> None:
     assert time.monotonic() - stopped < 10
 
 
+def test_physics_stopped_while_the_nodes_start(tmp_path: Path) -> None:
+    """It is not given the time that a slow start is given."""
+    folder = tmp_path / 'run'
+    run = start(folder, '--set', 'physics_node.wait.silence_s=3.0')
+    deadline = time.monotonic() + 30.0
+    while not (folder / 'logs' / 'recorder_node.log').is_file() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.kill(process_of(folder, 'physics_node'), signal.SIGSTOP)
+    stopped = time.monotonic()
+    _, stderr = run.communicate(timeout=60)
+    assert run.returncode == 1
+    assert 'physics_node is stopped (SIGSTOP)' in stderr
+    assert time.monotonic() - stopped < 10
+
+
 def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
     """Motors too strong for an explicit integrator: named, and the drive up to there is kept."""
     folder = tmp_path / 'run'
