@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import ctypes
 import importlib.util
 import os
 from pathlib import Path
 import signal
-import subprocess
-import sys
 import time
 from types import TracebackType
 
@@ -17,13 +14,13 @@ from lunar_rover_sim.bag.marker import why_incomplete
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.graph import (
     BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER)
+from lunar_rover_sim.processes import Launcher
 
 _POLL_S = 0.1
 # What a node is given to end: the recorder has a bag to finish, and after a failure there is
 # nothing that the others could still add to it.
 _STOP_S = 15.0
 _STOP_AFTER_FAILURE_S = 2.0
-_PR_SET_PDEATHSIG = 1
 # Longer than any lag that a participant may have: behind it, everybody has started.
 _STARTED_NS = 1_000_000_000
 
@@ -41,33 +38,30 @@ class Graph:
     silence_s, start_s: wall time without progress of the clock after which physics counts as hung,
         in the run and in its first simulated second, where time stands until the slowest node has
         started; None where time may stand still anyway (paused, real time).
+    launcher: starts the processes.
     end_ns: simulated time at which physics finishes; then it is given time to leave; 0 for never.
     cpu_s: node → processor time that it has used so far [s].
     """
 
-    def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int,
+    def __init__(self, launcher: Launcher, plans: Sequence[NodePlan], folder: Path, domain: int,
                  silence_s: float | None = None, start_s: float | None = None,
                  end_ns: int = 0) -> None:
         self._folder = folder
         self._silence_s = silence_s
         self._start_s = start_s
         self._end_ns = end_ns
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self.cpu_s: dict[str, float] = {}
         (folder / LOG_FOLDER).mkdir(exist_ok=True)
-        environment = dict(os.environ, ROS_DOMAIN_ID=str(domain), PYTHONUNBUFFERED='1',
-                           ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
-        environment.pop('ROS_LOCALHOST_ONLY', None)
-        # The monitor of this process joins the same graph.
-        os.environ.update(environment)
         for plan in plans:
-            command = [sys.executable, '-m', f'lunar_rover_sim.nodes.{plan.name}',
-                       *plan.ros_arguments(folder / SCENARIO_FILE)]
-            with open(self._log(plan.name), 'wb') as log:
-                # A session of its own: Ctrl-C reaches the runner only, which stops in order.
-                self._processes[plan.name] = subprocess.Popen(
-                    command, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
-                    env=environment, start_new_session=True, preexec_fn=_die_with_parent)
+            self._log(plan.name).write_bytes(b'')
+        # The monitor of this process joins the same graph.
+        environment = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        os.environ.pop('ROS_LOCALHOST_ONLY', None)
+        os.environ.update(environment)
+        launcher.start([(plan.name, self._log(plan.name),
+                         plan.ros_arguments(folder / SCENARIO_FILE)) for plan in plans],
+                       environment)
+        self._launcher, self._processes = launcher, launcher.nodes
 
     def wait(self, on_progress: Callable[[int], None]) -> None:
         """Return when physics has finished; raise GraphError when a node dies or time stands.
@@ -77,15 +71,16 @@ class Graph:
         from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
 
         with ClockMonitor() as clock:
-            last_ns, last_progress = 0, time.monotonic()
+            last_ns, last_progress, stopped = 0, time.monotonic(), self._stopped()
             while True:
                 ended = self._ended()
                 if ended:
                     on_progress(clock.now_ns())
                     return
                 now_ns = clock.now_ns()
-                if now_ns != last_ns:
-                    last_ns, last_progress = now_ns, time.monotonic()
+                # Whoever is stopped is given the same time as whoever is silent.
+                if now_ns != last_ns or stopped != self._stopped():
+                    last_ns, last_progress, stopped = now_ns, time.monotonic(), self._stopped()
                 limit_s = self._limit_s(last_ns)
                 if limit_s is not None and time.monotonic() - last_progress > limit_s:
                     raise GraphError(self._silence(limit_s, last_ns))
@@ -140,8 +135,8 @@ class Graph:
                 try:
                     # Who is stopped (SIGSTOP) hears nothing.
                     process.wait(0.0 if _state(process.pid) == 'T' else limit_s)
-                except subprocess.TimeoutExpired:
-                    process.kill()
+                except TimeoutError:
+                    process.send_signal(signal.SIGKILL)
                     process.wait()
                     failures.append(f'{name} did not stop within {limit_s:g} s and was killed')
                     continue
@@ -175,13 +170,15 @@ class Graph:
             status = process.poll()
             if status is None:
                 continue
+            if self._launcher.killed:
+                raise GraphError('the launcher of the nodes was killed, and they with it')
             if name == 'physics_node' and status == 0:
                 return True
             raise GraphError(self._obituary(name))
         return False
 
     def _obituary(self, name: str) -> str:
-        status = self._processes[name].returncode
+        status = self._processes[name].returncode or 0
         how = f'status {status}' if status >= 0 else signal.Signals(-status).name
         last = [line.strip() for line in self._said(name) if line.strip()]
         reason = self._fatal(name) or (last[-1] if last else '')
@@ -214,8 +211,3 @@ def _stat(pid: int) -> list[str]:
 def _state(pid: int) -> str:
     """Return the letter of a process's state: T for stopped."""
     return (_stat(pid) or [''])[0]
-
-
-def _die_with_parent() -> None:
-    """Let the kernel end the node when the runner is killed, so that no orphan walks on."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -99,7 +99,10 @@ class Run:
         return sum(f.stat().st_size for f in (self.folder / 'bag').glob('*.mcap'))
 
     def node(self, name: str) -> int:
-        """Return the process id of a node."""
+        """Return the process id of a node, as soon as it is there."""
+        deadline = time.monotonic() + START_S
+        while name not in self.pids() and time.monotonic() < deadline:
+            time.sleep(0.02)
         return self.pids()[name]
 
     def pids(self) -> dict[str, int]:
@@ -110,7 +113,7 @@ class Run:
                 words = path.read_bytes().split(b'\0')
             except OSError:
                 continue
-            if any(str(self.folder).encode() + b'/' in word for word in words):
+            if str(self.folder.resolve()).encode() in words:
                 for word in words:
                     if word.startswith(b'lunar_rover_sim.nodes.'):
                         found[word.decode().rpartition('.')[2]] = int(path.parent.name)

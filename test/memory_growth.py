@@ -97,21 +97,26 @@ def record(args: argparse.Namespace, rows: list[dict[str, object]], file: TextIO
 
 
 def processes(runner: int) -> dict[str, int]:
-    """Return name → process id of the runner and its nodes."""
+    """Return name → process id of the runner and its nodes, which are below its launcher."""
     found = {'runner': runner}
-    for task in Path(f'/proc/{runner}/task').glob('*/children'):
-        try:
-            children = task.read_text().split()
-        except OSError:
-            continue
-        for child in children:
+    for launcher in children(runner):
+        for child in children(launcher):
             try:
                 words = Path(f'/proc/{child}/cmdline').read_bytes().split(b'\0')
             except OSError:
                 continue
             for name in STOP_ORDER:
                 if f'lunar_rover_sim.nodes.{name}'.encode() in words:
-                    found[name] = int(child)
+                    found[name] = child
+    return found
+
+
+def children(pid: int) -> list[int]:
+    """Return the process ids of the children of all threads of a process."""
+    found = []
+    for task in Path(f'/proc/{pid}/task').glob('*/children'):
+        with suppress(OSError):
+            found += [int(word) for word in task.read_text().split()]
     return found
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.terrain import View
-from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 if TYPE_CHECKING:
@@ -101,7 +102,6 @@ class Boulders:
 
 def coarse(shape: RockShape) -> RockShape:
     """Return the convex hull of a few far-apart vertices of a shape."""
-    from scipy.spatial import ConvexHull
     points = shape.vertices.astype(float)
     if len(points) <= _COARSE_VERTICES:
         return shape
@@ -112,13 +112,25 @@ def coarse(shape: RockShape) -> RockShape:
         apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=1))
     # A little larger, since corners are cut.
     kept = points[chosen] * 1.06
-    hull = ConvexHull(kept)
-    faces = hull.simplices.copy()
-    corner = kept[faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    inward = np.einsum('ij,ij->i', normal, hull.equations[:, :3]) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
+    faces = _hull(kept)
     return RockShape(shape.name, kept.astype(np.float32), faces.astype(np.int32))
+
+
+def _hull(points: Array) -> NDArray[np.int64]:
+    """Return (f, 3) outward faces of the convex hull of a dozen (n, 3) points.
+
+    Every plane through three of them that has the others on one side. (SciPy's takes a third of a
+    second to import, more than all else that is done for the rocks.)
+    """
+    # In general position, so that four points of one plane give two faces.
+    points = points + np.random.default_rng(0).uniform(-1e-7, 1e-7, points.shape)
+    faces = np.array(list(itertools.combinations(range(len(points)), 3)))
+    corner = points[faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    side = (points[None] - corner[:, :1]) @ normal[..., None]
+    side[np.arange(len(faces))[:, None], faces] = 0.0
+    below, above = np.all(side <= 0.0, axis=(1, 2)), np.all(side >= 0.0, axis=(1, 2))
+    return np.concatenate([faces[below], faces[above][:, ::-1]])
 
 
 def facets(shape: RockShape) -> F32:

@@ -9,6 +9,7 @@ the share of a pixel's footprint that lies in shadow is known without drawing it
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import cv2
 import numpy as np
@@ -56,9 +57,11 @@ def relief(recipe: TileRecipe, rng: np.random.Generator) -> F32:
 
 def slopes(height: F32, texel_m: float) -> F32:
     """Return (n, n, 2) slopes dz/dx, dz/dy of periodic heights."""
-    return np.stack([np.roll(height, -1, 1) - np.roll(height, 1, 1),
-                     np.roll(height, -1, 0) - np.roll(height, 1, 0)],
-                    axis=-1) * np.float32(0.5 / texel_m)
+    result = np.empty((*height.shape, 2), np.float32)
+    for k, axis in enumerate((1, 0)):
+        np.subtract(np.roll(height, -1, axis), np.roll(height, 1, axis), out=result[..., k])
+    result *= np.float32(0.5 / texel_m)
+    return result
 
 
 def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[np.float64]) -> F32:
@@ -73,33 +76,35 @@ def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[n
     z = z[::-1] if along < 0.0 else z
     z = np.ascontiguousarray(z[:, ::-1] if across < 0.0 else z)
     n = z.shape[0]
+    z = np.hstack([z, z, z[:, :1]])     # periodic
     shear = abs(across) / abs(along)
     drop = (texel_m * np.hypot(1.0, shear) * tangents).astype(np.float32)[:, None]
     current = np.full((len(tangents), n), -1e6, np.float32)
     out = np.empty((n, n), np.float32)
     lift = np.empty_like(current)
     step = np.float32(tangents[1] - tangents[0])
+    columns = np.arange(n)
     for row in range(n + n // 4, -1, -1):
+        # Line j lies at column j + shift.
         shift = shear * row
-        whole, fraction = int(np.floor(shift)), np.float32(shift - np.floor(shift))
-        # Line j lies at column j + shift, periodic.
-        ground = np.roll(z[row % n], -whole)
-        ground = ground + fraction * (np.roll(ground, -1) - ground)
+        whole, fraction = int(np.floor(shift)) % n, np.float32(shift - np.floor(shift))
+        ground = z[row % n, whole:whole + n]
+        ground = ground + fraction * (z[row % n, whole + 1:whole + n + 1] - ground)
         current -= drop
         if row < n:
             np.subtract(ground, current, out=lift)  # increases with the tangent
-            dark = (lift < 0.0).sum(axis=0)
-            k = np.clip(dark, 1, len(tangents) - 1)
-            columns = np.arange(n)
-            low, high = lift[k - 1, columns], lift[k, columns]
+            dark = np.count_nonzero(lift < 0.0, axis=0)
+            k = np.minimum(np.maximum(dark, 1), len(tangents) - 1)
+            high = k * n + columns
+            low, high = lift.take(high - n), lift.take(high)
             # Zero extrapolated from below, where what is far away limits the view (see `horizon`).
-            before = lift[np.maximum(k - 2, 0), columns]
+            before = lift.take(np.maximum(k - 2, 0) * n + columns)
             rise = np.where(dark > 1, low - before, high - low)
-            part = np.clip(-low / np.maximum(rise, 1e-9), 0.0, 1.0)
+            part = np.minimum(np.maximum(-low / np.maximum(rise, 1e-9), 0.0), 1.0)
             tangent = np.float32(tangents[0]) + step * (k - 1 + part)
             # Back from lines to columns.
-            tangent = tangent + fraction * (np.roll(tangent, 1) - tangent)
-            out[row] = np.roll(tangent, whole)
+            tangent = tangent + fraction * (np.append(tangent[-1:], tangent[:-1]) - tangent)
+            out[row, whole:], out[row, :whole] = tangent[:n - whole], tangent[n - whole:]
         np.maximum(current, ground, out=current)
     out = out[::-1] if along < 0.0 else out
     out = out[:, ::-1] if across < 0.0 else out
@@ -139,16 +144,19 @@ def _fractal(recipe: TileRecipe, rng: np.random.Generator) -> F32:
     """Return self-affine relief: power of the height ~ k^(-2 - 2 hurst) in two dimensions."""
     n = recipe.n
     frequency = np.fft.fftfreq(n, recipe.period_m / n).astype(np.float32)
-    k = np.hypot(frequency[:, None], frequency[None, :n // 2 + 1])
-    k[0, 0] = 1.0
-    amplitude = k**(-1.0 - recipe.hurst)
+    square = frequency[:, None]**2 + frequency[None, :n // 2 + 1]**2
+    square[0, 0] = 1.0
+    amplitude = square**np.float32(-0.5 - 0.5 * recipe.hurst)
     # Soft at the long end, where the relief of the grid takes over.
-    amplitude *= 1.0 / (1.0 + (1.0 / (k * recipe.longest_m))**4)
+    soft = (square * np.float32(recipe.longest_m**2))**2
+    amplitude *= soft / (1.0 + soft)
     amplitude[0, 0] = 0.0
-    noise = np.fft.rfft2(rng.standard_normal((n, n), dtype=np.float32))
-    height = np.fft.irfft2(noise * amplitude, s=(n, n)).astype(np.float32)
+    # White noise is white in the spectrum too: draw it there.
+    noise = rng.standard_normal((n, n // 2 + 1, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    noise *= amplitude
+    height = np.fft.irfft2(noise, s=(n, n)).astype(np.float32)
     gradient = slopes(height, recipe.period_m / n)
-    return height * np.float32(recipe.rms_slope / np.sqrt((gradient**2).sum(axis=-1).mean()))
+    return height * np.float32(recipe.rms_slope * n / np.linalg.norm(gradient.ravel()))
 
 
 def _population(cover: float, span_m: tuple[float, float], period_m: float,
@@ -165,33 +173,37 @@ def _population(cover: float, span_m: tuple[float, float], period_m: float,
     return np.column_stack([rng.random((count, 2)) * period_m, size])
 
 
-def _window(n: int, texel: float, x: float, y: float,
-            radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64], F32, F32]:
+def _window(n: int, texel: float, x: float, y: float, radius: float) -> tuple[Any, F32, F32]:
+    """Return the index of the texels around a place, and their distances from it [m]."""
     cx, cy = x / texel, y / texel
     reach = int(np.ceil(radius / texel)) + 1
-    ix = np.arange(int(cx) - reach, int(cx) + reach + 2)
-    iy = np.arange(int(cy) - reach, int(cy) + reach + 2)
+    left, low, side = int(cx) - reach, int(cy) - reach, 2 * reach + 2
+    ix, iy = np.arange(left, left + side), np.arange(low, low + side)
     dx = ((ix - cx) * texel).astype(np.float32)
     dy = ((iy - cy) * texel).astype(np.float32)
-    return ix % n, iy % n, dx[None, :], dy[:, None]
+    if min(left, low) >= 0 and max(left, low) + side <= n:
+        at: Any = slice(low, low + side), slice(left, left + side)     # much the faster index
+    else:
+        at = iy[:, None] % n, ix % n
+    return at, dx[None, :], dy[:, None]
 
 
 def _pit(height: F32, texel: float, x: float, y: float, diameter: float, fresh: float) -> None:
     """Add a small crater: a bowl with a raised rim, the softer the older."""
     radius = 0.5 * diameter
-    ix, iy, dx, dy = _window(height.shape[0], texel, x, y, 2.2 * radius)
+    at, dx, dy = _window(height.shape[0], texel, x, y, 2.2 * radius)
     r = np.hypot(dx, dy) / radius
     depth = (0.05 + 0.12 * fresh) * diameter
     bowl = -depth * np.exp(-(r / 0.75)**(2.0 + 2.0 * fresh))
     rim = 0.22 * depth * np.exp(-((r - 1.05) / 0.33)**2)
-    height[np.ix_(iy, ix)] += bowl + rim
+    height[at] += bowl + rim
 
 
 def _pebble(top: F32, texel: float, x: float, y: float, diameter: float,
             rng: np.random.Generator) -> None:
     """Raise a stone: cut by planes in random directions, partly buried, never round."""
     radius = 0.5 * diameter
-    ix, iy, dx, dy = _window(top.shape[0], texel, x, y, radius)
+    at, dx, dy = _window(top.shape[0], texel, x, y, radius)
     turn = rng.uniform(0.0, 2.0 * np.pi)
     flat = rng.uniform(0.55, 1.0)
     u = np.cos(turn) * dx + np.sin(turn) * dy
@@ -205,5 +217,4 @@ def _pebble(top: F32, texel: float, x: float, y: float, diameter: float,
     angle, steep, edge = (side[:, None, None] for side in (angle, steep, edge))
     cuts = steep * (edge - np.cos(angle) * u - np.sin(angle) * v)
     height = np.minimum(height, cuts.min(axis=0))
-    grid = np.ix_(iy, ix)
-    top[grid] = np.maximum(top[grid], height)
+    top[at] = np.maximum(top[at], height)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 import dataclasses
 import logging
 from types import TracebackType
@@ -83,6 +83,8 @@ class Renderer:
         if max(width, 2 * height) > limit:
             raise RenderError(f'camera size {width} x {height}: this device draws at most '
                               f'{limit} x {limit // 2}')
+        self._tiles = TileMaker(config.detail, self.seed)
+        tiles = self._start_tiles()
         # Left above right in one pair of attachments.
         self._radiance = context.texture((width, 2 * height), 1, dtype='f4')
         self._mesh_depth = context.texture((width, 2 * height), 1, dtype='f4')
@@ -101,8 +103,7 @@ class Renderer:
             inner = grid.half_extent_m
         self._mesh = ChunkMesh(context)
         self._truth: Any = None
-        self._tiles = TileMaker(config.detail, self.seed)
-        self._light_surface()
+        self._light_surface(tiles)
         self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
                                   self.sunlight.rock_light())
         self._rover = RoverBody(context, self.rover)
@@ -114,11 +115,17 @@ class Renderer:
         self._ranges = level_ranges([level.tree for level in self._levels], config.detail)
         self._set_constants()
 
-    def _light_surface(self) -> None:
+    def _start_tiles(self) -> Future[Any]:
+        """Make the tiles under the present sun, in a thread of its own."""
+        pool = ThreadPoolExecutor(1)
+        try:
+            return pool.submit(self._tiles.make, SunGeometry.towards(self.sun_direction))
+        finally:
+            pool.shutdown(wait=False)
+
+    def _light_surface(self, tiles: Future[Any]) -> None:
         """Compute what the sun sees."""
-        with ThreadPoolExecutor(1) as pool:
-            tiles = pool.submit(self._tiles.make, SunGeometry.towards(self.sun_direction))
-            self.sunlight = Sunlight(self.world, self.config, self.sun_direction)
+        self.sunlight = Sunlight(self.world, self.config, self.sun_direction)
         self._sun_axes = sun_axes(self.sunlight.sun)
         self._surface = Surface(self._context, self.world, self.sunlight, *tiles.result())
 
@@ -130,7 +137,7 @@ class Renderer:
         self.sun_direction = sun_direction(azimuth_deg, elevation_deg)
         with self._context:
             self._surface.release()
-            self._light_surface()
+            self._light_surface(self._start_tiles())
             self._boulders.relight(self.sunlight.rock_light())
             self._set_constants()
         if self._auto is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 import dataclasses
 from typing import Any, TYPE_CHECKING
 
@@ -93,11 +94,18 @@ class Surface:
         layers = len(world.levels)
         self._ground = context.texture_array((self._side, self._side, layers), 4, dtype='f2')
         self._matter = context.texture_array((self._side, self._side, layers), 4, dtype='f1')
-        for k, (grid, clearance) in enumerate(zip(world.levels, sunlight.clearance)):
+
+        def texels(k: int) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
+            grid = world.levels[k]
             albedo = world.albedo if k == 0 else np.ones((grid.n, grid.n), np.float32)
-            area = (0, 0, k, grid.n, grid.n, 1)
-            self._ground.write(_ground_texels(grid.heights_m, grid.cell_m, *clearance), area)
-            self._matter.write(_matter_texels(albedo, *sunlight.scattered[k]), area)
+            return (_ground_texels(grid.heights_m, grid.cell_m, *sunlight.clearance[k]),
+                    _matter_texels(albedo, *sunlight.scattered[k]))
+
+        with ThreadPoolExecutor(2) as pool:
+            for k, (ground, matter) in enumerate(pool.map(texels, range(layers))):
+                area = (0, 0, k, world.levels[k].n, world.levels[k].n, 1)
+                self._ground.write(ground, area)
+                self._matter.write(matter, area)
         for texture in (self._ground, self._matter):
             texture.build_mipmaps()
             texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
@@ -111,10 +119,10 @@ class Surface:
         self._tiles, self._periods = [], [relief.period_m for relief in reliefs]
         for levels in tiles:
             size = levels[0].shape[0]
-            tile = context.texture((size, size), 4, levels[0].tobytes(), dtype='f1')
+            tile = context.texture((size, size), 4, levels[0], dtype='f1')
             tile.build_mipmaps()
             for k, level in enumerate(levels):
-                tile.write(level.tobytes(), level=k)
+                tile.write(level, level=k)
             tile.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
             self._tiles.append(tile)
 
@@ -148,7 +156,8 @@ class Surface:
                     u_grain=(1.0 / 3.1, 1.0, 0.11, 1.4))
 
 
-def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32, occluder_m: F32) -> bytes:
+def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32,
+                   occluder_m: F32) -> NDArray[np.float16]:
     n = heights_m.shape[0]
     data = np.empty((n, n, 4), np.float16)
     slope = np.empty((n, n), np.float32)
@@ -159,10 +168,10 @@ def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32, occluder_m: 
     slope[0], slope[-1] = slope[1], slope[-2]
     data[..., 1] = slope
     data[..., 2], data[..., 3] = clearance_m, occluder_m
-    return data.tobytes()
+    return data
 
 
-def _matter_texels(albedo: F32, irradiance: F32, surroundings: F32) -> bytes:
+def _matter_texels(albedo: F32, irradiance: F32, surroundings: F32) -> NDArray[np.uint8]:
     n = albedo.shape[0]
     data = np.zeros((n, n, 4), np.uint8)
     for channel, value in enumerate((albedo * np.float32(0.5), np.sqrt(4.0 * irradiance),
@@ -170,4 +179,4 @@ def _matter_texels(albedo: F32, irradiance: F32, surroundings: F32) -> bytes:
         if value.shape[0] != n:
             value = cv2.resize(value, (n, n), interpolation=cv2.INTER_LINEAR)
         data[..., channel] = np.clip(np.rint(value * 255.0), 0, 255)
-    return data.tobytes()
+    return data

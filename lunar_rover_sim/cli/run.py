@@ -7,6 +7,10 @@ import dataclasses
 from pathlib import Path
 import signal
 import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.processes import Launcher
 
 # Physics names whoever it waits for before the runner names physics.
 _SILENCE_MARGIN_S = 1.0
@@ -35,12 +39,21 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate and record; print a summary."""
+    from lunar_rover_sim.processes import Launcher
+    from lunar_rover_sim.runner import require_ros
+
+    require_ros()
+    with Launcher(args.output.resolve()) as launcher:
+        return _record(args, launcher)
+
+
+def _record(args: argparse.Namespace, launcher: Launcher) -> int:
     from rich.console import Console
 
     from lunar_rover_sim.config import load_scenario, REAL_TIME
     from lunar_rover_sim.domain import OwnDomain
     from lunar_rover_sim.graph import BAG_FOLDER, prepare, resolve
-    from lunar_rover_sim.runner import Graph, require_ros
+    from lunar_rover_sim.runner import Graph
     from lunar_rover_sim.world.store import cached, load
 
     overrides = list(args.overrides)
@@ -49,7 +62,6 @@ def run(args: argparse.Namespace) -> int:
     if args.real_time:
         overrides.append(f'time_mode={REAL_TIME}')
     scenario = load_scenario(args.scenario, overrides, args.seed)
-    require_ros()
     console = Console()
     if args.world is not None:
         world = args.world.resolve()
@@ -73,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         console.print(f'{scenario.name}, seed {scenario.shared.seed}: '
                       f'{scenario.run.duration_s:g} s, ROS_DOMAIN_ID={domain.id}')
         start = time.monotonic()
-        with Graph(plans, folder, domain.id, silence_s, start_s,
+        with Graph(launcher, plans, folder, domain.id, silence_s, start_s,
                    round(scenario.run.duration_s * 1e9)) as graph:
             try:
                 _watch(graph, scenario, console)

@@ -102,12 +102,11 @@ def first_frame(folder: Path, domain: int, settings: list[str]) -> tuple[float, 
 
 
 def processor_s(pid: int) -> float:
-    """Return the processor time of a process and its children that run [s]."""
-    total = 0.0
-    children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
-    for number in (str(pid), *children):
-        fields = Path(f'/proc/{number}/stat').read_text().rpartition(')')[2].split()
-        total += (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    """Return the processor time of a process and all below it that run [s]."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    total = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    for task in Path(f'/proc/{pid}/task').iterdir():
+        total += sum(processor_s(int(child)) for child in (task / 'children').read_text().split())
     return total
 
 
