@@ -148,8 +148,8 @@ def test_bad_plans(fake, arguments, message) -> None:
         plan(scenarios, fake, *rest)
 
 
-def cells_of(results: dict[tuple[str, str], list[SlamResult]]) -> list[Cell]:
-    return [Cell(Drive(scenario, seed, 40.0), Estimator('reference', sensor), result,
+def cells_of(results: dict[tuple[str, str], list[SlamResult]], value: str = '') -> list[Cell]:
+    return [Cell(Drive(scenario, seed, 40.0, value=value), Estimator('reference', sensor), result,
                  failed=bool(result.reason) and not result.frames)
             for (scenario, sensor), seeds in results.items()
             for seed, result in enumerate(seeds, 1)]
@@ -196,6 +196,15 @@ def test_findings() -> None:
               for s in ('baseline', 'feature_sparse') for k in ('mono', 'stereo')}
     assert all(line.startswith('not: ') for line in table.findings(
         table.rows_of(cells_of(turned))))
+
+
+def test_findings_of_a_sweep() -> None:
+    """At which of its values drives were lost."""
+    cells = [cell for value, results in (('2', RESULTS['feature_sparse', 'stereo']),
+                                         ('10', RESULTS['baseline', 'stereo']))
+             for cell in cells_of({('baseline', 'stereo'): results}, value)]
+    assert table.findings(table.rows_of(cells), 'sun') == [
+        'baseline, stereo, sun: all drives tracked to their end at 10; at 2, 2 of 3 were not']
 
 
 def test_formats(tmp_path) -> None:

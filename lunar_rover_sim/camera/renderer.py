@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 import dataclasses
 import logging
 from types import TracebackType
@@ -21,7 +21,6 @@ from lunar_rover_sim.camera.programs import GROUND_PASSES, load_programs
 from lunar_rover_sim.camera.projection import clip_matrix, covered_rows, view_volume
 from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
 from lunar_rover_sim.camera.frame import LAYERS, read_image, StereoFrame
-from lunar_rover_sim.camera.horizon import SunGeometry
 from lunar_rover_sim.camera.imager import AutoExposure, Imager
 from lunar_rover_sim.camera import lamp as lamps
 from lunar_rover_sim.camera.rig import StereoRig
@@ -84,7 +83,7 @@ class Renderer:
             raise RenderError(f'camera size {width} x {height}: this device draws at most '
                               f'{limit} x {limit // 2}')
         self._tiles = TileMaker(config.detail, self.seed)
-        tiles = self._start_tiles()
+        tiles = self._tiles.start(self.sun_direction)
         # Left above right in one pair of attachments.
         self._radiance = context.texture((width, 2 * height), 1, dtype='f4')
         self._mesh_depth = context.texture((width, 2 * height), 1, dtype='f4')
@@ -115,14 +114,6 @@ class Renderer:
         self._ranges = level_ranges([level.tree for level in self._levels], config.detail)
         self._set_constants()
 
-    def _start_tiles(self) -> Future[Any]:
-        """Make the tiles under the present sun, in a thread of its own."""
-        pool = ThreadPoolExecutor(1)
-        try:
-            return pool.submit(self._tiles.make, SunGeometry.towards(self.sun_direction))
-        finally:
-            pool.shutdown(wait=False)
-
     def _light_surface(self, tiles: Future[Any]) -> None:
         """Compute what the sun sees."""
         self.sunlight = Sunlight(self.world, self.config, self.sun_direction)
@@ -137,7 +128,7 @@ class Renderer:
         self.sun_direction = sun_direction(azimuth_deg, elevation_deg)
         with self._context:
             self._surface.release()
-            self._light_surface(self._start_tiles())
+            self._light_surface(self._tiles.start(self.sun_direction))
             self._boulders.relight(self.sunlight.rock_light())
             self._set_constants()
         if self._auto is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 import dataclasses
 from typing import Any, TYPE_CHECKING
 
@@ -15,6 +15,7 @@ from lunar_rover_sim.camera.config import DetailConfig
 from lunar_rover_sim.camera.context import set_uniform
 from lunar_rover_sim.camera.horizon import SunGeometry
 from lunar_rover_sim.camera.sunlight import Sunlight
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.model import World
 
 if TYPE_CHECKING:
@@ -38,6 +39,9 @@ class Relief:
     height_m: F32
 
 
+Tiles = tuple[list[Relief], list[list[NDArray[np.uint8]]]]
+
+
 class TileMaker:
     """Makes the tiles under any sun; the relief, which is the same under all, once."""
 
@@ -45,8 +49,15 @@ class TileMaker:
         self._config, self._seed = config, seed
         self._reliefs: list[Relief] = []
 
-    def make(self, sun: SunGeometry) -> tuple[list[Relief], list[list[NDArray[np.uint8]]]]:
-        """Return the reliefs, coarse to fine, and for each its RGBA8 mip levels."""
+    def start(self, sun_direction: Array) -> Future[Tiles]:
+        """Make the reliefs, coarse to fine, and for each its RGBA8 mip levels, in a thread."""
+        pool = ThreadPoolExecutor(1)
+        try:
+            return pool.submit(self._make, SunGeometry.towards(sun_direction))
+        finally:
+            pool.shutdown(wait=False)
+
+    def _make(self, sun: SunGeometry) -> Tiles:
         if not self._reliefs:
             self._reliefs = _make_reliefs(self._config, self._seed)
         return self._reliefs, _make_tiles(self._reliefs, sun)

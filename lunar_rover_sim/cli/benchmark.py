@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         'Mean ± 95 % interval over seeds (Student). Mono is aligned by Sim(3), the others by '
         'SE(3); scale is true over estimated size of the path, by Sim(3). Distance is horizontal, '
         'in steps of 0.1 s.']
-    said = table.findings(rows) if not parameter else []
+    said = table.findings(rows, parameter)
     title = 'Benchmark' + (f' over {parameter}' if parameter else '')
     written = {
         f'{args.system}.md': '\n\n'.join([*statement, text, *said]).rstrip() + '\n',

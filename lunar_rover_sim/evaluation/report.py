@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim.evaluation.benchmark import Cell, cell_folder
-from lunar_rover_sim.evaluation.table import findings, Paper, Row, text_cells
+from lunar_rover_sim.evaluation.table import findings, Paper, Row, row_of, text_cells
 
 _STYLE = ('body{font:15px/1.5 sans-serif;max-width:75em;margin:2em auto;padding:0 1em}'
           'table{border-collapse:collapse}td,th{padding:.25em .7em;border-bottom:1px solid #ccc;'
           'text-align:right}td:first-child,th:first-child{text-align:left}img{max-width:100%}')
+
+_MEASURES = {'ate_percent': 'ATE [% of distance]', 'scale': 'scale', 'tracked': 'tracked [%]'}
 
 
 def html_report(title: str, statement: Sequence[str], rows: Sequence[Row], cells: Sequence[Cell],
@@ -28,14 +30,15 @@ def html_report(title: str, statement: Sequence[str], rows: Sequence[Row], cells
     parts = [f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>{_safe(title)}</title>'
              f'<style>{_STYLE}</style><h1>{_safe(title)}</h1>',
              *(f'<p>{_safe(line)}</p>' for line in statement), _table(rows, paper, parameter)]
-    said = findings(rows) if not parameter else []
+    said = findings(rows, parameter)
     if said:
         parts.append('<ul>' + ''.join(f'<li>{_safe(line)}</li>' for line in said) + '</ul>')
     wrong = [f'{c.name}: {c.result.reason}' for c in cells if c.result and c.result.reason]
     if wrong:
         parts.append('<h2>What went wrong</h2><ul>'
                      + ''.join(f'<li>{_safe(line)}</li>' for line in wrong) + '</ul>')
-    parts += ['<h2>Errors</h2>', _image(_curves(rows, parameter) if parameter else _bars(rows)),
+    errors = _curves(rows, cells, parameter) if parameter else _bars(rows, cells)
+    parts += ['<h2>Errors</h2>', _image(errors),
               '<h2>Paths</h2><p>Black: truth; coloured: estimate, aligned.</p>',
               _image(_paths(rows, cells, folder)), '</html>']
     return '\n'.join(parts) + '\n'
@@ -58,40 +61,59 @@ def _figure(width: float, height: float) -> Any:
     return Figure(figsize=(width, height), layout='constrained')
 
 
-def _bars(rows: Sequence[Row]) -> Any:
+def _bars(rows: Sequence[Row], cells: Sequence[Cell]) -> Any:
     figure = _figure(12.0, 4.0)
     labels = [f'{r.scenario}\n{r.sensor}' for r in rows]
-    for axis, name, title in zip(figure.subplots(1, 3), ('ate_percent', 'scale', 'tracked'),
-                                 ('ATE [% of distance]', 'scale', 'tracked [%]')):
-        means = [getattr(r, name) for r in rows]
-        axis.errorbar(range(len(rows)), [m.value for m in means],
-                      yerr=np.nan_to_num([m.half_width for m in means]), fmt='o', capsize=4)
+    for axis, (name, title) in zip(figure.subplots(1, 3), _MEASURES.items()):
+        _spread(axis, range(len(rows)), rows, cells, name, 'o')
         axis.set_xticks(range(len(rows)), labels, rotation=60, ha='right', fontsize=7)
-        axis.set_title(f'{title}, mean and 95 %')
-        axis.grid(alpha=0.3)
+        _finish(axis, title)
     return figure
 
 
-def _curves(rows: Sequence[Row], parameter: str) -> Any:
+def _curves(rows: Sequence[Row], cells: Sequence[Cell], parameter: str) -> Any:
     figure = _figure(12.0, 4.0)
     values = list(dict.fromkeys(r.value for r in rows))
     try:
         places = {v: float(v) for v in values}
     except ValueError:
         places = {v: float(k) for k, v in enumerate(values)}
-    for axis, name, title in zip(figure.subplots(1, 3), ('ate_percent', 'scale', 'tracked'),
-                                 ('ATE [% of distance]', 'scale', 'tracked [%]')):
+    for axis, (name, title) in zip(figure.subplots(1, 3), _MEASURES.items()):
         for scenario, sensor in dict.fromkeys((r.scenario, r.sensor) for r in rows):
             chosen = [r for r in rows if (r.scenario, r.sensor) == (scenario, sensor)]
-            means = [getattr(r, name) for r in chosen]
-            axis.errorbar([places[r.value] for r in chosen], [m.value for m in means],
-                          yerr=np.nan_to_num([m.half_width for m in means]), fmt='o-', capsize=4,
-                          label=f'{scenario} {sensor}')
+            _spread(axis, [places[r.value] for r in chosen], chosen, cells, name, 'o-',
+                    f'{scenario} {sensor}')
         axis.set_xticks(list(places.values()), list(places))
-        axis.set(xlabel=parameter, title=f'{title}, mean and 95 %')
-        axis.grid(alpha=0.3)
+        axis.set_xlabel(parameter)
+        _finish(axis, title)
     axis.legend(fontsize=8)
     return figure
+
+
+def _spread(axis: Any, places: Sequence[float], rows: Sequence[Row], cells: Sequence[Cell],
+            name: str, style: str, label: str = '') -> None:
+    """Draw means with their intervals, and every drive as a point."""
+    means = [getattr(row, name) for row in rows]
+    drawn = axis.errorbar(places, [m.value for m in means],
+                          yerr=np.nan_to_num([m.half_width for m in means]), fmt=style, capsize=4,
+                          label=label)
+    colour = drawn.lines[0].get_color()
+    for place, row in zip(places, rows):
+        results = [c.result for c in cells if c.result is not None and row_of(c) == row.key]
+        of_drives = np.array([100.0 * r.tracked_share if name == 'tracked' else getattr(r, name)
+                              for r in results])
+        axis.plot(np.full(len(results), place), of_drives, 'x', color=colour, alpha=0.6)
+
+
+def _finish(axis: Any, title: str) -> None:
+    axis.set_title(f'{title}: mean, 95 %, drives', fontsize=10)
+    axis.grid(alpha=0.3)
+    # The axes hold what was measured; the interval of two drives may go far beyond.
+    points = np.concatenate([line.get_ydata() for line in axis.lines if line.get_marker() == 'x'])
+    points = points[np.isfinite(points)]
+    if len(points):
+        margin = 0.15 * max(float(np.ptp(points)), 0.02 * float(np.abs(points).max()), 1e-6)
+        axis.set_ylim(points.min() - margin, points.max() + margin)
 
 
 def _paths(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> Any:
@@ -103,8 +125,7 @@ def _paths(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> Any:
         axis.set_axis_off()
     for axis, row in zip(axes, rows):
         for cell in cells:
-            if (cell.drive.scenario, cell.drive.value, cell.estimator.sensor,
-                    cell.estimator.system) != (row.scenario, row.value, row.sensor, row.system):
+            if row_of(cell) != row.key:
                 continue
             path = cell_folder(folder, cell) / 'path.npz'
             if not path.exists():

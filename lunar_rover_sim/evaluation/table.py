@@ -73,13 +73,22 @@ class Row:
     duration_s: Mean
     reasons: tuple[str, ...]
 
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """Scenario, value, sensor and system: what its cells have in common; see `row_of`."""
+        return self.scenario, self.value, self.sensor, self.system
+
+
+def row_of(cell: Cell) -> tuple[str, str, str, str]:
+    """Return the key of the row that a cell belongs to."""
+    return (cell.drive.scenario, cell.drive.value, cell.estimator.sensor, cell.estimator.system)
+
 
 def rows_of(cells: Iterable[Cell]) -> list[Row]:
     """Return the rows of a table, in the order in which they first come."""
     groups: dict[tuple[str, str, str, str], list[Cell]] = {}
     for cell in cells:
-        key = (cell.drive.scenario, cell.drive.value, cell.estimator.sensor, cell.estimator.system)
-        groups.setdefault(key, []).append(cell)
+        groups.setdefault(row_of(cell), []).append(cell)
     rows = []
     for (scenario, value, sensor, system), group in groups.items():
         results = [c.result for c in group if c.result is not None]
@@ -143,8 +152,13 @@ def csv_text(rows: Sequence[Row]) -> str:
     return file.getvalue()
 
 
-def findings(rows: Sequence[Row]) -> list[str]:
-    """Return whether what is known of these scenarios shows: sentences, `as expected` or `not`."""
+def findings(rows: Sequence[Row], parameter: str = '') -> list[str]:
+    """Return whether what is known of these scenarios shows: sentences, `as expected` or `not`.
+
+    Of a sweep over `parameter`: at which of its values drives were lost.
+    """
+    if parameter:
+        return _losses(rows, parameter)
     by = {(r.scenario, r.sensor): r for r in rows}
     said = []
     for sensor in sorted({r.sensor for r in rows}):
@@ -159,6 +173,18 @@ def findings(rows: Sequence[Row]) -> list[str]:
             near = abs(row.scale.value - 1.0) <= _NEAR_ONE
             said.append(f'{"as expected" if near else "not"}: the scale of stereo is within '
                         f'{100 * _NEAR_ONE:g} % of 1 on {scenario}')
+    return said
+
+
+def _losses(rows: Sequence[Row], parameter: str) -> list[str]:
+    said = []
+    for scenario, sensor in dict.fromkeys((r.scenario, r.sensor) for r in rows):
+        own = [r for r in rows if (r.scenario, r.sensor) == (scenario, sensor)]
+        whole = [r.value for r in own if not r.reasons]
+        parts = [f'all drives tracked to their end at {", ".join(whole)}'] if whole else []
+        parts += [f'at {r.value}, {len(r.reasons)} of {r.drives} were not'
+                  for r in own if r.reasons]
+        said.append(f'{scenario}, {sensor}, {parameter}: {"; ".join(parts)}')
     return said
 
 
