@@ -67,7 +67,7 @@ class Launcher:
     def __init__(self, folder: Path) -> None:
         self.nodes: dict[str, NodeProcess] = {}
         self.killed = False
-        # Before it forks the launcher must not have threads; the nodes have no use for those of
+        # The launcher forks, so it must not have threads; the nodes have no use for those of
         # NumPy's linear algebra either.
         environment = {'OPENBLAS_NUM_THREADS': '1', **os.environ, 'PYTHONUNBUFFERED': '1'}
         environment.pop('ROS_LOCALHOST_ONLY', None)

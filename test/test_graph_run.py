@@ -158,7 +158,10 @@ def test_a_killed_node_ends_the_run(node: str, said: str, tmp_path: Path) -> Non
     folder = tmp_path / 'run'
     run = start(folder)
     wait_for_recording(folder)
-    os.kill(process_of(folder, node), signal.SIGKILL)
+    process = process_of(folder, node)
+    if node == 'launcher':
+        assert len(os.listdir(f'/proc/{process}/task')) == 1     # it forks: no threads
+    os.kill(process, signal.SIGKILL)
     killed = time.monotonic()
     _, stderr = run.communicate(timeout=60)
     assert time.monotonic() - killed < 10

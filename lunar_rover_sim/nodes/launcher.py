@@ -22,10 +22,11 @@ import signal
 import sys
 
 _PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
-_SHARED = ('rclpy.experimental.events_executor', 'lunar_rover_sim.config',
-           'lunar_rover_sim.nodes.conversions', 'lunar_rover_sim.nodes.main',
-           'lunar_rover_sim.nodes.parameters', 'lunar_rover_sim.nodes.answers',
-           'lunar_rover_sim.rover.store', 'lunar_rover_sim.world.store', 'lunar_rover_sim.start')
+# Not rclpy: its libraries start threads (LTTng's), and a process with threads must not fork.
+_SHARED = ('lunar_rover_sim.config', 'lunar_rover_sim.rover.store', 'lunar_rover_sim.world.store',
+           'lunar_rover_sim.bag.stamps', 'lunar_rover_sim.start', 'geometry_msgs.msg',
+           'nav_msgs.msg', 'rcl_interfaces.msg', 'rcl_interfaces.srv', 'rosgraph_msgs.msg',
+           'sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv', 'stereo_msgs.msg')
 
 
 def main() -> int:
