@@ -30,6 +30,8 @@ def create_context() -> moderngl.Context:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RenderError(f'no usable EGL device ({reason}); install the packages '
                           'libegl1 libgl1 libgl1-mesa-dri') from None
+    # Images are drawn with their first row at the bottom: what faces the camera turns clockwise.
+    context.front_face = 'cw'
     log.info('rendering on %s', context.info['GL_RENDERER'])
     return context
 

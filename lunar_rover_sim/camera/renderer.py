@@ -214,7 +214,7 @@ class Renderer:
         self._draw_geometry(self._choose(view), window, lamp.ground_target)
         lamp.object_target.use()
         lamp.object_target.viewport = window
-        self._context.enable_only(self._context.DEPTH_TEST)
+        self._context.enable_only(self._context.DEPTH_TEST | self._context.CULL_FACE)
         self._surface.bind_rocks(self._programs['rock'])
         self._boulders.draw(self._programs['rock'], view, float(lamp.K[0, 0]), 2.0)
 
@@ -246,13 +246,14 @@ class Renderer:
                        window: tuple[int, int, int, int], target: Any) -> None:
         context = self._context
         target.use()
-        context.enable_only(context.DEPTH_TEST)
         target.viewport = window
         target.clear(viewport=window)
         for k, (level, (chunks, skirts)) in enumerate(zip(self._levels, chosen)):
             program = self._programs['inner' if level.tree.aligned else 'outer']
             level.bind(program)
+            context.enable_only(context.DEPTH_TEST | context.CULL_FACE)
             self._mesh.draw(program, chunks)
+            context.enable_only(context.DEPTH_TEST)     # skirts are seen from both sides
             name = 'inner skirt' if level.tree.aligned else 'outer skirt'
             level.bind(self._programs[name])
             self._mesh.draw(self._programs[name], skirts, skirt=True)
@@ -305,11 +306,12 @@ class Renderer:
         target = self._truth if kind else self._target
         target.use()
         target.viewport = window
-        context.enable_only(context.DEPTH_TEST)
+        context.enable_only(context.DEPTH_TEST | context.CULL_FACE)
         program = self._programs[kind + 'rock']
         self._surface.bind_rocks(program)
         eye_view = dataclasses.replace(view, camera_m=camera[:3, 3])
         self._boulders.draw(program, eye_view, self.rig.focal_px, self.config.detail.rock_min_px)
+        context.enable_only(context.DEPTH_TEST)
         if self._rover.seen(legs, eye_view):
             program = self._programs[kind + 'rover']
             span = legs[0, 2, 3] + self._rover.radius_m * np.array([-0.5, 0.8])
