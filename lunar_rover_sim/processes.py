@@ -74,7 +74,7 @@ class Launcher:
         self._process = subprocess.Popen(
             [sys.executable, '-m', 'lunar_rover_sim.nodes.launcher', str(folder)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
-            start_new_session=True, preexec_fn=_die_with_parent)
+            start_new_session=True, preexec_fn=die_with_parent)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._said, self._pipe = self._process.stdin, self._process.stdout
         self._heard = b''
@@ -133,6 +133,6 @@ class Launcher:
             self.listen(None)
 
 
-def _die_with_parent() -> None:
-    """Let the kernel end the launcher, and so the nodes, when the runner is killed."""
+def die_with_parent() -> None:
+    """Let the kernel end this process when its parent is killed, so that no orphan runs on."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

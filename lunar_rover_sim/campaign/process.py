@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import ctypes
 import dataclasses
 import os
 from pathlib import Path
@@ -11,8 +10,9 @@ import signal
 import subprocess
 import time
 
+from lunar_rover_sim.processes import die_with_parent
+
 _POLL_S = 0.1
-_PR_SET_PDEATHSIG = 1
 _MOST_LINE = 400
 
 
@@ -52,7 +52,7 @@ def run(command: Sequence[str], log: Path, timeout_s: float, grace_s: float,
     with log.open('ab') as output:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output,
                                    stderr=subprocess.STDOUT, start_new_session=True,
-                                   preexec_fn=_die_with_parent)
+                                   preexec_fn=die_with_parent)
         try:
             while process.poll() is None:
                 if stopped():
@@ -92,8 +92,3 @@ def _end(process: subprocess.Popen[bytes], grace_s: float) -> None:
     except (ProcessLookupError, PermissionError):
         pass
     process.wait()
-
-
-def _die_with_parent() -> None:
-    """Let the kernel end the process when its parent is killed."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

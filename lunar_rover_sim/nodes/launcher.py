@@ -18,10 +18,11 @@ import importlib
 import json
 import os
 from pathlib import Path
-import signal
 import sys
 
-_PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
+from lunar_rover_sim.processes import die_with_parent
+
+_PR_SET_NAME = 15
 # Not rclpy: its libraries start threads (LTTng's), and a process with threads must not fork.
 _SHARED = ('lunar_rover_sim.config', 'lunar_rover_sim.rover.store', 'lunar_rover_sim.world.store',
            'lunar_rover_sim.bag.stamps', 'lunar_rover_sim.start', 'geometry_msgs.msg',
@@ -62,10 +63,8 @@ def _become(name: str, log: str, arguments: list[str]) -> int:
     """Be a node: its log, its session, its command line; return its exit status."""
     # Ctrl-C reaches the runner only, which stops the nodes in order.
     os.setsid()
-    # The kernel ends the node when runner and launcher are killed, so that no orphan walks on.
-    libc = ctypes.CDLL(None)
-    libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    libc.prctl(_PR_SET_NAME, name.encode())
+    die_with_parent()
+    ctypes.CDLL(None).prctl(_PR_SET_NAME, name.encode())
     output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.dup2(output, 1)
     os.dup2(output, 2)
