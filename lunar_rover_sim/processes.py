@@ -91,10 +91,14 @@ class Launcher:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if not self._said.closed:
+        with contextlib.suppress(BrokenPipeError):
             self._said.close()
+        self.listen(0.0)
+        if not self.nodes or any(node.returncode is None for node in self.nodes.values()):
+            # An error before the start, or a second signal while nodes were being stopped.
             self._process.terminate()
-        self.wait()
+        while not self._pipe.closed:
+            self.listen(None)
 
     def listen(self, timeout: float | None) -> None:
         """Take in what the launcher has said; wait up to `timeout` [s] for it to say something."""
@@ -126,11 +130,6 @@ class Launcher:
                         os.kill(node.pid, signal.SIGKILL)
                 time.sleep(0.02)
             node.returncode = -signal.SIGTERM
-
-    def wait(self) -> None:
-        """Wait for the launcher to end, which it does with the last node."""
-        while not self._pipe.closed:
-            self.listen(None)
 
 
 def die_with_parent() -> None:

@@ -172,6 +172,30 @@ def test_a_killed_node_ends_the_run(node: str, said: str, tmp_path: Path) -> Non
         assert bag.counts['/odom'] > 0
 
 
+def test_a_second_signal_leaves_nothing_behind(tmp_path: Path) -> None:
+    """Told to end again while it stops its nodes, a run ends with all of them."""
+    folder = tmp_path / 'run'
+    run = start(folder)
+    wait_for_recording(folder)
+    nodes = [process_of(folder, name) for name in ('launcher', 'render_node', 'recorder_node')]
+    run.terminate()
+    wait_until_gone(process_of(folder, 'drive_node'))
+    run.terminate()
+    run.communicate(timeout=30)
+    for node in nodes:
+        wait_until_gone(node)
+    with open_bag(folder / 'bag') as bag:
+        assert bag.counts['/odom'] > 0
+
+
+def wait_until_gone(process: int, limit_s: float = 10.0) -> None:
+    """Return when there is no such process any more."""
+    deadline = time.monotonic() + limit_s
+    while Path(f'/proc/{process}').exists():
+        assert time.monotonic() < deadline, f'{process} is left'
+        time.sleep(0.01)
+
+
 def test_a_stopped_node_is_named(tmp_path: Path) -> None:
     """A node that stays silent ends the run with its name."""
     folder = tmp_path / 'run'
