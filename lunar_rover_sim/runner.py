@@ -78,20 +78,20 @@ class Graph:
                     on_progress(clock.now_ns())
                     return
                 now_ns = clock.now_ns()
+                now_stopped = self._stopped()
                 # Whoever is stopped is given the same time as whoever is silent.
-                if now_ns != last_ns or stopped != self._stopped():
-                    last_ns, last_progress, stopped = now_ns, time.monotonic(), self._stopped()
-                limit_s = self._limit_s(last_ns)
+                if now_ns != last_ns or now_stopped != stopped:
+                    last_ns, last_progress, stopped = now_ns, time.monotonic(), now_stopped
+                limit_s = self._limit_s(last_ns, starting=not stopped)
                 if limit_s is not None and time.monotonic() - last_progress > limit_s:
                     raise GraphError(self._silence(limit_s, last_ns))
                 self._measure()
                 on_progress(now_ns)
                 time.sleep(_POLL_S)
 
-    def _limit_s(self, last_ns: int) -> float | None:
+    def _limit_s(self, last_ns: int, starting: bool) -> float | None:
         """Return how long time may stand: longer while nodes start, unless one is stopped."""
-        starting = last_ns <= _STARTED_NS and not self._stopped()
-        limit_s = self._start_s if starting else self._silence_s
+        limit_s = self._start_s if starting and last_ns <= _STARTED_NS else self._silence_s
         if limit_s is not None and 0 < self._end_ns <= last_ns:
             limit_s += _STOP_S
         return limit_s

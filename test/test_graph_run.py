@@ -177,9 +177,10 @@ def test_a_second_signal_leaves_nothing_behind(tmp_path: Path) -> None:
     folder = tmp_path / 'run'
     run = start(folder)
     wait_for_recording(folder)
-    nodes = [process_of(folder, name) for name in ('launcher', 'render_node', 'recorder_node')]
+    first, *nodes = (process_of(folder, name) for name in (
+        'drive_node', 'launcher', 'render_node', 'recorder_node'))
     run.terminate()
-    wait_until_gone(process_of(folder, 'drive_node'))
+    wait_until_gone(first)
     run.terminate()
     run.communicate(timeout=30)
     for node in nodes:
@@ -213,9 +214,6 @@ def test_physics_stopped_while_the_nodes_start(tmp_path: Path) -> None:
     """It is not given the time that a slow start is given."""
     folder = tmp_path / 'run'
     run = start(folder, '--set', 'physics_node.wait.silence_s=3.0')
-    deadline = time.monotonic() + 30.0
-    while not (folder / 'logs' / 'recorder_node.log').is_file() and time.monotonic() < deadline:
-        time.sleep(0.05)
     os.kill(process_of(folder, 'physics_node'), signal.SIGSTOP)
     stopped = time.monotonic()
     _, stderr = run.communicate(timeout=60)
