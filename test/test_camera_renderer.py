@@ -235,6 +235,22 @@ def test_no_cracks(world, renderer):
         assert not np.any(sky & ground_above)
 
 
+def test_no_pinholes_where_meshes_meet():
+    """No single pixel of sky inside the ground, in either eye, where one stride meets another."""
+    built = worlds.small()
+    rng = np.random.default_rng(4)
+    with Renderer(built, scene.ROVER, scene.config(12.0)) as renderer:
+        for _ in range(40):
+            pose = pose_on(built, *rng.uniform(-4.0, 4.0, 2), rng.uniform(0.0, 360.0))
+            renderer.render(pose, STILL, 0, ('left', 'right'))
+            with renderer._context:
+                for eye in (0, 1):
+                    drawn = renderer._image_of(renderer._geometry, 0, eye) > 0.0
+                    around = [np.roll(drawn, (dv, du), (0, 1))[1:-1, 1:-1]
+                              for dv in (-1, 0, 1) for du in (-1, 0, 1) if dv or du]
+                    assert not np.any(~drawn[1:-1, 1:-1] & np.all(around, axis=0))
+
+
 def test_labels_and_normals(world, renderer):
     pose = pose_on(world, -3.0, -3.0, 45.0)
     frame = renderer.render(pose, STILL, 0, ('depth', 'normal', 'label'))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +38,10 @@ class Boulders:
             [rocks.position_m, columns[:, :, 0], columns[:, :, 1], columns[:, :, 2], light,
              rocks.albedo[:, None], np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
         self._radius = 0.75 * rocks.diameter_m
-        self._instances = context.buffer(reserve=max(4 * _FLOATS * len(rocks), 4), dynamic=True)
-        self._buffers: list[moderngl.Buffer] = []
-        self._arrays: dict[tuple[int, int], tuple[moderngl.VertexArray, moderngl.Buffer]] = {}
+        # Of each kind: a shape, whole or with few faces.
+        self._instances: dict[int, moderngl.Buffer] = {}
+        self._counts: dict[int, int] = {}
+        self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
         # Each shape twice: whole, and with few faces for rocks that look small.
         self._vertices: list[moderngl.Buffer] = []
         for shape in shapes:
@@ -51,37 +52,33 @@ class Boulders:
         """Take (m, 4) clearance, distance [m] at the foot and at the top under another sun."""
         self._data[:, 12:16] = light
 
-    def draw(self, program: moderngl.Program, view: View, focal_px: float,
-             least_px: float) -> None:
-        """Draw the rocks that are in view and look larger than `least_px`."""
+    def choose(self, view: View, focal_px: float, least_px: float) -> None:
+        """Choose what `draw` draws: rocks that are in view and look larger than `least_px`."""
         visible = self.visible(view, focal_px, least_px)
-        if len(visible) == 0:
-            return
         distance = np.linalg.norm(self.rocks.position_m[visible] - view.camera_m, axis=1)
         small = self.rocks.diameter_m[visible] * focal_px < _COARSE_PX * distance
         shape = 2 * self.rocks.shape[visible] + small
         order = np.argsort(shape, kind='stable')
         visible, shape = visible[order], shape[order]
         data = self._data[visible]
-        self._instances.write(data.tobytes())
         kinds, starts, counts = np.unique(shape, return_index=True, return_counts=True)
-        for kind, start, count in zip(kinds, starts, counts):
-            key = (program.glo, int(kind))
-            if key not in self._arrays:
-                self._arrays[key] = self._array(program, int(kind))
-            array, buffer = self._arrays[key]
-            self._context.copy_buffer(buffer, self._instances, 4 * _FLOATS * int(count),
-                                      read_offset=4 * _FLOATS * int(start))
-            array.render(instances=int(count))
+        self._counts = dict(zip(kinds.tolist(), counts.tolist()))
+        for kind, start, count in zip(kinds.tolist(), starts, counts):
+            if kind not in self._instances:
+                members = int((self.rocks.shape == kind // 2).sum())
+                self._instances[kind] = self._context.buffer(reserve=4 * _FLOATS * members,
+                                                             dynamic=True)
+            self._instances[kind].write(data[start:start + count].tobytes())
 
-    def _array(self, program: moderngl.Program,
-               kind: int) -> tuple[moderngl.VertexArray, moderngl.Buffer]:
-        members = int((self.rocks.shape == kind // 2).sum())
-        buffer = self._context.buffer(reserve=4 * _FLOATS * members, dynamic=True)
-        self._buffers.append(buffer)
-        used = [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
-                (buffer, _INSTANCE, *_NAMES)]
-        return self._context.vertex_array(program, used, skip_errors=True), buffer
+    def draw(self, program: moderngl.Program) -> None:
+        """Draw the chosen rocks."""
+        for kind, count in self._counts.items():
+            key = (program.glo, kind)
+            if key not in self._arrays:
+                self._arrays[key] = self._context.vertex_array(
+                    program, [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
+                              (self._instances[kind], _INSTANCE, *_NAMES)], skip_errors=True)
+            self._arrays[key].render(instances=count)
 
     def visible(self, view: View, focal_px: float, least_px: float) -> NDArray[np.int64]:
         """Return the indices of rocks to draw."""
@@ -94,10 +91,9 @@ class Boulders:
 
     def release(self) -> None:
         """Release the GL objects."""
-        for array, _ in self._arrays.values():
-            array.release()
-        for buffer in (*self._buffers, *self._vertices, self._instances):
-            buffer.release()
+        items: list[Any] = [*self._arrays.values(), *self._instances.values(), *self._vertices]
+        for item in items:
+            item.release()
 
 
 def coarse(shape: RockShape) -> RockShape:

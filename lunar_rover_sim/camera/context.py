@@ -64,8 +64,8 @@ def source(name: str) -> str:
 def set_uniform(program: moderngl.Program, **values: Any) -> None:
     """Set uniforms, passing over those that the compiler removed."""
     for name, value in values.items():
-        if name in program:
-            member: Any = program[name]
+        member: Any = program.get(name, None)
+        if member is not None:
             if isinstance(value, np.ndarray):
                 member.write(value.tobytes())
             else:

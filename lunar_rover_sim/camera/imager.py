@@ -32,13 +32,14 @@ class Imager:
         self._target = context.framebuffer([self._image])
         self._pattern = context.texture(size, 2, self._patterns(seed).tobytes(), dtype='f4')
         self._pattern.filter = (context.NEAREST, context.NEAREST)
+        self._pattern.repeat_x = self._pattern.repeat_y = False
         noisy = c.shot_noise or (c.read_noise and c.read_noise_e > 0.0)
         self._program = load_program(context, 'screen', 'sensor',
                                      **({'SPREAD': 1} if c.psf_sigma_px > 0.0 else {}),
                                      **({'NOISE': 1} if noisy else {}),
                                      **({'DISTORTED': 1} if sensor.camera.distorted else {}),
                                      **({'ROOT': 1} if sensor.companded else {}))
-        set_uniform(self._program, u_height=rig.height, u_spread=sensor.neighbour_weight,
+        set_uniform(self._program, u_spread=sensor.neighbour_weight,
                     u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
                     u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)),
                     u_out=sensor.output_scale)

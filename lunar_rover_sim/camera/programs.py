@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from lunar_rover_sim.camera.context import load_program
+from lunar_rover_sim.camera.terrain import CHUNK
 
 if TYPE_CHECKING:
     import moderngl
@@ -24,8 +25,8 @@ def load_programs(context: moderngl.Context, levels: int,
     return {
         'inner': load_program(context, 'terrain', 'terrain'),
         'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
-        'inner skirt': load_program(context, 'terrain', 'terrain', SKIRT=1),
-        'outer skirt': load_program(context, 'terrain', 'terrain', OUTER=1, SKIRT=1),
+        'inner skirt': load_program(context, 'terrain', 'terrain', SKIRT=1, CHUNK=CHUNK),
+        'outer skirt': load_program(context, 'terrain', 'terrain', OUTER=1, SKIRT=1, CHUNK=CHUNK),
         **{name: load_program(context, 'screen', 'ground', LEVELS=levels,
                               **{**flags, **(lit if 'ROVER_SHADOW' in flags else {})})
            for name, flags in GROUND_PASSES.items()},

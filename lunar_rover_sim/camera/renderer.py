@@ -16,10 +16,12 @@ from lunar_rover_sim.camera.boulders import Boulders
 from lunar_rover_sim.camera.config import RenderConfig
 from lunar_rover_sim.camera.distortion import padding
 from lunar_rover_sim.camera.context import create_context, set_uniform
+from lunar_rover_sim.camera.eye import Eye
+from lunar_rover_sim.camera.ground import Ground
 from lunar_rover_sim.camera.lighting import lighting_constants
 from lunar_rover_sim.camera.programs import GROUND_PASSES, load_programs
-from lunar_rover_sim.camera.projection import clip_matrix, covered_rows, view_volume
-from lunar_rover_sim.camera.rover_body import RoverBody, Silhouette
+from lunar_rover_sim.camera.projection import clip_matrix, view_volume
+from lunar_rover_sim.camera.rover_body import RoverBody
 from lunar_rover_sim.camera.frame import LAYERS, read_image, StereoFrame
 from lunar_rover_sim.camera.imager import AutoExposure, Imager
 from lunar_rover_sim.camera import lamp as lamps
@@ -28,7 +30,7 @@ from lunar_rover_sim.camera.rock_shadow import sun_axes
 from lunar_rover_sim.camera.sensor import first_exposure_s, SensorModel
 from lunar_rover_sim.camera.sunlight import Sunlight
 from lunar_rover_sim.camera.surface import Surface, TileMaker
-from lunar_rover_sim.camera.terrain import ChunkMesh, level_ranges, TerrainLevel, View
+from lunar_rover_sim.camera.terrain import View
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array, sun_direction
 from lunar_rover_sim.parameters import nearest
@@ -40,7 +42,6 @@ log = logging.getLogger(__name__)
 _TRUTH_LAYERS = {'normal', 'label'}
 _LEFT_LAYERS = {'left', 'depth', 'radiance'} | _TRUTH_LAYERS
 _SHADOW_UNIT, _LAMP_UNIT = 6, 7
-_MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 
 
 class Renderer:
@@ -94,24 +95,20 @@ class Renderer:
         self._target = context.framebuffer([self._radiance, self._depth], self._buffer)
         for texture in (self._radiance, self._depth, self._mesh_depth):
             texture.filter = (context.NEAREST, context.NEAREST)
+            texture.repeat_x = texture.repeat_y = False
 
-        self._levels = []
-        inner = 0.0
-        for grid in self.world.levels:
-            self._levels.append(TerrainLevel(context, grid, inner))
-            inner = grid.half_extent_m
-        self._mesh = ChunkMesh(context)
+        self._ground = Ground(context, self.world, config.detail)
+        self._eyes = [Eye(context) for _ in ('left', 'right', 'lamp')]
         self._truth: Any = None
         self._light_surface(tiles)
         self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
                                   self.sunlight.rock_light())
         self._rover = RoverBody(context, self.rover)
         self._lamp = lamps.Lamp(context, config.lamp) if config.lamp.power_w > 0.0 else None
-        self._programs = load_programs(context, len(self._levels), self._lamp is not None)
+        self._programs = load_programs(context, len(self.world.levels), self._lamp is not None)
         self._imager = Imager(context, self.rig, self.sensor, self.seed, self._pad)
         self._ground_passes = {name: context.vertex_array(self._programs[name], [])
                                for name in GROUND_PASSES}
-        self._ranges = level_ranges([level.tree for level in self._levels], config.detail)
         self._set_constants()
 
     def _light_surface(self, tiles: Future[Any]) -> None:
@@ -178,45 +175,69 @@ class Renderer:
               truth: bool) -> None:
         if not eyes:
             return
-        silhouette = self._rover.silhouette(legs, self._sun_axes)
-        self._rover.bind_shadow(silhouette, _SHADOW_UNIT)
         # Both cameras decide what is drawn: an image does not depend on what else is asked.
         cameras = [pose @ self.rig.T_base_left, pose @ self.rig.T_base_right]
         K, w, h = self._K, self._w, self._h
         view = self._view(cameras, K, w, h)
-        chosen = self._choose(view)
+        chosen = self._ground.choose(view)
         if self._lamp is not None and lit:
-            self._draw_lamp_shadow(pose, silhouette)
+            self._draw_lamp_shadow(pose)
+        windows = [(0, eye * h, w, h) for eye in range(len(cameras))]
         for eye in eyes:
             camera = cameras[eye]
-            window = (0, eye * h, w, h)
-            self._place(camera, self._clip(camera, K, w, h), view, window, silhouette)
-            if self._lamp is not None:
-                self._place_lamp(pose, camera)
-            self._draw_geometry(chosen, window, self._geometry)
-            self._light_ground(chosen, camera, window, lit)
-            self._draw_objects(camera, view, window, legs)
-            if truth and eye == 0:
-                self._draw_truth(camera, view, window, legs)
+            self._eyes[eye].place(camera, self._clip(camera, K, w, h), K, view,
+                                  window=windows[eye], size=self._radiance.size)
+        rows = self._ground.rows(chosen, cameras[0], K, h, self.config.camera.near_m)
+        for k, eye in enumerate(eyes):
+            self._look(eye, pose, cameras[eye])
+            _clear(self._geometry, windows[eye])
+            self._ground.draw(self._programs, chosen)
+            _clear(self._lighting, windows[eye])
+            if k == 0:      # a new target: meanwhile the driver draws what the last one got
+                self._cast_shadow(legs)
+            self._light_ground(rows, windows[eye], lit)
+        self._boulders.choose(view, self.rig.focal_px, self.config.detail.rock_min_px)
+        body = self._body_light(legs) if self._rover.seen(legs, view) else None
+        for eye in eyes:
+            self._look(eye, pose, cameras[eye])
+            self._draw_objects(windows[eye], legs, body)
+        if truth and 0 in eyes:
+            self._look(0, pose, cameras[0])
+            self._draw_truth(windows[0], legs, body)
 
-    def _choose(self, view: View) -> list[tuple[Array, Array]]:
-        return [level.tree.select(view, reach)
-                for level, reach in zip(self._levels, self._ranges)]
+    def _cast_shadow(self, legs: Array) -> None:
+        """Tell the lit programs where the rover keeps the sun off."""
+        shadow = self._rover.silhouette(legs, self._sun_axes)
+        self._rover.bind_shadow(shadow, _SHADOW_UNIT)
+        for program in self._programs.values():
+            set_uniform(program, u_rover_map=_SHADOW_UNIT, u_rover_right=tuple(shadow.right),
+                        u_rover_up=tuple(shadow.up), u_rover_centre=tuple(shadow.centre_m))
 
-    def _draw_lamp_shadow(self, pose: Array, silhouette: Silhouette) -> None:
+    def _look(self, eye: int, pose: Array, camera: Array) -> None:
+        """Let the next pass draw for this eye."""
+        self._eyes[eye].bind()
+        if self._lamp is not None:
+            self._place_lamp(pose, camera)
+
+    def _draw_lamp_shadow(self, pose: Array) -> None:
         """Draw depth as the lamp sees it: ground and rocks."""
         lamp = self._lamp
         assert lamp is not None
         place, size = pose @ lamp.T_base_lamp, lamps.MAP
         view = self._view([place], lamp.K, size, size)
         window = (0, 0, size, size)
-        self._place(place, self._clip(place, lamp.K, size, size), view, window, silhouette)
-        self._draw_geometry(self._choose(view), window, lamp.ground_target)
+        eye = self._eyes[-1]
+        eye.place(place, self._clip(place, lamp.K, size, size), lamp.K, view,
+                  window=window, size=(size, size))
+        eye.bind()
+        _clear(lamp.ground_target, window)
+        self._ground.draw(self._programs, self._ground.choose(view))
         lamp.object_target.use()
         lamp.object_target.viewport = window
         self._context.enable_only(self._context.DEPTH_TEST | self._context.CULL_FACE)
         self._surface.bind_rocks(self._programs['rock'])
-        self._boulders.draw(self._programs['rock'], view, float(lamp.K[0, 0]), 2.0)
+        self._boulders.choose(view, float(lamp.K[0, 0]), 2.0)
+        self._boulders.draw(self._programs['rock'])
 
     def _place_lamp(self, pose: Array, camera: Array) -> None:
         lamp = self._lamp
@@ -227,81 +248,43 @@ class Renderer:
             if 'u_lamp' in program:
                 lamp.place(program, place, camera, clip, _LAMP_UNIT)
 
-    def _place(self, camera: Array, clip: NDArray[np.float32], view: View,
-               window: tuple[int, int, int, int], shadow: Silhouette) -> None:
-        """Tell all programs where the camera is."""
-        K, rotation = self._K, camera[:3, :3]
-        right, down = rotation[:, 0] / K[0, 0], rotation[:, 1] / K[1, 1]
-        first = rotation[:, 2] - right * K[0, 2] - down * K[1, 2]
-        for program in self._programs.values():
-            set_uniform(program, u_clip=clip, u_camera=tuple(camera[:3, 3]),
-                        u_axis=tuple(camera[:3, 2]), u_above=view.above_m, u_ray=tuple(first),
-                        u_ray_right=tuple(right), u_ray_down=tuple(down), u_first_row=window[1],
-                        u_pixel=1.0 / K[0, 0],
-                        u_rover_map=_SHADOW_UNIT, u_rover_right=tuple(shadow.right),
-                        u_rover_up=tuple(shadow.up),
-                        u_rover_centre=tuple(shadow.centre_m - camera[:3, 3]))
-
-    def _draw_geometry(self, chosen: list[tuple[Array, Array]],
-                       window: tuple[int, int, int, int], target: Any) -> None:
+    def _light_ground(self, rows: tuple[int, int, int], window: tuple[int, int, int, int],
+                      lit: bool) -> None:
+        """Light what the meshes cover; where they may be coarser than the grid, refine it."""
         context = self._context
-        target.use()
-        target.viewport = window
-        target.clear(viewport=window)
-        for k, (level, (chunks, skirts)) in enumerate(zip(self._levels, chosen)):
-            program = self._programs['inner' if level.tree.aligned else 'outer']
-            level.bind(program)
-            context.enable_only(context.DEPTH_TEST | context.CULL_FACE)
-            self._mesh.draw(program, chunks)
-            context.enable_only(context.DEPTH_TEST)     # skirts are seen from both sides
-            name = 'inner skirt' if level.tree.aligned else 'outer skirt'
-            level.bind(self._programs[name])
-            self._mesh.draw(self._programs[name], skirts, skirt=True)
-
-    def _light_ground(self, chosen: list[tuple[Array, Array]], camera: Array,
-                      window: tuple[int, int, int, int], lit: bool) -> None:
-        """Light the pixels of each level, in the rows that it may cover."""
-        context = self._context
-        self._lighting.use()
-        self._lighting.viewport = window
-        self._lighting.clear(viewport=window)
         context.enable_only(context.NOTHING)
         self._mesh_depth.use(5)
         kind = '' if lit else 'unlit '
-        near = self.config.camera.near_m
-        rows = [covered_rows(level.tree.boxes(chunks), camera, self._K, self._h, near)
-                for level, (chunks, _) in zip(self._levels, chosen) if len(chunks)]
-        if not rows:
-            return
-        first, last = min(r[0] for r in rows), max(r[1] for r in rows)
-        # Where the mesh is coarser than the grid and near enough to matter, it is refined.
-        chunks = chosen[0][0]
-        coarse = chunks[chunks[:, 2] > 1.0]
-        middle = first
-        if len(coarse):
-            boxes = self._levels[0].tree.boxes(coarse)
-            middle = covered_rows(boxes, camera, self._K, self._h, near)[1]
+        first, middle, last = rows
         if first < middle:
             self._light_rows(kind + 'refined', window, first, middle)
-        if max(first, middle) < last:
-            self._light_rows(kind + 'ground', window, max(first, middle), last)
+        if middle < last:
+            self._light_rows(kind + 'ground', window, middle, last)
 
     def _light_rows(self, name: str, window: tuple[int, int, int, int], first: int,
                     last: int) -> None:
-        program, ground = self._programs[name], self._levels[0]
+        program = self._programs[name]
         self._surface.bind(program)
         set_uniform(program, u_depth=5)
         if name.endswith('refined'):
-            ground.heights.use(0)
-            set_uniform(program, u_heights=0, u_last=ground.grid.n - 1,
-                        u_refine=(0.8 * self._ranges[0][0], self.config.detail.exact_m,
-                                  _MESH_ERROR_M, ground.grid.cell_m))
+            self._ground.bind_exact(program)
         self._lighting.viewport = (window[0], window[1] + first, window[2], last - first)
         self._ground_passes[name].render(vertices=3)
 
-    def _draw_objects(self, camera: Array, view: View, window: tuple[int, int, int, int],
-                      legs: Array, kind: str = '') -> None:
-        """Draw rocks and rover over the lit ground; kind 'truth ' draws their truth."""
+    def _body_light(self, legs: Array) -> dict[str, Any]:
+        """Return the light on the rover, by the names of uniforms."""
+        span = legs[0, 2, 3] + self._rover.radius_m * np.array([-0.5, 0.8])
+        points = np.array([[*legs[0, :2, 3], z] for z in span])
+        clearance, occluder = self.sunlight.light_of(points)
+        surroundings = self.sunlight.surroundings_at(legs[0, :2, 3])
+        return {'u_body_span': tuple(span),
+                'u_body_light': (clearance[0], occluder[0], clearance[1], occluder[1]),
+                'u_ground_light': self.config.sun.irradiance * surroundings}
+
+    def _draw_objects(self, window: tuple[int, int, int, int], legs: Array,
+                      body: dict[str, Any] | None, kind: str = '') -> None:
+        """Draw rocks and the rover, if it is seen, over the lit ground; kind 'truth ' their truth.
+        """
         context = self._context
         target = self._truth if kind else self._target
         target.use()
@@ -309,22 +292,15 @@ class Renderer:
         context.enable_only(context.DEPTH_TEST | context.CULL_FACE)
         program = self._programs[kind + 'rock']
         self._surface.bind_rocks(program)
-        eye_view = dataclasses.replace(view, camera_m=camera[:3, 3])
-        self._boulders.draw(program, eye_view, self.rig.focal_px, self.config.detail.rock_min_px)
+        self._boulders.draw(program)
         context.enable_only(context.DEPTH_TEST)
-        if self._rover.seen(legs, eye_view):
+        if body is not None:
             program = self._programs[kind + 'rover']
-            span = legs[0, 2, 3] + self._rover.radius_m * np.array([-0.5, 0.8])
-            points = np.array([[*legs[0, :2, 3], z] for z in span])
-            clearance, occluder = self.sunlight.light_of(points)
-            surroundings = self.sunlight.surroundings_at(legs[0, :2, 3])
-            set_uniform(program, u_body_span=tuple(span - camera[2, 3]),
-                        u_body_light=(clearance[0], occluder[0], clearance[1], occluder[1]),
-                        u_ground_light=self.config.sun.irradiance * surroundings)
+            set_uniform(program, **body)
             self._rover.draw(program, legs)
 
-    def _draw_truth(self, camera: Array, view: View, window: tuple[int, int, int, int],
-                    legs: Array) -> None:
+    def _draw_truth(self, window: tuple[int, int, int, int], legs: Array,
+                    body: dict[str, Any] | None) -> None:
         """Draw normals and labels over the depth that is there."""
         context = self._context
         if self._truth is None:
@@ -333,9 +309,7 @@ class Renderer:
                                               self._buffer)
         # Only the colour is cleared: what is nearest is known already.
         colour_only = context.framebuffer([self._truth.color_attachments[0]])
-        colour_only.use()
-        colour_only.viewport = window
-        colour_only.clear(viewport=window)
+        _clear(colour_only, window)
         context.enable_only(context.NOTHING)
         self._mesh_depth.use(5)
         program = self._programs['truth ground']
@@ -345,7 +319,7 @@ class Renderer:
         colour_only.release()
         context.depth_func = '<='
         try:
-            self._draw_objects(camera, view, window, legs, 'truth ')
+            self._draw_objects(window, legs, body, 'truth ')
         finally:
             context.depth_func = '<'
 
@@ -415,3 +389,10 @@ class Renderer:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  traceback: TracebackType | None) -> None:
         self.close()
+
+
+def _clear(target: Any, window: tuple[int, int, int, int]) -> None:
+    """Make a framebuffer's window the target, and clear it."""
+    target.use()
+    target.viewport = window
+    target.clear(viewport=window)

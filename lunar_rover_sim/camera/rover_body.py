@@ -61,8 +61,8 @@ class RoverBody:
         self.radius_m = reach
         data = np.concatenate([_triangles(part, self._links.index(part.link)) for part in parts])
         self._count = len(data)
-        self._corners = data[:, :3]
-        self._link_of = data[:, 7].astype(int)
+        self._boxes = np.stack([_box_corners(data[data[:, 7] == k, :3])
+                                for k in range(len(self._links))])
         self._vertices = context.buffer(data.astype(np.float32).tobytes())
         self._context = context
         self._arrays: dict[int, moderngl.VertexArray] = {}
@@ -76,11 +76,10 @@ class RoverBody:
         return np.stack([T_world_base @ local[link] for link in self._links])
 
     def seen(self, poses: Array, view: View) -> bool:
-        """Return whether any vertex lies in the view volume."""
-        T = poses[self._link_of]
-        points = np.einsum('nij,nj->ni', T[:, :3, :3], self._corners) + T[:, :3, 3] - view.camera_m
-        inside = np.all(points @ view.planes[:, :3].T + view.planes[:, 3] > 0.0, axis=1)
-        return bool(inside.any())
+        """Return whether the box around any link may reach into the view volume."""
+        corners = self._boxes @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+        within = (corners - view.camera_m) @ view.planes[:, :3].T + view.planes[:, 3] > 0.0
+        return bool(np.any(np.all(np.any(within, axis=1), axis=1)))
 
     def draw(self, program: moderngl.Program, poses: Array) -> None:
         """Draw the rover; the program has an array of poses."""
@@ -129,6 +128,12 @@ class RoverBody:
             array.release()
         self._vertices.release()
         self._map.release()
+
+
+def _box_corners(points: Array) -> Array:
+    """Return the (8, 3) corners of the box around (n, 3) points."""
+    ends = np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.stack(np.meshgrid(*ends.T, indexing='ij'), axis=-1).reshape(8, 3)
 
 
 def _triangles(part: VisualPart, link: int) -> Array:

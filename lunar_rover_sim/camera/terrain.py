@@ -1,6 +1,6 @@
 """The ground as GL meshes: chunks of the nested height grids, finer towards the camera.
 
-A chunk is 16 x 16 cells of stride 1, 2, 4 ... samples. With distance its vertices move onto the
+A chunk is 8 x 8 cells of stride 1, 2, 4 ... samples. With distance its vertices move onto the
 mesh of the next stride (as in Strugar's CDLOD, 2009), so that nothing pops and neighbours meet;
 up to `full_resolution_m` the mesh is the surface that physics collides with, to the triangle.
 Chunks at a change of stride have a skirt, which hides what rounding leaves open.
@@ -23,7 +23,7 @@ from lunar_rover_sim.world.grid import HeightGrid
 if TYPE_CHECKING:
     import moderngl
 
-CHUNK = 16
+CHUNK = 8
 _NEAR_CELL_M = 0.05
 _LOWER = 256  # added to the column of a vertex at the lower rim of a skirt
 
@@ -93,7 +93,7 @@ class ChunkTree:
             near, far, seen = self._measure(rows, columns, k, size, view)
             rows, columns, near, far = rows[seen], columns[seen], near[seen], far[seen]
             split = near < ranges_m[k - 1] if k else np.zeros(len(rows), bool)
-            if k and self._inner_half_m > 0.0:
+            if k:
                 split |= self._straddles(rows, columns, size)
             keep = ~split
             limit = ranges_m[k] if k < self.depth - 1 else 1e9
@@ -101,7 +101,12 @@ class ChunkTree:
                                      np.full(keep.sum(), 1 << k), np.full(keep.sum(), limit)])
             chunks.append(chunk)
             distances.append(near[keep])
-            skirts.append(self._rims(chunk, columns[keep], rows[keep], far[keep] > 0.98 * limit))
+            # Both sides of a change of stride, or of grid: either edge may be rounded to lie above
+            # the other.
+            other = (far > 0.98 * limit) | self._borders(rows, columns, size)
+            if k:
+                other |= near < ranges_m[k - 1] + 1.5 * size * self.cell_m
+            skirts.append(self._rims(chunk, columns[keep], rows[keep], other[keep]))
             rows = (2 * rows[split][:, None] + [0, 0, 1, 1]).ravel()
             columns = (2 * columns[split][:, None] + [0, 1, 0, 1]).ravel()
             if k:
@@ -134,10 +139,21 @@ class ChunkTree:
         middle = 0.5 * (self.n - 1)
         return (low - middle) * self.cell_m, (high - middle) * self.cell_m
 
-    def _straddles(self, rows: NDArray[np.int64], columns: NDArray[np.int64],
-                   size: int) -> NDArray[np.bool_]:
+    def _borders(self, rows: NDArray[np.int64], columns: NDArray[np.int64],
+                 size: int) -> NDArray[np.bool_]:
+        """Return which chunks lie at the rim of this grid or of the finer one inside it."""
         (x0, x1), (y0, y1) = self._bounds(columns, size), self._bounds(rows, size)
-        h = self._inner_half_m
+        outer = 0.5 * (self.n - 1) * self.cell_m - 1e-3
+        result = (x0 < -outer) | (x1 > outer) | (y0 < -outer) | (y1 > outer)
+        return result | self._straddles(rows, columns, size, 1e-3)
+
+    def _straddles(self, rows: NDArray[np.int64], columns: NDArray[np.int64], size: int,
+                   margin_m: float = 0.0) -> NDArray[np.bool_]:
+        """Return which chunks overlap the finer grid, if there is one, and a margin around it."""
+        if self._inner_half_m == 0.0:
+            return np.zeros(len(rows), bool)
+        (x0, x1), (y0, y1) = self._bounds(columns, size), self._bounds(rows, size)
+        h = self._inner_half_m + margin_m
         return (x0 < h) & (x1 > -h) & (y0 < h) & (y1 > -h)
 
     def _measure(self, rows: NDArray[np.int64], columns: NDArray[np.int64], k: int, size: int,
@@ -172,6 +188,7 @@ class TerrainLevel:
         heights = np.ascontiguousarray(grid.heights_m, np.float32)
         self.heights = context.texture((grid.n, grid.n), 1, heights, dtype='f4')
         self.heights.filter = (context.NEAREST, context.NEAREST)
+        self.heights.repeat_x = self.heights.repeat_y = False
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind what the mesh of this level is made from."""
@@ -190,7 +207,7 @@ class ChunkMesh:
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
         ij, faces, skirt = _mesh()
-        self._vertices = context.buffer(ij.astype(np.int32).tobytes())
+        self._vertices = context.buffer(ij.astype(np.float32).tobytes())
         self._faces = context.buffer(faces.astype(np.uint16).tobytes())
         self._skirt = context.buffer(skirt.astype(np.uint16).tobytes())
         self._instances = context.buffer(reserve=16 * 16384, dynamic=True)
@@ -207,7 +224,7 @@ class ChunkMesh:
         key = (program.glo, skirt)
         if key not in self._arrays:
             self._arrays[key] = self._context.vertex_array(
-                program, [(self._vertices, '2i', 'a_ij'), (self._instances, '4f /i', 'i_chunk')],
+                program, [(self._vertices, '2f', 'a_ij'), (self._instances, '4f /i', 'i_chunk')],
                 index_buffer=self._skirt if skirt else self._faces, index_element_size=2)
         self._arrays[key].render(instances=len(chunks))
 

@@ -1,8 +1,7 @@
 // What ground, rocks and rover share. Vectors are world axes; positions relative to the camera.
 #include "hapke.glsl"
+#include "eye.glsl"
 
-uniform vec3 u_camera;          // world position of the camera [m]
-uniform vec3 u_axis;            // world direction of the optical axis
 uniform vec3 u_sun;             // unit vector to the sun
 uniform float u_irradiance;     // of the sun, normal [W/m2]
 uniform float u_sun_radius;     // angular radius of the disc [rad]
@@ -23,9 +22,9 @@ layout(location = 0) out float o_radiance;
 // The rover's silhouette as the sun sees it: signed distance [m] and depth along the sun ray.
 uniform sampler2D u_rover_map;
 uniform vec3 u_rover_right, u_rover_up;  // axes of the map, over its half extent
-uniform vec3 u_rover_centre;             // relative to the camera
+uniform vec3 u_rover_centre;             // world position [m]
 float rover_visibility(vec3 relative) {
-    vec3 d = relative - u_rover_centre;
+    vec3 d = relative + (u_camera - u_rover_centre);
     vec2 q = vec2(dot(d, u_rover_right), dot(d, u_rover_up));
     if (max(abs(q.x), abs(q.y)) > 1.0) return 1.0;
     vec2 s = textureLod(u_rover_map, 0.5 + 0.5 * q, 0.0).rg;

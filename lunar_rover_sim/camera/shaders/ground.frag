@@ -19,6 +19,9 @@ layout(location = 1) out float o_depth;
 #endif
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 
+// Sampled at pixel centres, not fetched: on llvmpipe, whole numbers and checked bounds take longer.
+float depth_at(vec2 p) { return textureLod(u_depth, p * u_texel, 0.0).r; }
+
 #ifdef REFINE
 // Where the mesh is coarser than the grid, find where the ray really meets the grid's triangles.
 uniform sampler2D u_heights;
@@ -26,12 +29,15 @@ uniform vec4 u_refine;          // nearest and farthest depth, bound of the mesh
 uniform int u_last;
 
 float ground_at(vec2 xy) {
+    float texel = 1.0 / float(u_last + 1);
     vec2 g = xy / u_refine.w + 0.5 * float(u_last);
-    ivec2 c = clamp(ivec2(floor(g)), ivec2(0), ivec2(u_last - 1));
-    vec2 f = g - vec2(c);
+    vec2 c = clamp(floor(g), vec2(0.0), vec2(u_last - 1));
+    vec2 f = g - c;
     bool lower = f.x >= f.y;
-    float z00 = texelFetch(u_heights, c, 0).r, z11 = texelFetch(u_heights, c + 1, 0).r;
-    float zc = texelFetch(u_heights, c + (lower ? ivec2(1, 0) : ivec2(0, 1)), 0).r;
+    vec2 corner = (c + 0.5) * texel;
+    float z00 = textureLod(u_heights, corner, 0.0).r;
+    float z11 = textureLod(u_heights, corner + texel, 0.0).r;
+    float zc = textureLod(u_heights, corner + (lower ? vec2(texel, 0.0) : vec2(0.0, texel)), 0.0).r;
     vec2 w = lower ? f : f.yx;
     return z00 + w.x * (zc - z00) + w.y * (z11 - zc);
 }
@@ -70,37 +76,37 @@ float mip(float level) {
 // Share of a pixel at the skyline that the ground covers, from the steps of the skyline around it
 // (Reshetov, Morphological antialiasing, 2009). edge: the uppermost pixel of ground in the column.
 const int FARTHEST_STEP = 24;
-float covered_share(ivec2 edge, bool is_sky) {
+float covered_share(vec2 edge, bool is_sky) {
     vec2 rise = vec2(0.0);          // of the skyline beyond its run to the left and to the right
-    ivec2 run = ivec2(0);
+    vec2 run = vec2(0.0);
     for (int side = 0; side < 2; side++) {
-        ivec2 q = edge;
+        vec2 q = edge;
         for (int k = 0; k < FARTHEST_STEP && rise[side] == 0.0; k++) {
-            q.x += 2 * side - 1;
-            if (q.x < 0 || q.x >= textureSize(u_depth, 0).x) break;
-            if (texelFetch(u_depth, q - ivec2(0, 1), 0).r > 0.0) rise[side] = 1.0;
-            else if (texelFetch(u_depth, q, 0).r == 0.0) rise[side] = -1.0;
+            q.x += side == 0 ? -1.0 : 1.0;
+            if (q.x < 0.0 || q.x * u_texel.x > 1.0) break;
+            if (depth_at(q - vec2(0.0, 1.0)) > 0.0) rise[side] = 1.0;
+            else if (depth_at(q) == 0.0) rise[side] = -1.0;
             else run[side]++;
         }
     }
-    float t = (2.0 * float(run.x) + 1.0) / float(run.x + run.y + 1) - 1.0;     // -1 to 1
+    float t = (2.0 * run.x + 1.0) / (run.x + run.y + 1.0) - 1.0;    // -1 to 1
     float height = 0.5 * (rise.x * max(-t, 0.0) + rise.y * max(t, 0.0));
     return is_sky ? max(height, 0.0) : 1.0 + min(height, 0.0);
 }
 #endif
 
 void main() {
-    float depth = texelFetch(u_depth, ivec2(gl_FragCoord.xy), 0).r;
+    float depth = depth_at(gl_FragCoord.xy);
 #ifdef SKYLINE
-    ivec2 p = ivec2(gl_FragCoord.xy);
-    int last = u_first_row + textureSize(u_depth, 0).y / 2 - 1;
     float covered = 1.0;
     bool is_sky = depth == 0.0;
-    ivec2 edge = is_sky ? ivec2(p.x, min(p.y + 1, last)) : p;
-    if (is_sky) depth = texelFetch(u_depth, edge, 0).r;
+    vec2 edge = gl_FragCoord.xy;
+    if (is_sky) {
+        edge.y = min(edge.y + 1.0, u_last_row + 0.5);
+        depth = depth_at(edge);
+    }
     // Rare: most blocks of pixels jump over it.
-    if (depth > 0.0 && edge.y > u_first_row
-        && texelFetch(u_depth, edge - ivec2(0, 1), 0).r == 0.0)
+    if (depth > 0.0 && edge.y > u_first_row + 1.0 && depth_at(edge - vec2(0.0, 1.0)) == 0.0)
         covered = covered_share(edge, is_sky);
 #endif
     vec3 ray = pixel_ray(pixel());

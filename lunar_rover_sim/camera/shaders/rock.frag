@@ -11,7 +11,6 @@ uniform sampler2D u_tile_a;
 uniform sampler2DArray u_matter;
 uniform vec2 u_grid;            // from metres to texture units of the finest level
 uniform vec4 u_grain;           // 1 / period and strength of grain; periods and strength of lumps
-uniform float u_pixel;          // size of a pixel at depth 1
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 uniform float u_rock_theta;
 uniform Hapke u_rock;

@@ -6,7 +6,7 @@ in float v_albedo;
 layout(location = 1) out float o_depth;
 #endif
 uniform vec4 u_body_light;      // clearance and occluder distance at the foot and at the top
-uniform vec2 u_body_span;       // world height of foot and top, relative to the camera
+uniform vec2 u_body_span;       // world height of foot and top [m]
 uniform float u_ground_light;   // irradiance that lit ground around sends up
 
 void main() {
@@ -14,7 +14,7 @@ void main() {
 #ifdef TRUTH
     o_truth = vec4(normal, 2.0);
 #else
-    float up = clamp((v_relative.z - u_body_span.x) / max(u_body_span.y - u_body_span.x, 1e-3),
+    float up = clamp((v_relative.z + u_camera.z - u_body_span.x) / max(u_body_span.y - u_body_span.x, 1e-3),
                      0.0, 1.0);
     vec2 light = mix(u_body_light.xy, u_body_light.zw, up);
     float lit = disc(light.x / max(light.y, 1e-3), u_sun_radius);

@@ -1,8 +1,7 @@
 in vec3 a_position, a_normal;
 in float a_albedo, a_link;
 uniform mat4 u_links[5];
-uniform vec3 u_camera;
-uniform mat4 u_clip;
+#include "eye.glsl"
 out vec3 v_relative, v_normal;
 out float v_albedo;
 

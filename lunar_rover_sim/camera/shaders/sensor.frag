@@ -1,6 +1,5 @@
 // Radiance to digital numbers: point spread, vignetting, electrons, noise, converter.
-uniform sampler2D u_radiance;
-uniform int u_height;           // rows of one image; the left one lies before the right one
+uniform sampler2D u_radiance;   // the left image before the right one
 uniform sampler2D u_pattern;    // fall-off times gain, offset [e-]
 uniform float u_spread;         // weight of each direct neighbour, that of the pixel being 1
 uniform float u_electrons;      // electrons per radiance on the axis
@@ -10,6 +9,9 @@ uniform vec3 u_adc;             // 1 / full well, black level, largest number
 uniform vec2 u_out;             // numbers of the output per number, 1 / largest of the output
 uniform uint u_frame;           // a number of its own for every seed and frame
 layout(location = 0) out float o_level;
+
+// The whole part of positive numbers up to 2^23, by their bits; llvmpipe converts one by one.
+uvec2 whole(vec2 x) { return floatBitsToUint(floor(x) + 8388608.0) & 0x7FFFFFu; }
 
 uint hash(uint s) {
     s = s * 747796405u + 2891336453u;                   // PCG (Jarzynski & Olano, 2020)
@@ -38,10 +40,10 @@ float radiance_at(vec2 q) {
 #endif
 
 void main() {
-    ivec2 p = ivec2(gl_FragCoord.xy);
-    int first = p.y < u_height ? 0 : u_height;
+    // Sampled at pixel centres, not fetched: on llvmpipe, fetches take longer.
+    vec2 size = vec2(textureSize(u_pattern, 0)), at = gl_FragCoord.xy / size;
 #ifdef DISTORTED
-    vec2 q = texelFetch(u_source, p, 0).rg;
+    vec2 q = textureLod(u_source, at, 0.0).rg;
     float value = radiance_at(q);
 #ifdef SPREAD
     value = (value + u_spread * (radiance_at(q + vec2(1.0, 0.0)) + radiance_at(q - vec2(1.0, 0.0))
@@ -49,22 +51,24 @@ void main() {
                                  + radiance_at(q - vec2(0.0, 1.0)))) / (1.0 + 4.0 * u_spread);
 #endif
 #else
-    float value = texelFetch(u_radiance, p, 0).r;
+    float value = textureLod(u_radiance, at, 0.0).r;
 #ifdef SPREAD
-    ivec2 low = ivec2(max(p.x - 1, 0), max(p.y - 1, first));
-    ivec2 high = min(p + 1, ivec2(textureSize(u_radiance, 0).x - 1, first + u_height - 1));
-    float near = texelFetch(u_radiance, ivec2(low.x, p.y), 0).r
-        + texelFetch(u_radiance, ivec2(high.x, p.y), 0).r
-        + texelFetch(u_radiance, ivec2(p.x, low.y), 0).r
-        + texelFetch(u_radiance, ivec2(p.x, high.y), 0).r;
+    // The neighbours above and below are those of the same image.
+    float row = mod(gl_FragCoord.y, 0.5 * size.y);
+    float up = row > 1.0 ? 1.0 : 0.0, down = row < 0.5 * size.y - 1.0 ? 1.0 : 0.0;
+    float near = textureLod(u_radiance, at - vec2(1.0, 0.0) / size, 0.0).r
+        + textureLod(u_radiance, at + vec2(1.0, 0.0) / size, 0.0).r
+        + textureLod(u_radiance, at - vec2(0.0, up) / size, 0.0).r
+        + textureLod(u_radiance, at + vec2(0.0, down) / size, 0.0).r;
     value = (value + u_spread * near) / (1.0 + 4.0 * u_spread);
 #endif
 #endif
-    vec2 pattern = texelFetch(u_pattern, p, 0).rg;
+    vec2 pattern = textureLod(u_pattern, at, 0.0).rg;
     float electrons = value * u_electrons * pattern.x + u_dark;
 #ifdef NOISE
     // Shot and read noise are independent: one Gaussian of their joint variance.
-    uint pixel = uint(p.y * textureSize(u_pattern, 0).x + p.x);
+    uvec2 p = whole(gl_FragCoord.xy);
+    uint pixel = p.y * uint(textureSize(u_pattern, 0).x) + p.x;
     electrons += sqrt(u_noise.x * max(electrons, 0.0) + u_noise.y * u_noise.y)
         * gaussian(pixel * 2654435761u ^ u_frame);
 #endif
