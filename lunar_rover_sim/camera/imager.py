@@ -11,6 +11,7 @@ from lunar_rover_sim.camera.context import load_program, set_uniform
 from lunar_rover_sim.camera.distortion import source_pixels
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
+from lunar_rover_sim.frames import Array
 
 if TYPE_CHECKING:
     import moderngl
@@ -30,7 +31,12 @@ class Imager:
         size = (rig.width, 2 * rig.height)
         self._image = context.texture(size, 1, dtype=self._type)
         self._target = context.framebuffer([self._image])
-        self._pattern = context.texture(size, 2, self._patterns(seed).tobytes(), dtype='f4')
+        gain, offset = self._patterns(seed)
+        # Sixteen bits each: what is read for every pixel had better be small.
+        span = np.array([gain.max(), max(2.0 * np.abs(offset).max(), 1e-6)])
+        pattern = np.stack([gain / span[0], offset / span[1] + 0.5], axis=-1)
+        self._pattern = context.texture(size, 2, np.rint(65535.0 * pattern).astype(np.uint16),
+                                        dtype='nu2')
         self._pattern.filter = (context.NEAREST, context.NEAREST)
         self._pattern.repeat_x = self._pattern.repeat_y = False
         noisy = c.shot_noise or (c.read_noise and c.read_noise_e > 0.0)
@@ -39,7 +45,7 @@ class Imager:
                                      **({'NOISE': 1} if noisy else {}),
                                      **({'DISTORTED': 1} if sensor.camera.distorted else {}),
                                      **({'ROOT': 1} if sensor.companded else {}))
-        set_uniform(self._program, u_spread=sensor.neighbour_weight,
+        set_uniform(self._program, u_spread=sensor.neighbour_weight, u_pattern_span=tuple(span),
                     u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
                     u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)),
                     u_out=sensor.output_scale)
@@ -53,8 +59,8 @@ class Imager:
             self._source.filter = (context.NEAREST, context.NEAREST)
         self._screen = context.vertex_array(self._program, [])
 
-    def _patterns(self, seed: int) -> F32:
-        """Return (2 h, w, 2): fall-off times gain of each pixel, and its offset [e-]."""
+    def _patterns(self, seed: int) -> tuple[Array, Array]:
+        """Return (2 h, w) fall-off times gain of each pixel, and its offset [e-]."""
         c, K = self.sensor.config, self._rig.K
         v, u = np.indices((self._rig.height, self._rig.width))
         tangent2 = ((u - K[0, 2])**2 + (v - K[1, 2])**2) / K[0, 0]**2
@@ -64,7 +70,7 @@ class Imager:
             rng = np.random.default_rng([seed, 4141])
             gain *= np.maximum(1.0 + c.prnu * rng.standard_normal(gain.shape), 0.0)
             offset = c.dsnu_e * rng.standard_normal(gain.shape)
-        return np.stack([gain, offset], axis=-1).astype(np.float32)
+        return gain, offset
 
     def develop(self, radiance: moderngl.Texture, eyes: list[int], exposure_s: float,
                 frame_index: int) -> NDArray[Any]:

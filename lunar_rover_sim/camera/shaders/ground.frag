@@ -55,7 +55,7 @@ float refined(float depth, vec3 ray) {
         f_low = f;
         t += reach * 0.25;
     }
-    int turns = high > 0.0 && f_low > 0.0 ? 3 : 0;
+    int turns = high > 0.0 && f_low > 0.0 ? 2 : 0;
     if (turns == 0) return depth;
     for (int i = 0; i < turns; i++) {
         t = low + (high - low) * f_low / max(f_low - f_high, 1e-9);

@@ -1,6 +1,7 @@
 // Radiance to digital numbers: point spread, vignetting, electrons, noise, converter.
 uniform sampler2D u_radiance;   // the left image before the right one
-uniform sampler2D u_pattern;    // fall-off times gain, offset [e-]
+uniform sampler2D u_pattern;    // fall-off times gain, offset; in units of u_pattern_span
+uniform vec2 u_pattern_span;    // gain, twice the largest offset [e-]
 uniform float u_spread;         // weight of each direct neighbour, that of the pixel being 1
 uniform float u_electrons;      // electrons per radiance on the axis
 uniform float u_dark;           // dark signal [e-]
@@ -63,7 +64,7 @@ void main() {
     value = (value + u_spread * near) / (1.0 + 4.0 * u_spread);
 #endif
 #endif
-    vec2 pattern = textureLod(u_pattern, at, 0.0).rg;
+    vec2 pattern = u_pattern_span * (textureLod(u_pattern, at, 0.0).rg - vec2(0.0, 0.5));
     float electrons = value * u_electrons * pattern.x + u_dark;
 #ifdef NOISE
     // Shot and read noise are independent: one Gaussian of their joint variance.
