@@ -90,11 +90,14 @@ class ChunkTree:
         chunks, distances, skirts = [], [], []
         for k in range(self.depth - 1, -1, -1):
             size = CHUNK << k
-            near, far, seen = self._measure(rows, columns, k, size, view)
-            rows, columns, near, far = rows[seen], columns[seen], near[seen], far[seen]
+            edges = np.stack([*self._bounds(columns, size), *self._bounds(rows, size)])
+            seen = self._seen(edges, self._low[k][rows, columns], self._high[k][rows, columns],
+                              view)
+            rows, columns, edges = rows[seen], columns[seen], edges[:, seen]
+            near, far = _distances(edges, view)
             split = near < ranges_m[k - 1] if k else np.zeros(len(rows), bool)
             if k:
-                split |= self._straddles(rows, columns, size)
+                split |= self._meets_inner(edges)
             keep = ~split
             limit = ranges_m[k] if k < self.depth - 1 else 1e9
             chunk = np.column_stack([columns[keep] * size, rows[keep] * size,
@@ -103,7 +106,7 @@ class ChunkTree:
             distances.append(near[keep])
             # Both sides of a change of stride, or of grid: either edge may be rounded to lie above
             # the other.
-            other = (far > 0.98 * limit) | self._borders(rows, columns, size)
+            other = (far > 0.98 * limit) | self._at_rim(edges)
             if k:
                 other |= near < ranges_m[k - 1] + 1.5 * size * self.cell_m
             skirts.append(self._rims(chunk, columns[keep], rows[keep], other[keep]))
@@ -139,43 +142,40 @@ class ChunkTree:
         middle = 0.5 * (self.n - 1)
         return (low - middle) * self.cell_m, (high - middle) * self.cell_m
 
-    def _borders(self, rows: NDArray[np.int64], columns: NDArray[np.int64],
-                 size: int) -> NDArray[np.bool_]:
+    def _at_rim(self, edges: Array) -> NDArray[np.bool_]:
         """Return which chunks lie at the rim of this grid or of the finer one inside it."""
-        (x0, x1), (y0, y1) = self._bounds(columns, size), self._bounds(rows, size)
-        outer = 0.5 * (self.n - 1) * self.cell_m - 1e-3
-        result = (x0 < -outer) | (x1 > outer) | (y0 < -outer) | (y1 > outer)
-        return result | self._straddles(rows, columns, size, 1e-3)
+        half = 0.5 * (self.n - 1) * self.cell_m - 1e-3
+        return np.any(np.abs(edges) > half, axis=0) | self._meets_inner(edges, 1e-3)
 
-    def _straddles(self, rows: NDArray[np.int64], columns: NDArray[np.int64], size: int,
-                   margin_m: float = 0.0) -> NDArray[np.bool_]:
+    def _meets_inner(self, edges: Array, margin_m: float = 0.0) -> NDArray[np.bool_]:
         """Return which chunks overlap the finer grid, if there is one, and a margin around it."""
         if self._inner_half_m == 0.0:
-            return np.zeros(len(rows), bool)
-        (x0, x1), (y0, y1) = self._bounds(columns, size), self._bounds(rows, size)
+            return np.zeros(edges.shape[1], bool)
         h = self._inner_half_m + margin_m
-        return (x0 < h) & (x1 > -h) & (y0 < h) & (y1 > -h)
+        return np.all((edges[::2] < h) & (edges[1::2] > -h), axis=0)
 
-    def _measure(self, rows: NDArray[np.int64], columns: NDArray[np.int64], k: int, size: int,
-                 view: View) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return nearest and farthest distance of each chunk, and whether it may be seen."""
-        (x0, x1), (y0, y1) = self._bounds(columns, size), self._bounds(rows, size)
-        z0, z1 = self._low[k][rows, columns], self._high[k][rows, columns]
-        cx, cy, cz = view.camera_m
-        dx = np.maximum(np.maximum(x0 - cx, cx - x1), 0.0)
-        dy = np.maximum(np.maximum(y0 - cy, cy - y1), 0.0)
-        ex, ey = np.maximum(cx - x0, x1 - cx), np.maximum(cy - y0, y1 - cy)
-        near = np.sqrt(dx**2 + dy**2 + view.above_m**2)
-        far = np.sqrt(ex**2 + ey**2 + view.above_m**2)
-        h = self._inner_half_m
+    def _seen(self, edges: Array, low: NDArray[np.float32], high: NDArray[np.float32],
+              view: View) -> NDArray[np.bool_]:
+        """Return which chunks are not empty, not within the finer grid, and may be in view."""
+        x0, x1, y0, y1 = edges
         seen = (x1 > x0) & (y1 > y0)
+        h = self._inner_half_m
         if h > 0.0:
             seen &= ~((x0 >= -h) & (x1 <= h) & (y0 >= -h) & (y1 <= h))
-        middle = 0.5 * np.stack([x0 + x1, y0 + y1, z0 + z1], axis=-1) - view.camera_m
-        half = 0.5 * np.stack([x1 - x0, y1 - y0, z1 - z0], axis=-1)
-        reach = middle @ view.planes[:, :3].T + half @ np.abs(view.planes[:, :3].T)
-        seen &= np.all(reach + view.planes[:, 3] >= 0.0, axis=1)
-        return near, far, seen
+        ends = np.array([[x0, y0, low], [x1, y1, high]])
+        middle = 0.5 * (ends[0] + ends[1]) - view.camera_m[:, None]
+        normals = view.planes[:, :3]
+        reach = normals @ middle + np.abs(normals) @ (0.5 * (ends[1] - ends[0]))
+        return seen & np.all(reach + view.planes[:, 3:] >= 0.0, axis=0)
+
+
+def _distances(edges: Array, view: View) -> tuple[Array, Array]:
+    """Return nearest and farthest distance of chunks (4, m) x0, x1, y0, y1 from the camera."""
+    ahead, behind = edges[::2] - view.camera_m[:2, None], view.camera_m[:2, None] - edges[1::2]
+    nearest = np.maximum(np.maximum(ahead, behind), 0.0)
+    farthest = np.maximum(-ahead, -behind)
+    above = view.above_m**2
+    return (np.sqrt((nearest**2).sum(axis=0) + above), np.sqrt((farthest**2).sum(axis=0) + above))
 
 
 class TerrainLevel:
