@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from lunar_rover_sim.camera.config import DetailConfig
 from lunar_rover_sim.camera.context import set_uniform
 from lunar_rover_sim.camera.projection import covered_rows
-from lunar_rover_sim.camera.terrain import ChunkMesh, level_ranges, TerrainLevel, View
+from lunar_rover_sim.camera.terrain import ChunkMesh, lattice, level_ranges, TerrainLevel, View
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.model import World
 
@@ -73,8 +73,5 @@ class Ground:
         """Bind what the exact intersection with the finest grid needs."""
         finest = self._levels[0]
         finest.heights.use(0)
-        values: dict[str, Any] = {
-            'u_heights': 0, 'u_last': finest.grid.n - 1,
-            'u_refine': (0.8 * self._ranges[0][0], self._detail.exact_m, _MESH_ERROR_M,
-                         finest.grid.cell_m)}
-        set_uniform(program, **values)
+        set_uniform(program, u_heights=0, u_lattice=lattice(finest.grid),
+                    u_refine=(0.8 * self._ranges[0][0], self._detail.exact_m, _MESH_ERROR_M))

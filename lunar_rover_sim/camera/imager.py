@@ -46,6 +46,7 @@ class Imager:
                                      **({'DISTORTED': 1} if sensor.camera.distorted else {}),
                                      **({'ROOT': 1} if sensor.companded else {}))
         set_uniform(self._program, u_spread=sensor.neighbour_weight, u_pattern_span=tuple(span),
+                    u_height=float(rig.height), u_texel=(1.0 / size[0], 1.0 / size[1]),
                     u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
                     u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)),
                     u_out=sensor.output_scale)

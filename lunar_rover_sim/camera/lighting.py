@@ -18,8 +18,10 @@ def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, 
     ground = hapke.parameter_set(config.reflectance.ground)
     rocks = hapke.parameter_set(config.reflectance.rocks)
     scale = config.reflectance.albedo_scale
+    horizontal = max(math.hypot(*sun_direction[:2]), 0.02)  # a sun overhead: slopes stay finite
     values: dict[str, Any] = {
         'u_sun': tuple(sun_direction),
+        'u_heading': tuple(sun_direction / horizontal),
         'u_irradiance': config.sun.irradiance,
         'u_sun_radius': math.radians(0.5 * config.sun.angular_diameter_deg),
         'u_theta': (math.tan(math.radians(_NEAR_THETA_DEG)),

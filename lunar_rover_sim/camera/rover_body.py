@@ -105,9 +105,9 @@ class RoverBody:
             shapes.append((float(seen[:, 2].mean()), np.rint(corner).astype(np.int32)))
         free = np.full((MAP, MAP), 255, np.uint8)
         depth = np.full((MAP, MAP), -half, np.float32)
-        for along, corner in sorted(shapes, key=lambda item: item[0]):
-            cv2.fillConvexPoly(free, corner, 0, cv2.LINE_8, _SUB)
-            cv2.fillConvexPoly(depth, corner, along, cv2.LINE_8, _SUB)
+        for along, outline in sorted(shapes, key=lambda item: item[0]):
+            cv2.fillConvexPoly(free, outline, 0, cv2.LINE_8, _SUB)
+            cv2.fillConvexPoly(depth, outline, along, cv2.LINE_8, _SUB)
         outside = cv2.distanceTransform(free, cv2.DIST_L2, 5)
         inside = cv2.distanceTransform(255 - free, cv2.DIST_L2, 5)
         # The transform measures to the centre of the next pixel of the other kind.

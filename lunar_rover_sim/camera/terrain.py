@@ -193,12 +193,17 @@ class TerrainLevel:
     def bind(self, program: moderngl.Program) -> None:
         """Bind what the mesh of this level is made from."""
         self.heights.use(0)
-        set_uniform(program, u_heights=0, u_last=self.grid.n - 1, u_cell=self.grid.cell_m,
+        set_uniform(program, u_heights=0, u_lattice=lattice(self.grid), u_cell=self.grid.cell_m,
                     u_inner=self.inner_half_m)
 
     def release(self) -> None:
         """Release the GL objects."""
         self.heights.release()
+
+
+def lattice(grid: HeightGrid) -> tuple[float, float, float, float]:
+    """Return what shaders need to find a place in a grid: see u_lattice."""
+    return 1.0 / grid.cell_m, 0.5 * (grid.n - 1), grid.n - 2.0, 1.0 / grid.n
 
 
 class ChunkMesh:

@@ -170,7 +170,7 @@ def _describe(bag: Bag, sample: _Sample, linear: bool) -> dict[str, float]:
 def _levels(image: NDArray[Any]) -> NDArray[np.float32]:
     """Return the image as grey in [0, 1]."""
     grey = image[..., :3].mean(axis=-1) if image.ndim == 3 else image
-    return np.asarray(grey, dtype=np.float32) / np.float32(np.iinfo(image.dtype).max)
+    return np.divide(grey, np.iinfo(image.dtype).max, dtype=np.float32)
 
 
 def _imu(bag: Bag) -> dict[str, float]:

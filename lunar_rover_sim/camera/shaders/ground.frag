@@ -13,6 +13,7 @@ uniform vec4 u_level[LEVELS];
 uniform vec2 u_lod;             // log2 of texels per metre of tiles a and b
 uniform vec2 u_theta;           // tangent of the roughness that is not drawn: near, far
 uniform Hapke u_regolith;
+uniform vec3 u_heading;         // to the sun over level ground; tangent of its elevation
 
 #ifndef TRUTH
 layout(location = 1) out float o_depth;
@@ -25,15 +26,15 @@ float depth_at(vec2 p) { return textureLod(u_depth, p * u_texel, 0.0).r; }
 #ifdef REFINE
 // Where the mesh is coarser than the grid, find where the ray really meets the grid's triangles.
 uniform sampler2D u_heights;
-uniform vec4 u_refine;          // nearest and farthest depth, bound of the mesh's error [m], cell
-uniform int u_last;
+uniform vec3 u_refine;          // nearest and farthest depth, bound of the mesh's error [m]
+uniform vec4 u_lattice;         // 1 / cell [1/m], half and last whole index of cells, 1 / samples
 
 float ground_at(vec2 xy) {
-    float texel = 1.0 / float(u_last + 1);
-    vec2 g = xy / u_refine.w + 0.5 * float(u_last);
-    vec2 c = clamp(floor(g), vec2(0.0), vec2(u_last - 1));
+    vec2 g = xy * u_lattice.x + u_lattice.y;
+    vec2 c = clamp(floor(g), 0.0, u_lattice.z);
     vec2 f = g - c;
     bool lower = f.x >= f.y;
+    float texel = u_lattice.w;
     vec2 corner = (c + 0.5) * texel;
     float z00 = textureLod(u_heights, corner, 0.0).r;
     float z11 = textureLod(u_heights, corner + texel, 0.0).r;
@@ -69,7 +70,7 @@ float refined(float depth, vec3 ray) {
 // Most pixels take one mip level alone, which is half the work; the change is still soft.
 float mip(float level) {
     float whole = floor(level);
-    return max(whole + clamp((level - whole - 0.35) / 0.3, 0.0, 1.0), 0.0);
+    return max(whole + clamp((level - whole - 0.35) * (1.0 / 0.3), 0.0, 1.0), 0.0);
 }
 
 #ifdef SKYLINE
@@ -134,7 +135,7 @@ void main() {
 #elif !defined(UNLIT)
     vec3 view = -normalize(ray);
     // Footprint of the pixel on level ground: across and along the line of sight.
-    float size = depth * length(u_ray_right);
+    float size = depth * u_pixel;
     float along = min(size / max(abs(view.z), 0.02), 4.0 * size);
     float level = log2(along);
     vec4 ground = textureLod(u_ground, uv, mip(level + grid.z));
@@ -149,9 +150,8 @@ void main() {
     // Faces of the fine relief that turn away from the camera hide behind those that face it.
     float least = clamp(dot(normalize(vec3(-ground.xy, 1.0)), view), 0.02, 0.08);
     normal = normalize(normal + view * max(least - dot(normal, view), 0.0));
-    float horizontal = max(length(u_sun.xy), 0.02);     // a sun overhead: slopes stay finite
-    vec2 heading = u_sun.xy / horizontal;
-    float tangent = u_sun.z / horizontal - dot(ground.xy, heading);
+    vec2 heading = u_heading.xy;
+    float tangent = u_heading.z - dot(ground.xy, heading);
     float width = u_sun_radius * (1.0 + tangent * tangent);
     float lit = disc(ground.z / ground.w, u_sun_radius);
     float above_a = tangent - (u_turn.z + (2.0 * a.z - 1.0) * u_turn.w);
@@ -159,7 +159,8 @@ void main() {
     float spread_a = 2.0 * a.w * u_turn.w, spread_b = 2.0 * b.w * u_turn.w;
     float lit_a = disc(above_a, width + 1.8 * spread_a);
     float lit_b = disc(above_b, width + 1.8 * spread_b);
-    float far = smoothstep(-7.9, -3.4, level);
+    float far = clamp((level + 7.9) * (1.0 / 4.5), 0.0, 1.0);
+    far *= far * (3.0 - 2.0 * far);
     lit *= mix(lit_a * lit_b, 1.0, far);
 #ifdef ROVER_SHADOW
     lit *= rover_visibility(relative);

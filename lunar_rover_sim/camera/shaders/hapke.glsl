@@ -13,7 +13,7 @@ float hapke_single(float cos_g, Hapke p) {
     float lobes = 0.5 * (1.0 - p.b * p.b) * ((1.0 + p.c) * back * back * back
                                              + (1.0 - p.c) * forth * forth * forth);
     float tan_half = sqrt((1.0 - cos_g) / max(1.0 + cos_g, 1e-7));
-    return (1.0 + p.b_s0 / (1.0 + tan_half / p.h_s)) * lobes;
+    return (1.0 + p.b_s0 * p.h_s / (p.h_s + tan_half)) * lobes;
 }
 
 float arc_cosine(float x) {

@@ -1,5 +1,7 @@
 // Radiance to digital numbers: point spread, vignetting, electrons, noise, converter.
 uniform sampler2D u_radiance;   // the left image before the right one
+uniform float u_height;         // rows of one image
+uniform vec2 u_texel;           // 1 / size of both
 uniform sampler2D u_pattern;    // fall-off times gain, offset; in units of u_pattern_span
 uniform vec2 u_pattern_span;    // gain, twice the largest offset [e-]
 uniform float u_spread;         // weight of each direct neighbour, that of the pixel being 1
@@ -42,7 +44,7 @@ float radiance_at(vec2 q) {
 
 void main() {
     // Sampled at pixel centres, not fetched: on llvmpipe, fetches take longer.
-    vec2 size = vec2(textureSize(u_pattern, 0)), at = gl_FragCoord.xy / size;
+    vec2 at = gl_FragCoord.xy * u_texel;
 #ifdef DISTORTED
     vec2 q = textureLod(u_source, at, 0.0).rg;
     float value = radiance_at(q);
@@ -55,12 +57,12 @@ void main() {
     float value = textureLod(u_radiance, at, 0.0).r;
 #ifdef SPREAD
     // The neighbours above and below are those of the same image.
-    float row = mod(gl_FragCoord.y, 0.5 * size.y);
-    float up = row > 1.0 ? 1.0 : 0.0, down = row < 0.5 * size.y - 1.0 ? 1.0 : 0.0;
-    float near = textureLod(u_radiance, at - vec2(1.0, 0.0) / size, 0.0).r
-        + textureLod(u_radiance, at + vec2(1.0, 0.0) / size, 0.0).r
-        + textureLod(u_radiance, at - vec2(0.0, up) / size, 0.0).r
-        + textureLod(u_radiance, at + vec2(0.0, down) / size, 0.0).r;
+    float row = gl_FragCoord.y < u_height ? gl_FragCoord.y : gl_FragCoord.y - u_height;
+    float up = row > 1.0 ? u_texel.y : 0.0, down = row < u_height - 1.0 ? u_texel.y : 0.0;
+    float near = textureLod(u_radiance, at - vec2(u_texel.x, 0.0), 0.0).r
+        + textureLod(u_radiance, at + vec2(u_texel.x, 0.0), 0.0).r
+        + textureLod(u_radiance, at - vec2(0.0, up), 0.0).r
+        + textureLod(u_radiance, at + vec2(0.0, down), 0.0).r;
     value = (value + u_spread * near) / (1.0 + 4.0 * u_spread);
 #endif
 #endif

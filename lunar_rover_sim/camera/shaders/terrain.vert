@@ -3,12 +3,12 @@
 in vec2 a_ij;                   // column, row; 256 more of the column: the lower rim of a skirt
 in vec4 i_chunk;                // first column, first row, stride (and side), range [m]
 uniform sampler2D u_heights;
-uniform int u_last;             // n - 1
+uniform vec4 u_lattice;         // 1 / cell [1/m], half and last whole index of cells, 1 / samples
 uniform float u_cell;
 #include "eye.glsl"
 out vec3 v_relative;
 
-float height(vec2 g) { return textureLod(u_heights, (g + 0.5) / float(u_last + 1), 0.0).r; }
+float height(vec2 g) { return textureLod(u_heights, (g + 0.5) * u_lattice.w, 0.0).r; }
 
 void main() {
     float stride = floor(i_chunk.z);
@@ -20,13 +20,13 @@ void main() {
         : side < 2.5 ? vec2(along, 0.0) : vec2(along, CHUNK);
 #endif
     vec2 odd = mod(ij, 2.0) * stride;
-    vec2 g = min(i_chunk.xy + ij * stride, float(u_last));
+    vec2 g = min(i_chunk.xy + ij * stride, 2.0 * u_lattice.y);
     float fine = height(g);
     float coarse = 0.5 * (height(g - odd) + height(g + odd));
-    vec2 xy = (g - 0.5 * float(u_last)) * u_cell - u_camera.xy;
+    vec2 xy = (g - u_lattice.y) * u_cell - u_camera.xy;
     // One mesh for both eyes, and the one that chunks were chosen for: no gaps between them.
     float far = length(vec3(xy - u_middle, u_above)) / i_chunk.w;
-    float z = mix(fine, coarse, clamp((far - 0.85) / 0.15, 0.0, 1.0));
+    float z = mix(fine, coarse, clamp((far - 0.85) * (1.0 / 0.15), 0.0, 1.0));
 #ifdef SKIRT
     if (lower) z -= 0.25 * u_cell * stride;
 #endif
