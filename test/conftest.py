@@ -33,6 +33,19 @@ def simulate(folder: Path, *arguments: str, scenario: str = 'baseline',
                           capture_output=True, text=True, timeout=timeout_s)
 
 
+def processes_naming(text: str) -> list[int]:
+    """Return the ids of processes with this text in their command line (pgrep may be missing)."""
+    found = []
+    for path in Path('/proc').glob('[0-9]*/cmdline'):
+        try:
+            words = path.read_bytes().replace(b'\0', b' ').decode(errors='replace')
+        except OSError:         # it has ended
+            continue
+        if text in words and int(path.parent.name) != os.getpid():
+            found.append(int(path.parent.name))
+    return sorted(found)
+
+
 @pytest.fixture(scope='session', autouse=True)
 def world_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Keep the worlds of tests apart from those of the user."""

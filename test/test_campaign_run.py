@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 
-from conftest import command
+from conftest import command, processes_naming
 import pytest
 
 from lunar_rover_sim.bag.digest import bag_hash
@@ -56,12 +56,6 @@ def wait_until(condition: Callable[[], object], what: str, limit_s: float = 120.
         time.sleep(0.1)
 
 
-def running(folder: Path) -> list[str]:
-    """Return the processes that name a folder on their command line."""
-    found = subprocess.run(['pgrep', '-f', str(folder)], capture_output=True, text=True)
-    return found.stdout.split()
-
-
 def recording(folder: Path) -> bool:
     """Return whether an episode is being recorded."""
     return any((folder / 'partial').glob('*/episodes/bag/*.mcap'))
@@ -75,7 +69,7 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
     wait_until(lambda: recording(tmp_path / 'data'), 'nothing was recorded')
     campaign.kill()
     campaign.communicate()
-    wait_until(lambda: not running(tmp_path / 'data'), 'processes are left', 40.0)
+    wait_until(lambda: not processes_naming(str(tmp_path / 'data')), 'processes are left', 40.0)
 
     again = start(*arguments)
     output, _ = again.communicate(timeout=240)
@@ -142,7 +136,7 @@ def test_a_cluster_loses_a_worker(tmp_path: Path, world_folder: Path) -> None:
         assert campaign.returncode == 0, output
     assert [m['name'] for m in manifests(tmp_path / 'data')] == ['0000', '0001', '0002', '0003']
     assert not failures(tmp_path / 'data')
-    assert not running(tmp_path / 'data')
+    assert not processes_naming(str(tmp_path / 'data'))
 
 
 def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:

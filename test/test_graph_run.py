@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 
-from conftest import command, simulate, SMALL
+from conftest import command, processes_naming, simulate, SMALL
 import pytest
 
 from lunar_rover_sim import topics
@@ -140,10 +140,9 @@ def process_of(folder: Path, node: str, limit_s: float = 20.0) -> int:
     """Return the process id of a node of the run in `folder`, as soon as it is there."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
-        found = subprocess.run(['pgrep', '-f', f'nodes.{node} {folder}'], capture_output=True,
-                               text=True)
-        if found.stdout:
-            return int(found.stdout.split()[0])
+        found = processes_naming(f'nodes.{node} {folder}')
+        if found:
+            return found[0]
         time.sleep(0.05)
     raise AssertionError(f'{node} did not start')
 
