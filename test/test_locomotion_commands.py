@@ -59,3 +59,12 @@ def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
     text = (tmp_path / 'out' / 'locomotion.md').read_text()
     assert 'robot' in text and 'start transient' in text
     assert 'start transient' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('module, name', [(validate_locomotion, 'locomotion'),
+                                          (validate_traverse, 'traverse')])
+def test_an_earlier_report_is_kept(tmp_path, module, name):
+    (tmp_path / 'report.md').write_text('an hour of work')
+    with pytest.raises(ConfigError, match='exists; name a new folder'):
+        run(module, name, '-o', str(tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == ['report.md']

@@ -41,14 +41,13 @@ def run(args: argparse.Namespace) -> int:
     from lunar_rover_sim.camera.renderer import Renderer
     from lunar_rover_sim.camera.still import HEIGHT_M, settle, standing
     from lunar_rover_sim.config import load_scenario
-    from lunar_rover_sim.errors import ConfigError
+    from lunar_rover_sim.folders import make_new, refuse_existing
     from lunar_rover_sim.stereo.depth import depth_from_disparity
     from lunar_rover_sim.stereo.sgm import SgmMatcher
     from lunar_rover_sim.world.store import cached, load
 
     scenario = load_scenario(args.scenario, args.overrides, args.seed)
-    if args.output.exists():
-        raise ConfigError(f'output: {args.output} exists; name a new folder')
+    refuse_existing(args.output)
     console = Console()
     with console.status('building the world'):
         folder = args.world or cached(scenario.world, scenario.shared.seed)
@@ -61,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     with renderer:
         matcher = SgmMatcher(config.sgm)
         rig = renderer.rig
-        args.output.mkdir(parents=True)
+        make_new(args.output)
         for k, T in enumerate(poses):
             settle(renderer, T, angles)
             frame = renderer.render(T, angles, k, LAYERS)

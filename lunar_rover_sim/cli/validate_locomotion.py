@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
     from lunar_rover_sim.evaluation import calibration, locomotion, locomotion_report
+    from lunar_rover_sim.folders import make_new
     from lunar_rover_sim.gait.calibration import GaitCalibration
     from lunar_rover_sim.resources import config_path
 
@@ -59,10 +60,7 @@ def run(args: argparse.Namespace) -> int:
     gait, physics = scenario.gait_controller_node, scenario.physics_node
     table = GaitCalibration.load(gait.calibration or config_path('gait_calibration.yaml'))
     overlays = [locomotion.read_curve(path) for path in args.overlay]
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'--output: {args.output} cannot be made: {error}') from None
+    make_new(args.output)
 
     console = Console()
     obedience: list[calibration.Obedience] = []

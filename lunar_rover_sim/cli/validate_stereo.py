@@ -32,13 +32,12 @@ def run(args: argparse.Namespace) -> int:
 
     from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
+    from lunar_rover_sim.folders import make_new
 
-    if args.output.exists():
-        raise ConfigError(f'output: {args.output} exists; name a new folder')
     if args.frames < 1:
         raise ConfigError(f'frames: {args.frames} is not valid; valid is >= 1')
     scenarios = [load_scenario(name, args.overrides, args.seed) for name in args.scenarios]
-    args.output.mkdir(parents=True)
+    make_new(args.output)
     console = Console()
     results: dict[str, dict[str, float]] = {}
     for scenario in scenarios:

@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
     from lunar_rover_sim.evaluation import traverse, traverse_report
+    from lunar_rover_sim.folders import make_new
     from lunar_rover_sim.gait.calibration import GaitCalibration
     from lunar_rover_sim.resources import config_path
 
@@ -48,10 +49,7 @@ def run(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario, args.overrides)
     gait = scenario.gait_controller_node
     table = GaitCalibration.load(gait.calibration or config_path('gait_calibration.yaml'))
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f'--output: {args.output} cannot be made: {error}') from None
+    make_new(args.output)
 
     console = Console()
     done_so_far: list[traverse.Traverse] = []

@@ -1,0 +1,22 @@
+"""Folders that commands write their results to: new ones only, so that nothing is lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lunar_rover_sim.errors import ConfigError
+
+
+def refuse_existing(folder: Path) -> None:
+    """Raise ConfigError if a folder, or a file, of that name exists."""
+    if folder.exists():
+        raise ConfigError(f'--output: {folder} exists; name a new folder')
+
+
+def make_new(folder: Path) -> None:
+    """Make a folder; raise ConfigError if it exists or cannot be made."""
+    refuse_existing(folder)
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise ConfigError(f'--output: {folder} cannot be made: {error}') from None
