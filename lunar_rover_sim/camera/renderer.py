@@ -188,22 +188,23 @@ class Renderer:
             self._eyes[eye].place(camera, self._clip(camera, K, w, h), K, view,
                                   window=windows[eye], size=self._radiance.size)
         rows = self._ground.rows(chosen, cameras[0], K, h, self.config.camera.near_m)
-        for k, eye in enumerate(eyes):
-            self._look(eye, pose, cameras[eye])
-            _clear(self._geometry, windows[eye])
-            self._ground.draw(self._programs, chosen)
-            _clear(self._lighting, windows[eye])
-            if k == 0:      # a new target: meanwhile the driver draws what the last one got
-                self._cast_shadow(legs)
-            self._light_ground(rows, windows[eye], lit)
-        self._boulders.choose(view, self.rig.focal_px, self.config.detail.rock_min_px)
-        body = self._body_light(legs) if self._rover.seen(legs, view) else None
+        body = None
         for eye in eyes:
-            self._look(eye, pose, cameras[eye])
-            self._draw_objects(windows[eye], legs, body)
-        if truth and 0 in eyes:
-            self._look(0, pose, cameras[0])
-            self._draw_truth(windows[0], legs, body)
+            window = windows[eye]
+            self._eyes[eye].bind()
+            if self._lamp is not None:
+                self._place_lamp(pose, cameras[eye])
+            _clear(self._geometry, window)
+            self._ground.draw(self._programs, chosen)
+            _clear(self._lighting, window)
+            if eye == eyes[0]:  # a new target: meanwhile the driver draws what the last one got
+                self._cast_shadow(legs)
+                self._boulders.choose(view, self.rig.focal_px, self.config.detail.rock_min_px)
+                body = self._body_light(legs) if self._rover.seen(legs, view) else None
+            self._light_ground(rows, window, lit)
+            self._draw_objects(window, legs, body)
+            if truth and eye == 0:
+                self._draw_truth(window, legs, body)
 
     def _cast_shadow(self, legs: Array) -> None:
         """Tell the lit programs where the rover keeps the sun off."""
@@ -212,12 +213,6 @@ class Renderer:
         for program in self._programs.values():
             set_uniform(program, u_rover_map=_SHADOW_UNIT, u_rover_right=tuple(shadow.right),
                         u_rover_up=tuple(shadow.up), u_rover_centre=tuple(shadow.centre_m))
-
-    def _look(self, eye: int, pose: Array, camera: Array) -> None:
-        """Let the next pass draw for this eye."""
-        self._eyes[eye].bind()
-        if self._lamp is not None:
-            self._place_lamp(pose, camera)
 
     def _draw_lamp_shadow(self, pose: Array) -> None:
         """Draw depth as the lamp sees it: ground and rocks."""

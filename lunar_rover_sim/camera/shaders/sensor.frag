@@ -1,7 +1,7 @@
 // Radiance to digital numbers: point spread, vignetting, electrons, noise, converter.
 uniform sampler2D u_radiance;   // the left image before the right one
 uniform float u_height;         // rows of one image
-uniform vec2 u_texel;           // 1 / size of both
+uniform vec2 u_texel;           // 1 / size of the pair of images
 uniform sampler2D u_pattern;    // fall-off times gain, offset; in units of u_pattern_span
 uniform vec2 u_pattern_span;    // gain, twice the largest offset [e-]
 uniform float u_spread;         // weight of each direct neighbour, that of the pixel being 1
