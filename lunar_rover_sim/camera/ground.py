@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from lunar_rover_sim.camera.config import DetailConfig
 from lunar_rover_sim.camera.context import set_uniform
 from lunar_rover_sim.camera.projection import covered_rows
-from lunar_rover_sim.camera.terrain import ChunkMesh, lattice, level_ranges, TerrainLevel, View
+from lunar_rover_sim.camera.terrain import ChunkMesh, lattice, level_ranges, Selection
+from lunar_rover_sim.camera.terrain import TerrainLevel, View
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.model import World
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 
-Chosen = list[tuple[Array, Array]]      # chunks and skirts of each level
+Chosen = list[Selection]        # of each level
 
 
 class Ground:
@@ -40,14 +41,14 @@ class Ground:
     def draw(self, programs: dict[str, moderngl.Program], chosen: Chosen) -> None:
         """Draw the chosen meshes with the programs 'inner', 'outer' and those of their skirts."""
         context = self._context
-        for level, (chunks, skirts) in zip(self._levels, chosen):
+        for level, selection in zip(self._levels, chosen):
             name = 'inner' if level.tree.aligned else 'outer'
             context.enable_only(context.DEPTH_TEST | context.CULL_FACE)
             level.bind(programs[name])
-            self._mesh.draw(programs[name], chunks)
+            self._mesh.draw(programs[name], selection.chunks)
             context.enable_only(context.DEPTH_TEST)     # skirts are seen from both sides
             level.bind(programs[f'{name} skirt'])
-            self._mesh.draw(programs[f'{name} skirt'], skirts, skirt=True)
+            self._mesh.draw(programs[f'{name} skirt'], selection.skirts, skirt=True)
 
     def rows(self, chosen: Chosen, camera: Array, K: Array, height: int,
              near_m: float) -> tuple[int, int, int]:
@@ -56,17 +57,15 @@ class Ground:
         camera, K, height, near_m: as for `covered_rows`; the eyes of a rectified pair have the
         same rows
         """
-        def span(level: TerrainLevel, chunks: Array) -> tuple[int, int]:
-            return covered_rows(level.tree.boxes(chunks), camera, K, height, near_m)
+        def span(boxes: Array) -> tuple[int, int]:
+            return covered_rows(boxes, camera, K, height, near_m)
 
-        spans = [span(level, chunks) for level, (chunks, _) in zip(self._levels, chosen)
-                 if len(chunks)]
+        spans = [span(selection.boxes) for selection in chosen if len(selection.chunks)]
         if not spans:
             return 0, 0, 0
         first, last = min(s[0] for s in spans), max(s[1] for s in spans)
-        finest = chosen[0][0]
-        coarse = finest[finest[:, 2] > 1.0]
-        middle = span(self._levels[0], coarse)[1] if len(coarse) else first
+        coarse = chosen[0].boxes[chosen[0].chunks[:, 2] > 1.0]
+        middle = span(coarse)[1] if len(coarse) else first
         return first, max(first, middle), last
 
     def bind_exact(self, program: moderngl.Program) -> None:

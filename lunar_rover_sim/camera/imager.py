@@ -114,7 +114,7 @@ class AutoExposure:
     def __init__(self, sensor: SensorModel) -> None:
         self._sensor = sensor
         self.exposure_s = sensor.config.exposure_s
-        self._started = False
+        self.started = False
 
     @property
     def aim(self) -> float:
@@ -123,9 +123,7 @@ class AutoExposure:
 
     def start(self, radiance: F32) -> None:
         """Set the first exposure from the (h, w) ideal image."""
-        if self._started:
-            return
-        self._started = True
+        self.started = True
         lit = radiance[radiance > 0.02 * float(radiance.max(initial=0.0))]
         if len(lit):
             bright = float(np.percentile(lit, 92))

@@ -198,7 +198,7 @@ class Renderer:
             self._ground.draw(self._programs, chosen)
             _clear(self._lighting, window)
             if eye == eyes[0]:  # a new target: meanwhile the driver draws what the last one got
-                self._cast_shadow(legs)
+                self._cast_shadow(legs, view)
                 self._boulders.choose(view, self.rig.focal_px, self.config.detail.rock_min_px)
                 body = self._body_light(legs) if self._rover.seen(legs, view) else None
             self._light_ground(rows, window, lit)
@@ -206,13 +206,11 @@ class Renderer:
             if truth and eye == 0:
                 self._draw_truth(window, legs, body)
 
-    def _cast_shadow(self, legs: Array) -> None:
+    def _cast_shadow(self, legs: Array, view: View) -> None:
         """Tell the lit programs where the rover keeps the sun off."""
-        shadow = self._rover.silhouette(legs, self._sun_axes)
-        self._rover.bind_shadow(shadow, _SHADOW_UNIT)
+        shadow = self._rover.cast_shadow(legs, self._sun_axes, view, _SHADOW_UNIT)
         for program in self._programs.values():
-            set_uniform(program, u_rover_map=_SHADOW_UNIT, u_rover_right=tuple(shadow.right),
-                        u_rover_up=tuple(shadow.up), u_rover_centre=tuple(shadow.centre_m))
+            set_uniform(program, **shadow)
 
     def _draw_lamp_shadow(self, pose: Array) -> None:
         """Draw depth as the lamp sees it: ground and rocks."""
@@ -354,7 +352,8 @@ class Renderer:
         """Run the sensor over what was drawn; return (2, h, w) pixels."""
         if self._auto is not None:
             eye = min(eyes)
-            self._auto.start(self._image_of(self._lighting, 0, eye))
+            if not self._auto.started:
+                self._auto.start(self._image_of(self._lighting, 0, eye))
             self.exposure_s = self._auto.exposure_s
         raw = self._imager.develop(self._radiance, eyes, self.exposure_s, frame_index)
         if self._auto is not None:

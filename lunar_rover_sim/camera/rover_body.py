@@ -7,8 +7,7 @@ penumbra, sharp at the feet and wide far away.
 
 from __future__ import annotations
 
-import dataclasses
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -27,22 +26,9 @@ F32 = NDArray[np.float32]
 MAP = 320               # pixels along a side of the silhouette map
 _MARGIN_M = 0.06        # around the rover
 _HIDDEN_M = 0.004       # pieces that stand out of others by less are left out of the shadow
+_NOWHERE_M = 1e6
+_SHADOW_M = 200.0       # beyond, the rover hides less than a tenth of the sun's disc
 _SUB = 4                # fractional bits of outline corners
-
-
-@dataclasses.dataclass(frozen=True)
-class Silhouette:
-    """The rover as the sun sees it.
-
-    data: (MAP, MAP, 2) float32: signed distance to the outline [m], < 0 inside; and the position
-    of the piece along the sun ray, relative to the centre [m]. right, up: (3,) axes of the map
-    divided by its half extent; centre_m: (3,) world.
-    """
-
-    data: F32
-    right: Array
-    up: Array
-    centre_m: Array
 
 
 class RoverBody:
@@ -59,6 +45,7 @@ class RoverBody:
                     self._pieces) + max(float(np.linalg.norm(pose[:3, 3])) for pose in
                                         link_poses(rover, np.zeros(4)).values())
         self.radius_m = reach
+        self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
         data = np.concatenate([_triangles(part, self._links.index(part.link)) for part in parts])
         self._count = len(data)
         self._boxes = np.stack([_box_corners(data[data[:, 7] == k, :3])
@@ -66,9 +53,11 @@ class RoverBody:
         self._vertices = context.buffer(data.astype(np.float32).tobytes())
         self._context = context
         self._arrays: dict[int, moderngl.VertexArray] = {}
-        self._map = context.texture((MAP, MAP), 2, dtype='f4')
-        self._map.filter = (context.LINEAR, context.LINEAR)
-        self._map.repeat_x = self._map.repeat_y = False
+        # Two by turns: to write to one that is in use would wait for all drawing under way.
+        self._maps = [context.texture((MAP, MAP), 2, dtype='f4') for _ in range(2)]
+        for texture in self._maps:
+            texture.filter = (context.LINEAR, context.LINEAR)
+            texture.repeat_x = texture.repeat_y = False
 
     def poses(self, T_world_base: Array, joint_angle_rad: ArrayLike) -> Array:
         """Return the (links, 4, 4) world poses of all links."""
@@ -91,10 +80,36 @@ class RoverBody:
                            'a_link')], skip_errors=True)
         self._arrays[program.glo].render(vertices=self._count)
 
-    def silhouette(self, poses: Array, sun_axes: Array) -> Silhouette:
-        """Return the rover as the sun sees it; sun_axes: (3, 3) as `rock_shadow.sun_axes`."""
+    def cast_shadow(self, poses: Array, sun_axes: Array, view: View, unit: int) -> dict[str, Any]:
+        """Bind the map of the shadow; return where it is, by the names of uniforms.
+
+        sun_axes: (3, 3) as `rock_shadow.sun_axes`
+        """
+        right, up, to_sun = sun_axes
         centre = poses[0, :3, 3]
-        half = self.radius_m + _MARGIN_M
+        if self._may_shade(centre, to_sun, view):
+            self._maps.reverse()
+            self._maps[0].write(self.silhouette(poses, sun_axes).tobytes())
+        else:
+            centre = centre + _NOWHERE_M * up
+        self._maps[0].use(unit)
+        return {'u_rover_map': unit, 'u_rover_right': tuple(right / self._half_m),
+                'u_rover_up': tuple(up / self._half_m), 'u_rover_centre': tuple(centre)}
+
+    def _may_shade(self, centre: Array, to_sun: Array, view: View) -> bool:
+        """Return whether any place behind the map, as the sun sees it, may be in view."""
+        normals = view.planes[:, :3]
+        reach = normals @ (centre - view.camera_m) + np.sqrt(2.0) * self._half_m
+        reach += _SHADOW_M * np.maximum(-normals @ to_sun, 0.0)
+        return bool(np.all(reach + view.planes[:, 3] > 0.0))
+
+    def silhouette(self, poses: Array, sun_axes: Array) -> F32:
+        """Return the rover as the sun sees it.
+
+        (MAP, MAP, 2): signed distance to the outline [m], < 0 inside; and the position of the
+        piece along the sun ray, relative to the rover [m].
+        """
+        centre, half = poses[0, :3, 3], self._half_m
         scale = 0.5 * MAP / half
         shapes = []
         for link, vertices, faces in self._pieces:
@@ -108,26 +123,22 @@ class RoverBody:
         for along, outline in sorted(shapes, key=lambda item: item[0]):
             cv2.fillConvexPoly(free, outline, 0, cv2.LINE_8, _SUB)
             cv2.fillConvexPoly(depth, outline, along, cv2.LINE_8, _SUB)
+        taken = cv2.bitwise_not(free)
         outside = cv2.distanceTransform(free, cv2.DIST_L2, 5)
-        inside = cv2.distanceTransform(255 - free, cv2.DIST_L2, 5)
+        inside = cv2.distanceTransform(taken, cv2.DIST_L2, 5)
         # The transform measures to the centre of the next pixel of the other kind.
-        distance = np.where(free > 0, outside - 0.5, 0.5 - inside) / scale
+        middle = np.where(free > 0, np.float32(0.5), np.float32(-0.5))
+        distance = (outside - inside - middle) * np.float32(1.0 / scale)
         spread = cv2.dilate(depth, np.ones((25, 25), np.uint8))
-        depth = np.where(free > 0, spread, depth)
-        return Silhouette(np.stack([distance, depth], axis=-1).astype(np.float32),
-                          sun_axes[0] / half, sun_axes[1] / half, centre)
-
-    def bind_shadow(self, silhouette: Silhouette, unit: int) -> None:
-        """Upload the map and bind it."""
-        self._map.write(silhouette.data.tobytes())
-        self._map.use(unit)
+        return np.dstack([distance, np.where(free > 0, spread, depth)]).astype(np.float32)
 
     def release(self) -> None:
         """Release the GL objects."""
         for array in self._arrays.values():
             array.release()
         self._vertices.release()
-        self._map.release()
+        for texture in self._maps:
+            texture.release()
 
 
 def _box_corners(points: Array) -> Array:

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 CHUNK = 8
 _NEAR_CELL_M = 0.05
-_LOWER = 256  # added to the column of a vertex at the lower rim of a skirt
+_FIRST_SIDE = 16        # where the choice of chunks begins: this many of them along a side
+_ROUNDING_M = 1e-3
+_ROWS, _COLUMNS = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])    # of the parts of a chunk
+_LOWER = 256            # added to the column of a vertex at the lower rim of a skirt
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,141 +44,154 @@ class View:
     above_m: float
 
 
+@dataclasses.dataclass(frozen=True)
+class Selection:
+    """Chunks to draw, nearest first.
+
+    chunks: (m, 4) first column, first row, stride, range; boxes: (m, 2, 3) their least and
+    greatest coordinates, world [m]; skirts: (s, 4) like chunks, for each of their sides that
+    another mesh may adjoin; its number, 0 to 3, is the fraction of the stride in quarters
+    """
+
+    chunks: Array
+    boxes: Array
+    skirts: Array
+
+
+class _Floor:
+    """All chunks of one stride: what does not depend on the view."""
+
+    def __init__(self, tree: ChunkTree, stride: int, low: NDArray[np.float32],
+                 high: NDArray[np.float32]) -> None:
+        self.stride = stride
+        self.side = len(low)
+        self.low, self.high = low, high
+        # Along either axis.
+        first = CHUNK * stride * np.arange(self.side)
+        ends = np.stack([first, np.minimum(first + CHUNK * stride, tree.n - 1)])
+        self.ends = (ends - 0.5 * (tree.n - 1)) * tree.cell_m
+        self.middle, self.half = self.ends.mean(axis=0), 0.5 * (self.ends[1] - self.ends[0])
+        inner, outer = tree.inner_half_m, 0.5 * (tree.n - 1) * tree.cell_m - _ROUNDING_M
+        self.within = (self.ends[0] >= -inner) & (self.ends[1] <= inner)
+        self.meets = (self.ends[0] < inner) & (self.ends[1] > -inner)
+        self.touches = ((self.ends[0] < inner + _ROUNDING_M)
+                        & (self.ends[1] > -inner - _ROUNDING_M))
+        self.at_rim = (self.ends[0] < -outer) | (self.ends[1] > outer)
+
+
 class ChunkTree:
     """Chooses the chunks of one height grid."""
 
     def __init__(self, grid: HeightGrid, inner_half_m: float) -> None:
         self.cell_m = grid.cell_m
         self.n = grid.n
-        self._inner_half_m = inner_half_m
-        self._low: list[NDArray[np.float32]] = []
-        self._high: list[NDArray[np.float32]] = []
-        self._low.append(_chunks(grid.heights_m, np.minimum))
-        self._high.append(_chunks(grid.heights_m, np.maximum))
-        while self._low[-1].shape[0] > 1:
-            self._low.append(_blocks(self._low[-1], 2, np.minimum))
-            self._high.append(_blocks(self._high[-1], 2, np.maximum))
+        self.inner_half_m = inner_half_m
+        low, high = (_chunks(grid.heights_m, merge) for merge in (np.minimum, np.maximum))
+        self._floors = [_Floor(self, 1, low, high)]
+        while len(low) > 1:
+            low, high = _blocks(low, 2, np.minimum), _blocks(high, 2, np.maximum)
+            self._floors.append(_Floor(self, 2 * self._floors[-1].stride, low, high))
 
     @property
     def aligned(self) -> bool:
         """Whether the finer level inside this one ends where chunks end (or there is none)."""
-        edge = 0.5 * (self.n - 1) - self._inner_half_m / self.cell_m
-        return self._inner_half_m == 0.0 or abs(edge / CHUNK - round(edge / CHUNK)) < 1e-6
+        edge = 0.5 * (self.n - 1) - self.inner_half_m / self.cell_m
+        return self.inner_half_m == 0.0 or abs(edge / CHUNK - round(edge / CHUNK)) < 1e-6
 
     @property
     def depth(self) -> int:
         """Number of strides: 1, 2, 4 ..."""
-        return len(self._low)
+        return len(self._floors)
 
-    def boxes(self, chunks: Array) -> Array:
-        """Return (m, 2, 3) corners of least and greatest coordinates of chunks, world [m]."""
-        size = (chunks[:, 2] * CHUNK).astype(int)
-        columns, rows = (chunks[:, :2] / size[:, None]).astype(int).T
-        x, y = self._bounds(columns, size), self._bounds(rows, size)
-        k = np.round(np.log2(chunks[:, 2])).astype(int)
-        z = np.empty((2, len(chunks)))
-        for level in np.unique(k):
-            of = k == level
-            z[0, of] = self._low[level][rows[of], columns[of]]
-            z[1, of] = self._high[level][rows[of], columns[of]]
-        return np.stack([np.stack([x[i], y[i], z[i]], axis=-1) for i in (0, 1)], axis=1)
-
-    def select(self, view: View, ranges_m: NDArray[np.float64]) -> tuple[Array, Array]:
-        """Return (chunks, skirts): (m, 4) first column, first row, stride, range; near first.
+    def select(self, view: View, ranges_m: NDArray[np.float64]) -> Selection:
+        """Choose chunks for a view.
 
         ranges_m: (depth,) distance up to which each stride is fine enough, increasing.
         """
-        top = self._low[-1].shape[0]
-        rows, columns = (a.ravel() for a in np.indices((top, top)))
-        chunks, distances, skirts = [], [], []
-        for k in range(self.depth - 1, -1, -1):
-            size = CHUNK << k
-            edges = np.stack([*self._bounds(columns, size), *self._bounds(rows, size)])
-            seen = self._seen(edges, self._low[k][rows, columns], self._high[k][rows, columns],
-                              view)
-            rows, columns, edges = rows[seen], columns[seen], edges[:, seen]
-            near, far = _distances(edges, view)
-            split = near < ranges_m[k - 1] if k else np.zeros(len(rows), bool)
+        normals, offsets = view.planes[:, :3], view.planes[:, 3:]
+        # Distances are compared by what is left of them over level ground.
+        over = view.above_m**2
+        chunks, boxes, skirts, near = [], [], [], []
+        k = self._first_floor(view, ranges_m)
+        rows, columns = (a.ravel() for a in np.indices(2 * (self._floors[k].side,)))
+        while k >= 0 and len(rows):
+            floor = self._floors[k]
+            low, high = floor.low[rows, columns], floor.high[rows, columns]
+            middle = np.array([floor.middle[columns], floor.middle[rows], 0.5 * (low + high)])
+            half = np.array([floor.half[columns], floor.half[rows], 0.5 * (high - low)])
+            middle -= view.camera_m[:, None]
+            reach = normals @ middle + np.abs(normals) @ half
+            seen = np.all(reach >= -offsets, axis=0)
+            if self.inner_half_m:
+                seen &= ~(floor.within[rows] & floor.within[columns])
+            rows, columns = rows[seen], columns[seen]
+            away, half = np.abs(middle[:2, seen]), half[:2, seen]
+            nearest = (np.maximum(away - half, 0.0)**2).sum(axis=0)
+            keep = np.ones(len(rows), bool)
             if k:
-                split |= self._meets_inner(edges)
-            keep = ~split
+                finer = ranges_m[k - 1]
+                keep = nearest >= finer**2 - over
+                if self.inner_half_m:
+                    keep &= ~(floor.meets[rows] & floor.meets[columns])
+            kept_rows, kept_columns = rows[keep], columns[keep]
             limit = ranges_m[k] if k < self.depth - 1 else 1e9
-            chunk = np.column_stack([columns[keep] * size, rows[keep] * size,
-                                     np.full(keep.sum(), 1 << k), np.full(keep.sum(), limit)])
+            size = CHUNK * floor.stride
+            chunk = np.empty((len(kept_rows), 4))
+            chunk[:, 0], chunk[:, 1] = kept_columns * size, kept_rows * size
+            chunk[:, 2:] = floor.stride, limit
+            box = np.empty((len(chunk), 2, 3))
+            for end, bound in enumerate((low, high)):
+                box[:, end, 0] = floor.ends[end, kept_columns]
+                box[:, end, 1] = floor.ends[end, kept_rows]
+                box[:, end, 2] = bound[seen][keep]
             chunks.append(chunk)
-            distances.append(near[keep])
+            boxes.append(box)
+            near.append(nearest[keep])
             # Both sides of a change of stride, or of grid: either edge may be rounded to lie above
             # the other.
-            other = (far > 0.98 * limit) | self._at_rim(edges)
+            farthest = ((away + half)[:, keep]**2).sum(axis=0)
+            other = farthest > (0.98 * limit)**2 - over
+            other |= floor.at_rim[kept_rows] | floor.at_rim[kept_columns]
+            if self.inner_half_m:
+                other |= floor.touches[kept_rows] & floor.touches[kept_columns]
             if k:
-                other |= near < ranges_m[k - 1] + 1.5 * size * self.cell_m
-            skirts.append(self._rims(chunk, columns[keep], rows[keep], other[keep]))
-            rows = (2 * rows[split][:, None] + [0, 0, 1, 1]).ravel()
-            columns = (2 * columns[split][:, None] + [0, 1, 0, 1]).ravel()
-            if k:
-                inside = (rows < self._low[k - 1].shape[0]) & (columns < self._low[k - 1].shape[0])
-                rows, columns = rows[inside], columns[inside]
-        order = np.argsort(np.concatenate(distances), kind='stable')
-        return np.concatenate(chunks)[order], np.concatenate(skirts)
+                other |= near[-1] < (finer + 1.5 * size * self.cell_m)**2 - over
+            skirts.append(_rims(chunk, kept_columns, kept_rows, other))
+            if k == 0:
+                break
+            k -= 1
+            rows = (2 * rows[~keep][:, None] + _ROWS).ravel()
+            columns = (2 * columns[~keep][:, None] + _COLUMNS).ravel()
+            inside = (rows < self._floors[k].side) & (columns < self._floors[k].side)
+            rows, columns = rows[inside], columns[inside]
+        order = np.argsort(np.concatenate(near), kind='stable')
+        return Selection(np.concatenate(chunks)[order], np.concatenate(boxes)[order],
+                         np.concatenate(skirts))
 
-    def _rims(self, chunk: Array, columns: NDArray[np.int64], rows: NDArray[np.int64],
-              outer: NDArray[np.bool_]) -> Array:
-        """Return (m, 4) like chunks: sides that another stride may adjoin.
-
-        The number of the side, 0 to 3, is the fraction of the stride in quarters.
-        """
-        if len(chunk) == 0:
-            return chunk
-        taken = np.zeros((int(rows.max()) + 3, int(columns.max()) + 3), bool)
-        taken[rows + 1, columns + 1] = True
-        rims = []
-        for side, (dx, dy) in enumerate(((-1, 0), (1, 0), (0, -1), (0, 1))):
-            edge = chunk[outer & ~taken[rows + 1 + dy, columns + 1 + dx]]
-            edge[:, 2] += 0.25 * side
-            rims.append(edge)
-        return np.concatenate(rims)
-
-    def _bounds(self, index: NDArray[np.int64],
-                size: int | NDArray[np.int64]) -> tuple[Array, Array]:
-        low = np.minimum(index * size, self.n - 1)
-        high = np.minimum(low + size, self.n - 1)
-        middle = 0.5 * (self.n - 1)
-        return (low - middle) * self.cell_m, (high - middle) * self.cell_m
-
-    def _at_rim(self, edges: Array) -> NDArray[np.bool_]:
-        """Return which chunks lie at the rim of this grid or of the finer one inside it."""
-        half = 0.5 * (self.n - 1) * self.cell_m - 1e-3
-        return np.any(np.abs(edges) > half, axis=0) | self._meets_inner(edges, 1e-3)
-
-    def _meets_inner(self, edges: Array, margin_m: float = 0.0) -> NDArray[np.bool_]:
-        """Return which chunks overlap the finer grid, if there is one, and a margin around it."""
-        if self._inner_half_m == 0.0:
-            return np.zeros(edges.shape[1], bool)
-        h = self._inner_half_m + margin_m
-        return np.all((edges[::2] < h) & (edges[1::2] > -h), axis=0)
-
-    def _seen(self, edges: Array, low: NDArray[np.float32], high: NDArray[np.float32],
-              view: View) -> NDArray[np.bool_]:
-        """Return which chunks are not empty, not within the finer grid, and may be in view."""
-        x0, x1, y0, y1 = edges
-        seen = (x1 > x0) & (y1 > y0)
-        h = self._inner_half_m
-        if h > 0.0:
-            seen &= ~((x0 >= -h) & (x1 <= h) & (y0 >= -h) & (y1 <= h))
-        ends = np.array([[x0, y0, low], [x1, y1, high]])
-        middle = 0.5 * (ends[0] + ends[1]) - view.camera_m[:, None]
-        normals = view.planes[:, :3]
-        reach = normals @ middle + np.abs(normals) @ (0.5 * (ends[1] - ends[0]))
-        return seen & np.all(reach + view.planes[:, 3:] >= 0.0, axis=0)
+    def _first_floor(self, view: View, ranges_m: NDArray[np.float64]) -> int:
+        """Return the index of a floor above which no chunk could be kept."""
+        half = 0.5 * (self.n - 1) * self.cell_m
+        farthest = np.hypot(*(np.abs(view.camera_m[:2]) + half)) + view.above_m
+        k = self.depth - 1
+        while k and self._floors[k].side < _FIRST_SIDE and ranges_m[k - 1] > farthest:
+            k -= 1
+        return k
 
 
-def _distances(edges: Array, view: View) -> tuple[Array, Array]:
-    """Return nearest and farthest distance of chunks (4, m) x0, x1, y0, y1 from the camera."""
-    ahead, behind = edges[::2] - view.camera_m[:2, None], view.camera_m[:2, None] - edges[1::2]
-    nearest = np.maximum(np.maximum(ahead, behind), 0.0)
-    farthest = np.maximum(-ahead, -behind)
-    above = view.above_m**2
-    return (np.sqrt((nearest**2).sum(axis=0) + above), np.sqrt((farthest**2).sum(axis=0) + above))
+def _rims(chunks: Array, columns: NDArray[np.int64], rows: NDArray[np.int64],
+          other: NDArray[np.bool_]) -> Array:
+    """Return the skirts of chunks that `other` meshes may adjoin; see Selection."""
+    if not other.any():
+        return np.empty((0, 4))
+    columns, rows = columns - columns.min() + 1, rows - rows.min() + 1
+    taken = np.zeros((int(rows.max()) + 2, int(columns.max()) + 2), bool)
+    taken[rows, columns] = True
+    rims = []
+    for side, (dx, dy) in enumerate(((-1, 0), (1, 0), (0, -1), (0, 1))):
+        edge = chunks[other & ~taken[rows + dy, columns + dx]]
+        edge[:, 2] += 0.25 * side
+        rims.append(edge)
+    return np.concatenate(rims)
 
 
 class TerrainLevel:
