@@ -110,78 +110,80 @@ void main() {
     if (depth > 0.0 && edge.y > u_first_row + 1.0 && depth_at(edge - vec2(0.0, 1.0)) == 0.0)
         covered = covered_share(edge, is_sky);
 #endif
-    vec3 ray = pixel_ray(pixel());
+    // Newer llvmpipe jumps over branches that no pixel of a block takes.
+    if (depth > 0.0) {
+        vec3 ray = pixel_ray(pixel());
 #ifdef REFINE
-    depth = refined(depth, ray);
+        depth = refined(depth, ray);
 #endif
 #ifdef SKYLINE
-    o_depth = is_sky ? 0.0 : depth;
+        o_depth = is_sky ? 0.0 : depth;
 #elif !defined(TRUTH)
-    o_depth = depth;
+        o_depth = depth;
 #endif
-    vec3 relative = ray * depth;
-    vec2 xy = relative.xy + u_camera.xy;
-    float reach = max(abs(xy.x), abs(xy.y));
-    vec4 grid = u_level[0];
-    float layer = 0.0;
-    for (int k = 1; k < LEVELS; k++) {
-        if (reach > u_level[k - 1].w) { grid = u_level[k]; layer = float(k); }
-    }
-    vec3 uv = vec3(xy * grid.x + grid.y, layer);
-    if (depth == 0.0) discard;
+        vec3 relative = ray * depth;
+        vec2 xy = relative.xy + u_camera.xy;
+        float reach = max(abs(xy.x), abs(xy.y));
+        vec4 grid = u_level[0];
+        float layer = 0.0;
+        for (int k = 1; k < LEVELS; k++) {
+            if (reach > u_level[k - 1].w) { grid = u_level[k]; layer = float(k); }
+        }
+        vec3 uv = vec3(xy * grid.x + grid.y, layer);
 #ifdef TRUTH
-    vec2 fall = textureLod(u_ground, uv, 0.0).xy;
-    o_truth = vec4(normalize(vec3(-fall, 1.0)), 1.0);
+        vec2 fall = textureLod(u_ground, uv, 0.0).xy;
+        o_truth = vec4(normalize(vec3(-fall, 1.0)), 1.0);
 #elif !defined(UNLIT)
-    vec3 view = -normalize(ray);
-    // Footprint of the pixel on level ground: across and along the line of sight.
-    float size = depth * u_pixel;
-    float along = min(size / max(abs(view.z), 0.02), 4.0 * size);
-    float level = log2(along);
-    vec4 ground = textureLod(u_ground, uv, mip(level + grid.z));
-    vec4 matter = textureLod(u_matter, uv, mip(level + grid.z));
-    vec4 a = textureLod(u_tile_a, xy * u_tile.x, mip(level + u_lod.x));
-    mat2 turn = mat2(u_turn.x, u_turn.y, -u_turn.y, u_turn.x);
-    vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, mip(level + u_lod.y));
-    vec2 slope_a = (a.xy - 0.501961) * u_tile.z;
-    vec2 slope_b = (b.xy - 0.501961) * u_tile.w * turn;
-    vec2 slope = ground.xy + slope_a + slope_b;
-    vec3 normal = normalize(vec3(-slope, 1.0));
-    // Faces of the fine relief that turn away from the camera hide behind those that face it.
-    float least = clamp(dot(normalize(vec3(-ground.xy, 1.0)), view), 0.02, 0.08);
-    normal = normalize(normal + view * max(least - dot(normal, view), 0.0));
-    vec2 heading = u_heading.xy;
-    float tangent = u_heading.z - dot(ground.xy, heading);
-    float width = u_sun_radius * (1.0 + tangent * tangent);
-    float lit = disc(ground.z / ground.w, u_sun_radius);
-    float above_a = tangent - (u_turn.z + (2.0 * a.z - 1.0) * u_turn.w);
-    float above_b = tangent - dot(slope_a, heading) - (u_turn.z + (2.0 * b.z - 1.0) * u_turn.w);
-    float spread_a = 2.0 * a.w * u_turn.w, spread_b = 2.0 * b.w * u_turn.w;
-    float lit_a = disc(above_a, width + 1.8 * spread_a);
-    float lit_b = disc(above_b, width + 1.8 * spread_b);
-    float far = clamp((level + 7.9) * (1.0 / 4.5), 0.0, 1.0);
-    far *= far * (3.0 - 2.0 * far);
-    lit *= mix(lit_a * lit_b, 1.0, far);
+        vec3 view = -normalize(ray);
+        // Footprint of the pixel on level ground: across and along the line of sight.
+        float size = depth * u_pixel;
+        float along = min(size / max(abs(view.z), 0.02), 4.0 * size);
+        float level = log2(along);
+        vec4 ground = textureLod(u_ground, uv, mip(level + grid.z));
+        vec4 matter = textureLod(u_matter, uv, mip(level + grid.z));
+        vec4 a = textureLod(u_tile_a, xy * u_tile.x, mip(level + u_lod.x));
+        mat2 turn = mat2(u_turn.x, u_turn.y, -u_turn.y, u_turn.x);
+        vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, mip(level + u_lod.y));
+        vec2 slope_a = (a.xy - 0.501961) * u_tile.z;
+        vec2 slope_b = (b.xy - 0.501961) * u_tile.w * turn;
+        vec2 slope = ground.xy + slope_a + slope_b;
+        vec3 normal = normalize(vec3(-slope, 1.0));
+        // Faces of the fine relief that turn away from the camera hide behind those that face it.
+        float least = clamp(dot(normalize(vec3(-ground.xy, 1.0)), view), 0.02, 0.08);
+        normal = normalize(normal + view * max(least - dot(normal, view), 0.0));
+        vec2 heading = u_heading.xy;
+        float tangent = u_heading.z - dot(ground.xy, heading);
+        float width = u_sun_radius * (1.0 + tangent * tangent);
+        float lit = disc(ground.z / ground.w, u_sun_radius);
+        float above_a = tangent - (u_turn.z + (2.0 * a.z - 1.0) * u_turn.w);
+        float above_b = tangent - dot(slope_a, heading) - (u_turn.z + (2.0 * b.z - 1.0) * u_turn.w);
+        float spread_a = 2.0 * a.w * u_turn.w, spread_b = 2.0 * b.w * u_turn.w;
+        float lit_a = disc(above_a, width + 1.8 * spread_a);
+        float lit_b = disc(above_b, width + 1.8 * spread_b);
+        float far = clamp((level + 7.9) * (1.0 / 4.5), 0.0, 1.0);
+        far *= far * (3.0 - 2.0 * far);
+        lit *= mix(lit_a * lit_b, 1.0, far);
 #ifdef ROVER_SHADOW
-    lit *= rover_visibility(relative);
+        lit *= rover_visibility(relative);
 #endif
-    float albedo = 2.0 * matter.r;
-    float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
-    float reflectance = hapke(mu0, mu, dot(u_sun, view), mix(u_theta.x, u_theta.y, far), albedo,
-                              u_regolith);
+        float albedo = 2.0 * matter.r;
+        float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
+        float reflectance = hapke(lit > 0.0 ? mu0 : 0.0, mu, dot(u_sun, view),
+                                  mix(u_theta.x, u_theta.y, far), albedo, u_regolith);
 #ifdef LAMP
-    vec3 to_lamp;
-    float lamp = lamp_irradiance(relative, normalize(vec3(-ground.xy, 1.0)), to_lamp);
-    float lamp_radiance = lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view),
-                                       mix(u_theta.x, u_theta.y, far), albedo, u_regolith);
+        vec3 to_lamp;
+        float lamp = lamp_irradiance(relative, normalize(vec3(-ground.xy, 1.0)), to_lamp);
+        float lamp_radiance = lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view),
+                                           mix(u_theta.x, u_theta.y, far), albedo, u_regolith);
 #else
-    const float lamp_radiance = 0.0;
+        const float lamp_radiance = 0.0;
 #endif
-    float scattered = matter.g * matter.g + matter.b * matter.b * 0.5 * (1.0 - normal.z);
-    o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered)
-        + lamp_radiance;
+        float scattered = matter.g * matter.g + matter.b * matter.b * 0.5 * (1.0 - normal.z);
+        o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered)
+            + lamp_radiance;
 #ifdef SKYLINE
-    o_radiance *= covered;
+        o_radiance *= covered;
 #endif
 #endif
+    } else discard;
 }

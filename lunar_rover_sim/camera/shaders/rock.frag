@@ -41,7 +41,7 @@ void main() {
 #ifdef ROVER_SHADOW
     lit *= rover_visibility(v_relative);
 #endif
-    float reflectance = hapke(mu0, mu, dot(u_sun, view), u_rock_theta, v_matter.z, u_rock);
+    float reflectance = hapke(lit > 0.0 ? mu0 : 0.0, mu, dot(u_sun, view), u_rock_theta, v_matter.z, u_rock);
     vec3 matter = textureLod(u_matter, vec3((v_relative.xy + u_camera.xy) * u_grid.x + u_grid.y, 0.0),
                              3.0).rgb;
     float around = matter.b * matter.b * 0.25;

@@ -21,12 +21,12 @@ void main() {
 #endif
     vec2 odd = mod(ij, 2.0) * stride;
     vec2 g = min(i_chunk.xy + ij * stride, 2.0 * u_lattice.y);
-    float fine = height(g);
-    float coarse = 0.5 * (height(g - odd) + height(g + odd));
+    float z = height(g);
     vec2 xy = (g - u_lattice.y) * u_cell - u_camera.xy;
     // One mesh for both eyes, and the one that chunks were chosen for: no gaps between them.
     float far = length(vec3(xy - u_middle, u_above)) / i_chunk.w;
-    float z = mix(fine, coarse, clamp((far - 0.85) * (1.0 / 0.15), 0.0, 1.0));
+    float share = clamp((far - 0.85) * (1.0 / 0.15), 0.0, 1.0);
+    if (share > 0.0) z = mix(z, 0.5 * (height(g - odd) + height(g + odd)), share);
 #ifdef SKIRT
     if (lower) z -= 0.25 * u_cell * stride;
 #endif
