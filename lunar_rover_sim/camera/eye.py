@@ -45,6 +45,7 @@ class Eye:
         block['first_row'], block['last_row'] = window[1], window[1] + window[3] - 1
         block['texel'] = 1.0 / np.array(size)
         block['middle'] = view.camera_m[:2] - camera[:2, 3]
+        self._buffer.orphan()   # the last content may still be in use
         self._buffer.write(block.tobytes())
 
     def bind(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from concurrent.futures import Future
 import dataclasses
 import logging
@@ -28,6 +28,7 @@ from lunar_rover_sim.camera import lamp as lamps
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.rock_shadow import sun_axes
 from lunar_rover_sim.camera.sensor import first_exposure_s, SensorModel
+from lunar_rover_sim.camera.stage import attachment, Scene, Stage, Wanted, Window
 from lunar_rover_sim.camera.sunlight import Sunlight
 from lunar_rover_sim.camera.surface import Surface, TileMaker
 from lunar_rover_sim.camera.terrain import View
@@ -38,6 +39,8 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.model import World
 
 log = logging.getLogger(__name__)
+
+State = tuple[Array, Array]      # pose of the rover, leg angles
 
 _TRUTH_LAYERS = {'normal', 'label'}
 _LEFT_LAYERS = {'left', 'depth', 'radiance'} | _TRUTH_LAYERS
@@ -86,20 +89,14 @@ class Renderer:
         self._tiles = TileMaker(config.detail, self.seed)
         tiles = self._tiles.start(self.sun_direction)
         # Left above right in one pair of attachments.
-        self._radiance = context.texture((width, 2 * height), 1, dtype='f4')
-        self._mesh_depth = context.texture((width, 2 * height), 1, dtype='f4')
-        self._depth = context.texture((width, 2 * height), 1, dtype='f4')
-        self._buffer = context.depth_renderbuffer((width, 2 * height))
-        self._geometry = context.framebuffer([self._mesh_depth], self._buffer)
+        self._radiance = attachment(context, (width, 2 * height))
+        self._depth = attachment(context, (width, 2 * height))
         self._lighting = context.framebuffer([self._radiance, self._depth])
-        self._target = context.framebuffer([self._radiance, self._depth], self._buffer)
-        for texture in (self._radiance, self._depth, self._mesh_depth):
-            texture.filter = (context.NEAREST, context.NEAREST)
-            texture.repeat_x = texture.repeat_y = False
+        self._stages = [Stage(context, self._radiance, self._depth) for _ in range(2)]
+        self._ahead: Scene | None = None
 
         self._ground = Ground(context, self.world, config.detail)
-        self._eyes = [Eye(context) for _ in ('left', 'right', 'lamp')]
-        self._truth: Any = None
+        self._lamp_eye = Eye(context)
         self._light_surface(tiles)
         self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
                                   self.sunlight.rock_light())
@@ -123,6 +120,7 @@ class Renderer:
                                   elevation_deg=elevation_deg)
         self.config = dataclasses.replace(self.config, sun=sun)
         self.sun_direction = sun_direction(azimuth_deg, elevation_deg)
+        self._ahead = None
         with self._context:
             self._surface.release()
             self._light_surface(self._tiles.start(self.sun_direction))
@@ -134,11 +132,14 @@ class Renderer:
     # Drawing
 
     def render(self, T_world_base: ArrayLike, joint_angle_rad: ArrayLike, frame_index: int = 0,
-               layers: Collection[str] = ('left', 'right', 'depth')) -> StereoFrame:
+               layers: Collection[str] = ('left', 'right', 'depth'),
+               then: Callable[[], State | None] | None = None) -> StereoFrame:
         """Draw the asked layers.
 
         T_world_base: (4, 4) pose of the rover; joint_angle_rad: (4,) leg angles in the order of
-        LEG_NAMES; frame_index: makes the noise of each frame its own.
+        LEG_NAMES; frame_index: makes the noise of each frame its own; then: is asked, while this
+        frame is being drawn, for the pose and the leg angles of the next, if they are known, so
+        that it can be begun. That saves time and changes nothing in the images.
 
         The same arguments give the same pixels; only automatic exposure also depends on the frames
         before. Raises RenderError if the context is lost, or for an unknown layer.
@@ -146,9 +147,7 @@ class Renderer:
         asked = set(layers)
         for name in asked.difference(LAYERS):
             raise RenderError(f'layer {name!r} is not valid; {nearest(name, LAYERS)}')
-        pose = np.asarray(T_world_base, dtype=float)
-        if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
-            raise RenderError('T_world_base: a pose is a finite 4 x 4 matrix')
+        state = _state(T_world_base, joint_angle_rad)
         eyes = []
         if asked & _LEFT_LAYERS:
             eyes.append(0)
@@ -156,61 +155,71 @@ class Renderer:
             eyes.append(1)
         if self._closed:
             raise RenderError('the renderer is closed')
+        wanted = Wanted(tuple(eyes), bool(asked & {'left', 'right', 'radiance'}),
+                        bool(asked & _TRUTH_LAYERS))
         try:
-            return self._render(pose, joint_angle_rad, asked, eyes, int(frame_index))
+            with self._context:  # another renderer may have made its own current
+                return self._render(state, asked, wanted, int(frame_index), then)
         except RenderError:
             raise
         except Exception as error:  # moderngl and the driver raise what they like
             raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
 
-    def _render(self, pose: Array, joint_angle_rad: ArrayLike, asked: set[str], eyes: list[int],
-                frame_index: int) -> StereoFrame:
-        with self._context:  # another renderer may have made its own current
-            legs = self._rover.poses(pose, np.asarray(joint_angle_rad, dtype=float))
-            self._draw(pose, legs, eyes, lit=bool(asked & {'left', 'right', 'radiance'}),
-                       truth=bool(asked & _TRUTH_LAYERS))
-            return self._read(asked, eyes, frame_index)
+    def _render(self, state: State, asked: set[str], wanted: Wanted, frame_index: int,
+                then: Callable[[], State | None] | None) -> StereoFrame:
+        scene, self._ahead = self._ahead, None
+        if scene is None or not scene.shows(*state, wanted):
+            scene = self._begin(state, wanted)
+            self._light(scene)
+        following = then() if then is not None else None
+        ahead = None if following is None else self._begin(_state(*following), wanted)
+        raw = self._read(scene, asked, frame_index)
+        if ahead is not None:   # what was lit into has been read
+            self._light(ahead)
+            self._ahead = ahead
+        return self._finish(raw, asked, wanted)
 
-    def _draw(self, pose: Array, legs: Array, eyes: list[int], *, lit: bool,
-              truth: bool) -> None:
-        if not eyes:
-            return
+    def _begin(self, state: State, wanted: Wanted) -> Scene:
+        """Choose what is in view and draw the geometry of the ground."""
+        pose, joint_angle_rad = state
+        self._stages.reverse()
+        stage = self._stages[0]
+        legs = self._rover.poses(pose, joint_angle_rad)
         # Both cameras decide what is drawn: an image does not depend on what else is asked.
         cameras = [pose @ self.rig.T_base_left, pose @ self.rig.T_base_right]
         K, w, h = self._K, self._w, self._h
         view = self._view(cameras, K, w, h)
         chosen = self._ground.choose(view)
-        if self._lamp is not None and lit:
+        if self._lamp is not None and wanted.lit:
             self._draw_lamp_shadow(pose)
         windows = [(0, eye * h, w, h) for eye in range(len(cameras))]
-        for eye in eyes:
-            camera = cameras[eye]
-            self._eyes[eye].place(camera, self._clip(camera, K, w, h), K, view,
-                                  window=windows[eye], size=self._radiance.size)
-        rows = self._ground.rows(chosen, cameras[0], K, h, self.config.camera.near_m)
-        body = None
-        for eye in eyes:
-            window = windows[eye]
-            self._eyes[eye].bind()
-            if self._lamp is not None:
-                self._place_lamp(pose, cameras[eye])
-            _clear(self._geometry, window)
-            self._ground.draw(self._programs, chosen)
-            _clear(self._lighting, window)
-            if eye == eyes[0]:  # a new target: meanwhile the driver draws what the last one got
-                self._cast_shadow(legs, view)
+        for eye in wanted.eyes:
+            stage.eyes[eye].place(cameras[eye], self._clip(cameras[eye], K, w, h), K, view,
+                                  window=windows[eye], size=stage.size)
+            stage.eyes[eye].bind()
+            _clear(stage.ground[eye], windows[eye])
+            if eye == wanted.eyes[-1]:  # while the driver draws the other one
+                shadow = self._rover.cast_shadow(legs, self._sun_axes, view, _SHADOW_UNIT)
                 self._boulders.choose(view, self.rig.focal_px, self.config.detail.rock_min_px)
                 body = self._body_light(legs) if self._rover.seen(legs, view) else None
-            self._light_ground(rows, window, lit)
-            self._draw_objects(window, legs, body)
-            if truth and eye == 0:
-                self._draw_truth(window, legs, body)
+                rows = self._ground.rows(chosen, cameras[0], K, h, self.config.camera.near_m)
+            self._ground.draw(self._programs, chosen)
+        return Scene(pose, joint_angle_rad, wanted, stage, legs, cameras, windows, rows, shadow,
+                     body)
 
-    def _cast_shadow(self, legs: Array, view: View) -> None:
-        """Tell the lit programs where the rover keeps the sun off."""
-        shadow = self._rover.cast_shadow(legs, self._sun_axes, view, _SHADOW_UNIT)
+    def _light(self, scene: Scene) -> None:
+        """Light the ground; draw rocks and the rover over it."""
         for program in self._programs.values():
-            set_uniform(program, **shadow)
+            set_uniform(program, **scene.shadow)
+        for draw in (self._light_ground, self._draw_objects):
+            for eye in scene.wanted.eyes:
+                scene.stage.eyes[eye].bind()
+                if self._lamp is not None:
+                    self._place_lamp(scene.T_world_base, scene.cameras[eye])
+                draw(scene, eye)
+        if scene.wanted.truth and 0 in scene.wanted.eyes:
+            scene.stage.eyes[0].bind()
+            self._draw_truth(scene)
 
     def _draw_lamp_shadow(self, pose: Array) -> None:
         """Draw depth as the lamp sees it: ground and rocks."""
@@ -219,7 +228,7 @@ class Renderer:
         place, size = pose @ lamp.T_base_lamp, lamps.MAP
         view = self._view([place], lamp.K, size, size)
         window = (0, 0, size, size)
-        eye = self._eyes[-1]
+        eye = self._lamp_eye
         eye.place(place, self._clip(place, lamp.K, size, size), lamp.K, view,
                   window=window, size=(size, size))
         eye.bind()
@@ -241,20 +250,20 @@ class Renderer:
             if 'u_lamp' in program:
                 lamp.place(program, place, camera, clip, _LAMP_UNIT)
 
-    def _light_ground(self, rows: tuple[int, int, int], window: tuple[int, int, int, int],
-                      lit: bool) -> None:
+    def _light_ground(self, scene: Scene, eye: int) -> None:
         """Light what the meshes cover; where they may be coarser than the grid, refine it."""
-        context = self._context
-        context.enable_only(context.NOTHING)
-        self._mesh_depth.use(5)
-        kind = '' if lit else 'unlit '
-        first, middle, last = rows
+        window = scene.windows[eye]
+        _clear(self._lighting, window)
+        self._context.enable_only(self._context.NOTHING)
+        scene.stage.ground_depth.use(5)
+        kind = '' if scene.wanted.lit else 'unlit '
+        first, middle, last = scene.rows
         if first < middle:
             self._light_rows(kind + 'refined', window, first, middle)
         if middle < last:
             self._light_rows(kind + 'ground', window, middle, last)
 
-    def _light_rows(self, name: str, window: tuple[int, int, int, int], first: int,
+    def _light_rows(self, name: str, window: Window, first: int,
                     last: int) -> None:
         program = self._programs[name]
         self._surface.bind(program)
@@ -274,37 +283,31 @@ class Renderer:
                 'u_body_light': (clearance[0], occluder[0], clearance[1], occluder[1]),
                 'u_ground_light': self.config.sun.irradiance * surroundings}
 
-    def _draw_objects(self, window: tuple[int, int, int, int], legs: Array,
-                      body: dict[str, Any] | None, kind: str = '') -> None:
+    def _draw_objects(self, scene: Scene, eye: int, kind: str = '') -> None:
         """Draw rocks and the rover, if it is seen, over the lit ground; kind 'truth ' their truth.
         """
         context = self._context
-        target = self._truth if kind else self._target
+        target = scene.stage.truth if kind else scene.stage.objects[eye]
         target.use()
-        target.viewport = window
+        target.viewport = scene.windows[eye]
         context.enable_only(context.DEPTH_TEST | context.CULL_FACE)
         program = self._programs[kind + 'rock']
         self._surface.bind_rocks(program)
         self._boulders.draw(program)
         context.enable_only(context.DEPTH_TEST)
-        if body is not None:
+        if scene.body is not None:
             program = self._programs[kind + 'rover']
-            set_uniform(program, **body)
-            self._rover.draw(program, legs)
+            set_uniform(program, **scene.body)
+            self._rover.draw(program, scene.legs)
 
-    def _draw_truth(self, window: tuple[int, int, int, int], legs: Array,
-                    body: dict[str, Any] | None) -> None:
-        """Draw normals and labels over the depth that is there."""
+    def _draw_truth(self, scene: Scene) -> None:
+        """Draw normals and labels of the left eye over the depth that is there."""
         context = self._context
-        if self._truth is None:
-            size = self._radiance.size
-            self._truth = context.framebuffer([context.texture(size, 4, dtype='f4')],
-                                              self._buffer)
         # Only the colour is cleared: what is nearest is known already.
-        colour_only = context.framebuffer([self._truth.color_attachments[0]])
-        _clear(colour_only, window)
+        colour_only = context.framebuffer([scene.stage.truth.color_attachments[0]])
+        _clear(colour_only, scene.windows[0])
         context.enable_only(context.NOTHING)
-        self._mesh_depth.use(5)
+        scene.stage.ground_depth.use(5)
         program = self._programs['truth ground']
         self._surface.bind(program)
         set_uniform(program, u_depth=5)
@@ -312,7 +315,7 @@ class Renderer:
         colour_only.release()
         context.depth_func = '<='
         try:
-            self._draw_objects(window, legs, body, 'truth ')
+            self._draw_objects(scene, 0, 'truth ')
         finally:
             context.depth_func = '<'
 
@@ -324,41 +327,45 @@ class Renderer:
     def _clip(self, camera: Array, K: Array, w: int, h: int) -> NDArray[np.float32]:
         return clip_matrix(camera, K, w, h, self.config.camera.near_m, self.config.camera.far_m)
 
-    def _read(self, asked: set[str], eyes: list[int], frame_index: int) -> StereoFrame:
-        out: dict[str, NDArray] = {}
+    def _read(self, scene: Scene, asked: set[str], frame_index: int) -> dict[str, NDArray[Any]]:
+        """Read what was drawn, the pixels of both eyes as 'developed'."""
+        raw: dict[str, NDArray[Any]] = {}
+        eyes = list(scene.wanted.eyes)
         if asked & {'left', 'right'}:
-            raw = self._develop(eyes, frame_index)
+            if self._auto is not None:
+                if not self._auto.started:
+                    self._auto.start(self._image_of(self._lighting, 0, eyes[0]))
+                self.exposure_s = self._auto.exposure_s
+            raw['developed'] = self._imager.develop(self._radiance, eyes, self.exposure_s,
+                                                    frame_index)
+        for k, name in enumerate(('radiance', 'depth')):
+            if name in asked:
+                raw[name] = self._image_of(self._lighting, k, 0)
+        if asked & _TRUTH_LAYERS:
+            raw['truth'] = self._image_of(scene.stage.truth, 0, 0, 4)
+        return raw
+
+    def _finish(self, raw: dict[str, NDArray[Any]], asked: set[str],
+                wanted: Wanted) -> StereoFrame:
+        out: dict[str, NDArray[Any]] = {}
+        if 'developed' in raw:
             for eye, name in enumerate(('left', 'right')):
                 if name in asked:
-                    image = raw[eye]
+                    image = raw['developed'][eye]
                     if self.config.sensor.encoding == 'rgb8':
                         image = np.repeat(image[..., None], 3, axis=2)
                     out[name] = image
+            if self._auto is not None:
+                self._auto.follow(raw['developed'][wanted.eyes[0]])
         if 'depth' in asked:
-            depth = self._image_of(self._lighting, 1, 0).copy()
-            depth[depth == 0.0] = np.inf
-            out['depth_m'] = depth
+            out['depth_m'] = np.where(raw['depth'] == 0.0, np.float32(np.inf), raw['depth'])
         if 'radiance' in asked:
-            out['radiance'] = np.ascontiguousarray(self._image_of(self._lighting, 0, 0))
-        if asked & _TRUTH_LAYERS and self._truth is not None:
-            truth = self._image_of(self._truth, 0, 0, 4)
-            if 'normal' in asked:
-                out['normal'] = np.ascontiguousarray(truth[..., :3])
-            if 'label' in asked:
-                out['label'] = np.rint(truth[..., 3]).astype(np.int32)
+            out['radiance'] = np.ascontiguousarray(raw['radiance'])
+        if 'normal' in asked:
+            out['normal'] = np.ascontiguousarray(raw['truth'][..., :3])
+        if 'label' in asked:
+            out['label'] = np.rint(raw['truth'][..., 3]).astype(np.int32)
         return StereoFrame(**out, exposure_s=self.exposure_s)
-
-    def _develop(self, eyes: list[int], frame_index: int) -> NDArray[Any]:
-        """Run the sensor over what was drawn; return (2, h, w) pixels."""
-        if self._auto is not None:
-            eye = min(eyes)
-            if not self._auto.started:
-                self._auto.start(self._image_of(self._lighting, 0, eye))
-            self.exposure_s = self._auto.exposure_s
-        raw = self._imager.develop(self._radiance, eyes, self.exposure_s, frame_index)
-        if self._auto is not None:
-            self._auto.follow(raw[min(eyes)])
-        return raw
 
     def _image_of(self, target: Any, attachment: int, eye: int,
                   components: int = 1) -> NDArray[np.float32]:
@@ -385,7 +392,14 @@ class Renderer:
         self.close()
 
 
-def _clear(target: Any, window: tuple[int, int, int, int]) -> None:
+def _state(T_world_base: ArrayLike, joint_angle_rad: ArrayLike) -> State:
+    pose = np.asarray(T_world_base, dtype=float)
+    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
+        raise RenderError('T_world_base: a pose is a finite 4 x 4 matrix')
+    return pose, np.asarray(joint_angle_rad, dtype=float)
+
+
+def _clear(target: Any, window: Window) -> None:
     """Make a framebuffer's window the target, and clear it."""
     target.use()
     target.viewport = window

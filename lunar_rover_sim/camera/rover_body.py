@@ -53,11 +53,7 @@ class RoverBody:
         self._vertices = context.buffer(data.astype(np.float32).tobytes())
         self._context = context
         self._arrays: dict[int, moderngl.VertexArray] = {}
-        # Two by turns: to write to one that is in use would wait for all drawing under way.
-        self._maps = [context.texture((MAP, MAP), 2, dtype='f4') for _ in range(2)]
-        for texture in self._maps:
-            texture.filter = (context.LINEAR, context.LINEAR)
-            texture.repeat_x = texture.repeat_y = False
+        self._map: Any = None
 
     def poses(self, T_world_base: Array, joint_angle_rad: ArrayLike) -> Array:
         """Return the (links, 4, 4) world poses of all links."""
@@ -88,13 +84,20 @@ class RoverBody:
         right, up, to_sun = sun_axes
         centre = poses[0, :3, 3]
         if self._may_shade(centre, to_sun, view):
-            self._maps.reverse()
-            self._maps[0].write(self.silhouette(poses, sun_axes).tobytes())
+            self._upload(self.silhouette(poses, sun_axes))
         else:
             centre = centre + _NOWHERE_M * up
-        self._maps[0].use(unit)
+        if self._map is not None:
+            self._map.use(unit)
         return {'u_rover_map': unit, 'u_rover_right': tuple(right / self._half_m),
                 'u_rover_up': tuple(up / self._half_m), 'u_rover_centre': tuple(centre)}
+
+    def _upload(self, silhouette: F32) -> None:
+        # A new texture: to write to one that is in use would wait for all drawing under way.
+        if self._map is not None:
+            self._map.release()
+        self._map = self._context.texture((MAP, MAP), 2, silhouette, dtype='f4')
+        self._map.repeat_x = self._map.repeat_y = False
 
     def _may_shade(self, centre: Array, to_sun: Array, view: View) -> bool:
         """Return whether any place behind the map, as the sun sees it, may be in view."""
@@ -137,8 +140,8 @@ class RoverBody:
         for array in self._arrays.values():
             array.release()
         self._vertices.release()
-        for texture in self._maps:
-            texture.release()
+        if self._map is not None:
+            self._map.release()
 
 
 def _box_corners(points: Array) -> Array:
