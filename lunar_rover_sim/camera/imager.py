@@ -134,12 +134,24 @@ class AutoExposure:
     def follow(self, image: NDArray[Any]) -> None:
         """Take in a developed (h, w) image."""
         c = self._sensor.config
-        level = self._sensor.linear(image[::2, ::2])
-        lit = level[level > 0.02]
+        # By counts of levels: sorting as many values takes ten times as long.
+        counts = np.bincount(image[::2, ::2].ravel(), minlength=np.iinfo(image.dtype).max + 1)
+        signal = self._sensor.linear(np.arange(len(counts)).astype(image.dtype))
+        counts[signal <= 0.02] = 0
+        lit = int(counts.sum())
         # With nothing to be seen, open up.
-        bright = float(np.percentile(lit, 92)) if len(lit) > 50 else 0.05
+        bright = _quantile(signal, counts, 0.92) if lit > 50 else 0.05
         wanted = self._bounded(self.exposure_s * self.aim / max(bright, 0.02))
         self.exposure_s = float(self.exposure_s**c.auto_lag * wanted**(1.0 - c.auto_lag))
 
     def _bounded(self, exposure_s: float) -> float:
         return float(np.clip(exposure_s, 1e-5, self._sensor.config.auto_max_s))
+
+
+def _quantile(values: F32, counts: NDArray[np.int64], share: float) -> float:
+    """Return the quantile of increasing values that occur so many times."""
+    last = np.cumsum(counts)
+    rank = share * (last[-1] - 1)
+    below = np.searchsorted(last, np.floor(rank), side='right')
+    above = np.searchsorted(last, np.ceil(rank), side='right')
+    return float(values[below] + (rank - np.floor(rank)) * (values[above] - values[below]))

@@ -38,12 +38,16 @@ class RoverBody:
         self._rover = rover
         parts = visual_parts(rover)
         self._links = list(link_poses(rover, np.zeros(4)))
-        self._pieces = [(self._links.index(part.link), vertices, faces) for part in parts
-                        for vertices, faces in _pieces(part)]
-        self._pieces = _standing_out(self._pieces)
-        reach = max(float(np.linalg.norm(vertices, axis=1).max()) for _, vertices, _ in
-                    self._pieces) + max(float(np.linalg.norm(pose[:3, 3])) for pose in
-                                        link_poses(rover, np.zeros(4)).values())
+        pieces = _standing_out([(self._links.index(part.link), vertices, faces) for part in parts
+                                for vertices, faces in _pieces(part)])
+        pieces.sort(key=lambda piece: piece[0])
+        # Corners of all pieces, by link; where each piece begins; how many corners a link has.
+        self._corners = np.concatenate([vertices for _, vertices, _ in pieces])
+        self._starts = np.cumsum([0, *(len(vertices) for _, vertices, _ in pieces)])
+        self._shares = [sum(len(vertices) for of, vertices, _ in pieces if of == link)
+                        for link in range(len(self._links))]
+        reach = float(np.linalg.norm(self._corners, axis=1).max()) + max(
+            float(np.linalg.norm(pose[:3, 3])) for pose in link_poses(rover, np.zeros(4)).values())
         self.radius_m = reach
         self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
         data = np.concatenate([_triangles(part, self._links.index(part.link)) for part in parts])
@@ -114,13 +118,16 @@ class RoverBody:
         """
         centre, half = poses[0, :3, 3], self._half_m
         scale = 0.5 * MAP / half
+        offsets = (poses[:, :3, 3] - centre) @ sun_axes.T
+        seen = np.repeat(offsets, self._shares, axis=0)
+        for of, turn in zip(np.split(np.arange(len(seen)), np.cumsum(self._shares)[:-1]),
+                            sun_axes @ poses[:, :3, :3]):
+            seen[of] += self._corners[of] @ turn.T
+        flat = (seen[:, :2] * scale + (0.5 * MAP - 0.5)).astype(np.float32) * (1 << _SUB)
         shapes = []
-        for link, vertices, faces in self._pieces:
-            world = vertices @ poses[link, :3, :3].T + poses[link, :3, 3] - centre
-            seen = world @ sun_axes.T
-            hull = cv2.convexHull(seen[:, :2].astype(np.float32))[:, 0]
-            corner = (hull * scale + 0.5 * MAP - 0.5) * (1 << _SUB)
-            shapes.append((float(seen[:, 2].mean()), np.rint(corner).astype(np.int32)))
+        for first, end in zip(self._starts[:-1], self._starts[1:]):
+            outline = cv2.convexHull(flat[first:end])[:, 0]
+            shapes.append((float(seen[first:end, 2].mean()), np.rint(outline).astype(np.int32)))
         free = np.full((MAP, MAP), 255, np.uint8)
         depth = np.full((MAP, MAP), -half, np.float32)
         for along, outline in sorted(shapes, key=lambda item: item[0]):
@@ -128,7 +135,10 @@ class RoverBody:
             cv2.fillConvexPoly(depth, outline, along, cv2.LINE_8, _SUB)
         taken = cv2.bitwise_not(free)
         outside = cv2.distanceTransform(free, cv2.DIST_L2, 5)
-        inside = cv2.distanceTransform(taken, cv2.DIST_L2, 5)
+        x, y, width, height = cv2.boundingRect(taken)
+        part = np.s_[max(y - 1, 0):y + height + 1, max(x - 1, 0):x + width + 1]
+        inside = np.zeros((MAP, MAP), np.float32)
+        inside[part] = cv2.distanceTransform(np.ascontiguousarray(taken[part]), cv2.DIST_L2, 5)
         # The transform measures to the centre of the next pixel of the other kind.
         middle = np.where(free > 0, np.float32(0.5), np.float32(-0.5))
         distance = (outside - inside - middle) * np.float32(1.0 / scale)
