@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates
 
 import camera_scene as scene
 import worlds
-from lunar_rover_sim.camera.config import CameraConfig, RenderConfig, SensorConfig
+from lunar_rover_sim.camera.config import CameraConfig, LampConfig, RenderConfig, SensorConfig
 from lunar_rover_sim.camera.frame import (LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_ROVER,
                                           LABEL_SKY)
 from lunar_rover_sim.camera.renderer import Renderer
@@ -173,6 +173,30 @@ def test_same_input_same_bytes(world, renderer):
     assert not np.array_equal(first.left, later.left)
 
 
+@pytest.mark.parametrize('lamp_w', [0.0, 20.0])
+def test_a_frame_that_was_begun_ahead_is_the_same(world, lamp_w):
+    """Whatever is said of the next frame: the right state, another one, none, other layers."""
+    config = scene.config(8.0, camera=CameraConfig(width=160, height=120),
+                          lamp=LampConfig(power_w=lamp_w),
+                          sensor=SensorConfig(exposure_mode='auto'))
+    states = [(pose_on(world, 0.4 * k, 0.0, 70.0 * k), STILL + 0.2 * k) for k in range(5)]
+    asked = [('left', 'right', 'depth'), ('left', 'right', 'depth'), ('right',),
+             ('left', 'depth', 'label'), ('left', 'right', 'radiance', 'normal')]
+
+    def frames(said):
+        with Renderer(world, scene.ROVER, config, seed=3) as renderer:
+            return [renderer.render(*state, k, asked[k], then=said(k))
+                    for k, state in enumerate(states)]
+
+    plain = frames(lambda k: None)
+    for said in (lambda k: lambda: states[k + 1] if k < 4 else None,
+                 lambda k: lambda: states[0]):
+        for one, two in zip(plain, frames(said)):
+            for field in dataclasses.fields(one):
+                np.testing.assert_array_equal(getattr(one, field.name),
+                                              getattr(two, field.name))
+
+
 def test_layers_do_not_depend_on_each_other(world, renderer):
     pose = pose_on(world, 1.0, 0.0, 20.0)
     pair = renderer.render(pose, STILL, 5, ('left', 'right', 'depth', 'normal', 'label'))
@@ -245,7 +269,7 @@ def test_no_pinholes_where_meshes_meet():
             renderer.render(pose, STILL, 0, ('left', 'right'))
             with renderer._context:
                 for eye in (0, 1):
-                    drawn = renderer._image_of(renderer._geometry, 0, eye) > 0.0
+                    drawn = renderer._image_of(renderer._stages[0].ground[eye], 0, eye) > 0.0
                     around = [np.roll(drawn, (dv, du), (0, 1))[1:-1, 1:-1]
                               for dv in (-1, 0, 1) for du in (-1, 0, 1) if dv or du]
                     assert not np.any(~drawn[1:-1, 1:-1] & np.all(around, axis=0))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future
+import contextlib
 import dataclasses
 import logging
 from types import TracebackType
@@ -32,7 +33,7 @@ from lunar_rover_sim.camera.stage import attachment, Scene, Stage, Wanted, Windo
 from lunar_rover_sim.camera.sunlight import Sunlight
 from lunar_rover_sim.camera.surface import Surface, TileMaker
 from lunar_rover_sim.camera.terrain import View
-from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.errors import LunarRoverSimError, RenderError
 from lunar_rover_sim.frames import Array, sun_direction
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
@@ -157,27 +158,31 @@ class Renderer:
             raise RenderError('the renderer is closed')
         wanted = Wanted(tuple(eyes), bool(asked & {'left', 'right', 'radiance'}),
                         bool(asked & _TRUTH_LAYERS))
-        try:
-            with self._context:  # another renderer may have made its own current
-                return self._render(state, asked, wanted, int(frame_index), then)
-        except RenderError:
-            raise
-        except Exception as error:  # moderngl and the driver raise what they like
-            raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
-
-    def _render(self, state: State, asked: set[str], wanted: Wanted, frame_index: int,
-                then: Callable[[], State | None] | None) -> StereoFrame:
         scene, self._ahead = self._ahead, None
         if scene is None or not scene.shows(*state, wanted):
-            scene = self._begin(state, wanted)
-            self._light(scene)
+            with self._drawing():
+                scene = self._begin(state, wanted)
+                self._light(scene)
         following = then() if then is not None else None
-        ahead = None if following is None else self._begin(_state(*following), wanted)
-        raw = self._read(scene, asked, frame_index)
-        if ahead is not None:   # what was lit into has been read
-            self._light(ahead)
-            self._ahead = ahead
+        following = None if following is None else _state(*following)
+        with self._drawing():
+            ahead = None if following is None else self._begin(following, wanted)
+            raw = self._read(scene, asked, int(frame_index))
+            if ahead is not None:   # what was lit into has been read
+                self._light(ahead)
+                self._ahead = ahead
         return self._finish(raw, asked, wanted)
+
+    @contextlib.contextmanager
+    def _drawing(self) -> Iterator[None]:
+        """Make the context current; what moderngl and the driver raise becomes a RenderError."""
+        try:
+            with self._context:  # another renderer may have made its own current
+                yield
+        except LunarRoverSimError:
+            raise
+        except Exception as error:
+            raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
 
     def _begin(self, state: State, wanted: Wanted) -> Scene:
         """Choose what is in view and draw the geometry of the ground."""

@@ -24,7 +24,13 @@ class GraphNode(Node):
     def __init__(self, name: str) -> None:
         self.finished = False
         self.failure: LunarRoverSimError | None = None
+        # Serves one callback, if one is due; only for `work`, which no callback may call.
+        self.serve: Callable[[], None] = lambda: None
         super().__init__(name)
+
+    def work(self) -> bool:
+        """Do what takes long, after every callback; return whether there is more to do at once."""
+        return False
 
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
                             *args: Any, **kwargs: Any) -> Any:
@@ -71,9 +77,12 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     try:
         node = factory()
         spinner.add_node(node)
+        node.serve = functools.partial(_serve, spinner)
+        more = False
         # Not spin(): that of the events executor does not return when a signal ends the context.
         while rclpy.ok() and not node.finished and node.failure is None:
-            spinner.spin_once(timeout_sec=0.2)
+            spinner.spin_once(timeout_sec=0.0 if more else 0.2)
+            more = node.work()
         failure = node.failure
     except (KeyboardInterrupt, ExternalShutdownException):
         failure = node.failure if node is not None else None
@@ -90,6 +99,13 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     if failure is None and second is not None:
         print(f'FATAL {second}', file=sys.stderr, flush=True)
     return 0 if failure is None and second is None else 1
+
+
+def _serve(spinner: Executor) -> None:
+    try:
+        spinner.spin_once(timeout_sec=0.0)
+    except ExternalShutdownException:
+        pass    # the loop of `run` sees it too
 
 
 def _destroy(node: GraphNode | None) -> LunarRoverSimError | None:

@@ -12,6 +12,7 @@ from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
+import rclpy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -55,7 +56,8 @@ class _Shown:
 class RenderNode(node_main.GraphNode):
     """Draws the newest odometry of every frame period, for the topics that somebody reads.
 
-    Matching runs in a thread of its own beside the drawing of the next frame.
+    Callbacks only keep what comes. In lockstep the next frame is begun while one is drawn, if its
+    state has come. Matching runs in a thread of its own beside the drawing.
     """
 
     def __init__(self) -> None:
@@ -77,6 +79,9 @@ class RenderNode(node_main.GraphNode):
         self._poses: collections.deque[tuple[int, bytes]] = collections.deque()
         self._joints: dict[int, bytes] = {}
         self._shown: _Shown | None = None
+        self._following: _Shown | None = None
+        self._look_again = False
+        self._served = 0        # callbacks so far
         self._awaited = list(config.await_readers)
 
         self._publishers_by_topic = {
@@ -90,7 +95,7 @@ class RenderNode(node_main.GraphNode):
                                  qos.requested(topics.JOINT_STATES, config.lockstep), raw=True)
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
-        self.create_timer(0.05, self._look_for_readers)
+        self.create_timer(0.05, self._look_for_readers)     # that appear after a frame was drawn
 
     def destroy_node(self) -> None:
         """Finish the matching under way and release the GL context."""
@@ -109,11 +114,13 @@ class RenderNode(node_main.GraphNode):
     # Input
 
     def _world_hash_callback(self, msg: String) -> None:
+        self._served += 1
         if msg.data != self._world_hash:
             raise GraphError(f'world {self._config.world}: hash {self._world_hash[:12]} is not '
                              f'that of the physics, {msg.data[:12]}; give both nodes one world')
 
     def _joints_callback(self, raw: bytes) -> None:
+        self._served += 1
         stamp = stamp_ns(topics.JOINT_STATES.type, raw)
         if stamp is None:
             return
@@ -122,9 +129,9 @@ class RenderNode(node_main.GraphNode):
         elif stamp % self._config.frame_period_ns:
             return
         self._joints[stamp] = raw
-        self._draw_due()
 
     def _odom_callback(self, raw: bytes) -> None:
+        self._served += 1
         stamp = stamp_ns(topics.ODOM.type, raw)
         period = -1 if stamp is None else stamp // self._config.frame_period_ns
         if stamp is None or period == self._last_period:
@@ -133,24 +140,47 @@ class RenderNode(node_main.GraphNode):
         if not self._config.lockstep:
             self._poses.clear()
         self._poses.append((stamp, raw))
-        self._draw_due()
 
     # Output
 
-    def _draw_due(self) -> None:
+    def work(self) -> bool:
+        """Draw the next frame that is due, or what new readers want of the present one."""
+        shown, self._following = self._following or self._take(), None
+        if shown is None and self._look_again:
+            shown = self._shown
+        self._look_again = False
+        if shown is None:
+            return False
+        self._shown = shown
+        self._draw(shown)
+        return bool(self._following or self._poses)
+
+    def _take(self) -> _Shown | None:
+        """Take the next frame, if all that it needs has come."""
+        if not self._poses:
+            return None
         lockstep = self._config.lockstep
-        while self._poses:
-            stamp, raw = self._poses[0]
-            if lockstep and (stamp not in self._joints or not self._readers_are_there()):
-                return  # the legs of this pose, or who is to read it, are still on their way
-            self._poses.popleft()
-            joints_raw = self._joints.pop(stamp, None) if lockstep else \
-                next(iter(self._joints.values()), None)
-            angles = np.zeros(4) if joints_raw is None else conversions.legs_of(
-                deserialize_message(joints_raw, JointState), 'position')
-            pose = conversions.pose_of(deserialize_message(raw, Odometry))
-            self._shown = _Shown(stamp, pose, angles)
-            self._draw(self._shown)
+        stamp, raw = self._poses[0]
+        if lockstep and (stamp not in self._joints or not self._readers_are_there()):
+            return None  # the legs of this pose, or who is to read it, are still on their way
+        self._poses.popleft()
+        joints_raw = self._joints.pop(stamp, None) if lockstep else \
+            next(iter(self._joints.values()), None)
+        angles = np.zeros(4) if joints_raw is None else conversions.legs_of(
+            deserialize_message(joints_raw, JointState), 'position')
+        return _Shown(stamp, conversions.pose_of(deserialize_message(raw, Odometry)), angles)
+
+    def _next_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return the state of the next frame, if it has come, for the renderer to begin."""
+        served = -1
+        while served != self._served and rclpy.ok():
+            served = self._served
+            self.serve()
+        if self._following is None:
+            self._following = self._take()
+        if self._following is None:
+            return None
+        return self._following.T_world_base, self._following.joint_angle_rad
 
     def _readers_are_there(self) -> bool:
         while self._awaited and self._is_read(self._awaited[-1]):
@@ -161,10 +191,8 @@ class RenderNode(node_main.GraphNode):
         return self._publishers_by_topic[name].get_subscription_count() > 0
 
     def _look_for_readers(self) -> None:
-        """Serve readers that appeared after the present frame was drawn."""
-        self._draw_due()
-        if self._shown is not None:
-            self._draw(self._shown)
+        self._served += 1
+        self._look_again = True
 
     def _draw(self, shown: _Shown) -> None:
         """Draw and publish what is read of this frame and was not published yet."""
@@ -176,7 +204,9 @@ class RenderNode(node_main.GraphNode):
         if layers:
             frame = self._renderer.render(
                 shown.T_world_base, shown.joint_angle_rad,
-                shown.stamp_ns // self._config.frame_period_ns, layers)
+                shown.stamp_ns // self._config.frame_period_ns, layers,
+                # In real time the newest state counts when its turn comes.
+                then=self._next_state if self._config.lockstep else None)
             drawn = {'left': frame.left, 'right': frame.right, 'depth': frame.depth_m}
             shown.layers.update((name, drawn[name]) for name in layers)
         stamp = conversions.time_msg(shown.stamp_ns)
