@@ -148,9 +148,9 @@ def main():
     print(f'{device}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, '
           f'{args.width} x {args.height}, {len(world.rocks)} rocks, setup {setup:.1f} s')
     row('pair and depth', wall, cpu)
-    row('  next pose not known', *ours(world, config, track, ahead=False)[:2])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f'peak memory {peak:.2f} GiB')
+    row('  next pose not known', *ours(world, config, track, ahead=False)[:2])
     others = {'10x the rocks': dataclasses.replace(
         WorldConfig(), rocks=RockConfig(abundance=0.3, max_number=40000))}
     if args.area:
