@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
+
+from rclpy.serialization import deserialize_message  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import Imu  # noqa: E402
 
 from lunar_rover_sim import frames, topics  # noqa: E402  (what follows needs rclpy)
 from lunar_rover_sim.errors import GraphError  # noqa: E402
@@ -16,6 +21,7 @@ from lunar_rover_sim.physics.config import ImuConfig  # noqa: E402
 from lunar_rover_sim.physics.imu import ImuNoise  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
+from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
 
 YAW_90 = frames.wxyz_from_rpy(0, 0, np.pi / 2)
 
@@ -97,3 +103,43 @@ def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
     assert left.translation.y - right.translation.y == pytest.approx(0.1)
     for name in (topics.ODOM.name, topics.IMU_RAW.name, topics.CLOCK.name):
         assert len(node.sent[name]) == 1
+
+
+def test_filled_templates_are_the_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is published byte by byte says what the messages made one by one would say."""
+    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
+    rng = np.random.default_rng(3)
+    shapes = {'contact_force_n': (4, 3), 'contact_torque_nm': (4, 3),
+              **dict.fromkeys(('joint_angle_rad', 'joint_velocity_radps', 'motor_torque_nm',
+                               'motor_current_a'), (4,))}
+    quat = rng.standard_normal(4)
+    values: dict[str, Any] = {f.name: rng.standard_normal(shapes.get(f.name, (3,)))
+                              for f in dataclasses.fields(RoverState)}
+    values.update(time_ns=0, orientation_wxyz=-np.abs(quat) / np.linalg.norm(quat))
+    moved = RoverState(**values)
+    rover = RoverDescription()
+    mount = dataclasses.replace(rover.imu, rpy_deg=(10.0, -20.0, 60.0))
+    rover = dataclasses.replace(rover, imu=mount)
+    noise, same = (ImuNoise(ImuConfig(), 200, np.random.default_rng(1)) for _ in range(2))
+    node = FakeNode()
+    state_publisher.StatePublisher(node, rover, noise).publish(  # type: ignore[arg-type]
+        moved, 1_234_567_890_123)
+    stamp = conversions.time_msg(1_234_567_890_123)
+    sample = same.measure(moved.specific_force_mps2, moved.imu_rate_radps)
+    expected = {
+        topics.CLOCK: Clock(clock=stamp), topics.ODOM: conversions.odometry(moved, stamp),
+        topics.JOINT_STATES: conversions.joint_state(
+            stamp, moved.joint_angle_rad, moved.joint_velocity_radps, moved.motor_torque_nm),
+        topics.IMU_RAW: conversions.imu_raw(sample, *same.white_noise_variances(), stamp),
+        topics.IMU_BIAS: conversions.imu_bias(sample, stamp),
+        **{topic: conversions.wrench(moved.contact_force_n[k], moved.contact_torque_nm[k], stamp)
+           for k, topic in enumerate(topics.CONTACTS)}}
+    for topic, message in expected.items():
+        assert deserialize_message(node.sent[topic.name][0], type(message)) == message, topic.name
+    truth = deserialize_message(node.sent[topics.IMU_TRUTH.name][0], Imu)
+    by_matrix = conversions.imu_truth(moved, imu_pose(rover)[:3, :3], stamp)
+    for axis in 'xyzw':
+        assert getattr(truth.orientation, axis) == pytest.approx(
+            getattr(by_matrix.orientation, axis), abs=1e-12)
+    truth.orientation = by_matrix.orientation
+    assert truth == by_matrix

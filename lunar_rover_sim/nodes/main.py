@@ -6,6 +6,7 @@ from collections.abc import Callable
 import ctypes
 import functools
 import sys
+import time
 from typing import Any
 
 import rclpy
@@ -84,7 +85,13 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
         node.serve = functools.partial(_serve, spinner)
         more = False
         # Not spin(): that of the events executor does not return when a signal ends the context.
-        while rclpy.ok() and not node.finished and node.failure is None:
+        looked_s = 0.0
+        while not node.finished and node.failure is None:
+            # Not after every message: to look takes as long as to receive one.
+            if time.monotonic() - looked_s > 0.01:
+                looked_s = time.monotonic()
+                if not rclpy.ok():
+                    break
             spinner.spin_once(timeout_sec=0.0 if more else 0.2)
             more = node.work()
         failure = node.failure

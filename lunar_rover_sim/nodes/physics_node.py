@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -146,7 +147,7 @@ class PhysicsNode(node_main.GraphNode):
 
     def _apply(self, msg: JointState) -> None:
         velocity = conversions.legs_of(msg, 'velocity')
-        if not np.all(np.isfinite(velocity)):
+        if not all(map(math.isfinite, velocity.tolist())):  # np.isfinite takes ten times as long
             self.get_logger().warning(f'joint_commands: velocity {velocity.tolist()} refused; '
                                       'valid is finite', throttle_duration_sec=1.0)
             return

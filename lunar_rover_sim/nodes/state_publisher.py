@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.nodes import conversions, qos
+from lunar_rover_sim.nodes.template import MessageTemplate
 from lunar_rover_sim.nodes.types import message_class
-from lunar_rover_sim.physics.imu import ImuNoise
+from lunar_rover_sim.physics.imu import ImuNoise, ImuSample
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
@@ -26,8 +28,8 @@ class StatePublisher:
     def __init__(self, node: Node, rover: RoverDescription, imu: ImuNoise) -> None:
         self._rover = rover
         self._imu = imu
-        self._R_base_imu = imu_pose(rover)[:3, :3]
-        self._accel_variance, self._gyro_variance = imu.white_noise_variances()
+        self._turn = _times(frames.wxyz_from_matrix(imu_pose(rover)[:3, :3]))
+        self._make_templates(imu)
         state_topics = (topics.ODOM, topics.JOINT_STATES, topics.IMU_RAW, topics.IMU_TRUTH,
                         topics.IMU_BIAS, *topics.CONTACTS)
         self._publishers = {topic.name: node.create_publisher(message_class(topic.type),
@@ -46,25 +48,54 @@ class StatePublisher:
 
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish one state with one stamp."""
-        stamp = conversions.time_msg(stamp_ns)
         sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
-        send = self._send
-        send(topics.IMU_RAW, conversions.imu_raw(sample, self._accel_variance,
-                                                 self._gyro_variance, stamp))
-        send(topics.IMU_TRUTH, conversions.imu_truth(state, self._R_base_imu, stamp))
-        send(topics.IMU_BIAS, conversions.imu_bias(sample, stamp))
+        w, x, y, z = state.orientation_wxyz.tolist()
+        turned = self._turn @ (x, y, z, w)
+
+        imu = self._imu_raw.numbers
+        imu[13:16], imu[25:28] = sample.rate, sample.specific_force
+        self._send(topics.IMU_RAW, self._imu_raw, stamp_ns)
+        imu = self._imu_truth.numbers
+        imu[:4] = turned if turned[3] >= 0.0 else -turned
+        imu[13:16], imu[25:28] = state.imu_rate_radps, state.specific_force_mps2
+        self._send(topics.IMU_TRUTH, self._imu_truth, stamp_ns)
+        bias = self._imu_bias.numbers
+        bias[:3], bias[3:] = sample.accel_bias, sample.gyro_bias
+        self._send(topics.IMU_BIAS, self._imu_bias, stamp_ns)
+        wrench = self._wrench.numbers
         for topic, force, torque in zip(topics.CONTACTS, state.contact_force_n,
                                         state.contact_torque_nm):
-            send(topic, conversions.wrench(force, torque, stamp))
-        send(topics.ODOM, conversions.odometry(state, stamp))
-        send(topics.JOINT_STATES, conversions.joint_state(
-            stamp, state.joint_angle_rad, state.joint_velocity_radps, state.motor_torque_nm))
+            wrench[:3], wrench[3:] = force, torque
+            self._send(topic, self._wrench, stamp_ns)
+        odom = self._odom.numbers
+        odom[:3], odom[3:7] = state.position_m, (x, y, z, w)
+        odom[43:46], odom[46:49] = state.linear_velocity_mps, state.angular_velocity_radps
+        self._send(topics.ODOM, self._odom, stamp_ns)
+        joints = self._joints.numbers
+        joints[:4], joints[5:9] = state.joint_angle_rad, state.joint_velocity_radps
+        joints[10:] = state.motor_torque_nm
+        self._send(topics.JOINT_STATES, self._joints, stamp_ns)
         if self._tf is not None:
-            self._tf.publish(self._moving_transforms(state, stamp))
-        self._clock.publish(Clock(clock=stamp))
+            self._tf.publish(self._moving_transforms(state, conversions.time_msg(stamp_ns)))
+        self._clock.publish(self._clock_message.stamped(stamp_ns))
 
-    def _send(self, topic: topics.Topic, msg: object) -> None:
-        self._publishers[topic.name].publish(msg)
+    def _send(self, topic: topics.Topic, template: MessageTemplate, stamp_ns: int) -> None:
+        self._publishers[topic.name].publish(template.stamped(stamp_ns))
+
+    def _make_templates(self, imu: ImuNoise) -> None:
+        """Make one message of each kind; `publish` fills in its numbers, by their places."""
+        start, three, four = conversions.time_msg(0), np.zeros(3), np.zeros(4)
+        at_rest = RoverState(0, three, np.array([1.0, 0.0, 0.0, 0.0]), three, three, four, four,
+                             four, four, np.zeros((4, 3)), np.zeros((4, 3)), three, three)
+        sample = ImuSample(three, three, three, three)
+        self._imu_raw = MessageTemplate(
+            conversions.imu_raw(sample, *imu.white_noise_variances(), start), 37)
+        self._imu_truth = MessageTemplate(conversions.imu_truth(at_rest, np.eye(3), start), 37)
+        self._imu_bias = MessageTemplate(conversions.imu_bias(sample, start), 6)
+        self._wrench = MessageTemplate(conversions.wrench(three, three, start), 6)
+        self._odom = MessageTemplate(conversions.odometry(at_rest, start), 85)
+        self._joints = MessageTemplate(conversions.joint_state(start, four, four, four), 14)
+        self._clock_message = MessageTemplate(Clock(), 0)
 
     def _moving_transforms(self, state: RoverState, stamp: object) -> object:
         T_odom_base = frames.se3(frames.matrix_from_wxyz(state.orientation_wxyz),
@@ -83,3 +114,9 @@ class StatePublisher:
             for child, pose in ((frames.IMU_FRAME, imu_pose(self._rover)),
                                 (frames.LEFT_OPTICAL_FRAME, left),
                                 (frames.RIGHT_OPTICAL_FRAME, right))])
+
+
+def _times(q: frames.Array) -> frames.Array:
+    """Return the (4, 4) matrix by which p, as xyzw, becomes the product p q; q: wxyz."""
+    w, x, y, z = q
+    return np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])
