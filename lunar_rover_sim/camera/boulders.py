@@ -20,8 +20,9 @@ F32 = NDArray[np.float32]
 _INSTANCE = '3f 3f 3f 3f 4f 2f /i'
 _NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
 _FLOATS = 18
-_COARSE_PX = 14.0       # smaller rocks are drawn with few faces
-_COARSE_VERTICES = 10
+# Levels of detail: smaller rocks than so many pixels are drawn as hulls of so few vertices.
+_COARSE = ((14.0, 10), (4.0, 6))
+_LEVELS = 1 + len(_COARSE)
 
 
 class Boulders:
@@ -38,14 +39,13 @@ class Boulders:
             [rocks.position_m, columns[:, :, 0], columns[:, :, 1], columns[:, :, 2], light,
              rocks.albedo[:, None], np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
         self._radius = 0.75 * rocks.diameter_m
-        # Of each kind: a shape, whole or with few faces.
+        # Of each kind: a shape at one level of detail.
         self._instances: dict[int, moderngl.Buffer] = {}
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
-        # Each shape twice: whole, and with few faces for rocks that look small.
         self._vertices: list[moderngl.Buffer] = []
         for shape in shapes:
-            for mesh in (shape, coarse(shape)):
+            for mesh in (shape, *(coarse(shape, vertices) for _, vertices in _COARSE)):
                 self._vertices.append(context.buffer(facets(mesh).tobytes()))
 
     def relight(self, light: F32) -> None:
@@ -56,16 +56,17 @@ class Boulders:
         """Choose what `draw` draws: rocks that are in view and look larger than `least_px`."""
         visible = self.visible(view, focal_px, least_px)
         distance = np.linalg.norm(self.rocks.position_m[visible] - view.camera_m, axis=1)
-        small = self.rocks.diameter_m[visible] * focal_px < _COARSE_PX * distance
-        shape = 2 * self.rocks.shape[visible] + small
-        order = np.argsort(shape, kind='stable')
-        visible, shape = visible[order], shape[order]
-        data = self._data[visible]
-        kinds, starts, counts = np.unique(shape, return_index=True, return_counts=True)
+        size = self.rocks.diameter_m[visible] * focal_px
+        kind_of = _LEVELS * self.rocks.shape[visible]
+        for least, _ in _COARSE:
+            kind_of = kind_of + (size < least * distance)
+        order = np.argsort(kind_of, kind='stable')
+        data = self._data[visible[order]]
+        kinds, starts, counts = np.unique(kind_of[order], return_index=True, return_counts=True)
         self._counts = dict(zip(kinds.tolist(), counts.tolist()))
         for kind, start, count in zip(kinds.tolist(), starts, counts):
             if kind not in self._instances:
-                members = int((self.rocks.shape == kind // 2).sum())
+                members = int((self.rocks.shape == kind // _LEVELS).sum())
                 self._instances[kind] = self._context.buffer(reserve=4 * _FLOATS * members,
                                                              dynamic=True)
             self._instances[kind].write(data[start:start + count].tobytes())
@@ -96,20 +97,29 @@ class Boulders:
             item.release()
 
 
-def coarse(shape: RockShape) -> RockShape:
-    """Return the convex hull of a few far-apart vertices of a shape."""
+def coarse(shape: RockShape, vertices: int) -> RockShape:
+    """Return the convex hull of a few far-apart vertices of a shape, grown to its mean outline.
+
+    The mean outline of a convex body, over all directions, is a quarter of its surface (Cauchy).
+    """
     points = shape.vertices.astype(float)
-    if len(points) <= _COARSE_VERTICES:
+    if len(points) <= vertices:
         return shape
     chosen = [int(np.argmax(np.linalg.norm(points, axis=1)))]
     apart = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < _COARSE_VERTICES:
+    while len(chosen) < vertices:
         chosen.append(int(np.argmax(apart)))
         apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    # A little larger, since corners are cut.
-    kept = points[chosen] * 1.06
+    kept = points[chosen]
     faces = _hull(kept)
+    kept *= np.sqrt(_surface(points, shape.faces) / _surface(kept, faces))
     return RockShape(shape.name, kept.astype(np.float32), faces.astype(np.int32))
+
+
+def _surface(vertices: Array, faces: NDArray[np.integer[Any]]) -> float:
+    corners = vertices[faces]
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return 0.5 * float(np.linalg.norm(sides, axis=1).sum())
 
 
 def _hull(points: Array) -> NDArray[np.int64]:
