@@ -206,6 +206,8 @@ def test_layers_do_not_depend_on_each_other(world, renderer):
         assert np.array_equal(getattr(alone, field), getattr(pair, field))
         others = {'left', 'right', 'depth_m', 'label'} - {field}
         assert all(getattr(alone, other) is None for other in others)
+    nothing = renderer.render(pose, STILL, 5, ())
+    assert nothing.left is None and nothing.depth_m is None
 
 
 def test_nothing_pops(world):

@@ -156,6 +156,8 @@ class Renderer:
             eyes.append(1)
         if self._closed:
             raise RenderError('the renderer is closed')
+        if not eyes:
+            return StereoFrame(exposure_s=self.exposure_s)
         wanted = Wanted(tuple(eyes), bool(asked & {'left', 'right', 'radiance'}),
                         bool(asked & _TRUTH_LAYERS))
         scene, self._ahead = self._ahead, None

@@ -70,13 +70,29 @@ class _Floor:
         first = CHUNK * stride * np.arange(self.side)
         ends = np.stack([first, np.minimum(first + CHUNK * stride, tree.n - 1)])
         self.ends = (ends - 0.5 * (tree.n - 1)) * tree.cell_m
-        self.middle, self.half = self.ends.mean(axis=0), 0.5 * (self.ends[1] - self.ends[0])
         inner, outer = tree.inner_half_m, 0.5 * (tree.n - 1) * tree.cell_m - _ROUNDING_M
         self.within = (self.ends[0] >= -inner) & (self.ends[1] <= inner)
         self.meets = (self.ends[0] < inner) & (self.ends[1] > -inner)
         self.touches = ((self.ends[0] < inner + _ROUNDING_M)
                         & (self.ends[1] > -inner - _ROUNDING_M))
         self.at_rim = (self.ends[0] < -outer) | (self.ends[1] > outer)
+
+    def boxes(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
+        """Return (m, 2, 3) least and greatest coordinates of chunks, world [m]."""
+        boxes = np.empty((len(rows), 2, 3))
+        for end, bound in enumerate((self.low, self.high)):
+            boxes[:, end, 0] = self.ends[end, columns]
+            boxes[:, end, 1] = self.ends[end, rows]
+            boxes[:, end, 2] = bound[rows, columns]
+        return boxes
+
+    def chunks(self, rows: NDArray[np.int64], columns: NDArray[np.int64],
+               limit_m: float) -> Array:
+        """Return (m, 4) chunks as in Selection."""
+        chunks = np.empty((len(rows), 4))
+        chunks[:, 0], chunks[:, 1] = columns * CHUNK * self.stride, rows * CHUNK * self.stride
+        chunks[:, 2:] = self.stride, limit_m
+        return chunks
 
 
 class ChunkTree:
@@ -108,61 +124,47 @@ class ChunkTree:
 
         ranges_m: (depth,) distance up to which each stride is fine enough, increasing.
         """
-        normals, offsets = view.planes[:, :3], view.planes[:, 3:]
+        normals, offsets = view.planes[:, :3].T, view.planes[:, 3]
         # Distances are compared by what is left of them over level ground.
         over = view.above_m**2
         chunks, boxes, skirts, near = [], [], [], []
         k = self._first_floor(view, ranges_m)
         rows, columns = (a.ravel() for a in np.indices(2 * (self._floors[k].side,)))
-        while k >= 0 and len(rows):
+        while k >= 0:
             floor = self._floors[k]
-            low, high = floor.low[rows, columns], floor.high[rows, columns]
-            middle = np.array([floor.middle[columns], floor.middle[rows], 0.5 * (low + high)])
-            half = np.array([floor.half[columns], floor.half[rows], 0.5 * (high - low)])
-            middle -= view.camera_m[:, None]
-            reach = normals @ middle + np.abs(normals) @ half
-            seen = np.all(reach >= -offsets, axis=0)
+            box = floor.boxes(rows, columns)
+            middle, half = 0.5 * (box[:, 0] + box[:, 1]), 0.5 * (box[:, 1] - box[:, 0])
+            middle -= view.camera_m
+            seen = np.all(middle @ normals + half @ np.abs(normals) >= -offsets, axis=1)
             if self.inner_half_m:
                 seen &= ~(floor.within[rows] & floor.within[columns])
             rows, columns = rows[seen], columns[seen]
-            away, half = np.abs(middle[:2, seen]), half[:2, seen]
-            nearest = (np.maximum(away - half, 0.0)**2).sum(axis=0)
-            keep = np.ones(len(rows), bool)
-            if k:
-                finer = ranges_m[k - 1]
-                keep = nearest >= finer**2 - over
-                if self.inner_half_m:
-                    keep &= ~(floor.meets[rows] & floor.meets[columns])
-            kept_rows, kept_columns = rows[keep], columns[keep]
+            away, half = np.abs(middle[seen, :2]), half[seen, :2]
+            nearest = (np.maximum(away - half, 0.0)**2).sum(axis=1)
+            farthest = ((away + half)**2).sum(axis=1)
+            finer = ranges_m[k - 1] if k else 0.0
+            keep = nearest >= finer**2 - over
+            if self.inner_half_m and k:
+                keep &= ~(floor.meets[rows] & floor.meets[columns])
             limit = ranges_m[k] if k < self.depth - 1 else 1e9
-            size = CHUNK * floor.stride
-            chunk = np.empty((len(kept_rows), 4))
-            chunk[:, 0], chunk[:, 1] = kept_columns * size, kept_rows * size
-            chunk[:, 2:] = floor.stride, limit
-            box = np.empty((len(chunk), 2, 3))
-            for end, bound in enumerate((low, high)):
-                box[:, end, 0] = floor.ends[end, kept_columns]
-                box[:, end, 1] = floor.ends[end, kept_rows]
-                box[:, end, 2] = bound[seen][keep]
+            chunk = floor.chunks(rows[keep], columns[keep], limit)
             chunks.append(chunk)
-            boxes.append(box)
+            boxes.append(box[seen][keep])
             near.append(nearest[keep])
             # Both sides of a change of stride, or of grid: either edge may be rounded to lie above
             # the other.
-            farthest = ((away + half)[:, keep]**2).sum(axis=0)
-            other = farthest > (0.98 * limit)**2 - over
-            other |= floor.at_rim[kept_rows] | floor.at_rim[kept_columns]
+            other = (farthest > (0.98 * limit)**2 - over) | floor.at_rim[rows] | \
+                floor.at_rim[columns]
             if self.inner_half_m:
-                other |= floor.touches[kept_rows] & floor.touches[kept_columns]
+                other |= floor.touches[rows] & floor.touches[columns]
             if k:
-                other |= near[-1] < (finer + 1.5 * size * self.cell_m)**2 - over
-            skirts.append(_rims(chunk, kept_columns, kept_rows, other))
-            if k == 0:
-                break
+                margin = 1.5 * CHUNK * floor.stride * self.cell_m
+                other |= nearest < (finer + margin)**2 - over
+            skirts.append(_rims(chunk, columns[keep], rows[keep], other[keep]))
             k -= 1
             rows = (2 * rows[~keep][:, None] + _ROWS).ravel()
             columns = (2 * columns[~keep][:, None] + _COLUMNS).ravel()
-            inside = (rows < self._floors[k].side) & (columns < self._floors[k].side)
+            inside = np.maximum(rows, columns) < self._floors[max(k, 0)].side
             rows, columns = rows[inside], columns[inside]
         order = np.argsort(np.concatenate(near), kind='stable')
         return Selection(np.concatenate(chunks)[order], np.concatenate(boxes)[order],
