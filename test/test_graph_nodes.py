@@ -23,6 +23,8 @@ from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
 
+from lunar_rover_sim.nodes.conversions import time_ns  # noqa: E402
+
 LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
 SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
                 'sgm.num_disparities:=32')
@@ -374,11 +376,12 @@ def test_an_answer_from_the_future_does_not_hold_the_gate_open(peer: Peer,
         command.header.stamp.sec = seconds
         publisher.publish(command)
 
-    def stamp_s(msg: Odometry) -> float:
-        return float(msg.header.stamp.sec + 1e-9 * msg.header.stamp.nanosec)
-
     with running('physics_node', '-p', f'world:={world_folder}', '-p', 'time_mode:=lockstep',
-                 '-p', 'wait.topics:=[joint_commands]', '-p', 'wait.lags_s:=[0.0]') as process:
+                 '-p', 'wait.topics:=[joint_commands]', '-p', 'wait.lags_s:=[0.0]',
+                 '-p', 'start_paused:=true') as process:
+        # Who gets a response is known: the one state that comes at first is not lost.
+        peer.spin_until(lambda: peer.node.count_publishers('odom') > 0)
+        assert peer.call(SetBool, 'physics_node/pause', SetBool.Request(data=False)).success
         peer.spin_until(lambda: bool(clocks), meanwhile=lambda: answer(1_700_000_000))
         # The node may not have discovered us when it publishes its first state.
         enough = time.monotonic() + 1.0
@@ -386,6 +389,7 @@ def test_an_answer_from_the_future_does_not_hold_the_gate_open(peer: Peer,
                         meanwhile=lambda: answer(1_700_000_000))
         assert len(clocks) == 1
         # By stamps: many more states come at once than our queue holds.
-        peer.spin_until(lambda: stamp_s(clocks[-1]) > 0.5, meanwhile=lambda: answer(1))
+        peer.spin_until(lambda: time_ns(clocks[-1].header.stamp) > 500_000_000,
+                        meanwhile=lambda: answer(1))
         process.send_signal(signal.SIGINT)
         assert 'joint_commands: stamp 1700000000.000 s refused' in process.stdout.read()
