@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 import ctypes
 import functools
 import sys
@@ -28,9 +29,16 @@ class GraphNode(Node):
     def __init__(self, name: str) -> None:
         self.finished = False
         self.failure: LunarRoverSimError | None = None
-        # Serves one callback, if one is due; only for `work`, which no callback may call.
-        self.serve: Callable[[], None] = lambda: None
+        self._served = 0        # callbacks so far
         super().__init__(name)
+
+    def serve(self) -> bool:
+        """Serve one callback if one is due; return whether one was. For `work` alone."""
+        before = self._served
+        if self.executor is not None:
+            with contextlib.suppress(ExternalShutdownException):    # the loop of `run` sees it too
+                self.executor.spin_once(timeout_sec=0.0)
+        return self._served != before
 
     def work(self) -> bool:
         """Do what takes long, after every callback; return whether there is more to do at once."""
@@ -52,6 +60,7 @@ class GraphNode(Node):
         def guarded(*args: Any) -> None:
             if self.finished or self.failure is not None:
                 return
+            self._served += 1
             try:
                 callback(*args)
             except LunarRoverSimError as error:
@@ -82,7 +91,6 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     try:
         node = factory()
         spinner.add_node(node)
-        node.serve = functools.partial(_serve, spinner)
         more = False
         # Not spin(): that of the events executor does not return when a signal ends the context.
         looked_s = 0.0
@@ -123,13 +131,6 @@ def _keep_freed_memory() -> None:
         for parameter, value in ((_M_MMAP_THRESHOLD, 32 << 20), (_M_TRIM_THRESHOLD, 64 << 20),
                                  (_M_TOP_PAD, 4 << 20)):
             mallopt(parameter, value)
-
-
-def _serve(spinner: Executor) -> None:
-    try:
-        spinner.spin_once(timeout_sec=0.0)
-    except ExternalShutdownException:
-        pass    # the loop of `run` sees it too
 
 
 def _destroy(node: GraphNode | None) -> LunarRoverSimError | None:

@@ -81,7 +81,6 @@ class RenderNode(node_main.GraphNode):
         self._shown: _Shown | None = None
         self._following: _Shown | None = None
         self._look_again = False
-        self._served = 0        # callbacks so far
         self._awaited = list(config.await_readers)
 
         self._publishers_by_topic = {
@@ -114,13 +113,11 @@ class RenderNode(node_main.GraphNode):
     # Input
 
     def _world_hash_callback(self, msg: String) -> None:
-        self._served += 1
         if msg.data != self._world_hash:
             raise GraphError(f'world {self._config.world}: hash {self._world_hash[:12]} is not '
                              f'that of the physics, {msg.data[:12]}; give both nodes one world')
 
     def _joints_callback(self, raw: bytes) -> None:
-        self._served += 1
         stamp = stamp_ns(topics.JOINT_STATES.type, raw)
         if stamp is None:
             return
@@ -131,7 +128,6 @@ class RenderNode(node_main.GraphNode):
         self._joints[stamp] = raw
 
     def _odom_callback(self, raw: bytes) -> None:
-        self._served += 1
         stamp = stamp_ns(topics.ODOM.type, raw)
         period = -1 if stamp is None else stamp // self._config.frame_period_ns
         if stamp is None or period == self._last_period:
@@ -172,10 +168,8 @@ class RenderNode(node_main.GraphNode):
 
     def _next_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Return the state of the next frame, if it has come, for the renderer to begin."""
-        served = -1
-        while served != self._served and rclpy.ok():
-            served = self._served
-            self.serve()
+        while rclpy.ok() and self.serve():
+            pass
         if self._following is None:
             self._following = self._take()
         if self._following is None:
@@ -191,7 +185,6 @@ class RenderNode(node_main.GraphNode):
         return self._publishers_by_topic[name].get_subscription_count() > 0
 
     def _look_for_readers(self) -> None:
-        self._served += 1
         self._look_again = True
 
     def _draw(self, shown: _Shown) -> None:
