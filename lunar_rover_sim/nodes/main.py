@@ -7,12 +7,12 @@ import contextlib
 import ctypes
 import functools
 import sys
-import time
 from typing import Any
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 
 from lunar_rover_sim.errors import LunarRoverSimError
 
@@ -30,7 +30,20 @@ class GraphNode(Node):
         self.finished = False
         self.failure: LunarRoverSimError | None = None
         self._served = 0        # callbacks so far
+        self._woken = Future()
         super().__init__(name)
+
+    def spin(self, timeout_s: float) -> None:
+        """Serve callbacks until the node is woken or ends, at most so long. For `run` alone."""
+        # One call for many messages: one for each, as spin_once, takes as long as the messages.
+        if not self._woken.done() and self.executor is not None:
+            self.executor.spin_until_future_complete(self._woken, timeout_sec=timeout_s)
+        self._woken = Future()
+
+    def wake(self) -> None:
+        """Have `work` called as soon as this callback returns."""
+        if not self._woken.done():
+            self._woken.set_result(None)
 
     def serve(self) -> bool:
         """Serve one callback if one is due; return whether one was. For `work` alone."""
@@ -41,7 +54,7 @@ class GraphNode(Node):
         return self._served != before
 
     def work(self) -> bool:
-        """Do what takes long, after every callback; return whether there is more to do at once."""
+        """Do what takes long, after a callback called `wake`; return whether there is more."""
         return False
 
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
@@ -65,6 +78,8 @@ class GraphNode(Node):
                 callback(*args)
             except LunarRoverSimError as error:
                 self.failure = error
+            if self.finished or self.failure is not None:
+                self.wake()
 
         return guarded
 
@@ -92,15 +107,9 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
         node = factory()
         spinner.add_node(node)
         more = False
-        # Not spin(): that of the events executor does not return when a signal ends the context.
-        looked_s = 0.0
-        while not node.finished and node.failure is None:
-            # Not after every message: to look takes as long as to receive one.
-            if time.monotonic() - looked_s > 0.01:
-                looked_s = time.monotonic()
-                if not rclpy.ok():
-                    break
-            spinner.spin_once(timeout_sec=0.0 if more else 0.2)
+        while not node.finished and node.failure is None and rclpy.ok():
+            # With a limit: that of the events executor does not end with the context.
+            node.spin(0.0 if more else 0.2)
             more = node.work()
         failure = node.failure
     except (KeyboardInterrupt, ExternalShutdownException):

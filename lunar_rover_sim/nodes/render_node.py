@@ -125,6 +125,8 @@ class RenderNode(node_main.GraphNode):
             self._joints.clear()
         elif stamp % self._config.frame_period_ns:
             return
+        else:
+            self.wake()
         self._joints[stamp] = raw
 
     def _odom_callback(self, raw: bytes) -> None:
@@ -136,6 +138,7 @@ class RenderNode(node_main.GraphNode):
         if not self._config.lockstep:
             self._poses.clear()
         self._poses.append((stamp, raw))
+        self.wake()
 
     # Output
 
@@ -186,6 +189,7 @@ class RenderNode(node_main.GraphNode):
 
     def _look_for_readers(self) -> None:
         self._look_again = True
+        self.wake()
 
     def _draw(self, shown: _Shown) -> None:
         """Draw and publish what is read of this frame and was not published yet."""
