@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
 from lunar_rover_sim import frames, topics
@@ -88,14 +91,14 @@ class StatePublisher:
         at_rest = RoverState(0, three, np.array([1.0, 0.0, 0.0, 0.0]), three, three, four, four,
                              four, four, np.zeros((4, 3)), np.zeros((4, 3)), three, three)
         sample = ImuSample(three, three, three, three)
-        self._imu_raw = MessageTemplate(
+        self._imu_raw = _template(
             conversions.imu_raw(sample, *imu.white_noise_variances(), start), 37)
-        self._imu_truth = MessageTemplate(conversions.imu_truth(at_rest, np.eye(3), start), 37)
-        self._imu_bias = MessageTemplate(conversions.imu_bias(sample, start), 6)
-        self._wrench = MessageTemplate(conversions.wrench(three, three, start), 6)
-        self._odom = MessageTemplate(conversions.odometry(at_rest, start), 85)
-        self._joints = MessageTemplate(conversions.joint_state(start, four, four, four), 14)
-        self._clock_message = MessageTemplate(Clock(), 0)
+        self._imu_truth = _template(conversions.imu_truth(at_rest, np.eye(3), start), 37)
+        self._imu_bias = _template(conversions.imu_bias(sample, start), 6)
+        self._wrench = _template(conversions.wrench(three, three, start), 6)
+        self._odom = _template(conversions.odometry(at_rest, start), 85)
+        self._joints = _template(conversions.joint_state(start, four, four, four), 14)
+        self._clock_message = _template(Clock(), 0)
 
     def _moving_transforms(self, state: RoverState, stamp: object) -> object:
         T_odom_base = frames.se3(frames.matrix_from_wxyz(state.orientation_wxyz),
@@ -114,6 +117,11 @@ class StatePublisher:
             for child, pose in ((frames.IMU_FRAME, imu_pose(self._rover)),
                                 (frames.LEFT_OPTICAL_FRAME, left),
                                 (frames.RIGHT_OPTICAL_FRAME, right))])
+
+
+def _template(message: Any, numbers: int) -> MessageTemplate:
+    """Return a message to fill in whose last fields are the numbers."""
+    return MessageTemplate(serialize_message(message), numbers)
 
 
 def _times(q: frames.Array) -> frames.Array:

@@ -6,11 +6,9 @@ Making and serialising two thousand messages a second in Python is a good part o
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.serialization import serialize_message
 
 from lunar_rover_sim.nodes.conversions import NS
 
@@ -25,11 +23,11 @@ class MessageTemplate:
         head, its length, where sequences are among them, one number stands for it
     """
 
-    def __init__(self, message: Any, numbers: int) -> None:
-        """Take all other fields from a message; numbers: n."""
-        self._raw = bytearray(serialize_message(message))
+    def __init__(self, raw: bytes, numbers: int, rest: int = 0) -> None:
+        """Take all other fields from a serialised message; numbers: n; rest: bytes behind them."""
+        self._raw = bytearray(raw)
         self.numbers: NDArray[np.float64] = np.frombuffer(
-            self._raw, '<f8', offset=len(self._raw) - 8 * numbers)
+            self._raw, '<f8', numbers, len(self._raw) - rest - 8 * numbers)
 
     def stamped(self, stamp_ns: int) -> bytes:
         """Return the serialised message with a stamp."""
