@@ -75,7 +75,7 @@ class SgmMatcher:
             np.multiply(fixed, np.float32(1.0 / 16.0), out=part)
             part[fixed < 16 * config.min_disparity] = invalid
             if config.min_contrast > 0.0:
-                part[_contrast(left8[top:], config.block_size) < config.min_contrast] = invalid
+                part[_variance(left8[top:], config.block_size) < config.min_contrast**2] = invalid
             # Blocks at the upper edge are not whole.
             part[:config.block_size // 2] = invalid
         reach = config.min_disparity + config.num_disparities
@@ -96,11 +96,12 @@ class SgmMatcher:
         return max(int(np.argmax(bright)) - self.config.block_size, 0)
 
 
-def _contrast(image: NDArray[np.uint8], block: int) -> NDArray[np.float32]:
-    """Return the standard deviation within the block around each pixel."""
+def _variance(image: NDArray[np.uint8], block: int) -> NDArray[np.float32]:
+    """Return the variance within the block around each pixel."""
     mean = cv2.boxFilter(image, cv2.CV_32F, (block, block))
     square = cv2.sqrBoxFilter(image, cv2.CV_32F, (block, block))
-    return np.sqrt(np.maximum(square - mean * mean, 0.0))
+    np.multiply(mean, mean, out=mean)
+    return np.subtract(square, mean, out=square)
 
 
 def _gray(image: NDArray[Any]) -> NDArray[np.uint8]:
