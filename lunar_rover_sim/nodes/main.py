@@ -7,6 +7,7 @@ import contextlib
 import ctypes
 import functools
 import sys
+import time
 from typing import Any
 
 import rclpy
@@ -33,15 +34,16 @@ class GraphNode(Node):
         self._woken = Future()
         super().__init__(name)
 
-    def spin(self, timeout_s: float) -> None:
-        """Serve callbacks until the node is woken or ends, at most so long. For `run` alone."""
+    def spin(self) -> None:
+        """Serve callbacks until the node is woken or ends, or for a while. For `run` alone."""
         # One call for many messages: one for each, as spin_once, takes as long as the messages.
+        # With a limit: that of the events executor does not end with the context.
         if not self._woken.done() and self.executor is not None:
-            self.executor.spin_until_future_complete(self._woken, timeout_sec=timeout_s)
+            self.executor.spin_until_future_complete(self._woken, timeout_sec=0.2)
         self._woken = Future()
 
     def wake(self) -> None:
-        """Have `work` called as soon as this callback returns."""
+        """Have `work` called as soon as this callback, or this call of it, returns."""
         if not self._woken.done():
             self._woken.set_result(None)
 
@@ -53,9 +55,8 @@ class GraphNode(Node):
                 self.executor.spin_once(timeout_sec=0.0)
         return self._served != before
 
-    def work(self) -> bool:
-        """Do what takes long, after a callback called `wake`; return whether there is more."""
-        return False
+    def work(self) -> None:
+        """Do what takes long, after a call of `wake`."""
 
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
                             *args: Any, **kwargs: Any) -> Any:
@@ -106,16 +107,20 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     try:
         node = factory()
         spinner.add_node(node)
-        more = False
         while not node.finished and node.failure is None and rclpy.ok():
-            # With a limit: that of the events executor does not end with the context.
-            node.spin(0.0 if more else 0.2)
-            more = node.work()
+            node.spin()
+            node.work()
         failure = node.failure
     except (KeyboardInterrupt, ExternalShutdownException):
         failure = node.failure if node is not None else None
     except LunarRoverSimError as error:
         failure = error
+    except Exception:
+        # A signal ends the context under callbacks that publish, and where it meets rclpy's own
+        # code, that reports some other error in its stead.
+        if _goes_on():
+            raise
+        failure = node.failure if node is not None else None
     if failure is not None:
         # Before the clean-up, which may take long: whoever started this node is waiting for it.
         print(f'FATAL {failure}', file=sys.stderr, flush=True)
@@ -127,6 +132,12 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     if failure is None and second is not None:
         print(f'FATAL {second}', file=sys.stderr, flush=True)
     return 0 if failure is None and second is None else 1
+
+
+def _goes_on() -> bool:
+    """Return whether the context is still valid a moment later: signals end it in a thread."""
+    time.sleep(0.1)
+    return bool(rclpy.ok())
 
 
 def _keep_freed_memory() -> None:

@@ -142,17 +142,18 @@ class RenderNode(node_main.GraphNode):
 
     # Output
 
-    def work(self) -> bool:
+    def work(self) -> None:
         """Draw the next frame that is due, or what new readers want of the present one."""
         shown, self._following = self._following or self._take(), None
         if shown is None and self._look_again:
             shown = self._shown
         self._look_again = False
         if shown is None:
-            return False
+            return
         self._shown = shown
         self._draw(shown)
-        return bool(self._following or self._poses)
+        if self._following or self._poses:
+            self.wake()
 
     def _take(self) -> _Shown | None:
         """Take the next frame, if all that it needs has come."""
