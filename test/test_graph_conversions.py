@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 

@@ -13,13 +13,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from lunar_rover_sim.nodes import conversions
-from lunar_rover_sim.nodes.template import MessageTemplate
+from lunar_rover_sim.nodes.template import AFTER_STAMP, MessageTemplate
 from lunar_rover_sim.rover.description import JOINT_NAMES
 
 Four = tuple[float, float, float, float]
 
 _LITTLE_ENDIAN = b'\0\1\0\0'            # CDR's encapsulation
-_AFTER_STAMP = 12
 _COUNT = struct.Struct('<I')
 _LEGS = struct.Struct('<4d')
 _PITCH = _LEGS.size + 8                 # from one field to the next, whose count stands between
@@ -37,27 +36,27 @@ class JointReader:
 
         Joints may come in any order and among others; raise GraphError if one is missing.
         """
-        if raw[_AFTER_STAMP:self._at] != self._head or not self._head:
+        if raw[AFTER_STAMP:self._at] != self._head or not self._head:
             return self._look(raw, field)
         if field == 'position':
             return _LEGS.unpack_from(raw, self._at)
         if _COUNT.unpack_from(raw, self._at + _LEGS.size) != (4,):
-            return self._deserialised(raw, field)
+            return _legs_of(deserialize_message(raw, JointState), field)
         return _LEGS.unpack_from(raw, self._at + _PITCH)
 
     def _look(self, raw: bytes, field: str) -> Four:
         """Read any message; keep in mind how one that names the legs alone, in order, begins."""
-        usual = deserialize_message(raw, JointState)
-        if raw[:4] == _LITTLE_ENDIAN and tuple(usual.name) == JOINT_NAMES \
-                and len(usual.position) == 4:
+        msg = deserialize_message(raw, JointState)
+        if raw[:4] == _LITTLE_ENDIAN and tuple(msg.name) == JOINT_NAMES \
+                and len(msg.position) == 4:
             self._at = _start_of_numbers(raw)
-            self._head = raw[_AFTER_STAMP:self._at]
-        return self._deserialised(raw, field)
+            self._head = raw[AFTER_STAMP:self._at]
+        return _legs_of(msg, field)
 
-    @staticmethod
-    def _deserialised(raw: bytes, field: str) -> Four:
-        a, b, c, d = conversions.legs_of(deserialize_message(raw, JointState), field).tolist()
-        return a, b, c, d
+
+def _legs_of(msg: JointState, field: str) -> Four:
+    a, b, c, d = conversions.legs_of(msg, field).tolist()
+    return a, b, c, d
 
 
 def command_template() -> MessageTemplate:
@@ -71,8 +70,7 @@ def command_template() -> MessageTemplate:
 
 def _start_of_numbers(raw: bytes) -> int:
     """Return where the angles of a joint state begin; alignment counts from behind byte 4."""
-    at = _AFTER_STAMP
-    at = _after_text(raw, at)
+    at = _after_text(raw, AFTER_STAMP)
     count, = _COUNT.unpack_from(raw, _aligned(at, 4))
     at = _aligned(at, 4) + 4
     for _ in range(count):

@@ -14,6 +14,7 @@ from lunar_rover_sim.nodes.conversions import NS
 
 _STAMP = struct.Struct('<iI')
 _STAMP_AT = 4           # after the encapsulation: headers, and Clock, begin with the stamp
+AFTER_STAMP = _STAMP_AT + _STAMP.size
 
 
 class MessageTemplate:
