@@ -23,7 +23,7 @@ setup(
     maintainer='lunar_rover_sim developers',
     maintainer_email='lunar-rover-sim@example.com',
     packages=find_packages(include=[NAME, NAME + '.*']),
-    package_data={NAME: ['camera/shaders/*']},
+    package_data={NAME: ['rendering/shaders/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         (SHARE, ['package.xml']),
@@ -33,7 +33,9 @@ setup(
     zip_safe=False,
     python_requires='>=3.10',
     install_requires=[
+        'Jinja2>=3.1',
         'matplotlib>=3.8',
+        'mcap>=1.2',
         'moderngl>=5.12',
         # 4 needs Python 3.11.
         'mujoco>=3.17,<5; python_version<"3.11"',
@@ -41,6 +43,7 @@ setup(
         # 1.26 for the rclpy of Ubuntu 24.04, 2 with the wheels.
         'numpy>=1.26,<3',
         'opencv-python-headless>=4.9,<6',
+        'psutil>=5.9',
         'PyYAML>=6',
         'rasterio>=1.4',
         'rich>=13',
@@ -55,16 +58,18 @@ setup(
         'cluster': ['distributed>=2024.4'],
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
         'test': ['evo>=1.30', 'pytest>=8', 'pytest-xdist>=3.5', 'flake8>=7', 'flake8-quotes>=3',
-                 'mypy>=1.10', 'types-PyYAML', 'mcap>=1.2', 'mcap-ros2-support>=0.5',
-                 'hypothesis>=6.100', 'distributed>=2024.4'],
+                 'import-linter>=2', 'isort>=5', 'mypy>=1.10', 'vulture>=2.11', 'types-PyYAML',
+                 'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100',
+                 'distributed>=2024.4'],
+        'docs': ['furo>=2024.8', 'myst-nb>=1.1', 'sphinx>=7'],
     },
     entry_points={'console_scripts': [
         'lunar_rover_sim = lunar_rover_sim.cli.main:main',
-        'physics_node = lunar_rover_sim.start:physics_node',
-        'gait_controller_node = lunar_rover_sim.start:gait_controller_node',
-        'render_node = lunar_rover_sim.start:render_node',
-        'recorder_node = lunar_rover_sim.start:recorder_node',
-        'drive_node = lunar_rover_sim.start:drive_node',
-        'trajectory_recorder_node = lunar_rover_sim.start:trajectory_recorder_node',
+        'physics_node = lunar_rover_sim.nodes.entry_points:physics_node',
+        'gait_controller_node = lunar_rover_sim.nodes.entry_points:gait_controller_node',
+        'render_node = lunar_rover_sim.nodes.entry_points:render_node',
+        'recorder_node = lunar_rover_sim.nodes.entry_points:recorder_node',
+        'drive_node = lunar_rover_sim.nodes.entry_points:drive_node',
+        'trajectory_recorder_node = lunar_rover_sim.nodes.entry_points:trajectory_recorder_node',
     ]},
 )

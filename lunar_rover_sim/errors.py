@@ -6,7 +6,6 @@ command line prints it and exits with 1; nodes log it as fatal and exit with 1.
 
 from __future__ import annotations
 
-
 _MOST_CHARACTERS = 1500
 
 

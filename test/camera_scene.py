@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from lunar_rover_sim.camera.config import DetailConfig, RenderConfig, SensorConfig, SunConfig
+from lunar_rover_sim.camera.config import SensorConfig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
+from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.grid import HeightGrid

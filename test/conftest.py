@@ -10,9 +10,9 @@ import sys
 
 import pytest
 
-from lunar_rover_sim.config import load_scenario
-from lunar_rover_sim.domain import OwnDomain
-from lunar_rover_sim.world.store import cached
+from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.world.cache import cached
 
 # A small world and small images: the graph is the same, the machine is not kept busy.
 SMALL_WORLD = ('world.size_m=12.8', 'world.surroundings.samples=257')

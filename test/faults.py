@@ -28,12 +28,12 @@ import time
 
 import numpy as np
 
-from lunar_rover_sim.bag.check import check
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.config import load_scenario
-from lunar_rover_sim.domain import OwnDomain
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.world.store import cached
+from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.world.cache import cached
 
 LIMIT_S = 10.0
 START_S = 120.0
@@ -272,8 +272,8 @@ def lose_world(fault: Fault, folder: Path, world: Path) -> None:
 
 def shout(faults: list[Fault], folder: Path, world: Path) -> None:
     """Send garbage to cmd_vel of one run, one kind after the other; time must go on each time."""
-    import rclpy
     from geometry_msgs.msg import TwistStamped
+    import rclpy
 
     from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
 

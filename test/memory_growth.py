@@ -25,9 +25,9 @@ from typing import TextIO
 from matplotlib.figure import Figure
 import numpy as np
 
-from lunar_rover_sim.domain import OwnDomain
-from lunar_rover_sim.graph import BAG_FOLDER, LOG_FOLDER, STOP_ORDER
 from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
+from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, STOP_ORDER
 
 LIMIT_MIB = 50.0
 WARM_UP_S = 60.0

@@ -1,1 +1,1 @@
-"""rosbag2 files: write, read, hash, check, preview; needs no ROS at run time."""
+"""rosbag2 files without ROS: write, read, recover, content hash."""

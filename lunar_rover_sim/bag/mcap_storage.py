@@ -17,12 +17,12 @@ import struct
 import sys
 from typing import Any, cast
 
-from rosbags.interfaces import (
-    Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat)
+from rosbags.interfaces import (Connection, ConnectionExtRosbag2, MessageDefinition,
+                                MessageDefinitionFormat)
 from rosbags.rosbag2.errors import ReaderError
-from rosbags.rosbag2.storage_mcap import (
-    Channel, ChunkInfo, decompress, get_qos, McapReader, McapWriter, PendingChunk, read_bytes,
-    read_string, Schema, Statistics)
+from rosbags.rosbag2.storage_mcap import (Channel, ChunkInfo, decompress, get_qos, McapReader,
+                                          McapWriter, PendingChunk, read_bytes, read_string,
+                                          Schema, Statistics)
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rosbags.interfaces import (
-    Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
+from rosbags.interfaces import (Qos, QosDurability, QosHistory, QosLiveliness, QosReliability,
+                                QosTime)
 
 from lunar_rover_sim.topics import CONTRACT, LATCHED
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import sqlite3
 from typing import Any
 
-from rosbags.rosbag2 import (
-    CompressionFormat, CompressionMode, ReaderError, StoragePlugin, Writer, WriterError)
+from rosbags.rosbag2 import (CompressionFormat, CompressionMode, ReaderError, StoragePlugin,
+                             Writer, WriterError)
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.mcap_storage import DurableMcapWriter

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag import content
+from lunar_rover_sim.bag import message_validity
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
 
@@ -94,10 +94,10 @@ def read_images(bag: Bag, topic: str) -> Iterator[Picture]:
 def picture(bag: Bag, message: Any) -> Picture:
     """Return a sensor_msgs/Image as pixels; BagError where it is not of its declared size."""
     stamp_ns = header_ns(message)
-    problem = content.image_problem(message)
+    problem = message_validity.image_problem(message)
     if problem:
         raise BagError(f'{bag.path}: image at {stamp_ns * 1e-9:.3f} s: {problem}')
-    return Picture(stamp_ns, message.encoding, content.pixels(message))
+    return Picture(stamp_ns, message.encoding, message_validity.pixels(message))
 
 
 def read_depth(bag: Bag, topic: str = topics.TRUE_DEPTH.name) -> Iterator[Picture]:

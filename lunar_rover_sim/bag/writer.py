@@ -20,8 +20,8 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysEr
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.recovery import (
-    DISK_ERRORS, DurableWriter, in_words, METADATA_VERSION, PLUGINS, recover)
+from lunar_rover_sim.bag.recovery import (DISK_ERRORS, DurableWriter, in_words, METADATA_VERSION,
+                                          PLUGINS, recover)
 from lunar_rover_sim.bag.stamps import NS_PER_S, StampTable
 from lunar_rover_sim.errors import BagError
 

@@ -1,1 +1,1 @@
-"""The camera: rig, reflectance, sunlight, EGL renderer and image sensor."""
+"""What a camera is: stereo rig, lens distortion, exposure, image sensor."""

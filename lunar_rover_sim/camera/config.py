@@ -1,12 +1,13 @@
-"""What can be chosen about the image: camera, sun, ground reflectance, sensor."""
+"""Parameters of the cameras: geometry, lens, image sensor."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 
+from lunar_rover_sim.camera.distortion import is_invertible
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.parameters import param, Parameters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,34 +38,11 @@ class CameraConfig(Parameters):
         """Check that the distortion can be inverted everywhere in the image."""
         if not self.distorted:
             return
-        from lunar_rover_sim.camera.distortion import check_invertible
-        check_invertible(self)
-
-
-@dataclasses.dataclass(frozen=True)
-class SunConfig(Parameters):
-    """Where the sun stands; it does not move during a run."""
-
-    azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
-                               unit='deg', low=-360.0, high=360.0)
-    elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
-                                 unit='deg', low=-1.0, high=90.0)
-    angular_diameter_deg: float = param(0.533, 'apparent diameter of the disc', unit='deg',
-                                        low=0.01, high=5.0)
-    irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
-                              unit='W/m^2', low=0.0, high=1e5)
-
-
-@dataclasses.dataclass(frozen=True)
-class ReflectanceConfig(Parameters):
-    """Which regolith lies there, and how bright it is; see `hapke` for the sets."""
-
-    ground: str = param('highland', 'parameter set of the ground',
-                        choices=('highland', 'mare', 'rock', 'basalt'))
-    rocks: str = param('rock', 'parameter set of the rocks',
-                       choices=('highland', 'mare', 'rock', 'basalt'))
-    albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
-                                low=0.0, high=3.0)
+        if not is_invertible(self.distortion, 0.5 * self.width / self.focal_px,
+                             0.5 * self.height / self.focal_px):
+            raise ConfigError(f'distortion: {list(self.distortion)} is not valid; valid is one '
+                              f'that can be inverted over {self.horizontal_fov_deg:g} deg of '
+                              'view; use smaller coefficients')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,55 +91,3 @@ class SensorConfig(Parameters):
     shot_noise: bool = param(True, 'photon and dark shot noise')
     read_noise: bool = param(True, 'read noise')
     fixed_pattern: bool = param(True, 'gain and offset of each pixel')
-
-
-@dataclasses.dataclass(frozen=True)
-class DetailConfig(Parameters):
-    """How much is drawn."""
-
-    full_resolution_m: float = param(3.5, 'the mesh has the resolution of the ground up to here',
-                                     unit='m', low=0.5, high=100.0)
-    exact_m: float = param(14.0, 'beyond the former, up to here, every pixel is intersected with '
-                           'the ground itself', unit='m', low=0.0, high=100.0)
-    cells_per_distance: float = param(
-        64.0, 'beyond, the cell of the mesh is the distance divided by this', low=5.0, high=1000.0)
-    relief_rms_slope: float = param(0.11, 'RMS slope of either tile of relief below the grid',
-                                    low=0.0, high=0.6)
-    pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',
-                                low=0.0, high=0.4)
-    pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,
-                             high=1.0)
-    rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn', unit='px', low=0.0,
-                               high=20.0)
-    bounce: bool = param(True, 'light that lit ground scatters into shadows')
-
-
-@dataclasses.dataclass(frozen=True)
-class LampConfig(Parameters):
-    """A spot light with inverse square fall-off and a shadow of its own.
-
-    It sits low and to the left: light from the cameras' own place would show no relief.
-    """
-
-    power_w: float = param(0.0, 'radiant flux; 0 switches it off', unit='W', low=0.0, high=1e4)
-    position_m: tuple[float, ...] = param((0.15, 0.08, 0.08), 'in base_link', unit='m', length=3)
-    pitch_deg: float = param(0.0, 'downward tilt', unit='deg', low=-90.0, high=90.0)
-    cone_deg: float = param(60.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)
-
-
-@dataclasses.dataclass(frozen=True)
-class RenderConfig(Parameters):
-    """Everything about the image."""
-
-    camera: CameraConfig = group(CameraConfig)
-    sun: SunConfig = group(SunConfig)
-    reflectance: ReflectanceConfig = group(ReflectanceConfig)
-    sensor: SensorConfig = group(SensorConfig)
-    detail: DetailConfig = group(DetailConfig)
-    lamp: LampConfig = group(LampConfig)
-
-    def validate(self) -> None:
-        """Check what ties the sets together."""
-        if self.camera.near_m >= self.camera.far_m:
-            raise ConfigError(f'camera.near_m: {self.camera.near_m} is not valid; valid is '
-                              f'< camera.far_m ({self.camera.far_m:g})')

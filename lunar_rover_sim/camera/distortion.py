@@ -7,8 +7,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 
 _TURNS = 30
@@ -48,45 +46,24 @@ def undistort(xy: ArrayLike, distortion: ArrayLike) -> Array:
     return point
 
 
-def check_invertible(camera: CameraConfig) -> None:
-    """Raise ConfigError unless the distortion maps one to one over the whole image."""
-    half = np.array([0.5 * camera.width, 0.5 * camera.height]) / camera.focal_px
-    u, v = np.meshgrid(np.linspace(-half[0], half[0], 41), np.linspace(-half[1], half[1], 31))
-    ideal = undistort(np.stack([u, v], axis=-1), camera.distortion)
+def is_invertible(distortion: ArrayLike, half_width: float, half_height: float) -> bool:
+    """Return whether the distortion maps one to one over an image.
+
+    half_width, half_height: distance from the centre to the edges, normalised coordinates
+    """
+    u, v = np.meshgrid(np.linspace(-half_width, half_width, 41),
+                       np.linspace(-half_height, half_height, 31))
+    ideal = undistort(np.stack([u, v], axis=-1), distortion)
     if not np.all(np.isfinite(ideal)):
-        raise _refusal(camera)
+        return False
     # Between the centre and the farthest ideal point the radius must grow all the way.
     h = 1e-5
     farthest = float(np.linalg.norm(ideal, axis=-1).max())
     for angle in np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False):
         ray = np.linspace(0.0, farthest, 200)[:, None] * [math.cos(angle), math.sin(angle)]
-        value = distort(ray, camera.distortion)
-        dx = (distort(ray + [h, 0.0], camera.distortion) - value) / h
-        dy = (distort(ray + [0.0, h], camera.distortion) - value) / h
+        value = distort(ray, distortion)
+        dx = (distort(ray + [h, 0.0], distortion) - value) / h
+        dy = (distort(ray + [0.0, h], distortion) - value) / h
         if np.any(dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0] <= 0.05):
-            raise _refusal(camera)
-
-
-def _refusal(camera: CameraConfig) -> ConfigError:
-    return ConfigError(f'distortion: {list(camera.distortion)} is not valid; valid is one that '
-                       f'can be inverted over {camera.horizontal_fov_deg:g} deg of view; use '
-                       'smaller coefficients')
-
-
-def padding(camera: CameraConfig) -> tuple[int, int]:
-    """Return columns and rows that a pinhole view needs beyond each edge to fill the image."""
-    if not camera.distorted:
-        return 0, 0
-    source = source_pixels(camera)
-    size = np.array([camera.width, camera.height])
-    beyond = np.maximum(-source.min(axis=(0, 1)), source.max(axis=(0, 1)) - (size - 1))
-    x, y = np.maximum(np.ceil(beyond) + 2, 0).astype(int)
-    return int(x), int(y)
-
-
-def source_pixels(camera: CameraConfig) -> Array:
-    """Return (h, w, 2): where in the pinhole image each pixel of the distorted one looks [px]."""
-    centre = np.array([0.5 * (camera.width - 1), 0.5 * (camera.height - 1)])
-    pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
-    ideal = undistort((pixels - centre) / camera.focal_px, camera.distortion)
-    return ideal * camera.focal_px + centre
+            return False
+    return True

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.frames import Array, inverse, R_BODY_OPTICAL, se3, wxyz_from_rpy
-from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.frames import (Array, inverse, matrix_from_wxyz, R_BODY_OPTICAL, se3,
+                                    wxyz_from_rpy)
 from lunar_rover_sim.rover.description import RoverDescription
 
 

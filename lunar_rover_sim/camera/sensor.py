@@ -14,10 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.camera.config import (CameraConfig, LampConfig, ReflectanceConfig,
-                                           RenderConfig, SensorConfig, SunConfig)
-from lunar_rover_sim.camera.hapke import parameter_set, reflectance
-from lunar_rover_sim.camera.lamp import peak_intensity
+from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 
 _NUMBER_TYPES = {'mono8': np.uint8, 'rgb8': np.uint8, 'mono16': np.uint16}
 
@@ -84,33 +81,3 @@ class SensorModel:
         wanted = max(c.target_level - c.black_level, 0.005) * c.full_well_e
         return float(np.clip(wanted / max(radiance * self.electrons_per_radiance_second, 1e-9),
                              1e-6, 10.0))
-
-
-def first_exposure_s(sensor: SensorModel, config: RenderConfig) -> float:
-    """Return the exposure time [s] before any image was seen."""
-    if config.sensor.exposure_mode != 'sunlit':
-        return config.sensor.exposure_s
-    return sensor.exposure_for(max(sunlit_radiance(config.sun, config.reflectance),
-                                   lamplit_radiance(config.lamp, config.reflectance)))
-
-
-def sunlit_radiance(sun: SunConfig, ground: ReflectanceConfig) -> float:
-    """Return a typical radiance [W m-2 sr-1] of lit ground: relief turned some way to the sun.
-
-    It is that of ground seen at 60 deg from the side, whose slopes of 14 deg face the sun.
-    """
-    if sun.elevation_deg <= -0.5 * sun.angular_diameter_deg:
-        return 0.0
-    elevation = math.radians(min(max(sun.elevation_deg, 0.5) + 14.0, 90.0))
-    kind = parameter_set(ground.ground)
-    return sun.irradiance * float(reflectance(math.sin(elevation), 0.5, 0.5 * math.sin(elevation),
-                                              kind, albedo=ground.albedo_scale))
-
-
-def lamplit_radiance(lamp: LampConfig, ground: ReflectanceConfig) -> float:
-    """Return the radiance [W m-2 sr-1] of level ground 0.7 m before the lamp."""
-    distance, height = 0.7, lamp.position_m[2] + 0.09
-    cosine = height / math.hypot(distance, height)
-    irradiance = peak_intensity(lamp) / (distance**2 + height**2)
-    return irradiance * float(reflectance(cosine, cosine, 0.998, parameter_set(ground.ground),
-                                          albedo=ground.albedo_scale))

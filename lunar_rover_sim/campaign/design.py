@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
+import itertools
 from typing import Any
 
 import numpy as np

@@ -13,13 +13,12 @@ from typing import Any
 import uuid
 
 from lunar_rover_sim.campaign import process
-from lunar_rover_sim.campaign.layout import (
-    ERROR_FILE, FAILED, LOG_FILE, PARTIAL, PLAN_FILE, TASK_FILE, TOKEN_FILE)
-from lunar_rover_sim.campaign.layout import EPISODES
+from lunar_rover_sim.campaign.episode_plans import EpisodePlan
+from lunar_rover_sim.campaign.layout import (EPISODES, ERROR_FILE, FAILED, LOG_FILE, PARTIAL,
+                                             PLAN_FILE, TASK_FILE, TOKEN_FILE)
 from lunar_rover_sim.campaign.manifest import read_json, sync_folder, why_unfinished, write_json
-from lunar_rover_sim.campaign.plan import EpisodePlan
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.graph import LOG_FOLDER, SCENARIO_FILE
+from lunar_rover_sim.run.plan import LOG_FOLDER, SCENARIO_FILE
 
 _START_S = 300.0       # world, nodes
 _SLOWEST = 60.0        # wall time over simulated time

@@ -13,15 +13,14 @@ import sys
 from typing import Any
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.bag.check import check
-from lunar_rover_sim.bag.digest import bag_hash
-from lunar_rover_sim.bag.export import export
+from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.campaign.layout import EPISODES, TASK_FILE
-from lunar_rover_sim.campaign.manifest import (
-    file_table, FORMAT, MANIFEST, read_json, write_json)
+from lunar_rover_sim.campaign.manifest import file_table, FORMAT, MANIFEST, read_json, write_json
 from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.errors import BagError, LunarRoverSimError
-from lunar_rover_sim.graph import BAG_FOLDER
+from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.run.plan import BAG_FOLDER
+from lunar_rover_sim.sequences.export import export
 
 
 def finish(attempt: Path) -> None:

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.preview import draw_hillshade
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import picture, read_odometry
 from lunar_rover_sim.campaign.card import number
 from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.graph import BAG_FOLDER
+from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
+from lunar_rover_sim.run.plan import BAG_FOLDER
 
 THUMBNAILS = 3
 _WIDTH_PX = 320

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import time
 
-from lunar_rover_sim.processes import die_with_parent
+from lunar_rover_sim.run.node_processes import die_with_parent
 
 _POLL_S = 0.1
 _MOST_LINE = 400

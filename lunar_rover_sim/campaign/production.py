@@ -12,13 +12,13 @@ from pathlib import Path
 import shutil
 from typing import Any
 
+from lunar_rover_sim.campaign.campaign_file import Campaign
 from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
-from lunar_rover_sim.campaign.file import Campaign
-from lunar_rover_sim.campaign.layout import (
-    CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED, LOCK_FILE, PARTIAL, TOKEN_FILE)
-from lunar_rover_sim.campaign.manifest import (
-    MANIFEST, read_json, sync_folder, why_unfinished, write_json)
-from lunar_rover_sim.campaign.plan import EpisodePlan
+from lunar_rover_sim.campaign.episode_plans import EpisodePlan
+from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED,
+                                             LOCK_FILE, PARTIAL, TOKEN_FILE)
+from lunar_rover_sim.campaign.manifest import (MANIFEST, read_json, sync_folder, why_unfinished,
+                                               write_json)
 from lunar_rover_sim.errors import BagError
 
 # Takes the tasks and whom to tell of each outcome; returns when all are done.

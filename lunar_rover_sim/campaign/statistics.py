@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.matching import is_matched, is_textured
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.scenario import recorded_scenario
-from lunar_rover_sim.bag.sensors import recorded_sensors
+from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import picture, read_imu, read_odometry
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.inspection.matching import is_matched, is_textured
+from lunar_rover_sim.sequences.sensors import recorded_sensors
 
 SAMPLES = 40
 _CORNER_THRESHOLD = 20   # grey levels of 255, as ORB-SLAM3's first threshold

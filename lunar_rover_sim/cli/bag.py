@@ -72,8 +72,8 @@ def _check(args: argparse.Namespace) -> int:
     from rich.table import Table
     from rich.text import Text
 
-    from lunar_rover_sim.bag.check import check
-    from lunar_rover_sim.bag.report import Status
+    from lunar_rover_sim.inspection.check import check
+    from lunar_rover_sim.inspection.report import Status
 
     console = Console()
     with _counting(args.bag, 'checking') as progress:
@@ -94,7 +94,7 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _hash(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.bag.digest import combine, topic_hashes
+    from lunar_rover_sim.bag.content_hash import combine, topic_hashes
     from lunar_rover_sim.bag.reader import open_bag
 
     with open_bag(args.bag) as bag:
@@ -109,7 +109,7 @@ def _hash(args: argparse.Namespace) -> int:
 
 
 def _preview(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.bag.preview import preview
+    from lunar_rover_sim.inspection.bag_pictures import preview
 
     folder = args.bag.resolve()
     output = args.output or folder.with_name(f'{folder.stem}_preview')
@@ -128,7 +128,7 @@ def _recover(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.bag.export import export
+    from lunar_rover_sim.sequences.export import export
 
     with _counting(args.bag, 'exporting') as progress:
         notes = export(args.bag, args.output, args.format, progress)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from lunar_rover_sim.cli.slam import add_system_arguments, estimator_of, SENSORS
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.evaluation.benchmark import Drive
+    from lunar_rover_sim.slam.benchmark import Drive
 
 _SCENARIOS = ('baseline', 'feature_sparse', 'low_albedo')
 _SLOWEST = 60.0      # wall time over simulated time
@@ -51,11 +51,11 @@ def run(args: argparse.Namespace) -> int:
     """Do what is missing, then write table and report."""
     from rich.console import Console
 
-    from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import EvaluationError
-    from lunar_rover_sim.evaluation import benchmark, table
-    from lunar_rover_sim.evaluation.report import html_report
-    from lunar_rover_sim.resources import config_path
+    from lunar_rover_sim.files.resources import config_path
+    from lunar_rover_sim.run.scenario import load_scenario
+    from lunar_rover_sim.slam import benchmark, table
+    from lunar_rover_sim.slam.benchmark_page import html_report
 
     parameter, _, values = args.sweep.partition('=')
     published = args.paper
@@ -123,7 +123,7 @@ def _simulate(drive: Drive, folder: Path) -> None:
 
     from lunar_rover_sim import topics
     from lunar_rover_sim.errors import EvaluationError
-    from lunar_rover_sim.evaluation.runners import run_program
+    from lunar_rover_sim.slam.runners import run_program
 
     wanted = [t.name for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO,
                                topics.RIGHT_INFO, topics.TRUE_DEPTH, topics.ODOM, topics.IMU_RAW,

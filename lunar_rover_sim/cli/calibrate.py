@@ -38,9 +38,9 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import Progress
 
-    from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.evaluation import calibration
+    from lunar_rover_sim.run.scenario import load_scenario
+    from lunar_rover_sim.studies import gait_measurement
 
     if args.output.exists() and not args.force:
         raise ConfigError(f'--output: {args.output} exists; give another name, or --force')
@@ -52,11 +52,11 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f'--measure: {args.measure:g} is not valid; valid is 1 to '
                           f'{MAX_MEASURE_S:g} [s]')
     scenario = load_scenario(args.scenario, args.overrides)
-    rates, turns = calibration.COARSE if args.coarse else calibration.FINE
+    rates, turns = gait_measurement.COARSE if args.coarse else gait_measurement.FINE
     console = Console()
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task('walking')
-        table = calibration.measure(
+        table = gait_measurement.measure(
             scenario.rover, scenario.physics_node, scenario.gait_controller_node, rates, turns,
             args.workers, lambda done, total: bar.update(task, completed=done, total=total),
             args.measure)

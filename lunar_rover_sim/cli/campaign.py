@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import contextlib
 from pathlib import Path
 import signal
-from typing import TYPE_CHECKING, Any
+from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
@@ -41,12 +41,12 @@ def run(args: argparse.Namespace) -> int:
     """Make what is missing; return 1 where an episode failed."""
     from rich.console import Console
 
+    from lunar_rover_sim.campaign.campaign_file import load_campaign
     from lunar_rover_sim.campaign.card import write_card
-    from lunar_rover_sim.campaign.file import load_campaign
-    from lunar_rover_sim.campaign.plan import plan
+    from lunar_rover_sim.campaign.episode_plans import plan
     from lunar_rover_sim.campaign.production import Dataset
     from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.runner import require_ros
+    from lunar_rover_sim.run.supervisor import require_ros
 
     if args.jobs < 1:
         raise ConfigError(f'--jobs {args.jobs}: is not valid; valid is 1 or more')
@@ -123,8 +123,8 @@ def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,
 @contextlib.contextmanager
 def _bar(console: Any, total_s: float) -> Iterator[Any]:
     """Show a progress bar over simulated time, with the time left once an episode is done."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.progress import TimeRemainingColumn
+    from rich.progress import (BarColumn, Progress, TextColumn, TimeElapsedColumn,
+                               TimeRemainingColumn)
 
     columns = (TextColumn('{task.description}'), BarColumn(),
                TextColumn('{task.completed:.0f}/{task.total:.0f} s simulated'),

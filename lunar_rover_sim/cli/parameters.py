@@ -54,8 +54,9 @@ def markdown(sections: dict[str, list[tuple[str, str, str, str]]] | None = None)
 
 
 def _sections() -> dict[str, list[tuple[str, str, str, str]]]:
-    from lunar_rover_sim.config import NODE_CONFIGS, NodeConfig, RunConfig, SHARED
     from lunar_rover_sim.rover.description import RoverDescription
+    from lunar_rover_sim.run.node_config import NODE_CONFIGS, NodeConfig
+    from lunar_rover_sim.run.scenario import RunConfig, SHARED
     from lunar_rover_sim.world.config import WorldConfig
 
     classes = {SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig,

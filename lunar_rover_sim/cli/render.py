@@ -36,15 +36,16 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
     from rich.console import Console
 
-    from lunar_rover_sim.camera.preview import contact_sheet
-    from lunar_rover_sim.camera.frame import LAYERS
-    from lunar_rover_sim.camera.renderer import Renderer
-    from lunar_rover_sim.camera.still import HEIGHT_M, settle, standing
-    from lunar_rover_sim.config import load_scenario
-    from lunar_rover_sim.folders import make_new, refuse_existing
+    from lunar_rover_sim.files.folders import make_new, refuse_existing
+    from lunar_rover_sim.rendering.frame import LAYERS
+    from lunar_rover_sim.rendering.layer_pictures import contact_sheet
+    from lunar_rover_sim.rendering.renderer import Renderer
+    from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
+    from lunar_rover_sim.run.scenario import load_scenario
     from lunar_rover_sim.stereo.depth import depth_from_disparity
     from lunar_rover_sim.stereo.sgm import SgmMatcher
-    from lunar_rover_sim.world.store import cached, load
+    from lunar_rover_sim.world.cache import cached
+    from lunar_rover_sim.world.world_folder import load
 
     scenario = load_scenario(args.scenario, args.overrides, args.seed)
     refuse_existing(args.output)

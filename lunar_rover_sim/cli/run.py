@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.processes import Launcher
+    from lunar_rover_sim.run.node_processes import Launcher
 
 # Physics names whoever it waits for before the runner names physics.
 _SILENCE_MARGIN_S = 1.0
@@ -39,8 +39,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate and record; print a summary."""
-    from lunar_rover_sim.processes import Launcher
-    from lunar_rover_sim.runner import require_ros
+    from lunar_rover_sim.run.node_processes import Launcher
+    from lunar_rover_sim.run.supervisor import require_ros
 
     require_ros()
     with Launcher(args.output.resolve()) as launcher:
@@ -50,11 +50,13 @@ def run(args: argparse.Namespace) -> int:
 def _record(args: argparse.Namespace, launcher: Launcher) -> int:
     from rich.console import Console
 
-    from lunar_rover_sim.config import load_scenario, REAL_TIME
-    from lunar_rover_sim.domain import OwnDomain
-    from lunar_rover_sim.graph import BAG_FOLDER, prepare, resolve
-    from lunar_rover_sim.runner import Graph
-    from lunar_rover_sim.world.store import cached, load
+    from lunar_rover_sim.run.domain import OwnDomain
+    from lunar_rover_sim.run.node_config import REAL_TIME
+    from lunar_rover_sim.run.plan import BAG_FOLDER, prepare, resolve
+    from lunar_rover_sim.run.scenario import load_scenario
+    from lunar_rover_sim.run.supervisor import Graph
+    from lunar_rover_sim.world.cache import cached
+    from lunar_rover_sim.world.world_folder import load
 
     overrides = list(args.overrides)
     if args.duration is not None:
@@ -96,7 +98,7 @@ def _record(args: argparse.Namespace, launcher: Launcher) -> int:
     console.print(_shares(graph.cpu_s, wall_s), highlight=False, soft_wrap=True)
     bag = folder / BAG_FOLDER
     if 'recorder_node' in scenario.run.nodes:
-        from lunar_rover_sim.bag.summary import summarise
+        from lunar_rover_sim.inspection.summary import summarise
 
         with console.status('summing up the bag'):
             summary = summarise(bag)

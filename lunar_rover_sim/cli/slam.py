@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.evaluation.estimators import Estimator
+    from lunar_rover_sim.slam.estimators import Estimator
 
 # As in bag.orbslam3_settings, which is too heavy to import for a parser.
 SENSORS = ('mono', 'stereo', 'stereo-inertial', 'rgbd')
@@ -67,7 +67,7 @@ def add_system_arguments(parser: argparse.ArgumentParser) -> None:
 
 def estimator_of(args: argparse.Namespace, sensor: str) -> Estimator:
     """Return the estimator that the arguments ask for."""
-    from lunar_rover_sim.evaluation.estimators import Estimator, stock_program
+    from lunar_rover_sim.slam.estimators import Estimator, stock_program
 
     return Estimator(args.system, sensor, stock_program(args.executable, sensor), args.vocabulary,
                      args.command, args.estimate_frame, args.features, args.timeout)
@@ -79,7 +79,7 @@ def _run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from lunar_rover_sim.errors import EvaluationError
-    from lunar_rover_sim.evaluation.slam import run_on_bag
+    from lunar_rover_sim.slam.judgement import run_on_bag
 
     estimator = estimator_of(args, args.sensor)
     try:
@@ -112,11 +112,11 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _settings(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.bag.orbslam3_settings import settings
     from lunar_rover_sim.bag.reader import open_bag
-    from lunar_rover_sim.bag.sensors import described_sensors, recorded_sensors
-    from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
+    from lunar_rover_sim.run.scenario import load_scenario
+    from lunar_rover_sim.sequences.orbslam3_settings import settings
+    from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
 
     source = Path(args.source)
     if source.is_dir() or source.suffix in ('.mcap', '.db3'):

@@ -33,10 +33,10 @@ def run(args: argparse.Namespace) -> int:
     from rich.table import Table
 
     from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.physics.allan import fit_noise, overlapping_allan
+    from lunar_rover_sim.files.yaml_text import parse_yaml
     from lunar_rover_sim.physics.config import ImuConfig
     from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters
-    from lunar_rover_sim.yaml_text import parse_yaml
+    from lunar_rover_sim.studies.allan import fit_noise, overlapping_allan
 
     if not 0.05 <= args.hours <= 24.0:
         raise ConfigError(f'--hours: {args.hours} is not valid; valid is 0.05 to 24')
@@ -92,7 +92,7 @@ def _plot(curves, fits, true, output) -> None:  # type: ignore[no-untyped-def]
     matplotlib.use('Agg')
     import matplotlib.pyplot as plt
 
-    from lunar_rover_sim.physics.allan import NoiseFit
+    from lunar_rover_sim.studies.allan import NoiseFit
 
     configured = (NoiseFit(true.accel_noise_density, true.accel_bias_random_walk),
                   NoiseFit(true.gyro_noise_density, true.gyro_bias_random_walk))

@@ -43,12 +43,12 @@ def run(args: argparse.Namespace) -> int:
     from rich.markdown import Markdown
     from rich.progress import Progress
 
-    from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.evaluation import calibration, locomotion, locomotion_report
-    from lunar_rover_sim.folders import make_new
+    from lunar_rover_sim.files.folders import make_new
+    from lunar_rover_sim.files.resources import config_path
     from lunar_rover_sim.gait.calibration import GaitCalibration
-    from lunar_rover_sim.resources import config_path
+    from lunar_rover_sim.run.scenario import load_scenario
+    from lunar_rover_sim.studies import gait_measurement, locomotion, locomotion_report
 
     for name, values, low in (('--speeds', args.speeds, 0.0), ('--gravities', args.gravities, 0.0),
                               ('--duration', [args.duration], locomotion.STEADY_FROM_S + 2.0),
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     make_new(args.output)
 
     console = Console()
-    obedience: list[calibration.Obedience] = []
+    obedience: list[gait_measurement.Obedience] = []
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task('walking')
         cases = locomotion.study(
@@ -72,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
             lambda done, total: bar.update(task, completed=done, total=total))
         if not args.no_commands:
             following = bar.add_task('following commands')
-            obedience = calibration.measure_commands(
-                calibration.COMMANDS, table, scenario.rover, physics, gait, args.workers,
+            obedience = gait_measurement.measure_commands(
+                gait_measurement.COMMANDS, table, scenario.rover, physics, gait, args.workers,
                 lambda done, total: bar.update(following, completed=done, total=total))
     text = locomotion_report.report_text(cases, overlays, obedience)
     (args.output / 'locomotion.md').write_text(text, encoding='utf-8')

@@ -30,9 +30,9 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.table import Table
 
-    from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.folders import make_new
+    from lunar_rover_sim.files.folders import make_new
+    from lunar_rover_sim.run.scenario import load_scenario
 
     if args.frames < 1:
         raise ConfigError(f'frames: {args.frames} is not valid; valid is >= 1')
@@ -61,12 +61,13 @@ def _judge(scenario, frames: int, folder: Path, console) -> dict[str, float]:
     import numpy as np
     from rich.progress import track
 
-    from lunar_rover_sim.camera.renderer import Renderer
-    from lunar_rover_sim.camera.still import settle, standing
+    from lunar_rover_sim.rendering.renderer import Renderer
+    from lunar_rover_sim.rendering.snapshot import settle, standing
     from lunar_rover_sim.stereo.depth import disparity_from_depth
     from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
     from lunar_rover_sim.stereo.sgm import SgmMatcher
-    from lunar_rover_sim.world.store import cached, load
+    from lunar_rover_sim.world.cache import cached
+    from lunar_rover_sim.world.world_folder import load
 
     with console.status(f'{scenario.name}: world and sunlight'):
         world = load(cached(scenario.world, scenario.shared.seed))
@@ -104,7 +105,7 @@ def _figure(path: Path, frame, disparity, truth_px, rig) -> None:
     from matplotlib import pyplot
     import numpy as np
 
-    from lunar_rover_sim.camera.preview import depth_picture, error_picture, gray8
+    from lunar_rover_sim.rendering.layer_pictures import depth_picture, error_picture, gray8
     from lunar_rover_sim.stereo.depth import depth_from_disparity
 
     depth = depth_from_disparity(disparity, rig.focal_px, rig.baseline_m)

@@ -35,12 +35,12 @@ def run(args: argparse.Namespace) -> int:
     from rich.markdown import Markdown
     from rich.progress import Progress
 
-    from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.evaluation import traverse, traverse_report
-    from lunar_rover_sim.folders import make_new
+    from lunar_rover_sim.files.folders import make_new
+    from lunar_rover_sim.files.resources import config_path
     from lunar_rover_sim.gait.calibration import GaitCalibration
-    from lunar_rover_sim.resources import config_path
+    from lunar_rover_sim.run.scenario import load_scenario
+    from lunar_rover_sim.studies import traverse, traverse_report
 
     for name, value, low in (('--seeds', args.seeds, 1), ('--first-seed', args.first_seed, 0),
                              ('--duration', args.duration, 10.0), ('--workers', args.workers, 1)):

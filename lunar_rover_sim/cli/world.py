@@ -96,10 +96,10 @@ def run_build(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from lunar_rover_sim.config import load_scenario
     from lunar_rover_sim.errors import ConfigError, WorldError
+    from lunar_rover_sim.run.scenario import load_scenario
     from lunar_rover_sim.world.build import build
-    from lunar_rover_sim.world.store import save
+    from lunar_rover_sim.world.world_folder import save
 
     if args.seed is not None and not 0 <= args.seed < 2**31:
         raise ConfigError(f'--seed: {args.seed} is not valid; valid is 0 to 2147483647')
@@ -139,7 +139,7 @@ def run_info(args: argparse.Namespace) -> int:
     from rich.table import Table
 
     from lunar_rover_sim.world.shade import horizon_deg, rms_slope_deg
-    from lunar_rover_sim.world.store import load
+    from lunar_rover_sim.world.world_folder import load
 
     folder = Path(args.folder)
     world = load(folder)
@@ -180,8 +180,8 @@ def run_preview(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.world.preview import write
-    from lunar_rover_sim.world.store import load
+    from lunar_rover_sim.world.map_sheet import write
+    from lunar_rover_sim.world.world_folder import load
 
     azimuth, elevation = args.sun
     if not (-360.0 <= azimuth <= 360.0 and -1.0 <= elevation <= 90.0):
@@ -193,7 +193,7 @@ def run_preview(args: argparse.Namespace) -> int:
     world = load(folder)
     views: list = []
     if not args.no_views:
-        from lunar_rover_sim.camera.still import four_views
+        from lunar_rover_sim.rendering.snapshot import four_views
         views = four_views(world, azimuth, elevation)
     write(world, output, azimuth, elevation, views)
     print(output)
@@ -205,7 +205,7 @@ def run_export(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from lunar_rover_sim.world.export import write
-    from lunar_rover_sim.world.store import load
+    from lunar_rover_sim.world.world_folder import load
 
     output = Path(args.output)
     _refuse_existing(output, args.overwrite)

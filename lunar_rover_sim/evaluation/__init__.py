@@ -1,1 +1,1 @@
-"""Judging estimates against the truth."""
+"""Judging an estimated trajectory against the truth."""

@@ -7,10 +7,10 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from lunar_rover_sim.bag.preview import draw_hillshade
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.evaluation import metrics
 from lunar_rover_sim.evaluation.trajectory_evaluation import Evaluation
+from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
 
 
 def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> list[Path]:

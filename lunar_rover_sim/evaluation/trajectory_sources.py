@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.extrinsics import recorded_frame, rover_frame
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import header_ns
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.files import read_trajectory
 from lunar_rover_sim.evaluation.trajectory import Trajectory
+from lunar_rover_sim.evaluation.trajectory_files import read_trajectory
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rover.store import load_rover
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.sequences.extrinsics import recorded_frame, rover_frame
 
 _Pose = tuple[int, Any, Any]
 

@@ -1,1 +1,1 @@
-"""Leg phases: shaping function, phase generator and leg controller, as pure functions of state."""
+"""Leg phases: shaping function, phase generator and leg controller, as functions of state."""

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 import yaml
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import nearest
-from lunar_rover_sim.yaml_text import parse_yaml, read_text
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from lunar_rover_sim.config import load_scenario
-from lunar_rover_sim.graph import prepare, resolve, SCENARIO_FILE, STOP_ORDER
-from lunar_rover_sim.world.store import cached
+from lunar_rover_sim.run.plan import prepare, resolve, SCENARIO_FILE, STOP_ORDER
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.world.cache import cached
 
 _ARGUMENTS = {
     'scenario': ('baseline', 'name of a packaged scenario, or a YAML file'),

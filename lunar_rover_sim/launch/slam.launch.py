@@ -8,13 +8,13 @@ evaluate`. `lunar_rover_sim slam settings SCENARIO -o FILE --sensor SENSOR` writ
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction, TimerAction)
+from launch.actions import (DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction,
+                            TimerAction)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from lunar_rover_sim.evaluation.live import wrapper
+from lunar_rover_sim.slam.live import wrapper
 
 _ARGUMENTS = {
     'wrapper': ('orb_slam3_ros2_wrapper', 'package: orb_slam3_ros2_wrapper or orbslam3'),

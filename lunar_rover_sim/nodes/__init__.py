@@ -1,1 +1,1 @@
-"""Thin ROS 2 adapters around the core classes."""
+"""ROS 2 nodes: thin adapters around the core classes."""

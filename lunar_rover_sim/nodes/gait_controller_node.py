@@ -10,15 +10,16 @@ from sensor_msgs.msg import JointState
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.config import GaitNodeConfig
+from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.nodes import main as node_main, qos
-from lunar_rover_sim.nodes.answers import AnswerListener
+from lunar_rover_sim.nodes import node_main
+from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.joint_messages import command_template, JointReader
+from lunar_rover_sim.nodes.lockstep_listener import AnswerListener
 from lunar_rover_sim.nodes.parameters import declare, on_change
-from lunar_rover_sim.resources import config_path
-from lunar_rover_sim.rover.store import load_rover
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.node_config import GaitNodeConfig
 
 
 class GaitControllerNode(node_main.GraphNode):

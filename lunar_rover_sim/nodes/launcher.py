@@ -20,12 +20,12 @@ import os
 from pathlib import Path
 import sys
 
-from lunar_rover_sim.processes import die_with_parent
+from lunar_rover_sim.run.node_processes import die_with_parent
 
 _PR_SET_NAME = 15
 # Not rclpy: its libraries start threads (LTTng's), and a process with threads must not fork.
-_SHARED = ('lunar_rover_sim.config', 'lunar_rover_sim.rover.store', 'lunar_rover_sim.world.store',
-           'lunar_rover_sim.bag.stamps', 'lunar_rover_sim.start', 'geometry_msgs.msg',
+_SHARED = ('lunar_rover_sim.run.scenario', 'lunar_rover_sim.rover.rover_file',
+           'lunar_rover_sim.bag.stamps', 'lunar_rover_sim.nodes.entry_points', 'geometry_msgs.msg',
            'nav_msgs.msg', 'rcl_interfaces.msg', 'rcl_interfaces.srv', 'rosgraph_msgs.msg',
            'sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv', 'stereo_msgs.msg')
 
@@ -72,9 +72,9 @@ def _become(name: str, log: str, arguments: list[str]) -> int:
     module = f'lunar_rover_sim.nodes.{name}'
     _show_command_line([module, *sys.argv[1:]])
     sys.argv = [module, *arguments]
-    from lunar_rover_sim import start
+    from lunar_rover_sim.nodes import entry_points
 
-    return int(getattr(start, name)())
+    return int(getattr(entry_points, name)())
 
 
 def _show_command_line(words: list[str]) -> None:

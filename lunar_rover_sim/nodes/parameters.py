@@ -10,9 +10,9 @@ from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescr
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from lunar_rover_sim.config import NodeConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import nearest, ParamInfo
+from lunar_rover_sim.run.node_config import NodeConfig
 
 C = TypeVar('C', bound=NodeConfig)
 

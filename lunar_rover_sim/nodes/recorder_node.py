@@ -12,11 +12,13 @@ from std_msgs.msg import Header, String
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.writer import BagWriter
-from lunar_rover_sim.config import RecorderNodeConfig
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.nodes import conversions, main as node_main, qos
+from lunar_rover_sim.nodes import conversions
+from lunar_rover_sim.nodes import node_main
+from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
-from lunar_rover_sim.nodes.types import message_class
+from lunar_rover_sim.run.node_config import RecorderNodeConfig
 
 # What says something of a run, not of the Moon: wall time, log lines, our own acknowledgement.
 _NEVER = ('rosout', 'parameter_events')

@@ -19,16 +19,18 @@ from std_msgs.msg import String
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.camera.renderer import Renderer
-from lunar_rover_sim.config import RenderNodeConfig
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.nodes import conversions, main as node_main, qos
+from lunar_rover_sim.nodes import conversions
+from lunar_rover_sim.nodes import node_main
+from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
-from lunar_rover_sim.nodes.types import message_class
-from lunar_rover_sim.rover.store import load_rover
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.stereo.depth import depth_from_disparity
 from lunar_rover_sim.stereo.sgm import SgmMatcher
-from lunar_rover_sim.world.store import load as load_world
+from lunar_rover_sim.world.world_folder import load as load_world
 
 _INFOS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name)
 _MATCHED = (topics.DISPARITY.name, topics.DEPTH.name)

@@ -11,8 +11,8 @@ from rosgraph_msgs.msg import Clock
 
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.nodes import conversions, qos
+from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.template import MessageTemplate
-from lunar_rover_sim.nodes.types import message_class
 from lunar_rover_sim.physics.imu import ImuNoise, ImuSample
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription

@@ -7,11 +7,13 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from lunar_rover_sim.config import TrajectoryRecorderNodeConfig
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.nodes import conversions, main as node_main, qos
+from lunar_rover_sim.nodes import conversions
+from lunar_rover_sim.nodes import node_main
+from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
-from lunar_rover_sim.nodes.types import message_class
+from lunar_rover_sim.run.node_config import TrajectoryRecorderNodeConfig
 
 TOPIC = 'pose'
 # How to get (stamp, pose) pairs out of a message of each type.

@@ -1,1 +1,1 @@
-"""The walk: MuJoCo simulation, contacts, IMU truth and IMU noise."""
+"""The walk: MuJoCo model, contact, simulation, and the IMU with its noise."""

@@ -1,1 +1,1 @@
-"""What the rover is: one description that makes the MJCF and the URDF."""
+"""What the rover is: one description that makes MJCF, URDF, meshes and sensor mounts."""

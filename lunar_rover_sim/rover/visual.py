@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from lunar_rover_sim.frames import Array, BASE_FRAME, se3
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.mounts import camera_poses, MAST_RADIUS_M
-from lunar_rover_sim.rover.primitives import box, cylinder, Mesh, merge, sphere, transformed
+from lunar_rover_sim.rover.primitives import box, cylinder, merge, Mesh, sphere, transformed
 
 GOLD = (0.62, 0.45, 0.16)
 ALUMINIUM = (0.55, 0.55, 0.57)

@@ -12,8 +12,9 @@ import scipy.ndimage
 
 from lunar_rover_sim.world import craters as crater_population
 from lunar_rover_sim.world import levels as nest
-from lunar_rover_sim.world import relief, rockfield, shapes, stamping, store
+from lunar_rover_sim.world import relief, rockfield, shapes, stamping
 from lunar_rover_sim.world import tile as measured
+from lunar_rover_sim.world import world_folder
 from lunar_rover_sim.world.config import DEM, MESH, WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
@@ -52,7 +53,8 @@ def build(config: WorldConfig, seed: int = 0, progress: Progress | None = None) 
     rocks = rockfield.scatter(config.rocks, grids[0], library, drawn, config.clear_radius_m,
                               builder.rng('rocks'))
     tell('hash', 0.95)
-    world = store.sealed(World(grids, albedo, rocks, library, config, '', drawn, builder.report))
+    world = world_folder.sealed(World(grids, albedo, rocks, library, config, '', drawn,
+                                      builder.report))
     tell('done', 1.0)
     return world
 

@@ -143,9 +143,10 @@ class GeoRaster(Raster):
 
     def __init__(self, path: pathlib.Path, config: WorldConfig) -> None:
         super().__init__(path, config)
+        import warnings
+
         import rasterio
         import rasterio.errors
-        import warnings
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', rasterio.errors.NotGeoreferencedWarning)
@@ -229,8 +230,8 @@ class GeoRaster(Raster):
 
     def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
         """Return a window through rasterio; overviews are used where the file has them."""
-        import rasterio.errors
         from rasterio.enums import Resampling
+        import rasterio.errors
         from rasterio.windows import Window
         band = self.config.dem.band
         window = Window(columns.start, rows.start, columns.stop - columns.start,

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.files.atomic import write_whole
 from lunar_rover_sim.frames import matrix_from_wxyz
-from lunar_rover_sim.world.files import write_whole
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 

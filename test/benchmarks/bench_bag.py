@@ -23,11 +23,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import numpy as np  # noqa: E402
 import synthetic_bag as synthetic  # noqa: E402
 
-from lunar_rover_sim.bag.check import check  # noqa: E402
-from lunar_rover_sim.bag.digest import bag_hash  # noqa: E402
-from lunar_rover_sim.bag.export import export  # noqa: E402
+from lunar_rover_sim.bag.content_hash import bag_hash  # noqa: E402
 from lunar_rover_sim.bag.stamps import stamp_ns  # noqa: E402
 from lunar_rover_sim.bag.writer import BagWriter  # noqa: E402
+from lunar_rover_sim.inspection.check import check  # noqa: E402
+from lunar_rover_sim.sequences.export import export  # noqa: E402
 
 STEP_NS, FRAME_NS, SETS = 5_000_000, 100_000_000, 20
 

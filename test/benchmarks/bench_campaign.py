@@ -26,10 +26,10 @@ import rclpy
 from std_msgs.msg import Header
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.config import load_scenario
-from lunar_rover_sim.domain import OwnDomain
 from lunar_rover_sim.nodes import conversions
-from lunar_rover_sim.world.store import cached
+from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.world.cache import cached
 
 CLI = [sys.executable, '-m', 'lunar_rover_sim.cli.main']
 FIRST_FRAME_NS = 100_000_000

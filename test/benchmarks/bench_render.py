@@ -19,10 +19,12 @@ import time
 
 import numpy as np
 
-from lunar_rover_sim.camera.config import CameraConfig, RenderConfig, SunConfig
-from lunar_rover_sim.camera.renderer import Renderer
-from lunar_rover_sim.camera.still import standing
+from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import wxyz_from_matrix
+from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.build import build
 from lunar_rover_sim.world.config import RockConfig, WorldConfig

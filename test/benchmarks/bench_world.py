@@ -28,9 +28,10 @@ LARGE = {'204.8 m': {'size_m': 204.8}}
 def sources(folder: pathlib.Path) -> None:
     """Write an elevation model of 2000 x 2000 pixels of 5 m and a mesh of 100,000 triangles."""
     import numpy as np
+    import trimesh
+
     from lunar_rover_sim.world import export
     from lunar_rover_sim.world.grid import HeightGrid
-    import trimesh
     axis = np.arange(2000) * 5.0
     heights = 20.0 * np.sin(axis / 200.0) * np.cos(axis[:, None] / 150.0)
     (folder / 'dem').mkdir()
@@ -43,7 +44,7 @@ def sources(folder: pathlib.Path) -> None:
 
 def measure(name: str, folder: pathlib.Path) -> None:
     """Build one case and print one line."""
-    from lunar_rover_sim.world import store
+    from lunar_rover_sim.world import world_folder
     from lunar_rover_sim.world.build import build
     from lunar_rover_sim.world.config import WorldConfig
     mapping = {**CASES, **LARGE}[name]
@@ -52,9 +53,9 @@ def measure(name: str, folder: pathlib.Path) -> None:
     start = time.perf_counter()
     world = build(WorldConfig.from_mapping(mapping), 1)
     built = time.perf_counter()
-    store.save(world, folder / f'world {name}')
+    world_folder.save(world, folder / f'world {name}')
     saved = time.perf_counter()
-    store.load(folder / f'world {name}')
+    world_folder.load(folder / f'world {name}')
     loaded = time.perf_counter()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     print(f'{name:<14} build {built - start:6.2f} s   save {saved - built:5.2f} s   '

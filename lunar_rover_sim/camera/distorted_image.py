@@ -1,0 +1,28 @@
+"""Where the pixels of a distorted image look in a pinhole image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.distortion import undistort
+from lunar_rover_sim.frames import Array
+
+
+def padding(camera: CameraConfig) -> tuple[int, int]:
+    """Return columns and rows that a pinhole view needs beyond each edge to fill the image."""
+    if not camera.distorted:
+        return 0, 0
+    source = source_pixels(camera)
+    size = np.array([camera.width, camera.height])
+    beyond = np.maximum(-source.min(axis=(0, 1)), source.max(axis=(0, 1)) - (size - 1))
+    x, y = np.maximum(np.ceil(beyond) + 2, 0).astype(int)
+    return int(x), int(y)
+
+
+def source_pixels(camera: CameraConfig) -> Array:
+    """Return (h, w, 2): where in the pinhole image each pixel of the distorted one looks [px]."""
+    centre = np.array([0.5 * (camera.width - 1), 0.5 * (camera.height - 1)])
+    pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+    ideal = undistort((pixels - centre) / camera.focal_px, camera.distortion)
+    return ideal * camera.focal_px + centre

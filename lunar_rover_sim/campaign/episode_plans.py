@@ -1,0 +1,128 @@
+"""From a campaign to its episodes: each one a whole scenario of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import dataclasses
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from lunar_rover_sim.campaign.campaign_file import Campaign
+from lunar_rover_sim.campaign.design import episode_seed, GRID, grid_rows, places
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import brief
+from lunar_rover_sim.run.node_config import NODE_CONFIGS
+from lunar_rover_sim.run.plan import resolve
+from lunar_rover_sim.run.scenario import load_scenario, Scenario
+from lunar_rover_sim.world.config import PROCEDURAL
+
+
+@dataclasses.dataclass(frozen=True)
+class EpisodePlan:
+    """One episode: its name (a folder name), what was drawn for it, and its scenario's text."""
+
+    name: str
+    drawn: dict[str, Any]
+    scenario_yaml: str
+    duration_s: float
+
+    @property
+    def scenario_hash(self) -> str:
+        """SHA-256 of the scenario's text, hexadecimal."""
+        return hashlib.sha256(self.scenario_yaml.encode()).hexdigest()
+
+
+def draw(campaign: Campaign) -> list[dict[str, Any]]:
+    """Return what varies, episode by episode: parameter → value.
+
+    The shared seed is drawn for each episode, unless the campaign names one.
+    """
+    names = list(campaign.vary)
+    if campaign.config.design == GRID:
+        rows = grid_rows([d.grid() for d in campaign.vary.values()])
+    else:
+        cube = places(campaign.config.design, campaign.count, len(names), campaign.config.seed)
+        rows = [tuple(campaign.vary[name].at(float(place))
+                      for name, place in zip(names, row)) for row in cube]
+    result = []
+    for index, row in enumerate(rows):
+        drawn: dict[str, Any] = {}
+        for name, value in zip(names, row):
+            drawn.update(_settings_of(name, value))
+        if 'seed' not in drawn and 'seed' not in campaign.settings:
+            drawn['seed'] = episode_seed(campaign.config.seed, index)
+        result.append(drawn)
+    return result
+
+
+def plan(campaign: Campaign) -> Iterator[EpisodePlan]:
+    """Yield the episodes; ConfigError names the one whose parameters do not fit together."""
+    digits = max(4, len(str(campaign.count - 1)))
+    for index, drawn in enumerate(draw(campaign)):
+        name = f'{index:0{digits}d}'
+        try:
+            yield episode(campaign, name, drawn)
+        except ConfigError as error:
+            raise ConfigError(f'episode {name}: {error}') from None
+
+
+def episode(campaign: Campaign, name: str, drawn: Mapping[str, Any]) -> EpisodePlan:
+    """Return one episode: the base scenario, the settings, and what was drawn."""
+    values = {**campaign.settings, **drawn}
+    scenario = load_scenario(_base(campaign), _overrides(values))
+    scenario = resolve(_self_contained(scenario))
+    return EpisodePlan(name, dict(drawn), scenario.to_yaml(), scenario.run.duration_s)
+
+
+def _settings_of(name: str, value: Any) -> dict[str, Any]:
+    """Return the parameters that a drawn value sets: one, or those of a mapping."""
+    if not isinstance(value, Mapping):
+        return {name: value}
+    for key in value:
+        if not isinstance(key, str):
+            raise ConfigError(f'vary.{name}.choice: {brief(key)} is not the name of a parameter')
+    return dict(value)
+
+
+def _overrides(values: Mapping[str, Any]) -> list[str]:
+    overrides = []
+    for name, value in values.items():
+        if '=' in name:
+            raise ConfigError(f'{brief(name)}: a name of a parameter has no =')
+        try:
+            # JSON is YAML, and keeps every number as it is.
+            overrides.append(f'{name}={json.dumps(value)}')
+        except (TypeError, ValueError):
+            raise ConfigError(f'{name}: {brief(value)} is not a plain value') from None
+    return overrides
+
+
+def _base(campaign: Campaign) -> str:
+    base = campaign.config.base
+    if base.endswith(('.yaml', '.yml')):
+        return str(campaign.folder / base)
+    return base
+
+
+def _self_contained(scenario: Scenario) -> Scenario:
+    """Return the scenario without what another folder or machine would read otherwise.
+
+    The rover is in the scenario in full; paths of elevation models and calibrations are made
+    absolute; places that a run chooses itself are left out.
+    """
+    changes: dict[str, Any] = {
+        name: dataclasses.replace(scenario.node(name), world='', rover='')
+        for name in NODE_CONFIGS}
+    gait = changes['gait_controller_node']
+    if gait.calibration:
+        gait = dataclasses.replace(gait, calibration=str(Path(gait.calibration).resolve()))
+    changes['gait_controller_node'] = gait
+    changes['recorder_node'] = dataclasses.replace(
+        changes['recorder_node'], output='', scenario_file='')
+    changes['shared'] = dataclasses.replace(scenario.shared, world='', rover='')
+    if scenario.world.source != PROCEDURAL:
+        changes['world'] = dataclasses.replace(
+            scenario.world, path=str(Path(scenario.world.path).resolve()))
+    return dataclasses.replace(scenario, **changes)

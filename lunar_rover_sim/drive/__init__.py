@@ -1,1 +1,0 @@
-"""Where to go: velocity profiles and waypoint pursuit on odometry."""

@@ -1,0 +1,46 @@
+"""Parameters of the light: sun, lamp, reflectance of the ground."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim.parameters import param, Parameters
+
+
+@dataclasses.dataclass(frozen=True)
+class SunConfig(Parameters):
+    """Where the sun stands; it does not move during a run."""
+
+    azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
+                               unit='deg', low=-360.0, high=360.0)
+    elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
+                                 unit='deg', low=-1.0, high=90.0)
+    angular_diameter_deg: float = param(0.533, 'apparent diameter of the disc', unit='deg',
+                                        low=0.01, high=5.0)
+    irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
+                              unit='W/m^2', low=0.0, high=1e5)
+
+
+@dataclasses.dataclass(frozen=True)
+class ReflectanceConfig(Parameters):
+    """Which regolith lies there, and how bright it is; see `hapke` for the sets."""
+
+    ground: str = param('highland', 'parameter set of the ground',
+                        choices=('highland', 'mare', 'rock', 'basalt'))
+    rocks: str = param('rock', 'parameter set of the rocks',
+                       choices=('highland', 'mare', 'rock', 'basalt'))
+    albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
+                                low=0.0, high=3.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class LampConfig(Parameters):
+    """A spot light with inverse square fall-off and a shadow of its own.
+
+    It sits low and to the left: light from the cameras' own place would show no relief.
+    """
+
+    power_w: float = param(0.0, 'radiant flux; 0 switches it off', unit='W', low=0.0, high=1e4)
+    position_m: tuple[float, ...] = param((0.15, 0.08, 0.08), 'in base_link', unit='m', length=3)
+    pitch_deg: float = param(0.0, 'downward tilt', unit='deg', low=-90.0, high=90.0)
+    cone_deg: float = param(60.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)

@@ -1,0 +1,17 @@
+"""The beam of the rover's lamp: intensity over the angle to its axis."""
+
+from __future__ import annotations
+
+import math
+
+from lunar_rover_sim.illumination.config import LampConfig
+
+
+def beam_exponent(config: LampConfig) -> float:
+    """Return m of the beam cos^m."""
+    return math.log(0.5) / math.log(math.cos(0.5 * math.radians(config.cone_deg)))
+
+
+def peak_intensity(config: LampConfig) -> float:
+    """Return the radiant intensity on the axis [W/sr]."""
+    return config.power_w * (beam_exponent(config) + 1.0) / (2.0 * math.pi)

@@ -1,0 +1,1 @@
+"""Whether a bag can be trusted, and what it looks like."""

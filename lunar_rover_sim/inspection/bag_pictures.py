@@ -1,0 +1,228 @@
+"""Pictures of a bag: what the cameras saw, where the rover went, how it rocked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+import numpy as np
+
+from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag import series
+from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
+from lunar_rover_sim.errors import BagError, WorldError
+from lunar_rover_sim.world.cache import cache_folder
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.world_folder import load
+
+FRAMES = 4
+
+
+def preview(path: Path | str, output: Path | str, world: Path | str | None = None,
+            progress: Callable[[str], None] | None = None) -> list[Path]:
+    """Write PNG pictures of a bag into the folder `output` and return their paths.
+
+    stereo_<n>.png left and right image side by side, disparity and true depth below them;
+    trajectory.png over the world's hillshade, where its folder is still there (`world` names it);
+    attitude.png and imu.png over time. What the bag does not hold is left out. Raises BagError
+    where it can be read but nothing can be shown, or where `world` is another one.
+    """
+    output = Path(output)
+    paths: list[Path] = []
+
+    def save(figure: Figure, name: str) -> None:
+        output.mkdir(parents=True, exist_ok=True)
+        paths.append(output / name)
+        figure.savefig(paths[-1], dpi=100)
+        if progress is not None:
+            progress(name)
+
+    with open_bag(path) as bag:
+        _stereo(bag, save)
+        if bag.has(topics.ODOM.name):
+            odometry = series.read_odometry(bag)
+            if len(odometry.stamps_ns):
+                _trajectory(bag, odometry, world, save)
+                _attitude(odometry, save)
+        if bag.has(topics.IMU_RAW.name):
+            _imu(bag, save)
+    if not paths:
+        raise BagError(f'{path}: holds neither stereo images nor odometry nor IMU; there is '
+                       'nothing to preview')
+    return paths
+
+
+def _stereo(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+    if not bag.has(topics.LEFT_IMAGE.name):
+        return
+    stamps = [m.time_ns for m in bag.raw([topics.LEFT_IMAGE.name])]
+    chosen = np.linspace(0, len(stamps) - 1, min(FRAMES, len(stamps))).round().astype(int)
+    wanted = [t for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.DISPARITY,
+                          topics.TRUE_DEPTH) if bag.has(t.name)]
+    names = {bag.resolve(t.name): t for t in wanted}
+    for n, k in enumerate(sorted(set(chosen.tolist()))):
+        found = {names[topic]: message for topic, _, message in
+                 bag.messages(names, stamps[k], stamps[k] + 1)}
+        figure = Figure(figsize=(10, 7.5), layout='constrained')
+        for axes, topic in zip(figure.subplots(2, 2).flat,
+                               (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.DISPARITY,
+                                topics.TRUE_DEPTH), strict=True):
+            axes.set_axis_off()
+            axes.set_title(topic.name, fontsize=9)
+            if topic in found:
+                _draw(figure, axes, bag, topic, found[topic])
+        figure.suptitle(f'{stamps[k] * 1e-9:.3f} s', fontsize=9)
+        save(figure, f'stereo_{n}.png')
+
+
+def _draw(figure: Figure, axes: Any, bag: Bag, topic: topics.Topic, message: Any) -> None:
+    missing = colormaps['turbo'].with_extremes(bad='0.15')
+    if topic is topics.DISPARITY:
+        pixels = series.picture(bag, message.image).pixels
+        shown = np.where((pixels >= message.min_disparity) & (pixels > 0.0), pixels, np.nan)
+        image = axes.imshow(shown, cmap=missing, vmin=0.0, vmax=_percentile(shown, 99.0))
+        figure.colorbar(image, ax=axes, label='px', shrink=0.8)
+    elif topic is topics.TRUE_DEPTH:
+        pixels = series.picture(bag, message).pixels
+        shown = np.where(np.isfinite(pixels), pixels, np.nan)
+        image = axes.imshow(shown, cmap=missing.reversed(), vmin=0.0,
+                            vmax=_percentile(shown, 90.0))
+        figure.colorbar(image, ax=axes, label='m', shrink=0.8)
+    else:
+        picture = series.picture(bag, message)
+        if picture.pixels.ndim == 3:
+            rgb = picture.pixels[..., :3]
+            axes.imshow(rgb[..., ::-1] if picture.encoding.startswith('bgr') else rgb)
+        else:
+            axes.imshow(picture.pixels, cmap='gray', vmin=0,
+                        vmax=np.iinfo(picture.pixels.dtype).max)
+
+
+def _percentile(values: np.ndarray, percent: float) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.percentile(known, percent)) if known.size else 1.0
+
+
+def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
+                save: Callable[[Figure, str], None]) -> None:
+    figure = Figure(figsize=(7, 6.5), layout='constrained')
+    axes = figure.subplots()
+    xy = odometry.positions_m[:, :2]
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    centre, half = (low + high) / 2, max(0.75 * float((high - low).max()), 2.0)
+    draw_hillshade(axes, bag, centre, half, world)
+    axes.plot(xy[:, 0], xy[:, 1], color='tab:red', lw=1.5)
+    axes.plot(*xy[0], 'o', color='tab:green', ms=6, label='start')
+    axes.plot(*xy[-1], 's', color='tab:red', ms=6, label='end')
+    axes.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half),
+             xlabel='x, east [m]', ylabel='y, north [m]', aspect='equal')
+    axes.legend(loc='upper right')
+    length = float(np.linalg.norm(np.diff(xy[::20], axis=0), axis=1).sum())
+    axes.set_title(f'{length:.2f} m in {odometry.stamps_ns[-1] * 1e-9:.1f} s', fontsize=9)
+    save(figure, 'trajectory.png')
+
+
+def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
+                   folder: Path | str | None = None) -> None:
+    """Draw the world of a bag, lit from its sun's azimuth, where that world is still there.
+
+    Raises BagError where `folder` is given and holds another world.
+    """
+    world = recorded_world(bag, folder)
+    if world is None:
+        return
+    azimuth = 135.0
+    if bag.has(topics.SUN.name):
+        sun = bag.first(topics.SUN.name).vector
+        azimuth = float(np.degrees(np.arctan2(sun.y, sun.x)))
+    side = np.linspace(-half_m, half_m, 600)
+    x, y = np.meshgrid(centre_m[0] + side, centre_m[1] + side)
+    height = world.height_at(np.stack([x, y], axis=-1))
+    slope_y, slope_x = np.gradient(height, side[1] - side[0])
+    # Lit from 30 degrees above the horizon in the sun's direction: readable at any hour.
+    light = frames.sun_direction(azimuth, 30.0)
+    shade = (light[2] - light[0] * slope_x - light[1] * slope_y) / np.sqrt(
+        1.0 + slope_x**2 + slope_y**2)
+    extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
+    axes.imshow(shade, cmap='gray', origin='lower', extent=extent, vmin=0.0, vmax=1.0)
+    near = np.abs(world.rocks.position_m[:, :2] - centre_m).max(axis=1) < half_m
+    for (rock_x, rock_y), diameter in zip(world.rocks.position_m[near, :2],
+                                          world.rocks.diameter_m[near]):
+        axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12'))
+
+
+def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
+    """Return the world that was driven on: from `folder`, `world` beside the bag (where `run`
+    leaves a link), the scenario's folder or the cache.
+
+    None where neither holds a world of the hash in the bag. Raises BagError where `folder` is
+    given and does not.
+    """
+    if not bag.has(topics.WORLD_HASH.name):
+        return None
+    wanted = bag.first(topics.WORLD_HASH.name).data
+    if folder is not None:
+        try:
+            given = load(folder, verify=False)
+        except WorldError as error:
+            raise BagError(f'world: {error}') from None
+        if given.hash != wanted:
+            raise BagError(f'world: {folder} has the hash {given.hash}; the bag was recorded on '
+                           f'{wanted}')
+        return given
+    folders = [bag.path.absolute().parent / 'world']
+    named = recorded_scenario(bag).get('physics_node', 'world')
+    if isinstance(named, str) and named:
+        folders.append(Path(named))
+    folders += [file.parent for file in sorted(cache_folder().glob('*/world.yaml'))
+                if f'hash: {wanted}' in file.read_text(encoding='utf-8', errors='replace')]
+    for candidate in folders:
+        with suppress(WorldError):
+            world = load(candidate, verify=False)
+            if world.hash == wanted:
+                return world
+    return None
+
+
+def _attitude(odometry: series.Odometry, save: Callable[[Figure, str], None]) -> None:
+    figure = Figure(figsize=(9, 5.5), layout='constrained')
+    upper, middle, lower = figure.subplots(3, 1, sharex=True)
+    t = odometry.stamps_ns * 1e-9
+    rpy = np.degrees(frames.rpy_from_wxyz(odometry.orientations_wxyz))
+    upper.plot(t, rpy[:, 0], lw=0.8, label='roll')
+    upper.plot(t, rpy[:, 1], lw=0.8, label='pitch, + nose down')
+    upper.set_ylabel('[deg]')
+    middle.plot(t, odometry.positions_m[:, 2], lw=0.8, color='tab:green', label='height')
+    middle.set_ylabel('[m]')
+    lower.plot(t, odometry.twists[:, 0], lw=0.8, color='tab:red', label='forward speed')
+    lower.set(xlabel='time [s]', ylabel='[m/s]')
+    _finish((upper, middle, lower))
+    save(figure, 'attitude.png')
+
+
+def _imu(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+    imu = series.read_imu(bag)
+    if not len(imu.stamps_ns):
+        return
+    figure = Figure(figsize=(9, 5), layout='constrained')
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    t = imu.stamps_ns * 1e-9
+    for k, axis in enumerate('xyz'):
+        upper.plot(t, imu.specific_forces_mps2[:, k], lw=0.6, label=axis)
+        lower.plot(t, imu.rates_radps[:, k], lw=0.6, label=axis)
+    upper.set_ylabel('specific force [m/s²]')
+    lower.set(xlabel='time [s]', ylabel='rate [rad/s]')
+    _finish((upper, lower))
+    save(figure, 'imu.png')
+
+
+def _finish(all_axes: tuple[Any, ...]) -> None:
+    for axes in all_axes:
+        axes.grid(alpha=0.3)
+        axes.legend(loc='upper right', fontsize=8)

@@ -1,0 +1,195 @@
+"""One pass over a bag: stamps and contents of every topic, and the signals to compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag import message_validity
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.inspection.matching import frame_error, FrameError, is_matched, is_textured
+from lunar_rover_sim.topics import Topic
+
+_WAITING = 16  # stereo sets that may be incomplete; those that stay so are missing stamps
+
+_CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
+    topics.ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
+    topics.IMU_TRUTH.name: (message_validity.quaternion_problem('orientation'),),
+    topics.JOINT_STATES.name: (message_validity.joints_problem,),
+    topics.JOINT_COMMANDS.name: (message_validity.joints_problem,),
+    topics.LEFT_IMAGE.name: (message_validity.image_problem,),
+    topics.RIGHT_IMAGE.name: (message_validity.image_problem,),
+    topics.DEPTH.name: (message_validity.image_problem, message_validity.depth_problem),
+    topics.TRUE_DEPTH.name: (message_validity.image_problem, message_validity.true_depth_problem),
+    topics.DISPARITY.name: (message_validity.disparity_problem,),
+    topics.LEFT_INFO.name: (message_validity.camera_info_problem,),
+    topics.RIGHT_INFO.name: (message_validity.camera_info_problem,),
+}
+
+
+@dataclasses.dataclass
+class TopicScan:
+    """What one topic of the contract held; `stamps_ns` in the order of bag time."""
+
+    topic: Topic
+    name: str
+    msgtype: str
+    stamps_ns: list[int] = dataclasses.field(default_factory=list)
+    late: int = 0  # messages whose bag time is not their stamp
+    frame_ids: set[str] = dataclasses.field(default_factory=set)
+    problems: list[str] = dataclasses.field(default_factory=list)
+    last: Any = None
+
+
+@dataclasses.dataclass
+class Scan:
+    """Everything one namespace of a bag holds, by name in the contract."""
+
+    namespace: str
+    topics: dict[str, TopicScan] = dataclasses.field(default_factory=dict)
+    signals: dict[str, list[tuple[int, tuple[float, ...]]]] = dataclasses.field(
+        default_factory=dict)
+    frames: list[FrameError] = dataclasses.field(default_factory=list)
+    depth_mismatch: list[str] = dataclasses.field(default_factory=list)
+    contrast: int = 0  # left images that are not of one grey
+
+    def signal(self, topic: Topic) -> tuple[np.ndarray, np.ndarray]:
+        """Return stamps (n,) [ns] and the values (n, k) that `_SIGNALS` picks."""
+        rows = self.signals.get(topic.name, [])
+        return (np.array([stamp for stamp, _ in rows], dtype=np.int64),
+                np.array([row for _, row in rows], dtype=float))
+
+
+def _odometry(m: Any) -> tuple[float, ...]:
+    p, q, t = m.pose.pose.position, m.pose.pose.orientation, m.twist.twist
+    return (p.x, p.y, p.z, q.w, q.x, q.y, q.z, t.linear.x, t.linear.y, t.linear.z, t.angular.x,
+            t.angular.y, t.angular.z)
+
+
+def _imu(m: Any) -> tuple[float, ...]:
+    w, f, q = m.angular_velocity, m.linear_acceleration, m.orientation
+    return (w.x, w.y, w.z, f.x, f.y, f.z, q.w, q.x, q.y, q.z)
+
+
+def _accel(m: Any) -> tuple[float, ...]:
+    w, f = m.accel.angular, m.accel.linear
+    return (w.x, w.y, w.z, f.x, f.y, f.z)
+
+
+_SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    topics.ODOM.name: _odometry, topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
+    topics.IMU_BIAS.name: _accel}
+
+
+def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -> Scan:
+    """Read the contract's topics under `namespace` once and take note of everything."""
+    result = Scan(namespace)
+    by_topic: dict[str, TopicScan] = {}
+    for known in topics.CONTRACT:
+        for name in (f'{namespace}/{known.name}', f'/{known.name}'):
+            if name in bag.types:
+                by_topic[name] = result.topics[known.name] = TopicScan(known, name,
+                                                                       bag.types[name])
+                break
+    if not by_topic:
+        return result
+    finite = message_validity.FiniteCheck(bag.typestore)
+    pair = _DepthPair(result)
+    for message in bag.raw(by_topic):
+        if progress is not None:
+            progress()
+        topic = by_topic[message.topic]
+        stamp_ns = bag.stamp_ns(message)
+        where = message.time_ns if stamp_ns is None else stamp_ns
+        topic.stamps_ns.append(where)
+        if stamp_ns and stamp_ns != message.time_ns:
+            topic.late += 1
+        try:
+            decoded = bag.decode(message.data, message.msgtype)
+        except BagError as error:
+            topic.problems.append(f'at {where * 1e-9:.3f} s: {error}')
+            topic.last = None
+            continue
+        _look(topic, decoded, where, finite, result, pair)
+    return result
+
+
+def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validity.FiniteCheck,
+          result: Scan, pair: _DepthPair) -> None:
+    name = topic.topic.name
+    topic.last = message
+    header = getattr(message, 'header', None)
+    if header is not None:
+        topic.frame_ids.add(header.frame_id)
+    problem = ''
+    if message.__msgtype__ == topic.topic.type:
+        problem = next((found for check in _CONTENT.get(name, ()) if (found := check(message))),
+                       '')
+    if not problem:
+        problem = finite.problem(topic.msgtype, message)
+    if problem:
+        topic.problems.append(f'at {stamp_ns * 1e-9:.3f} s {problem}')
+    if message.__msgtype__ != topic.topic.type:
+        return
+    if name in _SIGNALS:
+        result.signals.setdefault(name, []).append((stamp_ns, _SIGNALS[name](message)))
+    if problem:
+        return
+    if name in (topics.DISPARITY.name, topics.TRUE_DEPTH.name, topics.DEPTH.name):
+        pair.take(name, stamp_ns, message)
+    elif name == topics.LEFT_IMAGE.name:
+        grey = message_validity.pixels(message)
+        result.contrast += int(grey.min() != grey.max())
+        pair.take_image(stamp_ns, grey)
+
+
+class _DepthPair:
+    """Compares disparity with true depth and with depth, as both of one stamp are there."""
+
+    def __init__(self, result: Scan) -> None:
+        self._result = result
+        self._waiting: dict[int, dict[str, Any]] = {}
+        self._texture: dict[int, np.ndarray] = {}
+
+    def take_image(self, stamp_ns: int, grey: np.ndarray) -> None:
+        self._texture[stamp_ns] = is_textured(grey)
+        if len(self._texture) > _WAITING:
+            del self._texture[min(self._texture)]
+
+    def take(self, name: str, stamp_ns: int, message: Any) -> None:
+        entry = self._waiting.setdefault(stamp_ns, {})
+        entry[name] = message
+        disparity = entry.get(topics.DISPARITY.name)
+        if disparity is not None:
+            for other, compare in ((topics.TRUE_DEPTH.name, self._true_depth),
+                                   (topics.DEPTH.name, self._depth)):
+                if entry.get(other) is not None:
+                    compare(stamp_ns, disparity, message_validity.pixels(entry[other]))
+                    entry[other] = None
+        if len(self._waiting) > _WAITING:
+            del self._waiting[min(self._waiting)]
+
+    def _true_depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:
+        disparity = message_validity.pixels(message.image)
+        if depth.shape == disparity.shape:
+            texture = self._texture.pop(stamp_ns, None)
+            self._result.frames.append(frame_error(stamp_ns, message, disparity, depth, texture))
+
+    def _depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:
+        disparity = message_validity.pixels(message.image)
+        at = f'at {stamp_ns * 1e-9:.3f} s'
+        if depth.shape != disparity.shape:
+            self._result.depth_mismatch.append(f'{at} sizes differ')
+            return
+        both = is_matched(message, disparity) & np.isfinite(depth)
+        if both.any():
+            product = depth[both].astype(float) * disparity[both]
+            ratio = float(np.abs(product / (message.f * message.t) - 1.0).max())
+            if not ratio <= 1e-3:
+                self._result.depth_mismatch.append(
+                    f'{at} depth differs from f t / d by {100 * ratio:.1f} %')

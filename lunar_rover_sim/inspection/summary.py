@@ -1,0 +1,58 @@
+"""What a recording came to, in a few lines."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.bag.reader import Bag, open_bag
+
+# Of odometry; 0.1 s or so: the bounce of the gait is no distance travelled.
+_STEP = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class Summary:
+    """Counts by topic, simulated time [s], path length [m], size [bytes], content hash."""
+
+    counts: dict[str, int]
+    duration_s: float
+    distance_m: float
+    size_bytes: int
+    hash: str
+
+    def lines(self, wall_s: float | None = None) -> str:
+        """Return a readable text; `wall_s` is the wall time that the run took."""
+        width = max(map(len, self.counts), default=0)
+        table = [f'  {topic:{width}}  {count:7d}' for topic, count in sorted(self.counts.items())]
+        pace = f', RTF {self.duration_s / wall_s:.2f} with start and stop' if wall_s else ''
+        return '\n'.join([
+            *table,
+            f'{sum(self.counts.values())} messages, {self.duration_s:.2f} s{pace}, '
+            f'{self.distance_m:.2f} m, {self.size_bytes / 1e6:.0f} MB',
+            f'hash {self.hash}'])
+
+
+def summarise(path: Path) -> Summary:
+    """Return the summary of a bag; the distance is that along the true path."""
+    with open_bag(path) as bag:
+        return Summary(dict(bag.counts), bag.end_ns / 1e9, _distance_m(bag), bag.size_bytes,
+                       bag_hash(path))
+
+
+def _distance_m(bag: Bag) -> float:
+    """Return the length of the path, in memory that does not grow with the bag."""
+    if not bag.has(topics.ODOM.name):
+        return 0.0
+    total, last = 0.0, None
+    for n, message in enumerate(bag.raw([topics.ODOM.name])):
+        if n % _STEP:
+            continue
+        point = bag.decode(message.data, message.msgtype).pose.pose.position
+        if last is not None:
+            total += math.hypot(point.x - last[0], point.y - last[1])
+        last = (point.x, point.y)
+    return total

@@ -1,0 +1,53 @@
+"""The console scripts of the nodes: one line instead of a traceback where ROS 2 is missing."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+from lunar_rover_sim.errors import GraphError
+
+
+def _start(name: str) -> int:
+    """Run a node; return its exit status, 0 also when told to stop before it was up."""
+    from lunar_rover_sim.run.supervisor import require_ros
+
+    try:
+        require_ros()
+        module = importlib.import_module(f'lunar_rover_sim.nodes.{name}')
+    except GraphError as error:
+        print(f'FATAL {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 0
+    return module.main()
+
+
+def physics_node() -> int:
+    """Run physics_node."""
+    return _start('physics_node')
+
+
+def gait_controller_node() -> int:
+    """Run gait_controller_node."""
+    return _start('gait_controller_node')
+
+
+def render_node() -> int:
+    """Run render_node."""
+    return _start('render_node')
+
+
+def recorder_node() -> int:
+    """Run recorder_node."""
+    return _start('recorder_node')
+
+
+def drive_node() -> int:
+    """Run drive_node."""
+    return _start('drive_node')
+
+
+def trajectory_recorder_node() -> int:
+    """Run trajectory_recorder_node."""
+    return _start('trajectory_recorder_node')

@@ -1,0 +1,1 @@
+"""Where to go: routes, velocity profiles, pure pursuit, and the reasons to stop."""

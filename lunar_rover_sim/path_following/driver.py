@@ -1,0 +1,171 @@
+"""The driver: velocities along a profile or route, and the reasons to stop."""
+
+from __future__ import annotations
+
+from collections import deque
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.path_following.config import DriveConfig
+from lunar_rover_sim.path_following.profile import VelocityProfile
+from lunar_rover_sim.path_following.pursuit import PurePursuit
+from lunar_rover_sim.path_following.route import make_route
+
+WAITING, DRIVING, DONE, STOPPED = 'waiting', 'driving', 'done', 'stopped'
+
+_HISTORY_NS = 100_000_000   # progress is looked at ten times a second
+_METRES_PER_RADIAN = 0.3    # progress in heading, for turns in place
+
+
+@dataclasses.dataclass(frozen=True)
+class DriveCommand:
+    """Velocities to command, and how the drive goes.
+
+    status: waiting, driving, done or stopped; reason: one line when done or stopped, else ''.
+    """
+
+    forward_mps: float
+    yaw_rate_radps: float
+    status: str
+    reason: str = ''
+
+
+class Driver:
+    """Drives by configuration, and stops when tilted, stuck or out of the world.
+
+    It avoids nothing. What has stopped stays stopped until `reset`. Nothing here reads a clock:
+    the same calls give the same commands.
+    """
+
+    def __init__(self, config: DriveConfig, half_extent_m: float | None = None) -> None:
+        """Make a driver for a world that reaches to +-half_extent_m; None has no edge."""
+        self._config = config
+        self._half_extent_m = math.inf if half_extent_m is None else half_extent_m
+        self._profile = VelocityProfile(config)
+        self.reset()
+
+    @property
+    def pursuit(self) -> PurePursuit | None:
+        """The follower of the route, once the drive has begun."""
+        return self._pursuit
+
+    def reset(self) -> None:
+        """Start anew with the next update."""
+        self._start_ns: int | None = None
+        self._last_ns = 0
+        self._pursuit: PurePursuit | None = None
+        self._final: DriveCommand | None = None
+        self._history: deque = deque()      # (stamp, progress) of the last stuck_time_s
+        self._heading: float | None = None
+        self._turned = 0.0
+
+    def update(self, stamp_ns: int, position_m: ArrayLike,
+               orientation_wxyz: ArrayLike) -> DriveCommand:
+        """Return the command at a pose: position (3,) [m], orientation (4,), odom frame.
+
+        Time that goes backward starts the drive anew.
+        """
+        if self._start_ns is not None and stamp_ns < self._last_ns:
+            self.reset()
+        self._last_ns = stamp_ns
+        if self._final is None:
+            position = np.asarray(position_m, dtype=float)
+            rotation = matrix_from_wxyz(orientation_wxyz)
+            command = self._stop_reason(position, rotation) or self._drive(
+                stamp_ns, position, math.atan2(rotation[1, 0], rotation[0, 0]))
+            if command.status not in (DONE, STOPPED):
+                return command
+            self._final = command
+        return self._final
+
+    def _stop_reason(self, position: np.ndarray, rotation: np.ndarray) -> DriveCommand | None:
+        config = self._config
+        if config.mode == 'none':
+            return None
+        if not (np.all(np.isfinite(position)) and np.all(np.isfinite(rotation))):
+            return _stopped('the pose is not finite')
+        tilt = math.degrees(math.acos(min(1.0, max(-1.0, rotation[2, 2]))))
+        if tilt > config.tilt_limit_deg:
+            return _stopped(f'tilted by {tilt:.1f} deg at {_at(position)}, more than'
+                            f' tilt_limit_deg {config.tilt_limit_deg:g}')
+        if np.max(np.abs(position[:2])) > self._half_extent_m - config.border_m:
+            return _stopped(f'out of the world at {_at(position)}: nearer than border_m'
+                            f' {config.border_m:g} to its edge at {self._half_extent_m:g} m')
+        return None
+
+    def _drive(self, stamp_ns: int, position: np.ndarray, heading: float) -> DriveCommand:
+        config = self._config
+        if self._start_ns is None:
+            self._start_ns = stamp_ns
+        time_s = (stamp_ns - self._start_ns) * 1e-9 - config.start_delay_s
+        if config.mode == 'none' or time_s < 0.0:
+            return DriveCommand(0.0, 0.0, WAITING)
+        if config.mode == 'profile':
+            forward, yaw_rate = self._profile.at(time_s)
+            if self._profile.done(time_s):
+                return DriveCommand(0.0, 0.0, DONE, 'the velocity profile is at its end')
+            return (self._stuck_on_profile(stamp_ns, position, heading, forward, yaw_rate)
+                    or DriveCommand(forward, yaw_rate, DRIVING))
+        if self._pursuit is None:
+            self._pursuit = PurePursuit(config, make_route(config, position, heading))
+        steering = self._pursuit.update(position, heading)
+        if steering.done:
+            return DriveCommand(0.0, 0.0, DONE,
+                                f'the route of {self._pursuit.route.length_m:.2f} m is at its end')
+        # Along the route is progress, towards it too, and so is turning to it.
+        progress = (steering.along_m - steering.across_m
+                    - _METRES_PER_RADIAN * abs(steering.heading_error_rad))
+        if self._look(stamp_ns) and self._remember(stamp_ns, progress):
+            gain = self._history[-1][1] - min(p for _, p in self._history)
+            if gain < config.stuck_distance_m:
+                return _stopped(f'stuck at {_at(position)}: {gain:.3f} m of progress in'
+                                f' {config.stuck_time_s:g} s')
+        return DriveCommand(steering.forward_mps, steering.yaw_rate_radps, DRIVING)
+
+    def _stuck_on_profile(self, stamp_ns: int, position: np.ndarray, heading: float,
+                          forward: float, yaw_rate: float) -> DriveCommand | None:
+        """Without a route, progress is how far the pose has moved, against what was asked."""
+        config = self._config
+        if forward == 0.0 and yaw_rate == 0.0:
+            self._history.clear()
+            return None
+        if not self._look(stamp_ns):
+            return None
+        if self._heading is not None:
+            self._turned += math.remainder(heading - self._heading, 2.0 * math.pi)
+        self._heading = heading
+        asked = (abs(forward) + _METRES_PER_RADIAN * abs(yaw_rate)) * config.stuck_time_s
+        if self._remember(stamp_ns, (position[0], position[1], self._turned)):
+            x, y, angle = self._history[-1][1]
+            moved = max(math.hypot(x - px, y - py) + _METRES_PER_RADIAN * abs(angle - a)
+                        for _, (px, py, a) in self._history)
+            if moved < min(config.stuck_distance_m, 0.3 * asked):
+                return _stopped(f'stuck at {_at(position)}: moved {moved:.3f} m in'
+                                f' {config.stuck_time_s:g} s')
+        return None
+
+    def _look(self, stamp_ns: int) -> bool:
+        """Return whether it is time to look at the progress again."""
+        return (self._config.stuck_time_s > 0.0
+                and (not self._history or stamp_ns - self._history[-1][0] >= _HISTORY_NS))
+
+    def _remember(self, stamp_ns: int, progress: object) -> bool:
+        """Note the progress; return whether the history spans the whole stuck time."""
+        span_ns = self._config.stuck_time_s * 1e9
+        self._history.append((stamp_ns, progress))
+        full = stamp_ns - self._history[0][0] >= span_ns
+        while stamp_ns - self._history[0][0] > span_ns:
+            self._history.popleft()
+        return full
+
+
+def _stopped(reason: str) -> DriveCommand:
+    return DriveCommand(0.0, 0.0, STOPPED, reason)
+
+
+def _at(position: np.ndarray) -> str:
+    return f'x {position[0]:.2f} m, y {position[1]:.2f} m'

@@ -1,0 +1,1 @@
+"""Drawing with OpenGL: context, passes, shaders, and the renderer that composes them."""

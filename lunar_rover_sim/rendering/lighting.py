@@ -1,0 +1,36 @@
+"""What the lighting shaders are told once: sun and reflectance."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.illumination import hapke
+from lunar_rover_sim.rendering.config import RenderConfig
+
+# Mean slope of the relief that is still not drawn near the camera; far away it is all of it.
+_NEAR_THETA_DEG = 8.0
+
+
+def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, Any]:
+    """Return values by the names of uniforms."""
+    ground = hapke.parameter_set(config.reflectance.ground)
+    rocks = hapke.parameter_set(config.reflectance.rocks)
+    scale = config.reflectance.albedo_scale
+    horizontal = max(math.hypot(*sun_direction[:2]), 0.02)  # a sun overhead: slopes stay finite
+    values: dict[str, Any] = {
+        'u_sun': tuple(sun_direction),
+        'u_heading': tuple(sun_direction / horizontal),
+        'u_irradiance': config.sun.irradiance,
+        'u_sun_radius': math.radians(0.5 * config.sun.angular_diameter_deg),
+        'u_theta': (math.tan(math.radians(_NEAR_THETA_DEG)),
+                    math.tan(math.radians(ground.theta_deg))),
+        'u_rock_theta': math.tan(math.radians(rocks.theta_deg)),
+        'u_diffuse': (hapke.hemispherical_albedo(ground) * scale / math.pi,
+                      hapke.hemispherical_albedo(rocks) / math.pi),
+    }
+    for name, kind, factor in (('u_regolith', ground, scale), ('u_rock', rocks, 1.0)):
+        values.update({f'{name}.w': kind.w * factor, f'{name}.b': kind.b, f'{name}.c': kind.c,
+                       f'{name}.b_s0': kind.b_s0, f'{name}.h_s': kind.h_s})
+    return values

@@ -1,0 +1,83 @@
+"""Single frames: a rover put down on the ground, exposure at rest, views round a world."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.camera.config import SensorConfig
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import Array, se3
+from lunar_rover_sim.illumination.config import LampConfig, SunConfig
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world.model import World
+
+HEIGHT_M = 0.09         # of base_link above the ground, for a rover that stands
+_REACH_M = 0.15         # over which the slope under a rover is taken
+_SETTLED, _MOST_FRAMES = 0.01, 60
+_LAMP_W = 20.0          # for views without sun
+
+
+def standing(world: World, x_m: float, y_m: float, yaw_deg: float,
+             height_m: float = HEIGHT_M) -> Array:
+    """Return T_world_base of a rover that stands upright on the slope at a place.
+
+    Raises ConfigError outside the world.
+    """
+    ground = float(world.height_at((x_m, y_m)))
+    if not np.isfinite(ground):
+        raise ConfigError(f'pose: ({x_m:g}, {y_m:g}) lies outside the world; valid are x and y '
+                          f'within {world.levels[-1].half_extent_m:g} m')
+    reach = _REACH_M
+    slope = [(float(world.height_at((x_m + reach * dx, y_m + reach * dy)))
+              - float(world.height_at((x_m - reach * dx, y_m - reach * dy)))) / (2 * reach)
+             for dx, dy in ((1, 0), (0, 1))]
+    up = np.array([-slope[0], -slope[1], 1.0])
+    up /= np.linalg.norm(up)
+    yaw = np.radians(yaw_deg)
+    left = np.cross(up, [np.cos(yaw), np.sin(yaw), 0.0])
+    left /= np.linalg.norm(left)
+    rotation = np.stack([np.cross(left, up), left, up], axis=1)
+    return se3(rotation, np.array([x_m, y_m, ground]) + height_m * up)
+
+
+def settle(renderer: Renderer, T_world_base: Array, joint_angle_rad: Array) -> None:
+    """Let automatic exposure come to rest at a pose, as it would have on the way there."""
+    if renderer.config.sensor.exposure_mode != 'auto':
+        return
+    last = 0.0
+    for k in range(_MOST_FRAMES):
+        exposure_s = renderer.render(T_world_base, joint_angle_rad, k, ('left',)).exposure_s
+        if abs(exposure_s - last) < _SETTLED * exposure_s:
+            return
+        last = exposure_s
+
+
+def four_views(world: World, azimuth_deg: float,
+               elevation_deg: float) -> list[tuple[str, NDArray[np.generic]]]:
+    """Return titles and (h, w) images of the rover's left camera, in four directions to the sun.
+
+    Where the sun is below the horizontal the rover's lamp is on. Raises RenderError if there is
+    no usable EGL device.
+    """
+    night = elevation_deg < 0.0
+    sensor = SensorConfig(exposure_mode='auto', auto_max_s=0.05)
+    config = RenderConfig(sun=SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg),
+                          sensor=sensor, lamp=LampConfig(power_w=_LAMP_W if night else 0.0))
+    away = azimuth_deg + 180.0
+    spot = 0.12 * world.ground.half_extent_m
+    places = [('sun behind', 0.0, 0.0, away, HEIGHT_M),
+              ('sun from the right', spot, -spot, azimuth_deg + 90.0, HEIGHT_M),
+              ('towards the sun', -spot, spot, azimuth_deg + 15.0, HEIGHT_M),
+              ('from 3 m above the ground', 0.0, 0.0, away + 40.0, 3.0)]
+    views = []
+    with Renderer(world, RoverDescription(), config, world.config.seed) as renderer:
+        for title, x, y, yaw, height in places:
+            pose = standing(world, x, y, yaw, height)
+            settle(renderer, pose, np.zeros(4))
+            left = renderer.render(pose, np.zeros(4), 0, ('left',)).left
+            assert left is not None
+            views.append((f'{title}, at ({x:.1f}, {y:.1f}) m', left))
+    return views

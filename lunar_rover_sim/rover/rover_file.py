@@ -1,0 +1,32 @@
+"""Rover descriptions as YAML files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
+from lunar_rover_sim.rover.description import RoverDescription
+
+_MOST_BYTES = 1 << 18
+
+
+def load_rover(path: str | Path | None = None) -> RoverDescription:
+    """Return the rover of a YAML file, or of the packaged `rover.yaml` where no file is given.
+
+    Raises ConfigError if the file cannot be read or says something invalid.
+    """
+    path = Path(path) if path is not None else config_path('rover.yaml')
+    content = parse_yaml(read_text(path, _MOST_BYTES), str(path))
+    try:
+        return RoverDescription.from_mapping({} if content is None else content)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from None
+
+
+def save_rover(rover: RoverDescription, path: str | Path) -> None:
+    """Write the rover to a YAML file that `load_rover` reads back."""
+    Path(path).write_text(yaml.safe_dump(rover.to_mapping(), sort_keys=False), encoding='utf-8')

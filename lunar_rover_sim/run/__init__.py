@@ -1,0 +1,1 @@
+"""One run of the graph: scenario, plan, lockstep, node processes, recording."""

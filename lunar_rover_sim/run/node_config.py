@@ -1,0 +1,151 @@
+"""The parameters of each node: what every node has, and what its core classes take."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.config import RecorderConfig
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.path_following.config import DriveConfig
+from lunar_rover_sim.physics.config import ImuConfig, PhysicsConfig
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.stereo.config import SgmConfig
+
+FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.rate == topics.FRAME)
+
+LOCKSTEP, REAL_TIME = 'lockstep', 'real_time'
+
+
+@dataclasses.dataclass(frozen=True)
+class NodeConfig(Parameters):
+    """What every node of the graph has."""
+
+    seed: int = param(1, 'seed of everything random', low=0, high=2**31 - 1)
+    world: str = param('', 'folder of a world made by `lunar_rover_sim world build`')
+    rover: str = param('', 'rover description, YAML; empty for the packaged one')
+    time_mode: str = param(REAL_TIME, 'lockstep waits for answers, real_time follows the wall '
+                           'clock', choices=(LOCKSTEP, REAL_TIME))
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether time waits for answers."""
+        return self.time_mode == LOCKSTEP
+
+
+@dataclasses.dataclass(frozen=True)
+class WaitConfig(Parameters):
+    """Whose answers time waits for in lockstep; in real time, whose publishers it starts with."""
+
+    topics: tuple[str, ...] = param((), 'topics whose stamps are awaited, besides those of the '
+                                    'nodes of a run')
+    lags_s: tuple[float, ...] = param((), 'lag that each of them may have', unit='s', low=0.0)
+    silence_s: float = param(6.5, 'wall time after which a silent participant is an error',
+                             unit='s', low=0.1)
+    start_s: float = param(60.0, 'the same before its first answer', unit='s', low=0.1)
+
+    def validate(self) -> None:
+        """Check that each topic has its lag."""
+        if len(self.topics) != len(self.lags_s):
+            raise ConfigError(f'lags_s: {len(self.lags_s)} elements given for {len(self.topics)} '
+                              'topics; valid is one lag per topic')
+
+    def lag_ns_by_topic(self) -> dict[str, int]:
+        """Return topic → lag [ns]."""
+        return {t: round(s * 1e9) for t, s in zip(self.topics, self.lags_s)}
+
+
+@dataclasses.dataclass(frozen=True)
+class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
+    """Parameters of physics_node."""
+
+    imu: ImuConfig = group(ImuConfig)
+    wait: WaitConfig = group(WaitConfig)
+    state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
+                               'steps', unit='Hz', low=1, high=1000)
+    real_time_factor: float = param(1.0, 'simulated per wall time in real_time', low=0.01,
+                                    high=100.0)
+    duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
+                              unit='s', low=0.0)
+    start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')
+
+    @property
+    def step_ns(self) -> int:
+        """The physics step [ns]."""
+        return round(self.step_s * 1e9)
+
+    @property
+    def state_period_ns(self) -> int:
+        """The period of state messages [ns]."""
+        return 1_000_000_000 // self.state_rate_hz
+
+    def validate(self) -> None:
+        """Check that state messages fall on steps."""
+        super().validate()
+        if 1_000_000_000 % self.state_rate_hz or self.state_period_ns % self.step_ns:
+            raise ConfigError(f'state_rate_hz: {self.state_rate_hz} is not valid; valid is a rate '
+                              f'whose period is a multiple of step_s = {self.step_s:g} s')
+
+
+@dataclasses.dataclass(frozen=True)
+class GaitNodeConfig(NodeConfig, GaitConfig):
+    """Parameters of gait_controller_node."""
+
+    wait: WaitConfig = group(WaitConfig)
+    enable_stamped_cmd_vel: bool = param(True, 'cmd_vel is TwistStamped (true) or Twist (false)')
+
+
+@dataclasses.dataclass(frozen=True)
+class DriveNodeConfig(NodeConfig, DriveConfig):
+    """Parameters of drive_node."""
+
+    rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
+    enable_stamped_cmd_vel: bool = param(True, 'cmd_vel is TwistStamped (true) or Twist (false)')
+
+
+@dataclasses.dataclass(frozen=True)
+class RenderNodeConfig(NodeConfig, RenderConfig):
+    """Parameters of render_node."""
+
+    sgm: SgmConfig = group(SgmConfig)
+    frame_rate_hz: int = param(10, 'stereo pairs per second; its period is a whole number of '
+                               'state periods', unit='Hz', low=1, high=200)
+    await_readers: tuple[str, ...] = param((), 'topics whose readers must be there before the '
+                                           'first frame is drawn in lockstep',
+                                           choices=FRAME_TOPICS)
+
+    @property
+    def frame_period_ns(self) -> int:
+        """The period of stereo pairs [ns]."""
+        return 1_000_000_000 // self.frame_rate_hz
+
+
+@dataclasses.dataclass(frozen=True)
+class RecorderNodeConfig(NodeConfig, RecorderConfig):
+    """Parameters of recorder_node."""
+
+    scenario_file: str = param('', 'resolved scenario to put into the bag')
+    acknowledge: tuple[str, ...] = param((), 'topics whose newest written stamps make '
+                                         'recorder/written')
+
+
+@dataclasses.dataclass(frozen=True)
+class TrajectoryRecorderNodeConfig(NodeConfig):
+    """Parameters of trajectory_recorder_node, which runs beside a graph, not in a scenario."""
+
+    output: str = param('', 'TUM file to write; it must not exist')
+    type: str = param('', 'message type of the topic `pose`; empty takes that of its publisher',
+                      choices=('', 'geometry_msgs/msg/PoseStamped',
+                               'geometry_msgs/msg/PoseWithCovarianceStamped',
+                               'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path'))
+
+
+NODE_CONFIGS: dict[str, type[NodeConfig]] = {
+    'physics_node': PhysicsNodeConfig,
+    'gait_controller_node': GaitNodeConfig,
+    'drive_node': DriveNodeConfig,
+    'render_node': RenderNodeConfig,
+    'recorder_node': RecorderNodeConfig,
+}

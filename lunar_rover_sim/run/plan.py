@@ -1,0 +1,152 @@
+"""The graph of a run: which nodes, with which parameters, waiting for whom.
+
+Pure planning, without ROS: `lunar_rover_sim run` and the launch file both start what `plan` says.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.config import ALL
+from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.rover.rover_file import save_rover
+from lunar_rover_sim.run.node_config import FRAME_TOPICS, NODE_CONFIGS, WaitConfig
+from lunar_rover_sim.run.scenario import Scenario
+
+SCENARIO_FILE = 'scenario.yaml'
+ROVER_FILE = 'rover.yaml'
+BAG_FOLDER = 'bag'
+WORLD_LINK = 'world'
+LOG_FOLDER = 'logs'
+
+# The order in which nodes are told to stop: the recorder last, since it takes what they say.
+STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node',
+              'recorder_node')
+
+_RECORDER_LAG_S = 0.5
+_RECORDER_LAG_FRAMES = 5
+# Of the silence that physics bears: what the gait controller bears.
+_GAIT_SILENCE = 0.8
+
+
+@dataclasses.dataclass(frozen=True)
+class NodePlan:
+    """One process: its console script, and the parameters that name places on this machine."""
+
+    name: str
+    parameters: dict[str, str]
+
+    def ros_arguments(self, params_file: Path) -> list[str]:
+        """Return the arguments of the process."""
+        arguments = ['--ros-args', '--params-file', str(params_file)]
+        for name, value in self.parameters.items():
+            # With the node's name, since that of the file's section would win over `/**`; quoted,
+            # so that a path of digits stays text.
+            arguments += ['-p', f'{self.name}:{name}:="{value}"']
+        return arguments
+
+
+def resolve(scenario: Scenario) -> Scenario:
+    """Return the scenario with everything spelled out that depends on the nodes of the run.
+
+    The duration is rounded up to whole camera frames; in lockstep physics waits for the gait
+    controller, the renderer (one frame behind at most) and the recorder, and the gait controller
+    for drive_node.
+    """
+    nodes = scenario.run.nodes
+    frame_s = scenario.render_node.frame_period_ns / 1e9
+    duration_s = math.ceil(round(scenario.run.duration_s / frame_s, 6)) * frame_s
+    duration_s = round(duration_s, 9)
+    physics, gait = scenario.physics_node, scenario.gait_controller_node
+    recorder, render = scenario.recorder_node, scenario.render_node
+    # In real time nobody is waited for, but time starts when those topics have publishers.
+    physics = dataclasses.replace(
+        physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
+    if scenario.shared.lockstep:
+        if 'drive_node' in nodes and scenario.drive_node.mode != 'none':
+            wait = _extended(
+                gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz})
+            # Who waits for drive_node speaks first: physics would name the messenger.
+            limit_s = round(physics.wait.silence_s * _GAIT_SILENCE, 3)
+            gait = dataclasses.replace(gait, wait=dataclasses.replace(
+                wait, silence_s=max(0.1, min(wait.silence_s, limit_s))))
+        if not recorder.acknowledge:
+            recorder = dataclasses.replace(recorder, acknowledge=_acknowledged(scenario))
+        if 'render_node' in nodes and not render.await_readers:
+            render = dataclasses.replace(render, await_readers=tuple(
+                name for name in recorder.acknowledge if name in FRAME_TOPICS))
+    return dataclasses.replace(
+        scenario, run=dataclasses.replace(scenario.run, duration_s=duration_s),
+        physics_node=dataclasses.replace(physics, duration_s=duration_s),
+        gait_controller_node=gait, recorder_node=recorder, render_node=render)
+
+
+def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
+    """Return topic → lag [s] of the run's own nodes that physics waits for."""
+    awaited = {}
+    nodes = scenario.run.nodes
+    if 'gait_controller_node' in nodes:
+        awaited[topics.JOINT_COMMANDS.name] = 0.0
+    if 'render_node' in nodes:
+        awaited[topics.LEFT_INFO.name] = 2.0 * frame_s
+    if 'recorder_node' in nodes and _acknowledged(scenario):
+        lag_s = _RECORDER_LAG_S
+        if 'render_node' in nodes:
+            lag_s = min(lag_s, _RECORDER_LAG_FRAMES * frame_s)
+        awaited[topics.RECORDED.name] = lag_s
+    return awaited
+
+
+def _extended(wait: WaitConfig, lag_s_by_topic: dict[str, float]) -> WaitConfig:
+    """Return `wait` with what it does not name yet; what the scenario says stands."""
+    new = {t: lag for t, lag in lag_s_by_topic.items() if t not in wait.topics}
+    return dataclasses.replace(wait, topics=(*wait.topics, *new),
+                               lags_s=(*wait.lags_s, *new.values()))
+
+
+def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
+    """Return the periodic topics of the contract that this run publishes and records."""
+    recorder = scenario.recorder_node
+    result = []
+    for topic in topics.CONTRACT:
+        periodic = topic.rate in (topics.STATE, topics.FRAME)
+        if topic.node not in scenario.run.nodes or not periodic:
+            continue
+        if topic == topics.TF:
+            continue  # not every machine has tf2_msgs
+        listed = ALL in recorder.topics or topic.name in recorder.topics
+        if listed and topic.name not in recorder.exclude:
+            result.append(topic.name)
+    return tuple(result)
+
+
+def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
+    """Write the resolved scenario and the rover to the run's folder; return the nodes' plans.
+
+    Raises BagError where the folder exists already: nothing is ever overwritten.
+    """
+    if not scenario.run.nodes:
+        raise ConfigError(f'run.nodes: [] is not valid; valid are some of '
+                          f'{", ".join(NODE_CONFIGS)}')
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise BagError(f'{folder}: exists already; give -o a folder that does not') from None
+    except OSError as error:
+        raise BagError(f'{folder}: cannot be made: {error.strerror}') from None
+    (folder / SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
+    save_rover(scenario.rover, folder / ROVER_FILE)
+    # So that those who look at the bag later find the ground it was recorded on.
+    (folder / WORLD_LINK).symlink_to(world)
+    places = {'world': str(world), 'rover': str(folder / ROVER_FILE)}
+    plans = []
+    for name in scenario.run.nodes:
+        parameters = dict(places)
+        if name == 'recorder_node':
+            parameters['output'] = str(folder / BAG_FOLDER)
+            parameters['scenario_file'] = str(folder / SCENARIO_FILE)
+        plans.append(NodePlan(name, parameters))
+    return plans

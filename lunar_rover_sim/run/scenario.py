@@ -1,0 +1,181 @@
+"""Scenarios: one YAML file, itself a ROS 2 parameter file, that says all of a run.
+
+Sections are `/**` (shared by all nodes), one per node, and three that no node reads by itself:
+`world` (the recipe of the terrain), `rover` (deviations from config/rover.yaml) and `run`. Every
+section holds `ros__parameters`, so that `ros2 run … --params-file scenario.yaml` takes it as is.
+Defaults live in the dataclasses; a file only overrides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.resources import find_file, packaged_names
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
+from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.node_config import (DriveNodeConfig, GaitNodeConfig, LOCKSTEP,
+                                             NODE_CONFIGS, NodeConfig, PhysicsNodeConfig,
+                                             RecorderNodeConfig, RenderNodeConfig)
+from lunar_rover_sim.world.config import WorldConfig
+
+SHARED = '/**'
+ROS_KEY = 'ros__parameters'
+MAX_SCENARIO_BYTES = 1 << 18
+
+
+@dataclasses.dataclass(frozen=True)
+class RunConfig(Parameters):
+    """What `lunar_rover_sim run` starts and for how long."""
+
+    duration_s: float = param(20.0, 'simulated time, rounded up to whole camera frames', unit='s',
+                              low=0.0, open_low=True)
+    nodes: tuple[str, ...] = param(tuple(NODE_CONFIGS), 'nodes to start',
+                                   choices=tuple(NODE_CONFIGS))
+
+
+@dataclasses.dataclass(frozen=True)
+class Scenario:
+    """All parameters of a run, validated."""
+
+    name: str
+    shared: NodeConfig
+    world: WorldConfig
+    rover: RoverDescription
+    run: RunConfig
+    physics_node: PhysicsNodeConfig
+    gait_controller_node: GaitNodeConfig
+    drive_node: DriveNodeConfig
+    render_node: RenderNodeConfig
+    recorder_node: RecorderNodeConfig
+
+    def node(self, name: str) -> NodeConfig:
+        """Return the parameters of one node."""
+        return getattr(self, name)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the whole scenario as plain values, in the layout of its YAML file."""
+        shared = self.shared.to_mapping()
+        result: dict[str, Any] = {SHARED: {ROS_KEY: shared}}
+        for section in ('world', 'rover', 'run', *NODE_CONFIGS):
+            values = getattr(self, section).to_mapping()
+            if section in NODE_CONFIGS:
+                values = {k: v for k, v in values.items() if k not in shared}
+            result[section] = {ROS_KEY: values}
+        return result
+
+    def to_yaml(self) -> str:
+        """Return the whole scenario as YAML; loading it gives an equal scenario.
+
+        Empty lists are left out: they are defaults, and rcl's parser cannot type them.
+        """
+        return yaml.safe_dump(_without_empty_lists(self.to_mapping()), sort_keys=False)
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the packaged scenarios."""
+    return packaged_names('scenario')
+
+
+def load_scenario(name_or_path: str, overrides: Iterable[str] = (),
+                  seed: int | None = None) -> Scenario:
+    """Load a scenario by packaged name or by path.
+
+    overrides: `section.param=value` or, for shared parameters, `param=value`; values are YAML.
+    seed: replaces the shared seed.
+    Raises ConfigError that names the parameter and offers the nearest valid names.
+    """
+    path = find_file('scenario', name_or_path)
+    sections = _read(path)
+    for override in overrides:
+        sections = merge(sections, _parse_override(override))
+    if seed is not None:
+        sections = merge(sections, {SHARED: {'seed': seed}})
+    return _build(path.stem, sections)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return section → nested values of a scenario file, section names checked."""
+    document = parse_yaml(read_text(path, MAX_SCENARIO_BYTES), str(path))
+    if document is None:
+        document = {}
+    if not isinstance(document, Mapping):
+        raise ConfigError(f'{path}: not a scenario; valid is a mapping of sections')
+    sections: dict[str, Any] = {}
+    for section, body in document.items():
+        if section not in _section_names():
+            raise ConfigError(f'{path}: no such section {brief(section)}; '
+                              f'{nearest(str(section), _section_names())}')
+        if not isinstance(body, Mapping) or set(body) != {ROS_KEY}:
+            raise ConfigError(f'{path}: section {section!r} must hold {ROS_KEY!r} and nothing '
+                              'else')
+        values = body[ROS_KEY]
+        if values is not None and not isinstance(values, Mapping):
+            raise ConfigError(f'{path}: {section}.{ROS_KEY} is not a mapping of parameters')
+        sections[section] = nest(values or {}, section)
+    return sections
+
+
+def _section_names() -> tuple[str, ...]:
+    return (SHARED, 'world', 'rover', 'run', *NODE_CONFIGS)
+
+
+def _shared_names() -> list[str]:
+    return [field.name for field in dataclasses.fields(NodeConfig)]
+
+
+def _parse_override(override: str) -> dict[str, Any]:
+    name, equals, text = override.partition('=')
+    if not equals or not name:
+        raise ConfigError(f'--set {override}: valid is section.parameter=value')
+    value = parse_yaml(text, f'--set {override}')
+    section, dot, parameter = name.partition('.')
+    if not dot and section in _shared_names():
+        return {SHARED: {section: value}}
+    if not dot or section not in _section_names():
+        valid = [s for s in _section_names() if s != SHARED] + _shared_names()
+        raise ConfigError(f'--set {override}: no such section {brief(section)}; '
+                          f'{nearest(section, valid)}')
+    return {section: nest({parameter: value})}
+
+
+def _build(name: str, sections: Mapping[str, Any]) -> Scenario:
+    shared_values = sections.get(SHARED, {})
+    shared_values = merge({'time_mode': LOCKSTEP}, shared_values)
+    shared = NodeConfig.from_mapping(shared_values, SHARED)
+    nodes: dict[str, Any] = {
+        node: cls.from_mapping(merge(shared.to_mapping(), sections.get(node, {})), node)
+        for node, cls in NODE_CONFIGS.items()
+    }
+    rover = load_rover(shared.rover or None)
+    rover_values = merge(rover.to_mapping(), sections.get('rover', {}))
+    run = RunConfig.from_mapping(sections.get('run', {}), 'run')
+    scenario = Scenario(
+        name=name, shared=shared,
+        world=WorldConfig.from_mapping(sections.get('world', {}), 'world'),
+        rover=RoverDescription.from_mapping(rover_values, 'rover'), run=run, **nodes)
+    _check_rates(scenario)
+    return scenario
+
+
+def _check_rates(scenario: Scenario) -> None:
+    """Frames and commands must fall on state messages."""
+    state_hz = scenario.physics_node.state_rate_hz
+    for name, rate_hz in (('render_node.frame_rate_hz', scenario.render_node.frame_rate_hz),
+                          ('drive_node.rate_hz', scenario.drive_node.rate_hz)):
+        if state_hz % rate_hz:
+            raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a divisor of '
+                              f'physics_node.state_rate_hz = {state_hz}')
+
+
+def _without_empty_lists(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _without_empty_lists(v) for k, v in value.items() if v != []}
+    return value

@@ -1,0 +1,1 @@
+"""Sequences for SLAM programs: EuRoC, TUM, KITTI, TartanAir, and their settings files."""

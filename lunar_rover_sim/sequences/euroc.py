@@ -1,0 +1,130 @@
+"""EuRoC sequences: mav0/cam0, cam1, imu0, state_groundtruth_estimate0, and times.txt.
+
+The body frame is that of the IMU, as in the EuRoC data sets (Burri et al., IJRR 35 (10), 2016);
+`T_BS` maps points of a sensor to the body.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.frames import Array, wxyz_from_matrix
+from lunar_rover_sim.sequences.sequence import numbers, PngWriter, pose_of, Sequence
+
+_CAMERAS = {topics.LEFT_IMAGE.name: 'cam0', topics.RIGHT_IMAGE.name: 'cam1'}
+_IMU = 'mav0/imu0/data.csv'
+_TRUTH = 'mav0/state_groundtruth_estimate0/data.csv'
+_IMU_TITLE = ('#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],'
+              'a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]')
+_TRUTH_TITLE = ('#timestamp,p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],'
+                'q_RS_y [],q_RS_z [],v_RS_R_x [m s^-1],v_RS_R_y [m s^-1],v_RS_R_z [m s^-1],'
+                'b_w_RS_S_x [rad s^-1],b_w_RS_S_y [rad s^-1],b_w_RS_S_z [rad s^-1],'
+                'b_a_RS_S_x [m s^-2],b_a_RS_S_y [m s^-2],b_a_RS_S_z [m s^-2]')
+
+
+class EurocSequence(Sequence):
+    """Writes an EuRoC sequence; without a right camera or IMU these folders are missing."""
+
+    needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name)
+    uses = (topics.RIGHT_IMAGE.name, topics.IMU_RAW.name, topics.IMU_BIAS.name, topics.ODOM.name)
+
+    def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
+        super().__init__(bag, folder, png)
+        self._bias: dict[int, Array] = {}
+        self._odometry: dict[int, Any] = {}
+        self._has_bias = bag.has(topics.IMU_BIAS.name)
+        for name, camera in _CAMERAS.items():
+            if bag.has(name):
+                (folder / 'mav0' / camera / 'data').mkdir(parents=True)
+                self.line(f'mav0/{camera}/data.csv', '#timestamp [ns],filename')
+                mount = self.suite.T_imu_left if camera == 'cam0' else self.suite.T_imu_right
+                self._sensor(camera, self._camera_lines(mount))
+        if bag.has(topics.IMU_RAW.name):
+            self.line(_IMU, _IMU_TITLE)
+            self._sensor('imu0', self._imu_lines())
+        if bag.has(topics.ODOM.name):
+            self.line(_TRUTH, _TRUTH_TITLE)
+            self._sensor('state_groundtruth_estimate0',
+                         ['sensor_type: visual-inertial', 'comment: true pose of the IMU',
+                          *_transform(np.eye(4))])
+
+    def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
+        """Write the pair and its line in times.txt."""
+        for name, camera in _CAMERAS.items():
+            if name in pixels:
+                self.png.write(self.folder / 'mav0' / camera / 'data' / f'{stamp_ns}.png',
+                               pixels[name])
+                self.line(f'mav0/{camera}/data.csv', f'{stamp_ns},{stamp_ns}.png')
+        self.line('times.txt', str(stamp_ns))
+
+    def data(self, topic: str, stamp_ns: int, message: Any) -> None:
+        """Write IMU samples as they come, truth once its bias is there."""
+        if topic == topics.IMU_RAW.name:
+            w, a = message.angular_velocity, message.linear_acceleration
+            self.line(_IMU, f'{stamp_ns},'
+                      + numbers([w.x, w.y, w.z, a.x, a.y, a.z], separator=','))
+        elif topic == topics.ODOM.name:
+            self._odometry[stamp_ns] = message
+            if not self._has_bias:
+                self._truth(stamp_ns, np.zeros(6))
+        else:
+            w, a = message.accel.angular, message.accel.linear
+            self._bias[stamp_ns] = np.array([w.x, w.y, w.z, a.x, a.y, a.z])
+        if stamp_ns in self._odometry and stamp_ns in self._bias:
+            self._truth(stamp_ns, self._bias.pop(stamp_ns))
+        for waiting in (self._odometry, self._bias):
+            if len(waiting) > 1000:  # the counterpart was lost
+                del waiting[min(waiting)]
+
+    def notes(self) -> list[str]:
+        """Tell what of the format is missing."""
+        notes = []
+        if not (self.folder / _IMU).exists():
+            notes.append('no IMU in the bag: images are not trimmed, imu0 is missing')
+        if not (self.folder / _TRUTH).exists():
+            notes.append('no odometry in the bag: the ground truth is missing')
+        return notes
+
+    def _truth(self, stamp_ns: int, bias: Array) -> None:
+        message = self._odometry.pop(stamp_ns)
+        T_odom_base = pose_of(message)
+        T = T_odom_base @ self.suite.T_base_imu
+        v, w = message.twist.twist.linear, message.twist.twist.angular
+        lever = self.suite.T_base_imu[:3, 3]
+        velocity = T_odom_base[:3, :3] @ (np.array([v.x, v.y, v.z])
+                                          + np.cross([w.x, w.y, w.z], lever))
+        self.line(_TRUTH, f'{stamp_ns},' + numbers(T[:3, 3], wxyz_from_matrix(T[:3, :3]), velocity,
+                                                   bias, separator=','))
+
+    def _sensor(self, folder: str, lines: list[str]) -> None:
+        for line in lines:
+            self.line(f'mav0/{folder}/sensor.yaml', line)
+
+    def _camera_lines(self, T_imu_camera: Array) -> list[str]:
+        suite = self.suite
+        k1, k2, p1, p2 = suite.distortion[:4]
+        return ['sensor_type: camera', 'comment: simulated', *_transform(T_imu_camera),
+                f'rate_hz: {suite.frame_rate_hz:g}',
+                f'resolution: [{suite.width}, {suite.height}]', 'camera_model: pinhole',
+                f'intrinsics: [{numbers(suite.focal_px, suite.centre_px, separator=", ")}]',
+                'distortion_model: radial-tangential',
+                f'distortion_coefficients: [{numbers([k1, k2, p1, p2], separator=", ")}]']
+
+    def _imu_lines(self) -> list[str]:
+        noise = self.suite.noise
+        return ['sensor_type: imu', 'comment: simulated', *_transform(np.eye(4)),
+                f'rate_hz: {self.suite.imu_rate_hz:g}',
+                f'gyroscope_noise_density: {noise.gyro_noise_density!r}',
+                f'gyroscope_random_walk: {noise.gyro_bias_random_walk!r}',
+                f'accelerometer_noise_density: {noise.accel_noise_density!r}',
+                f'accelerometer_random_walk: {noise.accel_bias_random_walk!r}']
+
+
+def _transform(T: Array) -> list[str]:
+    return ['T_BS:', '  cols: 4', '  rows: 4', f'  data: [{numbers(T, separator=", ")}]']

@@ -1,0 +1,72 @@
+"""Where the sensors of a recorded rover sit: from the bag's tf_static, else from its scenario."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
+from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.frames import (Array, BASE_FRAME, IMU_FRAME, LEFT_OPTICAL_FRAME,
+                                    matrix_from_wxyz, RIGHT_OPTICAL_FRAME, se3)
+from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
+
+FRAMES = {'base': BASE_FRAME, 'imu': IMU_FRAME, 'left': LEFT_OPTICAL_FRAME,
+          'right': RIGHT_OPTICAL_FRAME}
+
+
+def rover_frame(rover: RoverDescription, frame: str) -> Array:
+    """Return T_base_frame (4, 4) of one of `FRAMES` on a rover."""
+    if frame not in FRAMES:
+        raise ConfigError(f'frame: {frame!r} is not valid; {nearest(frame, FRAMES)}')
+    left, right = optical_poses(rover)
+    return {'base': np.eye(4), 'imu': imu_pose(rover), 'left': left, 'right': right}[frame]
+
+
+def recorded_frame(bag: Bag, frame: str) -> Array:
+    """Return T_base_frame (4, 4) of one of `FRAMES` on the recorded rover.
+
+    Raises BagError where the bag tells nothing of it.
+    """
+    if frame not in FRAMES:
+        raise BagError(f'frame: {frame!r} is not valid; {nearest(frame, FRAMES)}')
+    if frame == 'base':
+        return np.eye(4)
+    found = _from_tf(bag, FRAMES[frame])
+    if found is not None:
+        return found
+    values: Any = recorded_scenario(bag).sections.get('rover')
+    if not values:
+        raise BagError(f'{bag.path}: holds neither tf_static nor a scenario; where '
+                       f'{FRAMES[frame]} sits is not known')
+    try:
+        return rover_frame(RoverDescription.from_mapping(values, 'rover'), frame)
+    except ConfigError as error:
+        raise BagError(f'{bag.path}: its scenario is not of this version: {error}') from None
+
+
+def _from_tf(bag: Bag, child: str) -> Array | None:
+    if not bag.has(topics.TF_STATIC.name):
+        return None
+    parents: dict[str, tuple[str, Array]] = {}
+    for _, _, message in bag.messages([topics.TF_STATIC.name]):
+        for transform in message.transforms:
+            t, q = transform.transform.translation, transform.transform.rotation
+            parents[transform.child_frame_id] = (
+                transform.header.frame_id,
+                se3(matrix_from_wxyz([q.w, q.x, q.y, q.z]), [t.x, t.y, t.z]))
+    T = np.eye(4)
+    for _ in range(len(parents)):
+        if child not in parents:
+            return None
+        parent, T_parent_child = parents[child]
+        T = T_parent_child @ T
+        if parent == BASE_FRAME:
+            return T
+        child = parent
+    return None

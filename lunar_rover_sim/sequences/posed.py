@@ -1,0 +1,63 @@
+"""Sequences with one pose a stereo pair: images and odometry wait for each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.stamps import in_seconds
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.sequences.sequence import PngWriter, pose_of, Sequence
+
+_MOST_WAITING = 2000    # poses in memory
+
+
+class PosedSequence(Sequence):
+    """Numbers the images and hands over the pose of each, in order, as soon as it is known.
+
+    POSES: name of the file of poses, for messages. Formats override what follows.
+    """
+
+    POSES = ''
+    uses = (topics.ODOM.name,)
+
+    def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
+        super().__init__(bag, folder, png)
+        self._path = bag.path
+        self._has_truth = bag.has(topics.ODOM.name)
+        self._poses: dict[int, Array] = {}
+        self._waiting: list[int] = []
+        self.count = 0
+
+    def write_pose(self, T_odom_base: Array) -> None:
+        """Take the (4, 4) pose of the next image."""
+        raise NotImplementedError
+
+    def taken(self, stamp_ns: int) -> None:
+        """Note that an image with this stamp was written."""
+        self.line('times.txt', in_seconds(stamp_ns))
+        self.count += 1
+        if self._has_truth:
+            self._waiting.append(stamp_ns)
+            self._settle()
+
+    def data(self, topic: str, stamp_ns: int, message: Any) -> None:
+        """Keep the pose until its image comes."""
+        self._poses[stamp_ns] = pose_of(message)
+        if len(self._poses) > _MOST_WAITING:
+            del self._poses[min(self._poses)]
+        self._settle()
+
+    def notes(self) -> list[str]:
+        """Tell whether there are poses; BagError where an image has none."""
+        if self._waiting:
+            raise BagError(f'{self._path}: no odometry at the stamp of the image at '
+                           f'{in_seconds(self._waiting[0])} s, which {self.POSES} needs')
+        return [] if self._has_truth else [f'no odometry in the bag: {self.POSES} is missing']
+
+    def _settle(self) -> None:
+        while self._waiting and self._waiting[0] in self._poses:
+            self.write_pose(self._poses.pop(self._waiting.pop(0)))

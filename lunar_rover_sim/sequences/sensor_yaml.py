@@ -1,0 +1,53 @@
+"""The calibration of an exported sequence, in words that no format has of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import yaml
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.sequences.sensors import SensorSuite
+
+CALIBRATION_FILE = 'calibration.yaml'
+_DEPTH = {
+    'euroc': {},
+    'kitti': {},
+    'tum': {'depth': {'png_counts_per_m': 5000.0, 'along': 'optical axis', 'missing': 0}},
+    'tartanair': {'depth_left': {'npy_unit': 'm', 'along': 'optical axis', 'sky_m': 10000.0},
+                  'depth_left_mm': {'png_counts_per_m': 1000.0, 'along': 'optical axis',
+                                    'missing': 0}},
+}
+
+
+def calibration_yaml(suite: SensorSuite, kind: str) -> str:
+    """Return cameras, mounts, IMU and depth units of a sequence as YAML.
+
+    Pixels are counted from the centre of the first one; T_a_b maps points of b to a; optical
+    frames are x right, y down, z forward; noise is in continuous time.
+    """
+    def camera(T_imu_camera: Array) -> dict[str, Any]:
+        return {'width_px': suite.width, 'height_px': suite.height,
+                'fx_fy_cx_cy_px': [*map(float, suite.focal_px), *map(float, suite.centre_px)],
+                'distortion_model': 'plumb_bob', 'k1_k2_p1_p2_k3': list(suite.distortion),
+                'T_imu_camera': _rows(T_imu_camera)}
+
+    noise = suite.noise
+    document: dict[str, Any] = {
+        'format': kind, 'frame_rate_hz': suite.frame_rate_hz,
+        'baseline_m': round(suite.baseline_m, 9),
+        'left': camera(suite.T_imu_left), 'right': camera(suite.T_imu_right),
+        'T_base_imu': _rows(suite.T_base_imu),
+        'imu': {'rate_hz': suite.imu_rate_hz,
+                'accel_noise_density': noise.accel_noise_density,
+                'accel_bias_random_walk': noise.accel_bias_random_walk,
+                'gyro_noise_density': noise.gyro_noise_density,
+                'gyro_bias_random_walk': noise.gyro_bias_random_walk},
+        **_DEPTH[kind]}
+    return '# T_a_b maps points of b to a; rows of 4. Units: m, s, rad, px.\n' + yaml.safe_dump(
+        document, sort_keys=False, default_flow_style=None, width=99)
+
+
+def _rows(T: Array) -> list[list[float]]:
+    return [[float(v) + 0.0 for v in row] for row in np.round(T, 12)]

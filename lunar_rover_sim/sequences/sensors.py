@@ -1,0 +1,107 @@
+"""What a SLAM program must be told of the sensors: calibration, mounts, noise, rates."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
+from lunar_rover_sim.bag.series import read_calibration
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.frames import Array, inverse
+from lunar_rover_sim.parameters import Parameters
+from lunar_rover_sim.physics.config import ImuConfig
+from lunar_rover_sim.physics.imu import ImuNoiseParameters, noise_parameters
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.sequences.extrinsics import recorded_frame, rover_frame
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorSuite:
+    """A stereo camera of two equal cameras and an IMU.
+
+    width, height [px]; focal_px (2,) fx, fy; centre_px (2,) cx, cy; distortion (5,) k1, k2, p1,
+    p2, k3 of the raw images; T_imu_left, T_imu_right (4, 4) optical frames in the IMU's frame;
+    T_base_imu (4, 4); frame_rate_hz, imu_rate_hz; noise in continuous-time units.
+    """
+
+    width: int
+    height: int
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    distortion: tuple[float, ...]
+    T_imu_left: Array
+    T_imu_right: Array
+    T_base_imu: Array
+    frame_rate_hz: float
+    imu_rate_hz: float
+    noise: ImuNoiseParameters
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the lenses."""
+        return float(np.linalg.norm(self.T_imu_left[:3, 3] - self.T_imu_right[:3, 3]))
+
+    @property
+    def T_left_right(self) -> Array:
+        """(4, 4) pose of the right camera in the left one: a shift of the baseline along x."""
+        return inverse(self.T_imu_left) @ self.T_imu_right
+
+
+def described_sensors(rover: RoverDescription, camera: CameraConfig, imu: ImuConfig,
+                      frame_rate_hz: float, imu_rate_hz: float) -> SensorSuite:
+    """Return the sensors of a description."""
+    T_base_imu = rover_frame(rover, 'imu')
+    return SensorSuite(
+        camera.width, camera.height, (camera.focal_px, camera.focal_px),
+        (0.5 * (camera.width - 1), 0.5 * (camera.height - 1)), tuple(camera.distortion),
+        inverse(T_base_imu) @ rover_frame(rover, 'left'),
+        inverse(T_base_imu) @ rover_frame(rover, 'right'), T_base_imu, frame_rate_hz, imu_rate_hz,
+        noise_parameters(imu))
+
+
+def recorded_sensors(bag: Bag) -> SensorSuite:
+    """Return the sensors of a bag: its camera_infos, mounts, rates, and its scenario's noise.
+
+    Without a scenario the noise is that of the default IMU. Raises BagError where the bag has no
+    left camera_info.
+    """
+    left = read_calibration(bag, topics.LEFT_INFO.name)
+    T_base_imu = recorded_frame(bag, 'imu')
+    scenario = recorded_scenario(bag)
+    try:
+        values = scenario.get('physics_node', 'imu', {})
+        imu = ImuConfig.from_mapping(_known(ImuConfig, values))
+    except ConfigError as error:
+        raise BagError(f'{bag.path}: the IMU of its scenario is not of this version: '
+                       f'{error}') from None
+    distortion = np.zeros(5)
+    distortion[:min(5, len(left.D))] = left.D[:5]
+    return SensorSuite(
+        left.width, left.height, (float(left.K[0, 0]), float(left.K[1, 1])),
+        (float(left.K[0, 2]), float(left.K[1, 2])), tuple(float(v) for v in distortion),
+        inverse(T_base_imu) @ recorded_frame(bag, 'left'),
+        inverse(T_base_imu) @ recorded_frame(bag, 'right'), T_base_imu,
+        _rate_hz(bag, topics.LEFT_INFO.name), _rate_hz(bag, topics.IMU_RAW.name),
+        noise_parameters(imu))
+
+
+def _known(kind: type[Parameters], values: object) -> dict[str, object]:
+    names = {field.name for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    return {k: v for k, v in values.items() if k in names} if isinstance(values, dict) else {}
+
+
+def _rate_hz(bag: Bag, topic: str) -> float:
+    """Return the median rate of a topic, to 1 mHz; 0 where there are fewer than two messages."""
+    if not bag.has(topic):
+        return 0.0
+    stamps = []
+    for message in bag.raw([topic]):
+        stamps.append(message.time_ns)
+        if len(stamps) == 100:
+            break
+    return round(1e9 / float(np.median(np.diff(stamps))), 3) if len(stamps) > 1 else 0.0

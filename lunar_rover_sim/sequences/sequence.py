@@ -1,0 +1,126 @@
+"""What every exported sequence format shares: PNG files from threads, text files, poses."""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TextIO, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
+from lunar_rover_sim.sequences.sensors import recorded_sensors, SensorSuite
+
+_THREADS = 2
+_QUEUE = 8        # images in memory
+_COMPRESSION = 1  # of 9; the next levels cost twice the time for 3 % of the size
+
+S = TypeVar('S', bound='Sequence')
+
+
+class PngWriter:
+    """Writes PNG files from a few threads; at most a few images wait at any time."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(_THREADS)
+        self._waiting: deque[Future[None]] = deque()
+
+    def write(self, path: Path, pixels: NDArray[Any]) -> None:
+        """Write (h, w) or RGB (h, w, 3) pixels, 8 or 16 bits; errors appear at a later call."""
+        self._waiting.append(self._pool.submit(_write_png, path, pixels))
+        while len(self._waiting) > _QUEUE:
+            self._waiting.popleft().result()
+
+    def finish(self) -> None:
+        """Wait until everything is written; raise OSError where something was not."""
+        while self._waiting:
+            self._waiting.popleft().result()
+
+    def __enter__(self) -> PngWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        try:
+            if error is None:
+                self.finish()
+        finally:
+            self._pool.shutdown(cancel_futures=True)
+
+
+def _write_png(path: Path, pixels: NDArray[Any]) -> None:
+    if pixels.ndim == 3:
+        pixels = np.ascontiguousarray(pixels[..., 2::-1])
+    ok, data = cv2.imencode('.png', pixels, [cv2.IMWRITE_PNG_COMPRESSION, _COMPRESSION])
+    if not ok:
+        raise OSError(f'{path.name} cannot be encoded')
+    path.write_bytes(data.tobytes())
+
+
+class Sequence:
+    """A sequence being written into a folder; formats override what follows.
+
+    needs, uses: topics of the contract that must, or may, be in the bag.
+    """
+
+    needs: tuple[str, ...] = ()
+    uses: tuple[str, ...] = ()
+
+    def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
+        for name in self.needs:
+            if not bag.has(name):
+                raise BagError(f'{bag.path}: lacks {name}, which this format needs')
+        self.folder = folder
+        self.png = png
+        self.suite: SensorSuite = recorded_sensors(bag)
+        self._files: dict[str, TextIO] = {}
+
+    def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
+        """Take one complete set of images, by topic."""
+        raise NotImplementedError
+
+    def data(self, topic: str, stamp_ns: int, message: Any) -> None:
+        """Take a message that is no image."""
+        raise NotImplementedError
+
+    def notes(self) -> list[str]:
+        """Return what is worth knowing about the sequence."""
+        return []
+
+    def line(self, name: str, text: str) -> None:
+        """Append a line to the text file `name` below the folder."""
+        if name not in self._files:
+            path = self.folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._files[name] = path.open('w', encoding='ascii')
+        self._files[name].write(text + '\n')
+
+    def close(self) -> None:
+        """Close the text files."""
+        while self._files:
+            self._files.popitem()[1].close()
+
+    def __enter__(self: S) -> S:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+
+def pose_of(odometry: Any) -> Array:
+    """Return T_odom_base (4, 4) of a nav_msgs/Odometry."""
+    p, q = odometry.pose.pose.position, odometry.pose.pose.orientation
+    return se3(matrix_from_wxyz([q.w, q.x, q.y, q.z]), [p.x, p.y, p.z])
+
+
+def numbers(*values: Any, separator: str = ' ') -> str:
+    """Return numbers that read back exactly."""
+    flat = np.concatenate([np.ravel(v) for v in values])
+    return separator.join(repr(float(v) + 0.0) for v in flat)  # no -0.0

@@ -1,0 +1,88 @@
+"""TartanAir sequences: image_left, image_right, depth_left, pose_left.txt, pose_right.txt.
+
+The layout of the data set of Wang et al. (TartanAir: A Dataset to Push the Limits of Visual
+SLAM, IROS 2020): images and depth are numbered from 000000; one line `tx ty tz qx qy qz qw` an
+image gives the pose of that camera, its axes forward, right, down, in a north-east-down world
+(x north, y east, z down; our odom frame is x east, y north, z up). Depth is float32 in metres
+along the optical axis, the sky 10,000; besides, as 16-bit PNG in mm, 0 where there is none or it
+lies beyond 65.5 m. times.txt holds the stamps [s], which the original lacks.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.frames import Array, wxyz_from_matrix
+from lunar_rover_sim.sequences.posed import PosedSequence
+from lunar_rover_sim.sequences.sequence import numbers, PngWriter
+
+SKY_M = 10_000.0
+_MM_PER_M = 1000.0
+_FARTHEST_MM = 65535
+# Rows: north, east, down in x east, y north, z up.
+_R_NED_ODOM: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+# Columns: forward, right, down in the optical frame (x right, y down, z forward).
+_R_OPTICAL_FRD: Array = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+
+
+class TartanAirSequence(PosedSequence):
+    """Writes a TartanAir sequence; optical flow and segmentation are not in it."""
+
+    POSES = 'pose_left.txt'
+    needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name,
+             topics.TRUE_DEPTH.name)
+
+    def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
+        super().__init__(bag, folder, png)
+        suite = self.suite
+        self._mounts = {'left': suite.T_base_imu @ suite.T_imu_left,
+                        'right': suite.T_base_imu @ suite.T_imu_right}
+        for name in ('image_left', 'image_right', 'depth_left', 'depth_left_mm'):
+            (folder / name).mkdir()
+
+    def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
+        """Write the pair, its depth and its stamp, and its poses as soon as they are known."""
+        number = f'{self.count:06d}'
+        for side, topic in (('left', topics.LEFT_IMAGE), ('right', topics.RIGHT_IMAGE)):
+            self.png.write(self.folder / f'image_{side}' / f'{number}_{side}.png',
+                           pixels[topic.name])
+        depth_m = pixels[topics.TRUE_DEPTH.name].astype(np.float32)
+        np.save(self.folder / 'depth_left' / f'{number}_left_depth.npy',
+                np.where(np.isfinite(depth_m), depth_m, np.float32(SKY_M)), allow_pickle=False)
+        self.png.write(self.folder / 'depth_left_mm' / f'{number}_left_depth.png',
+                       millimetres(depth_m))
+        self.taken(stamp_ns)
+
+    def notes(self) -> list[str]:
+        """Tell what is not in it; BagError where an image has no pose."""
+        return ['optical flow and segmentation are not written', *super().notes()]
+
+    def write_pose(self, T_odom_base: Array) -> None:
+        """Write the poses of both cameras."""
+        for side, T_base_camera in self._mounts.items():
+            position, wxyz = ned_pose(T_odom_base @ T_base_camera)
+            w, x, y, z = wxyz
+            self.line(f'pose_{side}.txt', numbers(position, [x, y, z, w]))
+
+
+def ned_pose(T_odom_camera: Array) -> tuple[Array, Array]:
+    """Return position (3,) [m] and quaternion wxyz (4,) of a camera, north-east-down.
+
+    T_odom_camera: (4, 4), of the optical frame. The camera's axes are forward, right, down.
+    """
+    rotation = _R_NED_ODOM @ T_odom_camera[:3, :3] @ _R_OPTICAL_FRD
+    return _R_NED_ODOM @ T_odom_camera[:3, 3], wxyz_from_matrix(rotation)
+
+
+def millimetres(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return depth as whole millimetres; 0 where there is none or it does not fit 16 bits."""
+    with np.errstate(invalid='ignore', over='ignore'):
+        counts = np.rint(depth_m.astype(float) * _MM_PER_M)
+        known = np.isfinite(counts) & (counts >= 0.0) & (counts <= _FARTHEST_MM)
+    return np.where(known, counts, 0).astype(np.uint16)

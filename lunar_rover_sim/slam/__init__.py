@@ -1,0 +1,1 @@
+"""Running SLAM programs, and benchmarks of them."""

@@ -1,0 +1,121 @@
+"""One bag, one estimator, one result: export, estimate, judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+import json
+from pathlib import Path
+import shutil
+from typing import Any
+
+import numpy as np
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.evaluation.trajectory_evaluation import (evaluate, Evaluation,
+                                                              EvaluationOptions)
+from lunar_rover_sim.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
+from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.sequences.extrinsics import recorded_frame
+from lunar_rover_sim.sequences.sensors import recorded_sensors
+from lunar_rover_sim.slam.estimators import Estimate, Estimator
+from lunar_rover_sim.slam.runners import Echo
+
+Step = Callable[[str], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class SlamResult:
+    """What came out of one run; lengths in m, NaN where there is none.
+
+    reason: why there is no result, or what went wrong beside it; empty if all went well
+    scale: true over estimated size of the path, by Sim(3); ate_m: rms after Sim(3) for mono, else
+    after SE(3); distance_m: horizontal, in steps of 0.1 s, over the whole recording
+    """
+
+    system: str
+    sensor: str
+    reason: str = ''
+    frames: int = 0
+    tracked_share: float = 0.0
+    ate_m: float = float('nan')
+    scale: float = float('nan')
+    ate_percent: float = float('nan')
+    rpe_m: float = float('nan')
+    drift_percent: float = float('nan')
+    distance_m: float = float('nan')
+    duration_s: float = float('nan')
+    wall_s: float = float('nan')
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values for JSON; NaN becomes None."""
+        return {k: None if isinstance(v, float) and not np.isfinite(v) else v
+                for k, v in dataclasses.asdict(self).items()}
+
+    @classmethod
+    def from_mapping(cls, values: dict[str, Any]) -> SlamResult:
+        """Return the result that `to_mapping` wrote."""
+        names = {field.name for field in dataclasses.fields(cls)}
+        plain: dict[str, Any] = {k: float('nan') if v is None else v for k, v in values.items()
+                                 if k in names}
+        return cls(**plain)
+
+
+def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None = None,
+               step: Step | None = None, keep_sequence: bool = False) -> SlamResult:
+    """Export a bag, run an estimator on it and judge the outcome.
+
+    The existing `folder` gets settings, log, estimate.txt (TUM), evaluation.json and path.npz
+    (`stamps_ns`, `truth_m`, `estimate_m`, aligned); the sequence is removed again unless
+    `keep_sequence`. A lost track is a result; raises EvaluationError or BagError where there
+    cannot be one.
+    """
+    step = step or (lambda _: None)
+    sequence = folder / 'sequence'
+    shutil.rmtree(sequence, ignore_errors=True)
+    with open_bag(bag) as opened:
+        truth = trajectory_of_topic(opened)
+        suite = recorded_sensors(opened)
+        T_base_frame = recorded_frame(opened, estimator.poses_of)
+    coarse = truth.positions_m[::max(1, round(len(truth) * 0.1 / max(_span_s(truth), 0.1))), :2]
+    distance_m = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
+    step('exporting')
+    export(bag, sequence, estimator.format)
+    try:
+        step('estimating')
+        outcome = estimator.estimate(sequence, suite, folder, echo)
+    finally:
+        if not keep_sequence:
+            shutil.rmtree(sequence, ignore_errors=True)
+    step('evaluating')
+    known = SlamResult(estimator.system, estimator.sensor, outcome.reason, len(outcome.frames_ns),
+                       distance_m=distance_m, duration_s=_span_s(truth), wall_s=outcome.wall_s)
+    if outcome.trajectory is None:
+        return known
+    write_tum(folder / 'estimate.txt', outcome.trajectory)
+    try:
+        judged = _judge(truth.of_frame(T_base_frame), outcome, estimator.sensor)
+    except EvaluationError as error:
+        reason = '; '.join(filter(None, (outcome.reason, str(error))))
+        return dataclasses.replace(known, reason=reason, tracked_share=len(outcome.trajectory)
+                                   / max(1, len(outcome.frames_ns)))
+    (folder / 'evaluation.json').write_text(json.dumps(judged.to_mapping(), indent=2) + '\n',
+                                            encoding='utf-8')
+    np.savez(folder / 'path.npz', stamps_ns=judged.truth.stamps_ns,
+             truth_m=judged.truth.positions_m, estimate_m=judged.estimate.positions_m)
+    return dataclasses.replace(
+        known, tracked_share=judged.tracked_share, ate_m=judged.ate_m.rmse, scale=judged.scale,
+        ate_percent=100.0 * judged.ate_m.rmse / distance_m if distance_m else float('nan'),
+        rpe_m=judged.rpe_distance_m.rmse, drift_percent=judged.drift_percent)
+
+
+def _judge(truth: Any, outcome: Estimate, sensor: str) -> Evaluation:
+    assert outcome.trajectory is not None
+    return evaluate(truth, outcome.trajectory,
+                    EvaluationOptions('sim3' if sensor == 'mono' else 'se3'), outcome.frames_ns)
+
+
+def _span_s(trajectory: Any) -> float:
+    return float(trajectory.stamps_ns[-1] - trajectory.stamps_ns[0]) * 1e-9

@@ -1,0 +1,108 @@
+"""The traverse study on paper: table, CSV and the paths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from lunar_rover_sim.studies.traverse import DRIVEN, STRANDED, TIPPED_OVER, Traverse
+
+ALLOWED_SHARE = 0.05   # of drives that end tipped over or stranded: one in twenty
+
+_FIELDS = ('seed', 'outcome', 'driven_s', 'distance_m', 'speed_mps', 'waypoints', 'stuck',
+           'tilted', 'slip', 'transport_mechanical', 'transport_electric', 'tilt_mean_deg',
+           'tilt_p95_deg', 'tilt_max_deg', 'sinkage_max_m')
+
+
+def tipped(results: Sequence[Traverse]) -> int:
+    """Return how many drives ended tipped over."""
+    return sum(result.tipped_over for result in results)
+
+
+def stranded(results: Sequence[Traverse]) -> int:
+    """Return how many drives ended stuck in one place."""
+    return sum(result.outcome == STRANDED for result in results)
+
+
+def acceptable(results: Sequence[Traverse]) -> bool:
+    """Return whether all drives could be simulated and at most one in twenty was lost.
+
+    Lost is what has tipped over and what is stranded.
+    """
+    return (all(result.outcome in (DRIVEN, TIPPED_OVER, STRANDED) for result in results)
+            and tipped(results) + stranded(results)
+            <= max(1, round(ALLOWED_SHARE * len(results))))
+
+
+def report_text(results: Sequence[Traverse], scenario: str) -> str:
+    """Return the report as Markdown."""
+    driven = sum(result.driven_s for result in results)
+    distance = sum(result.distance_m for result in results)
+    lines = [f'# Traverse of {scenario}', '',
+             f'{len(results)} worlds, {driven / 60.0:.1f} min, {distance:.1f} m:'
+             f' {tipped(results)} tipped over, {stranded(results)} stranded,'
+             f' {sum(r.stuck for r in results)} times stuck and'
+             f' {sum(r.tilted for r in results)} times stopped by tilt, and backed up.', '',
+             'Slip: 1 - true distance / distance that the feet in stance were asked to go.'
+             ' Transport: energy / (weight × distance), mechanical at the legs, electric from the'
+             ' supply. Sinkage: of a spoke tip into ground or rock, at 200 Hz.', '',
+             _row(('seed', 'outcome', 'time [s]', 'distance [m]', 'speed [m/s]', 'waypoints',
+                   'stuck', 'tilted', 'slip', 'transport mech.', 'electric', 'tilt mean [°]',
+                   '95 %', 'max', 'sinkage max [mm]')), _row(['---'] * 15)]
+    for r in results:
+        lines.append(_row([str(r.seed), r.outcome, f'{r.driven_s:.0f}', f'{r.distance_m:.2f}',
+                           f'{r.speed_mps:.3f}', str(r.waypoints), str(r.stuck), str(r.tilted),
+                           f'{r.slip:.3f}', f'{r.transport_mechanical:.2f}',
+                           f'{r.transport_electric:.2f}', f'{r.tilt_mean_deg:.1f}',
+                           f'{r.tilt_p95_deg:.1f}', f'{r.tilt_max_deg:.1f}',
+                           f'{1000.0 * r.sinkage_max_m:.1f}']))
+    return '\n'.join(lines) + '\n'
+
+
+def write_all(results: Sequence[Traverse], scenario: str, folder: Path) -> str:
+    """Write traverse.md, traverse.csv and traverse.png; return the text of the first."""
+    text = report_text(results, scenario)
+    (folder / 'traverse.md').write_text(text, encoding='utf-8')
+    write_csv(results, folder / 'traverse.csv')
+    plot_paths(results, folder / 'traverse.png')
+    return text
+
+
+def write_csv(results: Sequence[Traverse], path: str | Path) -> None:
+    """Write one row per drive."""
+    with Path(path).open('w', newline='', encoding='utf-8') as file:
+        writer = csv.writer(file)
+        writer.writerow(_FIELDS)
+        for result in results:
+            writer.writerow([getattr(result, name) for name in _FIELDS])
+
+
+def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:
+    """Write a plot of all paths, and of distance over time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 5.5), layout='constrained')
+    above, along = figure.subplots(1, 2)
+    for result in results:
+        if len(result.path_m) < 2:
+            continue
+        x, y = result.path_m[:, 0], result.path_m[:, 1]
+        line, = above.plot(x, y, lw=0.8, label=str(result.seed))
+        above.plot(x[-1], y[-1], 'x' if result.tipped_over else '.', color=line.get_color())
+        gone = np.r_[0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y)))]
+        along.plot(np.linspace(0.0, result.driven_s, len(gone)), gone, lw=0.8,
+                   color=line.get_color())
+    above.set(xlabel='x [m]', ylabel='y [m]', title='paths; x: tipped over')
+    above.set_aspect('equal')
+    along.set(xlabel='time [s]', ylabel='distance [m]')
+    for axis in (above, along):
+        axis.grid(alpha=0.3)
+    above.legend(title='seed', fontsize=7, ncols=2)
+    figure.savefig(path, dpi=110)
+
+
+def _row(cells: Sequence[str]) -> str:
+    return '| ' + ' | '.join(cells) + ' |'

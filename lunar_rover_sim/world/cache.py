@@ -1,0 +1,71 @@
+"""The cache of built worlds: one folder for each recipe, built when it is first asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+import logging
+import os
+import pathlib
+from typing import Any
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.config import PROCEDURAL, WorldConfig
+from lunar_rover_sim.world.world_folder import FORMAT, load, save
+
+logger = logging.getLogger(__name__)
+
+BUILDER = 4  # raise when the same parameters come to give another world: it empties the cache
+
+
+def cache_folder() -> pathlib.Path:
+    """Return where built worlds are kept: $LUNAR_ROVER_SIM_CACHE or the user's cache."""
+    named = os.environ.get('LUNAR_ROVER_SIM_CACHE')
+    root = pathlib.Path(named) if named else pathlib.Path.home() / '.cache' / 'lunar_rover_sim'
+    return root / 'worlds'
+
+
+def cache_key(config: WorldConfig, seed: int) -> str:
+    """Return the name of the world in the cache.
+
+    It depends on the parameters, the seed, the identity of the source file (path, size, time of
+    change) and the version of the builder.
+    """
+    config = dataclasses.replace(config, seed=config.seed if config.seed >= 0 else seed)
+    identity: list[Any] = []
+    if config.source != PROCEDURAL:
+        path = pathlib.Path(config.path)
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            with contextlib.suppress(OSError):
+                stat = file.stat()
+                identity.append([str(file.resolve()), stat.st_size, stat.st_mtime_ns])
+    text = json.dumps([FORMAT, BUILDER, config.to_mapping(), identity], sort_keys=True)
+    return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
+
+
+def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.Path:
+    """Return the folder of the world, built now if it is not in the cache.
+
+    Two processes may ask for the same world at once: whoever is first puts it in place.
+    progress: as for `build.build`.
+    """
+    folder = cache_folder() / cache_key(config, seed)
+    if (folder / 'world.yaml').is_file():
+        try:
+            load(folder, verify=False)
+            return folder
+        except WorldError as error:
+            logger.warning('%s; building it again', error)
+            with contextlib.suppress(OSError):
+                folder.rename(folder.with_name(f'.{folder.name}.damaged.{os.getpid()}'))
+    world = build(config, seed, progress)
+    try:
+        return save(world, folder)
+    except WorldError as error:
+        if (folder / 'world.yaml').is_file():
+            return folder
+        raise WorldError(f'{error}; LUNAR_ROVER_SIM_CACHE names another folder for built '
+                         'worlds') from None

@@ -1,0 +1,251 @@
+"""A world as a folder: save, load, content hash.
+
+    world.yaml     format, hash, parameters, report, and the levels' cells
+    height_0.npy   (n, n) float32 heights of the ground [m]; height_1.npy ... the coarse levels
+    albedo.npy     (n, n) float32
+    rocks.npz      instances; shapes.npz the library; craters.npz the catalogue
+
+Arrays are read without pickle, and no larger than a world may be.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+import pathlib
+import shutil
+import tempfile
+from typing import Any
+import zipfile
+
+import numpy as np
+from numpy.typing import NDArray
+import yaml
+
+from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.rocks import Rocks, RockShape
+
+FORMAT = 1
+_MOST_SAMPLES = 8193 ** 2
+_MOST_ITEMS = 2_000_000
+_MOST_BYTES_YAML = 1_000_000
+
+
+def content_hash(world: World) -> str:
+    """Return the hexadecimal hash of everything in the world, itself excepted."""
+    digest = hashlib.blake2b(digest_size=16)
+    text = json.dumps([FORMAT, world.config.to_mapping(), [g.cell_m for g in world.levels],
+                       [shape.name for shape in world.rock_shapes]], sort_keys=True)
+    digest.update(text.encode())
+    arrays: list[NDArray] = [level.heights_m for level in world.levels] + [world.albedo]
+    for part in (world.rocks, world.craters):
+        arrays += [getattr(part, field.name) for field in dataclasses.fields(part)]
+    for shape in world.rock_shapes:
+        arrays += [shape.vertices, shape.faces]
+    for array in arrays:
+        digest.update(f'{array.dtype.str}{array.shape}'.encode())
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def sealed(world: World) -> World:
+    """Return the world with its hash."""
+    return dataclasses.replace(world, hash=content_hash(world))
+
+
+def save(world: World, folder: str | pathlib.Path, overwrite: bool = False) -> pathlib.Path:
+    """Write the world to a folder, whole or not at all, and return the folder.
+
+    Raises WorldError if the folder exists (unless `overwrite`, which replaces a world, but
+    nothing else), or if it cannot be written.
+    """
+    folder = pathlib.Path(folder)
+    if folder.exists() or folder.is_symlink():
+        if not overwrite:
+            raise WorldError(f'{folder}: exists already; choose another folder or remove it')
+        if not (folder / 'world.yaml').is_file():
+            raise WorldError(f'{folder}: exists and is not a world; it is left as it is')
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary = pathlib.Path(tempfile.mkdtemp(prefix=f'.{folder.name}.', dir=folder.parent))
+    except OSError as error:
+        raise WorldError(f'{folder}: cannot be written: {error.strerror or error}') from None
+    try:
+        _write(world, temporary)
+        temporary.chmod(0o755)
+        if overwrite and folder.exists():
+            shutil.rmtree(folder)
+        temporary.rename(folder)
+    except OSError as error:
+        raise WorldError(f'{folder}: cannot be written: {error.strerror or error}') from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return folder
+
+
+def _write(world: World, folder: pathlib.Path) -> None:
+    for index, level in enumerate(world.levels):
+        np.save(folder / f'height_{index}.npy', level.heights_m, allow_pickle=False)
+    np.save(folder / 'albedo.npy', world.albedo, allow_pickle=False)
+    np.savez(folder / 'rocks.npz', **_fields(world.rocks))  # type: ignore[arg-type]
+    np.savez(folder / 'craters.npz', **_fields(world.craters))  # type: ignore[arg-type]
+    meshes: dict[str, NDArray] = {'names': np.array([s.name for s in world.rock_shapes], 'U64')}
+    for index, shape in enumerate(world.rock_shapes):
+        meshes[f'vertices_{index}'], meshes[f'faces_{index}'] = shape.vertices, shape.faces
+    np.savez(folder / 'shapes.npz', **meshes)  # type: ignore[arg-type]
+    document = {'format': FORMAT, 'hash': world.hash, 'cells_m': [g.cell_m for g in world.levels],
+                'report': _plain(world.report), 'world': world.config.to_mapping()}
+    text = ('# Made by lunar_rover_sim. Heights are float32 [m], row 0 south, column 0 west.\n'
+            + yaml.safe_dump(document, sort_keys=False))
+    (folder / 'world.yaml').write_text(text, encoding='utf-8')
+
+
+def _fields(part: Any) -> dict[str, NDArray]:
+    return {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def load(folder: str | pathlib.Path, verify: bool = True) -> World:
+    """Return the world in a folder; heights and albedo are mapped, not copied.
+
+    verify: compare the content with its hash (about 0.1 s for the default world).
+    Raises WorldError if the folder is not a world, is damaged, or of another format.
+    """
+    folder = pathlib.Path(folder)
+    document = _document(folder)
+    cells = document.get('cells_m')
+    if (not isinstance(cells, list) or not 1 <= len(cells) <= 8
+            or not all(isinstance(c, float) and c > 0.0 for c in cells)):
+        raise WorldError(f'{folder}/world.yaml: cells_m: {cells!r} is not a list of 1 to 8 cells')
+    try:
+        config = WorldConfig.from_mapping(document.get('world') or {}, 'world')
+    except ConfigError as error:
+        raise WorldError(f'{folder}/world.yaml: {error}') from None
+    levels = tuple(HeightGrid(_grid(folder / f'height_{i}.npy'), cell)
+                   for i, cell in enumerate(cells))
+    albedo = _grid(folder / 'albedo.npy')
+    if albedo.shape != levels[0].heights_m.shape:
+        raise WorldError(f'{folder}/albedo.npy: {albedo.shape} samples; height_0.npy has '
+                         f'{levels[0].heights_m.shape}')
+    shapes = _shapes(folder / 'shapes.npz')
+    rocks = Rocks(**_archive(folder / 'rocks.npz', {
+        'shape': 'i4', 'size': 'i4', 'position_m': 'f8,3', 'orientation_wxyz': 'f8,4',
+        'albedo': 'f4', 'size_classes_m': 'f8*'}))
+    for name, index, end in (('shape', rocks.shape, len(shapes)),
+                             ('size', rocks.size, len(rocks.size_classes_m))):
+        if len(index) and not (0 <= index.min() and index.max() < end):
+            raise WorldError(f'{folder}/rocks.npz: {name}: indices beyond {end - 1}')
+    craters = Craters(**_archive(folder / 'craters.npz', {
+        'position_m': 'f8,2', 'diameter_m': 'f8', 'age': 'f8', 'level': 'i4'}))
+    world = World(levels, albedo, rocks, shapes, config, str(document.get('hash')), craters,
+                  document.get('report') or {})
+    if verify and content_hash(world) != world.hash:
+        raise WorldError(f'{folder}: the content does not match its hash {world.hash}; it was '
+                         'changed or damaged: build it again')
+    return world
+
+
+def _document(folder: pathlib.Path) -> dict[str, Any]:
+    path = folder / 'world.yaml'
+    if not path.is_file():
+        raise WorldError(f'{folder}: not a world folder (it has no world.yaml); make one with '
+                         '`lunar_rover_sim world build`')
+    try:
+        if path.stat().st_size > _MOST_BYTES_YAML:
+            raise WorldError(f'{path}: larger than {_MOST_BYTES_YAML} bytes')
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
+    if not isinstance(document, dict) or document.get('format') != FORMAT:
+        found = document.get('format') if isinstance(document, dict) else document
+        raise WorldError(f'{path}: format {found!r}; this version reads format {FORMAT}: build '
+                         'the world again')
+    return document
+
+
+def _grid(path: pathlib.Path) -> NDArray[np.float32]:
+    try:
+        array = np.load(path, mmap_mode='r', allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
+    if (not isinstance(array, np.ndarray) or array.dtype != np.float32 or array.ndim != 2
+            or array.shape[0] != array.shape[1] or not 9 <= array.size <= _MOST_SAMPLES):
+        raise WorldError(f'{path}: not a square of 3 to 8193 samples of float32')
+    return array
+
+
+def _archive(path: pathlib.Path, members: dict[str, str]) -> dict[str, NDArray]:
+    """Return the members of an npz file; each as 'type' or 'type,columns', all of one length.
+
+    A star marks a member of a length of its own.
+    """
+    result = {}
+    length: int | None = None
+    with _opened(path) as archive:
+        for name, kind in members.items():
+            array = _member(path, archive, name)
+            dtype, _, columns = kind.rstrip('*').partition(',')
+            shape = array.shape[1:]
+            if array.dtype != np.dtype(dtype) or shape != ((int(columns),) if columns else ()):
+                raise WorldError(f'{path}: {name}: {array.dtype} {array.shape} is not {kind}')
+            if not kind.endswith('*'):
+                length = len(array) if length is None else length
+                if len(array) != length:
+                    raise WorldError(f'{path}: {name}: {len(array)} items; others have {length}')
+            result[name] = array
+    return result
+
+
+def _shapes(path: pathlib.Path) -> tuple[RockShape, ...]:
+    shapes = []
+    with _opened(path) as archive:
+        names = _member(path, archive, 'names')
+        if names.dtype.kind != 'U' or names.ndim != 1 or len(names) > 1024:
+            raise WorldError(f'{path}: names: not up to 1024 names')
+        for index, name in enumerate(names):
+            vertices = _member(path, archive, f'vertices_{index}')
+            faces = _member(path, archive, f'faces_{index}')
+            if (vertices.dtype != np.float32 or vertices.shape[1:] != (3,)
+                    or faces.dtype != np.int32 or faces.shape[1:] != (3,) or len(faces) < 4
+                    or faces.min() < 0 or faces.max() >= len(vertices)):
+                raise WorldError(f'{path}: {name}: not a triangle mesh')
+            shapes.append(RockShape(str(name), vertices, faces))
+    return tuple(shapes)
+
+
+@contextlib.contextmanager
+def _opened(path: pathlib.Path) -> Any:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise WorldError(f'{path}: not an npz archive')
+            too_large = [info.filename for info in archive.zip.infolist()  # type: ignore
+                         if info.file_size > 32 * _MOST_ITEMS]
+            if too_large:
+                raise WorldError(f'{path}: {too_large[0]}: larger than a world may be')
+            yield archive
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
+
+
+def _member(path: pathlib.Path, archive: Any, name: str) -> NDArray:
+    if name not in archive.files:
+        raise WorldError(f'{path}: {name} is missing')
+    array = archive[name]
+    if array.ndim == 0:
+        raise WorldError(f'{path}: {name}: not a list')
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,315 @@
+"""Writing bags: stamps as bag time, kills, full disks, and what other readers make of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import types
+
+import pytest
+import synthetic_bag as synthetic
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.qos import as_recorded, contract_qos
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS, STORAGES
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.inspection.check import check
+
+VARIANTS = [(storage, compression) for storage in STORAGES for compression in COMPRESSIONS]
+
+# Writes a drive and then kills itself, or is stopped by a file size limit.
+RECORDER = """
+    import os, resource, signal, sys, time
+    sys.path.insert(0, {test_dir!r})
+    import synthetic_bag as synthetic
+    from lunar_rover_sim.bag.writer import BagWriter
+    from lunar_rover_sim.errors import BagError
+    if {limit}:
+        resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    writer = BagWriter({path!r}, storage={storage!r}, compression={compression!r})
+    try:
+        for item in synthetic.drive(2.2):
+            writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
+    except BagError as error:
+        print(error)
+        sys.exit(1)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def record(path: Path, storage: str, compression: str,
+           limit: int = 0) -> subprocess.CompletedProcess[str]:
+    code = textwrap.dedent(RECORDER).format(
+        test_dir=str(Path(__file__).parents[1]), path=str(path), storage=storage,
+        compression=compression, limit=limit)
+    return subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                          timeout=60)
+
+
+def everything(path: Path) -> list[tuple[str, str, int, bytes]]:
+    with open_bag(path) as bag:
+        return [tuple(message) for message in bag.raw()]
+
+
+@pytest.fixture(scope='module')
+def items() -> list[synthetic.Item]:
+    return synthetic.drive(0.4)
+
+
+@pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
+def test_what_is_written_is_read(tmp_path, items, storage, compression):
+    path = synthetic.write(tmp_path / 'bag', items, storage=storage, compression=compression)
+    written = [(f'/{i.topic}', i.msgtype, bytes(synthetic.serialise(i))) for i in items]
+    with open_bag(path) as bag:
+        read = [(m.topic, m.msgtype, m.data) for m in bag.raw()]
+        assert sorted(read) == sorted(written)
+        assert bag.incomplete is None
+        assert bag.message_count == len(items)
+        for message in bag.raw(['odom', 'clock', 'tf', 'stereo/disparity', 'joint_commands']):
+            assert message.time_ns == bag.stamp_ns(message)
+    assert sorted(p.name for p in path.iterdir())[-1] == 'metadata.yaml'
+    assert not (path / marker.MARKER_NAME).exists()
+
+
+def test_bag_time_is_the_stamp_or_the_fallback(tmp_path, items):
+    odom = next(i for i in items if i.topic == 'odom')
+    text = next(i for i in items if i.topic == 'world_hash')
+    unset = synthetic.Item('cmd_vel', 'std_msgs/msg/Header', synthetic.header(0, 'x'))
+    with BagWriter(tmp_path / 'bag') as writer:
+        assert writer.write('/odom', odom.msgtype, synthetic.serialise(odom), 7) == 5_000_000
+        assert writer.write('/hash', text.msgtype, synthetic.serialise(text), 7) == 7
+        assert writer.write('/unset', unset.msgtype, synthetic.serialise(unset), 9) == 9
+        assert writer.newest_ns == 5_000_000
+    assert [m[2] for m in everything(tmp_path / 'bag')] == [7, 9, 5_000_000]
+
+
+@pytest.mark.parametrize('little_endian', [True, False])
+def test_stamps_are_those_of_the_messages(items, little_endian):
+    for item in items:
+        raw = bytes(synthetic.STORE.serialize_cdr(item.message, item.msgtype,
+                                                  little_endian=little_endian))
+        message = item.message
+        if item.msgtype == 'std_msgs/msg/String':
+            assert stamp_ns(item.msgtype, raw) is None
+            continue
+        if item.msgtype == 'tf2_msgs/msg/TFMessage':
+            message = message.transforms[0]
+        stamp = message.clock if hasattr(message, 'clock') else message.header.stamp
+        assert stamp_ns(item.msgtype, raw) == stamp.sec * 10**9 + stamp.nanosec
+
+
+def test_types_without_a_stamp_have_none():
+    assert stamp_ns('tf2_msgs/msg/TFMessage', b'\0\1\0\0' + bytes(4)) is None
+    assert stamp_ns('geometry_msgs/msg/Twist', b'\0\1\0\0' + bytes(48)) is None
+    assert stamp_ns('nobody/msg/Knows', b'\0\1\0\0' + bytes(48)) is None
+    assert stamp_ns('nav_msgs/msg/Odometry', b'\0\1\0\0') is None
+
+
+def test_latched_topics_are_offered_transient_local():
+    assert contract_qos('/rover1/world_hash').durability.name == 'TRANSIENT_LOCAL'
+    assert contract_qos('/tf_static').durability.name == 'TRANSIENT_LOCAL'
+    assert contract_qos('/rover1/odom').durability.name == 'VOLATILE'
+
+
+def test_profiles_of_rclpy_are_taken():
+    forever = types.SimpleNamespace(nanoseconds=2**63 - 1)
+    profile = types.SimpleNamespace(
+        history=3, depth=0, reliability=2, durability=2, deadline=forever, lifespan=forever,
+        liveliness=1, liveliness_lease_duration=forever, avoid_ros_namespace_conventions=False)
+    recorded = as_recorded(profile, '/user/points')
+    assert (recorded.history.name, recorded.depth) == ('KEEP_LAST', 10)
+    assert recorded.reliability.name == 'BEST_EFFORT'
+    assert (recorded.deadline.sec, recorded.deadline.nsec) == (9223372036, 854775807)
+
+
+def test_own_types_come_with_their_definition(tmp_path):
+    definition = 'std_msgs/Header header\nfloat64 slip\n'
+    raw = synthetic.STORE.serialize_cdr(synthetic.header(3, 'base'), 'std_msgs/msg/Header')
+    raw = bytes(raw).ljust(28, b'\0') + bytes(8)
+    with BagWriter(tmp_path / 'bag') as writer:
+        with pytest.raises(BagError, match='my_msgs/msg/Slip is not known'):
+            writer.write('/slip', 'my_msgs/msg/Slip', raw, 0)
+        with pytest.raises(BagError, match='cannot be read'):
+            writer.add_topic('/slip', 'my_msgs/msg/Slip', definition='other_msgs/Unknown x')
+        writer.add_topic('/slip', 'my_msgs/msg/Slip', definition=definition)
+        assert writer.write('/slip', 'my_msgs/msg/Slip', raw, 0) == 3
+        with pytest.raises(BagError, match='has type my_msgs/msg/Slip in this bag'):
+            writer.write('/slip', 'std_msgs/msg/String', raw, 0)
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.first('/slip').slip == 0.0
+
+
+def test_nothing_is_overwritten(tmp_path):
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(BagError, match='exists already'):
+        BagWriter(tmp_path / 'bag')
+    with pytest.raises(BagError, match='valid are mcap, sqlite3'):
+        BagWriter(tmp_path / 'other', storage='rosbag1')
+    (tmp_path / 'file').touch()
+    with pytest.raises(BagError, match='cannot be made: Not a directory'):
+        BagWriter(tmp_path / 'file' / 'bag')
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_an_exception_leaves_a_marked_readable_bag(tmp_path, items, storage):
+    with pytest.raises(ZeroDivisionError):
+        with BagWriter(tmp_path / 'bag', storage=storage) as writer:
+            for item in items:
+                writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
+            1 / 0
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.incomplete == 'division by zero'
+        assert bag.message_count == len(items)
+    with pytest.raises(BagError, match='closed: division by zero'):
+        writer.flush()
+    writer.close()
+    assert (tmp_path / 'bag' / marker.MARKER_NAME).exists()
+
+
+@pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
+def test_a_kill_loses_at_most_a_second(tmp_path, storage, compression):
+    path = tmp_path / 'bag'
+    assert record(path, storage, compression).returncode == -signal.SIGKILL
+    with open_bag(path) as bag:
+        assert bag.incomplete == marker.UNFINISHED
+        before = [m for m in bag.raw()]
+        assert 1.2e9 <= bag.end_ns <= 2.2e9
+        assert sum(bag.counts.values()) == len(before)
+        last_odom = [m.time_ns for m in bag.raw(['odom'])]
+        assert last_odom == list(range(5_000_000, last_odom[-1] + 1, 5_000_000))
+    assert recover(path) == len(before)
+    assert recover(path) == len(before)
+    with open_bag(path) as bag:
+        assert list(bag.raw()) == before
+        assert bag.incomplete == marker.UNFINISHED
+    from rosbags.rosbag2 import Reader
+    with Reader(path) as reader:
+        assert len(list(reader.messages())) == len(before)
+    if storage == 'mcap':
+        make_reader = pytest.importorskip('mcap.reader').make_reader
+        with (path / 'bag.mcap').open('rb') as file:
+            assert len(list(make_reader(file).iter_messages())) == len(before)
+
+
+def test_a_cut_anywhere_is_survived(tmp_path, items):
+    """Cut at 16 places, the file opens and recovers to a prefix of the recording."""
+    path = synthetic.write(tmp_path / 'bag', items)
+    data = (path / 'bag.mcap').read_bytes()
+    whole = [m for m in everything(path)]
+    for i in range(16):
+        cut = tmp_path / f'cut{i}'
+        cut.mkdir()
+        (cut / 'bag.mcap').write_bytes(data[:50 + (len(data) - 51) * i // 15])
+        marker.mark(cut)
+        found = everything(cut)
+        assert set(found) <= set(whole)
+        assert recover(cut) == len(found)
+        assert everything(cut) == found
+        if i > 12:
+            assert found
+
+
+@pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
+def test_a_full_disk_is_one_error_and_a_readable_bag(tmp_path, storage, compression):
+    limit = 5_000_000 if compression == 'none' else 2_000_000
+    done = record(tmp_path / 'bag', storage, compression, limit)
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.count('\n') == 1
+    assert 'cannot be written' in done.stdout and 'marked incomplete' in done.stdout
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.incomplete
+        assert len(list(bag.raw())) == bag.message_count
+        assert bag.end_ns >= 1e9
+
+
+def test_recover_says_when_there_is_nothing_to_do(tmp_path, items):
+    path = synthetic.write(tmp_path / 'bag', items[:20])
+    with pytest.raises(BagError, match='nothing to recover'):
+        recover(path)
+    with pytest.raises(BagError, match='not a bag folder'):
+        recover(tmp_path / 'none')
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(BagError, match='neither .mcap nor .db3'):
+        recover(tmp_path / 'empty')
+
+
+def test_other_readers_understand_the_bag(tmp_path, items):
+    reader_module = pytest.importorskip('mcap.reader')
+    decoder = pytest.importorskip('mcap_ros2.decoder')
+    path = synthetic.write(tmp_path / 'bag', items, compression='zstd')
+    with (path / 'bag.mcap').open('rb') as file:
+        reader = reader_module.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
+        read = list(reader.iter_decoded_messages())
+    assert len(read) == len(items)
+    odom = [m for _, channel, _, m in read if channel.topic == '/odom']
+    expected = [i.message for i in items if i.topic == 'odom']
+    for mine, theirs in zip(expected, odom, strict=True):
+        assert theirs.pose.pose.position.x == mine.pose.pose.position.x
+        assert theirs.child_frame_id == mine.child_frame_id
+
+
+def test_a_damaged_file_is_named(tmp_path):
+    path = tmp_path / 'bag'
+    path.mkdir()
+    (path / 'metadata.yaml').write_text('nonsense: 1')
+    (path / 'bag.mcap').write_bytes(b'nonsense')
+    with pytest.raises(BagError, match='cannot be read as a bag'):
+        open_bag(path)
+    with pytest.raises(BagError, match='no such bag'):
+        open_bag(tmp_path / 'missing')
+    with pytest.raises(BagError, match='cannot be read as a bag'):
+        open_bag(path / 'bag.mcap')
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_damaged_bytes_are_one_error(tmp_path, storage):
+    """Bags with random bytes changed are checked, or refused in one line; 24 seeded ones."""
+    path = synthetic.write(tmp_path / 'bag', synthetic.drive(0.1), storage=storage)
+    originals = {p: p.read_bytes() for p in path.iterdir()}
+    data = next(p for p in originals if p.suffix != '.yaml')
+    rng = random.Random(1)
+    for i in range(24):
+        target = path / 'metadata.yaml' if i % 4 == 0 else data
+        damaged = bytearray(originals[target])
+        for _ in range(rng.choice((1, 3, 20))):
+            far = len(damaged) if i % 2 else min(3000, len(damaged))  # the index is at the end
+            damaged[-1 - rng.randrange(far)] = rng.randrange(256)
+        if rng.random() < 0.2:
+            damaged = damaged[:rng.randrange(len(damaged))]
+        for original, content in originals.items():
+            original.write_bytes(content)
+        target.write_bytes(damaged)
+        if rng.random() < 0.3:
+            (path / 'metadata.yaml').unlink()
+        try:
+            check(path)
+        except BagError as error:
+            assert '\n' not in str(error)
+
+
+def test_unknown_topics_offer_the_nearest(tmp_path, items):
+    path = synthetic.write(tmp_path / 'bag', items, namespace='/rover1')
+    with open_bag(path) as bag:
+        assert bag.namespace == '/rover1'
+        assert bag.resolve(topics.ODOM.name) == '/rover1/odom'
+        assert not bag.has('cmd_vel')
+        with pytest.raises(BagError, match='did you mean'):
+            bag.resolve('stereo/left/image')
+
+
+def test_flush_limits_what_memory_holds(tmp_path, items):
+    """A flush makes everything visible to another reader of the same file."""
+    with BagWriter(tmp_path / 'bag', flush_period_s=3600.0) as writer:
+        for item in items:
+            writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
+        writer.flush()
+        assert len(everything(tmp_path / 'bag')) == len(items)

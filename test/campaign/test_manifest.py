@@ -1,0 +1,251 @@
+"""What is recognised as finished, what is made again, what is left alone; no ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+import os
+from pathlib import Path
+import shutil
+
+import pytest
+import synthetic_bag
+
+from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.campaign import finish as finish_module
+from lunar_rover_sim.campaign import process
+from lunar_rover_sim.campaign.campaign_file import parse_campaign
+from lunar_rover_sim.campaign.card import write_card
+from lunar_rover_sim.campaign.episode import make_episode, Outcome
+from lunar_rover_sim.campaign.episode_plans import EpisodePlan, plan
+from lunar_rover_sim.campaign.layout import EPISODES, TASK_FILE
+from lunar_rover_sim.campaign.manifest import (file_table, MANIFEST, read_json, why_unfinished,
+                                               write_json)
+from lunar_rover_sim.campaign.pool import run_local
+from lunar_rover_sim.campaign.production import Dataset
+from lunar_rover_sim.campaign.statistics import MEANINGS, statistics
+from lunar_rover_sim.errors import BagError
+
+CAMPAIGN = parse_campaign('episodes: 3\nsettings: {run.duration_s: 1.0}',
+                          Path('/nowhere/test.yaml'))
+
+
+@pytest.fixture(scope='module')
+def plans() -> list[EpisodePlan]:
+    """Return the plans of the small campaign."""
+    return list(plan(CAMPAIGN))
+
+
+def attempt(folder: Path, name: str, scenario_hash: str, **task: object) -> Path:
+    """Lay out an attempt whose bag is the analytic one; return its folder."""
+    folder.mkdir(parents=True)
+    items = synthetic_bag.drive(1.0)
+    synthetic_bag.write(folder / EPISODES / 'bag', items)
+    (folder / EPISODES / 'scenario.yaml').write_text('x: 1\n')
+    write_json(folder / TASK_FILE, {'name': name, 'drawn': {'seed': 1}, 'formats': ['tum'],
+                                    'keep_bag': True, 'scenario_sha256': scenario_hash,
+                                    'run_wall_s': 1.0, **task})
+    return folder
+
+
+@pytest.fixture(scope='module')
+def episode(tmp_path_factory: pytest.TempPathFactory, plans: list[EpisodePlan]) -> Path:
+    """Return a finished episode, made from an analytic bag."""
+    folder = attempt(tmp_path_factory.mktemp('made') / 'try', '0000', plans[0].scenario_hash)
+    finish_module.finish(folder)
+    return folder / EPISODES
+
+
+def test_manifest_tells_all(episode: Path, plans: list[EpisodePlan]) -> None:
+    """Every file with size and hash; the bag's hash; the check; every statistic named."""
+    manifest = read_json(episode / MANIFEST)
+    assert manifest['bag_hash'] == bag_hash(episode / 'bag')
+    assert set(manifest['files']) == {
+        p.relative_to(episode).as_posix() for p in episode.rglob('*')
+        if p.is_file() and p.name != MANIFEST}
+    assert {entry['status'] for entry in manifest['check']} <= {'pass', 'warn', 'skip'}
+    assert set(MEANINGS) <= set(manifest['statistics'])
+    assert why_unfinished(episode, plans[0].scenario_hash) is None
+
+
+def test_statistics_of_the_analytic_bag(episode: Path) -> None:
+    """Path, sun, noise and depth are those that the bag was made with."""
+    found = statistics(episode / 'bag')
+    assert found['frames'] == 10
+    # From the first sample to the last one in steps of 0.1 s: 0.9 s on an arc.
+    assert found['distance_m'] == pytest.approx(0.9 * synthetic_bag.SPEED, rel=1e-3)
+    assert found['sun_azimuth_deg'] == pytest.approx(30.0)
+    assert found['sun_elevation_deg'] == pytest.approx(10.0)
+    # 1e-2 m/s^2 and 1e-3 rad/s per sample at 200 Hz; 200 samples know it to 5 %.
+    assert found['accel_noise_density'] == pytest.approx(1e-2 / 200**0.5, rel=0.15)
+    assert found['gyro_noise_density'] == pytest.approx(1e-3 / 200**0.5, rel=0.15)
+    assert found['sgm_error_px'] < 1e-4
+    assert 0.0 < found['ground_share'] < 1.0
+    # Levels are uniform from 30 to 230 and stand for the root of the signal: bright ground is 210,
+    # 5 % of its signal is 210 sqrt(0.05) = 47.
+    assert found['shadow_share'] == pytest.approx((47.0 - 30.0) / 200.0, abs=0.015)
+    assert found['textured_share'] > 0.5
+
+
+def cut(path: Path) -> None:
+    """Lose the end of a file."""
+    os.truncate(path, path.stat().st_size - 1)
+
+
+def flip(path: Path) -> None:
+    """Change one byte."""
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+
+
+@pytest.mark.parametrize(('name', 'damage', 'match'), [
+    ('bag/bag.mcap', cut, 'bytes'),
+    ('bag/bag.mcap', flip, 'is not what was recorded'),
+    ('scenario.yaml', Path.unlink, 'is missing'),
+    ('tum/groundtruth.txt', flip, 'is not what was recorded'),
+    (MANIFEST, Path.unlink, 'cannot be read'),
+    (MANIFEST, lambda p: p.write_text('{}'), 'format None'),
+    (MANIFEST, lambda p: p.write_text('[' * 100_000), 'cannot be read'),
+    (MANIFEST, lambda p: p.write_bytes(b'\xff\x00'), 'cannot be read')])
+def test_damage_is_found(name: str, damage: Callable[[Path], None], match: str, episode: Path,
+                         plans: list[EpisodePlan], tmp_path: Path) -> None:
+    """A byte more or less, and the episode is not finished."""
+    copy = tmp_path / 'copy'
+    shutil.copytree(episode, copy)
+    assert why_unfinished(copy, plans[0].scenario_hash) is None
+    damage(copy / name)
+    assert match in (why_unfinished(copy, plans[0].scenario_hash) or 'nothing')
+
+
+def test_survey(episode: Path, plans: list[EpisodePlan], tmp_path: Path) -> None:
+    """Finished stays, damaged and half-written are made again, failed waits for --retry."""
+    data = tmp_path / 'data'
+    with Dataset(data, CAMPAIGN) as dataset:
+        dataset.record()
+        shutil.copytree(episode, data / EPISODES / '0000')
+        shutil.copytree(episode, data / EPISODES / '0001')
+        (data / EPISODES / '0001' / MANIFEST).unlink()
+        (data / 'partial' / '0002.abc').mkdir()
+        write_json_in(data / 'failed' / '0002', {'error': 'no disk'})
+        progress = dataset.survey(plans, retry=False)
+        assert progress.finished == ['0000']
+        assert list(progress.remade) == progress.missing == ['0001']
+        assert progress.failed == {'0002': 'no disk'}
+        assert dataset.survey(plans, retry=True).missing == ['0001', '0002']
+        with pytest.raises(BagError, match='another campaign is writing'):
+            Dataset(data, CAMPAIGN)
+    assert not list((data / 'partial').iterdir())
+    card = write_card(data)
+    assert list(card['episodes']) == ['0000']
+    text = (data / 'README.md').read_text()
+    assert '1 episodes, 1 more failed' in text
+    assert all(name in text for name in MEANINGS)
+
+
+def write_json_in(folder: Path, content: dict[str, str]) -> None:
+    """Write error.json into a new folder."""
+    folder.mkdir(parents=True)
+    write_json(folder / 'error.json', content)
+
+
+def test_another_campaign_is_not_overwritten(episode: Path, plans: list[EpisodePlan],
+                                             tmp_path: Path) -> None:
+    """An episode of another scenario, or a folder of something else, is left as it is."""
+    data = tmp_path / 'data'
+    with Dataset(data, CAMPAIGN) as dataset:
+        shutil.copytree(episode, data / EPISODES / '0001')  # it was made from 0000's scenario
+        with pytest.raises(BagError, match='made from another scenario'):
+            dataset.survey(plans, retry=False)
+    assert why_unfinished(data / EPISODES / '0001') is None
+    (tmp_path / 'home').mkdir()
+    (tmp_path / 'home' / 'letter.txt').write_text('x')
+    with pytest.raises(BagError, match='not a data set'):
+        Dataset(tmp_path / 'home', CAMPAIGN)
+    assert [p.name for p in (tmp_path / 'home').iterdir()] == ['letter.txt']
+
+
+def test_a_bag_that_fails_its_check_is_no_episode(tmp_path: Path) -> None:
+    """The reason names check and finding."""
+    folder = tmp_path / 'try'
+    folder.mkdir()
+    items = [i for i in synthetic_bag.drive(1.0) if i.topic != 'imu/data_raw']
+    synthetic_bag.write(folder / EPISODES / 'bag', items[:-40])
+    write_json(folder / TASK_FILE, {'name': '0', 'drawn': {}, 'formats': [], 'keep_bag': True,
+                                    'scenario_sha256': '', 'run_wall_s': 1.0})
+    with pytest.raises(BagError, match='the bag check failed: .*imu/data_raw'):
+        finish_module.finish(folder)
+
+
+def test_exports_can_stand_alone(tmp_path: Path) -> None:
+    """keep_bag: false leaves the formats, and the manifest lists no bag."""
+    folder = attempt(tmp_path / 'try', '0', '', keep_bag=False)
+    finish_module.finish(folder)
+    manifest = read_json(folder / EPISODES / MANIFEST)
+    assert not any(name.startswith('bag/') for name in manifest['files'])
+    assert manifest['bag_hash']
+    assert (folder / EPISODES / 'tum' / 'associations.txt').is_file()
+
+
+def test_json_is_replaced_whole(tmp_path: Path) -> None:
+    """A value that cannot be written leaves the file before; NaN is no JSON."""
+    path = tmp_path / 'x.json'
+    write_json(path, {'a': 1})
+    with pytest.raises(ValueError, match='JSON'):
+        write_json(path, {'a': float('nan')})
+    assert json.loads(path.read_text()) == {'a': 1}
+    assert [p.name for p in tmp_path.iterdir()] == ['x.json']
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    """A link in an episode does not pull the rest of the disk into its manifest."""
+    (tmp_path / 'a').write_text('x')
+    (tmp_path / 'world').symlink_to('/etc')
+    (tmp_path / 'passwd').symlink_to('/etc/passwd')
+    assert list(file_table(tmp_path)) == ['a']
+
+
+def test_processes_end_in_time(tmp_path: Path) -> None:
+    """Told to end, then killed; what it said last is what is told."""
+    log = tmp_path / 'log'
+    ended = process.run(['sh', '-c', 'echo before; echo lunar_rover_sim: no world >&2; exit 3'],
+                        log, 10.0, 1.0)
+    assert (ended.status, ended.words) == (3, 'no world')
+    ended = process.run(['sh', '-c', 'trap "" TERM; sleep 60'], log, 0.3, 0.3)
+    assert ended.words == 'was not done within 0.3 s'
+    assert ended.wall_s < 10.0
+    ended = process.run(['sh', '-c', 'kill -9 $$'], log, 10.0, 1.0)
+    assert ended.words == 'ended with SIGKILL'
+
+
+def test_a_worker_that_does_not_see_the_folder_says_so(plans: list[EpisodePlan],
+                                                       tmp_path: Path) -> None:
+    """A cluster without a shared folder fails at once, and by name."""
+    with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
+        task = dataset.tasks(plans, ['0000'])[0]
+        outcome = make_episode(task, tmp_path / 'elsewhere')
+        assert 'does not see the folder' in outcome.error
+
+
+def test_the_pool_stops_when_told(plans: list[EpisodePlan], tmp_path: Path,
+                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C: what runs is told to stop, what waits is not begun, the exception goes on."""
+    begun: list[str] = []
+
+    def slow(task: object, dataset: Path, stopped: Callable[[], bool]) -> Outcome:
+        name = task.plan.name  # type: ignore[attr-defined]
+        begun.append(name)
+        while not stopped() and name != '0000':
+            pass
+        return Outcome(name, '', 0.0)
+
+    def interrupt(outcome: Outcome) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('lunar_rover_sim.campaign.pool.make_episode', slow)
+    with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
+        tasks = dataset.tasks(plans, [p.name for p in plans])
+        with pytest.raises(KeyboardInterrupt):
+            run_local(tasks, tmp_path, 1, interrupt)
+    assert begun[0] == '0000'
+    assert '0002' not in begun

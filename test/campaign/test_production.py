@@ -1,0 +1,150 @@
+"""Campaigns over real graphs: killed, resumed, reproduced byte for byte, on a real cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from conftest import command, processes_naming
+import pytest
+
+from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.campaign.production import failures, manifests
+
+pytestmark = pytest.mark.ros
+
+SMALL = """
+settings:
+  run.duration_s: 0.5
+  world.size_m: 12.8
+  world.surroundings.samples: 257
+  world.seed: 1
+  render_node.camera.width: 160
+  render_node.camera.height: 120
+  render_node.sgm.num_disparities: 32
+"""
+KILLED = 'design: grid\nformats: [tum]\nvary:\n  case:\n    choice:\n' + ''.join(
+    f'      - {case}\n' for case in (
+        '{render_node.sun.azimuth_deg: 20.0, seed: 5}',
+        '{render_node.sun.azimuth_deg: 140.0, seed: 6}',
+        '{world.source: dem, world.path: there_is_none.tif}')) + SMALL
+BLIND = """
+episodes: 4
+vary:
+  physics_node.start.yaw_deg: {uniform: [-180, 180]}
+""" + SMALL + '  run.nodes: [physics_node, gait_controller_node, drive_node, recorder_node]\n'
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    """Start `lunar_rover_sim campaign` in the background."""
+    return subprocess.Popen(command('campaign', *arguments), stdout=subprocess.PIPE,
+                            stderr=subprocess.STDOUT, text=True)
+
+
+def wait_until(condition: Callable[[], object], what: str, limit_s: float = 120.0) -> None:
+    """Wait until the condition holds."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.1)
+
+
+def recording(folder: Path) -> bool:
+    """Return whether an episode is being recorded."""
+    return any((folder / 'partial').glob('*/episodes/bag/*.mcap'))
+
+
+def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
+    """After kill -9 nothing runs on; the same call completes; a scenario alone makes its bag."""
+    (tmp_path / 'killed.yaml').write_text(KILLED)
+    arguments = (str(tmp_path / 'killed.yaml'), '-o', str(tmp_path / 'data'), '--jobs', '2')
+    campaign = start(*arguments)
+    wait_until(lambda: recording(tmp_path / 'data'), 'nothing was recorded')
+    campaign.kill()
+    campaign.communicate()
+    wait_until(lambda: not processes_naming(str(tmp_path / 'data')), 'processes are left', 40.0)
+
+    again = start(*arguments)
+    output, _ = again.communicate(timeout=240)
+    # One of three cannot be made: told, recorded, and no reason to stop.
+    assert again.returncode == 1, output
+    assert '2 of 3 episodes' in output
+    made = {m['name']: m for m in manifests(tmp_path / 'data')}
+    assert sorted(made) == ['0000', '0001']
+    assert 'there_is_none.tif' in failures(tmp_path / 'data')['0002']
+    assert not list((tmp_path / 'data' / 'partial').iterdir())
+    for name, manifest in made.items():
+        folder = tmp_path / 'data' / 'episodes' / name
+        assert (folder / 'tum' / 'groundtruth.txt').stat().st_size > 0
+        assert manifest['statistics']['frames'] == 5
+        assert manifest['bag_hash'] == bag_hash(folder / 'bag')
+    assert made['0000']['bag_hash'] != made['0001']['bag_hash']
+    assert 'CC-BY-4.0' in (tmp_path / 'data' / 'README.md').read_text()
+
+    before = time.monotonic()
+    third = start(*arguments)
+    output, _ = third.communicate(timeout=60)
+    assert '2 there, 0 to make, 1 failed before' in output
+    assert time.monotonic() - before < 60
+
+    scenario = tmp_path / 'data' / 'episodes' / '0001' / 'scenario.yaml'
+    subprocess.run(command('run', str(scenario), '-o', str(tmp_path / 'alone')), check=True,
+                   capture_output=True, timeout=120)
+    assert bag_hash(tmp_path / 'alone' / 'bag') == made['0001']['bag_hash']
+    assert (tmp_path / 'alone' / 'scenario.yaml').read_bytes() == scenario.read_bytes()
+
+
+@contextlib.contextmanager
+def cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Start a Dask scheduler and two workers of one thread; yield its address and the workers."""
+    file = folder / 'scheduler.json'
+    with contextlib.ExitStack() as stack:
+        def background(*arguments: str) -> subprocess.Popen[bytes]:
+            process = subprocess.Popen([sys.executable, '-m', 'distributed.cli.' + arguments[0],
+                                        *arguments[1:]], cwd=folder, stderr=subprocess.DEVNULL)
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+            return process
+
+        background('dask_scheduler', '--host', '127.0.0.1', '--port', '0', '--no-dashboard',
+                   '--scheduler-file', str(file))
+        wait_until(lambda: file.is_file() and file.stat().st_size, 'no scheduler')
+        address = json.loads(file.read_text())['address']
+        workers = [background('dask_worker', address, '--no-nanny', '--nthreads', '1',
+                              '--no-dashboard') for _ in range(2)]
+        yield address, workers
+
+
+def test_a_cluster_loses_a_worker(tmp_path: Path, world_folder: Path) -> None:
+    """One of two workers is killed while it records: all episodes arrive all the same."""
+    pytest.importorskip('distributed')
+    (tmp_path / 'blind.yaml').write_text(BLIND)
+    with cluster(tmp_path) as (address, workers):
+        campaign = start(str(tmp_path / 'blind.yaml'), '-o', str(tmp_path / 'data'),
+                         '--scheduler', address)
+        wait_until(lambda: len(list((tmp_path / 'data' / 'partial').glob('*/episodes/bag'))) > 1
+                   or campaign.poll() is not None, 'the workers did not start')
+        os.kill(workers[0].pid, signal.SIGKILL)
+        output, _ = campaign.communicate(timeout=240)
+        assert campaign.returncode == 0, output
+    assert [m['name'] for m in manifests(tmp_path / 'data')] == ['0000', '0001', '0002', '0003']
+    assert not failures(tmp_path / 'data')
+    assert not processes_naming(str(tmp_path / 'data'))
+
+
+def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
+    """One line, and the folder stays usable."""
+    pytest.importorskip('distributed')
+    (tmp_path / 'blind.yaml').write_text(BLIND)
+    campaign = start(str(tmp_path / 'blind.yaml'), '-o', str(tmp_path / 'data'),
+                     '--scheduler', 'tcp://127.0.0.1:9')
+    output, _ = campaign.communicate(timeout=120)
+    assert campaign.returncode == 1
+    assert '--scheduler tcp://127.0.0.1:9: no Dask scheduler answers' in output

@@ -1,0 +1,116 @@
+"""The commands `render`, `validate stereo` and `world preview`, as a user types them."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import worlds
+
+from lunar_rover_sim.camera.config import SensorConfig
+from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.snapshot import four_views, settle, standing
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world import world_folder
+
+LAYERS = ('left.png', 'right.png', 'preview.png', 'depth_m.npy', 'normal.npy', 'label.npy',
+          'radiance.npy', 'disparity_px.npy')
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return the folder of a small world."""
+    path = tmp_path_factory.mktemp('worlds') / 'small'
+    world_folder.save(worlds.small(), path)
+    return path
+
+
+def test_render_writes_all_layers(folder, tmp_path, capsys):
+    out = tmp_path / 'frames'
+    assert main(['render', 'baseline', '--world', str(folder), '--pose', '-1,0.5,-120',
+                 '--pose', '1,1,0,3', '-o', str(out)]) == 0
+    for k in range(2):
+        for name in LAYERS:
+            assert (out / f'{k:03d}_{name}').is_file()
+    left = cv2.imread(str(out / '000_left.png'), cv2.IMREAD_UNCHANGED)
+    depth, label = (np.load(out / f'000_{name}.npy') for name in ('depth_m', 'label'))
+    assert left.shape == depth.shape == label.shape == (480, 640)
+    assert np.array_equal(np.isinf(depth), label == 0)
+    # From 3 m the same ground is farther away.
+    assert np.load(out / '001_depth_m.npy')[470].min() > 5 * depth[470].min()
+    assert main(['render', 'baseline', '--world', str(folder), '-o', str(out)]) == 1
+    assert 'exists; name a new folder' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('arguments,message', [
+    (['--pose', '1e6,0,0'], 'pose: (1e+06, 0) lies outside the world; valid are x and y within'),
+    (['--set', 'render_node.sun.elevation_deg=-4'], 'sun.elevation_deg: -4.0 is not valid; valid'),
+    (['--set', 'render_node.sensor.exposure_s=0'], 'exposure_s: 0.0 is not valid; valid is > 0'),
+    (['--set', 'render_node.reflectance.ground=mars'], "reflectance.ground: 'mars' is not valid"),
+    (['--set', 'render_node.camera.distortion=[-1.5, 0, 0, 0, 0]'], 'distortion: [-1.5, 0.0,'),
+    (['--set', 'render_node.camera.width=9000'], 'camera.width: 9000 is not valid; valid is'),
+])
+def test_render_refuses(folder, tmp_path, capsys, arguments, message):
+    out = tmp_path / 'frames'
+    assert main(['render', 'baseline', '--world', str(folder), '-o', str(out), *arguments]) == 1
+    said = capsys.readouterr().err.strip()
+    assert message in said and '\n' not in said
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_exposure_of_a_still_is_at_rest():
+    world = worlds.small()
+    config = RenderConfig(sensor=SensorConfig(exposure_mode='auto'))
+    with Renderer(world, RoverDescription(), config) as renderer:
+        at, away = standing(world, 0.0, 0.0, 60.0), standing(world, 0.0, 0.0, 240.0)
+        renderer.render(at, np.zeros(4), 0, ('left',))
+        settle(renderer, away, np.zeros(4))
+        one, two = (renderer.render(away, np.zeros(4), k, ('left',)) for k in (0, 1))
+    assert one.exposure_s == pytest.approx(two.exposure_s, rel=0.02)
+    assert np.mean(one.left == 255) < 0.1
+
+
+def test_standing_is_square_to_the_slope():
+    world = worlds.small()
+    pose = standing(world, 1.0, -1.0, 30.0, 0.1)
+    np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
+    ground = float(world.height_at((1.0, -1.0)))
+    assert np.linalg.norm(pose[:3, 3] - [1.0, -1.0, ground]) == pytest.approx(0.1)
+    assert pose[2, 2] > 0.8
+    with pytest.raises(ConfigError, match='outside the world'):
+        standing(world, np.inf, 0.0, 0.0)
+
+
+def test_views_without_sun_are_lit_by_the_lamp():
+    views = four_views(worlds.small(), 60.0, -1.0)
+    assert len(views) == 4
+    for title, image in views[:3]:
+        assert image.shape == (480, 640) and image.max() > 100, title
+
+
+def test_preview_has_the_views(folder, tmp_path):
+    with_views, without = tmp_path / 'a.png', tmp_path / 'b.png'
+    assert main(['world', 'preview', str(folder), '-o', str(with_views)]) == 0
+    assert main(['world', 'preview', str(folder), '-o', str(without), '--no-views']) == 0
+    assert cv2.imread(str(with_views)).shape[0] > cv2.imread(str(without)).shape[0]
+
+
+def test_validate_stereo(tmp_path, capsys):
+    out = tmp_path / 'study'
+    small = ['world.size_m=12.8', 'world.surroundings.samples=257',
+             'render_node.camera.width=320', 'render_node.camera.height=240',
+             'render_node.sgm.num_disparities=64']
+    sets = [word for item in small for word in ('--set', item)]
+    assert main(['validate', 'stereo', 'baseline', '-n', '2', '-o', str(out), *sets]) == 0
+    summary = json.loads((out / 'stereo.json').read_text())['baseline']
+    assert summary['density on lit ground'] > 0.5
+    assert summary['end-point error [px]'] < 1.0
+    causes = [summary[key] for key in summary if key.startswith('invalid')]
+    assert sum(causes) == pytest.approx(1.0)
+    assert len(list(out.glob('*.png'))) == 2
+    assert 'bad-1' in capsys.readouterr().out
+    assert main(['validate', 'stereo', 'baseline', '-n', '0', '-o', str(tmp_path / 'x')]) == 1
+    assert 'frames: 0 is not valid; valid is >= 1' in capsys.readouterr().err

@@ -1,0 +1,145 @@
+"""The map from velocity to stride: inverse, scaled, saturated, read and written."""
+
+import math
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.resources import config_folder
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.gait.stride import STAND, Stride
+
+PACKAGED = config_folder() / 'gait_calibration.yaml'
+
+
+def tables():
+    return [GaitCalibration.default(), GaitCalibration.load(PACKAGED)]
+
+
+@pytest.mark.parametrize('table', tables(), ids=['analytic', 'packaged'])
+@pytest.mark.parametrize('forward', [0.03, 0.1, 0.17, 0.25])
+@pytest.mark.parametrize('yaw_rate', [-0.15, -0.05, 0.0, 0.02, 0.15])
+def test_the_map_is_inverted(table, forward, yaw_rate):
+    stride, scale = table.stride(forward, yaw_rate)
+    assert scale == 1.0
+    turn = turn_of(stride)
+    back = table.velocity(stride.phase_rate_hz, turn)
+    # Linear interpolation both ways, in a table that need not be smooth.
+    assert back[0] == pytest.approx(forward, rel=0.02)
+    assert back[1] == pytest.approx(yaw_rate, rel=0.02, abs=1e-3)
+
+
+def turn_of(stride):
+    """Return the turn of a forward stride, found by trial."""
+    turns = np.linspace(-1.0, 1.0, 20001)
+    others = [Stride.turning(stride.phase_rate_hz, turn) for turn in turns]
+    return turns[np.argmin([abs(other.duty_offset - stride.duty_offset)
+                            + abs(other.left_sweep - stride.left_sweep)
+                            + abs(other.right_sweep - stride.right_sweep) for other in others])]
+
+
+@pytest.mark.parametrize('table', tables(), ids=['analytic', 'packaged'])
+def test_left_and_right_forward_and_backward_are_mirrors(table):
+    left, _ = table.stride(0.1, 0.1)
+    right, _ = table.stride(0.1, -0.1)
+    assert (right.left_sweep, right.right_sweep) == (left.right_sweep, left.left_sweep)
+    assert right.duty_offset == -left.duty_offset
+    back, _ = table.stride(-0.1, -0.1)
+    assert (back.left_sweep, back.right_sweep) == (-left.left_sweep, -left.right_sweep)
+    assert back.phase_rate_hz == left.phase_rate_hz
+
+
+@pytest.mark.parametrize('table', tables(), ids=['analytic', 'packaged'])
+def test_on_the_spot_the_sides_turn_against_each_other(table):
+    stride, _ = table.stride(0.0, 0.1)
+    assert (stride.left_sweep, stride.right_sweep) == pytest.approx((-1.0, 1.0), abs=1e-6)
+    stride, _ = table.stride(0.0, -0.1)
+    assert (stride.left_sweep, stride.right_sweep) == pytest.approx((1.0, -1.0), abs=1e-6)
+
+
+@pytest.mark.parametrize('table', tables(), ids=['analytic', 'packaged'])
+def test_beyond_reach_the_curvature_is_kept(table):
+    for forward, yaw_rate in ((1.0, 0.5), (0.5, 0.1), (-1.0, 0.3), (0.1, 3.0)):
+        stride, scale = table.stride(forward, yaw_rate)
+        assert scale < 1.0
+        within, factor = table.stride(forward * scale, yaw_rate * scale)
+        assert factor == pytest.approx(1.0)
+        assert within.phase_rate_hz == pytest.approx(stride.phase_rate_hz, rel=1e-6)
+        assert within.duty_offset == pytest.approx(stride.duty_offset, abs=1e-6)
+        assert stride.phase_rate_hz <= GaitConfig().max_phase_rate_hz + 1e-9
+
+
+@pytest.mark.parametrize('table', tables(), ids=['analytic', 'packaged'])
+def test_small_velocities_are_continuous_with_standing(table):
+    assert table.stride(0.0, 0.0) == (STAND, 1.0)
+    assert table.stride(1e-5, 0.0)[0].stands
+    slow, _ = table.stride(0.002, 0.0)
+    assert 0.0 < slow.phase_rate_hz < 0.03
+
+
+def test_small_turns_have_an_answer_of_their_own():
+    """What hardly turns the rover is skipped: a dead band at small offsets is compensated."""
+    rates, turns = (1.0,), (0.0, 0.2, 0.4, 0.7, 1.0)
+    table = GaitCalibration(rates, turns, ((0.14, 0.14, 0.13, 0.06, 0.0),),
+                            ((0.0, 0.001, 0.1, 0.3, 0.5),))
+    stride, _ = table.stride(0.14, 0.02)
+    assert stride.duty_offset > 0.1   # the table's 0.2 (an offset of 0.1) makes only 0.001 rad/s
+
+
+def test_a_table_that_is_not_monotonic_is_still_inverted():
+    table = GaitCalibration((0.5, 1.0), (0.0, 0.3, 0.6, 0.8, 1.0),
+                            ((0.07, 0.07, 0.05, 0.055, 0.0), (0.14, 0.13, 0.1, 0.08, 0.0)),
+                            ((0.0, 0.05, 0.12, 0.11, 0.25), (0.0, 0.1, 0.2, 0.3, 0.5)))
+    turns = [1.0 - table.stride(0.05, w)[0].left_sweep for w in np.linspace(0.0, 0.3, 61)]
+    assert np.all(np.diff(turns) >= -1e-9)
+
+
+def test_another_gait_is_scaled_by_its_advance():
+    table = GaitCalibration.default()
+    wide, _ = table.stride(0.1, 0.0, GaitConfig(foot_width_deg=80.0))
+    usual, _ = table.stride(0.1, 0.0)
+    ratio = math.sin(math.radians(30.0)) / math.sin(math.radians(40.0))
+    assert wide.phase_rate_hz == pytest.approx(usual.phase_rate_hz * ratio)
+
+
+def test_written_and_read_again(tmp_path):
+    table = GaitCalibration.default()
+    table.save(tmp_path / 'table.yaml')
+    again = GaitCalibration.load(tmp_path / 'table.yaml')
+    np.testing.assert_allclose(again.forward_mps, table.forward_mps, atol=1e-5)
+    assert again.turns == table.turns and dict(again.conditions) == dict(table.conditions)
+    assert list(tmp_path.iterdir()) == [tmp_path / 'table.yaml']
+    assert GaitCalibration.load(None) == table
+
+
+@pytest.mark.parametrize(('text', 'message'), [
+    ('turns: [', 'cannot be read'),
+    ('3', 'is not a table'),
+    ('speed: 3', 'speed: no such entry'),
+    ('turns: [0, 1]', 'phase_rates_hz, forward_mps, yaw_rate_radps missing'),
+    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1]], yaw_rate_radps: [[0, 1]]}',
+     'forward_mps: not a table of 1 rows'),
+    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1, .nan]],'
+     ' yaw_rate_radps: [[0, 1]]}', 'finite'),
+    ('{phase_rates_hz: [1, 1], turns: [0, 1], forward_mps: [[0.1, 0], [0.1, 0]],'
+     ' yaw_rate_radps: [[0, 1], [0, 1]]}', 'phase_rates_hz: .*increasing'),
+    ('{phase_rates_hz: [1], turns: [0, 0.9], forward_mps: [[0.1, 0]], yaw_rate_radps: [[0, 1]]}',
+     'turns: .*from 0 to 1'),
+    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[-0.1, 0]], yaw_rate_radps: [[0, 1]]}',
+     'walk forward'),
+    ('{phase_rates_hz: [x], turns: [0, 1], forward_mps: [[1, 0]], yaw_rate_radps: [[0, 1]]}',
+     'not a table of numbers'),
+])
+def test_files_that_are_no_table_are_refused_by_name(tmp_path, text, message):
+    path = tmp_path / 'bad.yaml'
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message) as caught:
+        GaitCalibration.load(path)
+    assert str(path) in str(caught.value) and '\n' not in str(caught.value)
+
+
+def test_a_missing_file_is_named_with_the_remedy(tmp_path):
+    with pytest.raises(ConfigError, match='calibrate gait'):
+        GaitCalibration.load(tmp_path / 'none.yaml')

@@ -1,0 +1,153 @@
+"""Reflectance: the reference against what is published, the shader against the reference."""
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.illumination import hapke
+from lunar_rover_sim.rendering.context import create_context, load_program, set_uniform
+
+HIGHLAND, MARE = hapke.SETS['highland'], hapke.SETS['mare']
+
+
+def principal_plane(phase_deg, parameters, emission_deg=0.0):
+    """Reflectance with the sun and the eye in one vertical plane."""
+    e, g = np.radians(emission_deg), np.radians(phase_deg)
+    return hapke.reflectance(np.cos(g - e), np.cos(e), np.cos(g), parameters)
+
+
+def test_normal_albedo_of_highland_and_mare():
+    # Normal albedo in the red: highlands 0.11 to 0.18, maria 0.07 to 0.10 (Heiken et al., 1991,
+    # Lunar Sourcebook; Lucey et al., 2014, J. Geophys. Res. Planets 119, 1665).
+    assert 0.13 < hapke.normal_albedo(HIGHLAND) < 0.19
+    assert 0.06 < hapke.normal_albedo(MARE) < 0.10
+    assert hapke.normal_albedo(MARE) < 0.6 * hapke.normal_albedo(HIGHLAND)
+
+
+def test_opposition_surge():
+    # Clementine and LROC: brightness rises by more than 40 % between 4-5 deg and 0 deg of phase
+    # (Buratti et al., 1996); Hapke's B falls to half its amplitude at tan(g/2) = h.
+    surge = principal_plane(0.0, HIGHLAND) / principal_plane(5.0, HIGHLAND)
+    assert 1.2 < surge < 1.6
+    half = 2.0 * np.arctan(HIGHLAND.h_s)
+    assert hapke.opposition(half, HIGHLAND.b_s0, HIGHLAND.h_s) == pytest.approx(
+        HIGHLAND.b_s0 / 2)
+
+
+def whole_disc(phase_deg, parameters):
+    """Brightness of a globe of this ground, in any unit."""
+    g = np.radians(phase_deg)
+    angle = np.radians(np.arange(-89.0, 90.0, 2.0))
+    latitude, longitude = np.meshgrid(angle, angle, indexing='ij')
+    mu = np.cos(latitude) * np.cos(longitude)
+    mu0 = np.cos(latitude) * np.cos(longitude - g)
+    r = hapke.reflectance(mu0, mu, np.cos(g), parameters)
+    return float((r * mu * np.cos(latitude)).sum())
+
+
+@pytest.mark.parametrize('phase_deg,magnitudes', [(60.0, 1.7), (90.0, 2.6), (120.0, 3.9)])
+def test_phase_curve_is_that_of_the_moon(phase_deg, magnitudes):
+    # The Moon loses 1.7, 2.6 and 3.9 mag from full to these phases (Lane & Irvine, 1973, Astron.
+    # J. 78, 267; Allen's Astrophysical Quantities). Highlands cover five sixths of it.
+    fall = -2.5 * np.log10(whole_disc(phase_deg, HIGHLAND) / whole_disc(0.0, HIGHLAND))
+    assert fall == pytest.approx(magnitudes, abs=0.35)
+
+
+def test_phase_curve_falls_all_the_way():
+    fall = principal_plane(0.0, HIGHLAND) / principal_plane(60.0, HIGHLAND)
+    assert 3.0 < fall < 7.0
+    phases = np.arange(0.0, 89.0, 1.0)
+    assert np.all(np.diff(principal_plane(phases, HIGHLAND)) < 0.0)
+
+
+def test_low_albedo_is_half_as_bright():
+    from lunar_rover_sim.run.scenario import load_scenario
+
+    def normal_albedo(name):
+        ground = load_scenario(name).render_node.reflectance
+        kind = hapke.parameter_set(ground.ground)
+        return float(np.pi * hapke.reflectance(1.0, 1.0, 1.0, kind, albedo=ground.albedo_scale))
+    assert normal_albedo('low_albedo') / normal_albedo('baseline') == pytest.approx(0.5, abs=0.03)
+
+
+def test_full_moon_has_no_limb_darkening():
+    # At zero phase brightness hardly depends on the angle of incidence (dark surfaces scatter as
+    # Lommel and Seeliger say): within 20 % up to 70 deg.
+    angle = np.radians(np.array([0.0, 30.0, 50.0, 70.0]))
+    r = hapke.reflectance(np.cos(angle), np.cos(angle), 1.0, HIGHLAND)
+    assert np.ptp(r) / r[0] < 0.2
+
+
+def test_phase_function_is_normalised():
+    g = np.linspace(0.0, np.pi, 20001)
+    p = hapke.phase_function(g, HIGHLAND.b, HIGHLAND.c)
+    mean = np.sum(0.5 * (p * np.sin(g))[1:] + 0.5 * (p * np.sin(g))[:-1]) * (g[1] - g[0]) / 2
+    assert mean == pytest.approx(1.0, abs=1e-6)
+
+
+def test_reciprocity_of_the_smooth_surface():
+    # Helmholtz: r(i, e) / cos i = r(e, i) / cos e.
+    a = hapke.reflectance(0.3, 0.8, 0.5, MARE, theta_deg=0.0) / 0.3
+    b = hapke.reflectance(0.8, 0.3, 0.5, MARE, theta_deg=0.0) / 0.8
+    assert a == pytest.approx(b, rel=1e-12)
+
+
+def test_no_light_from_behind():
+    assert hapke.reflectance(-0.1, 0.5, 0.0, MARE) == 0.0
+    assert hapke.reflectance(0.5, -0.1, 0.0, MARE) == 0.0
+
+
+def test_diffuse_albedo_is_below_normal_albedo():
+    # A dark, backscattering surface: Bond albedo about 0.11 to 0.12 for the whole Moon.
+    assert 0.06 < hapke.hemispherical_albedo(HIGHLAND) < 0.16
+
+
+def test_unknown_set():
+    with pytest.raises(ConfigError, match='did you mean highland'):
+        hapke.parameter_set('higland')
+
+
+@pytest.mark.parametrize('name', sorted(hapke.SETS))
+@pytest.mark.parametrize('theta_deg', [0.0, 8.0, 23.4])
+def test_shader_says_the_same(name, theta_deg, tmp_path, monkeypatch):
+    parameters = hapke.SETS[name]
+    i, e, psi = np.meshgrid(np.radians(np.linspace(0.0, 87.0, 30)),
+                            np.radians(np.linspace(0.0, 87.0, 30)),
+                            np.radians(np.linspace(0.0, 180.0, 37)), indexing='ij')
+    mu0, mu = np.cos(i), np.cos(e)
+    cos_g = mu0 * mu + np.sin(i) * np.sin(e) * np.cos(psi)
+    grid = np.stack([mu0, mu, cos_g], axis=-1).reshape(-1, 37 * 30, 3).astype(np.float32)
+    expected = hapke.reflectance(grid[..., 0].astype(float), grid[..., 1].astype(float),
+                                 grid[..., 2].astype(float), parameters, theta_deg=theta_deg,
+                                 albedo=0.9)
+    from lunar_rover_sim.rendering import context as module
+    text = """#include "hapke.glsl"
+        uniform sampler2D u_angles; uniform Hapke u_set; uniform float u_theta;
+        out float o_r;
+        void main() {
+            vec3 a = texelFetch(u_angles, ivec2(gl_FragCoord.xy), 0).rgb;
+            o_r = hapke(a.x, a.y, a.z, u_theta, 0.9, u_set);
+        }"""
+    real = module.source
+    monkeypatch.setattr(module, 'source', lambda file: real(file) if file != 'probe.frag' else
+                        text.replace('#include "hapke.glsl"', real('hapke.glsl')))
+    context = create_context()
+    try:
+        program = load_program(context, 'screen', 'probe')
+        height, width = grid.shape[:2]
+        angles = context.texture((width, height), 3, grid.tobytes(), dtype='f4')
+        angles.filter = (context.NEAREST, context.NEAREST)
+        target = context.framebuffer([context.texture((width, height), 1, dtype='f4')])
+        target.use()
+        angles.use(0)
+        set_uniform(program, u_angles=0, u_theta=float(np.tan(np.radians(theta_deg))),
+                    **{f'u_set.{key}': getattr(parameters, key)
+                       for key in ('w', 'b', 'c', 'b_s0', 'h_s')})
+        context.vertex_array(program, []).render(vertices=3)
+        drawn = np.frombuffer(target.read(components=1, dtype='f4'), np.float32)
+    finally:
+        context.release()
+    error = np.abs(drawn.reshape(height, width) / expected - 1.0)
+    # Where roughness is next to nothing its azimuth is ill-conditioned in single precision.
+    assert np.quantile(error, 0.999) < 1e-3
+    assert error.max() < (1e-3 if theta_deg else 5e-3)

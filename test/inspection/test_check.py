@@ -1,0 +1,301 @@
+"""`bag check` and `bag hash`: a good bag passes; every damage is found and named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import copy
+import dataclasses
+
+import numpy as np
+import pytest
+import synthetic_bag as synthetic
+from synthetic_bag import Item
+
+from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
+from lunar_rover_sim.bag.writer import BagWriter
+from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.inspection.report import Status
+
+SCENARIO = """
+/**:
+  ros__parameters: {seed: 1, world: /nowhere/world, time_mode: MODE}
+run:
+  ros__parameters: {duration_s: 0.6}
+rover:
+  ros__parameters: {imu: {position_m: [0.0, 0.0, 0.0], rpy_deg: [0.0, 0.0, 0.0]},
+                    stereo: {baseline_m: 0.1}}
+physics_node:
+  ros__parameters: {state_rate_hz: 200, gravity_mps2: 1.62}
+render_node:
+  ros__parameters: {frame_rate_hz: 10}
+recorder_node:
+  ros__parameters: {topics: [all]}
+"""
+
+
+@pytest.fixture(scope='module')
+def good() -> list[Item]:
+    items = synthetic.drive(0.6)
+    next(i for i in items if i.topic == 'scenario').message.data = \
+        SCENARIO.replace('MODE', 'lockstep')
+    return items
+
+
+def stamp_of(item: Item) -> int:
+    if item.topic == 'clock':
+        stamp = item.message.clock
+    elif item.topic == 'tf':
+        stamp = item.message.transforms[0].header.stamp
+    elif not hasattr(item.message, 'header'):
+        return 0
+    else:
+        stamp = item.message.header.stamp
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def edited(items: list[Item], topic: str, edit: Callable[[object], object],
+           at_s: float | None = None) -> list[Item]:
+    """Return the items with `edit` applied to copies of the messages of a topic."""
+    result = []
+    for item in items:
+        if item.topic == topic and (at_s is None or stamp_of(item) == round(at_s * 1e9)):
+            item = dataclasses.replace(item, message=copy.deepcopy(item.message))
+            if edit(item.message) is False:
+                continue
+        result.append(item)
+    return result
+
+
+def setter(path: str, value: object) -> Callable[[object], object]:
+    """Return an edit that sets the dotted field `path`; a function changes the old value."""
+    def edit(message: object) -> None:
+        *parents, name = path.split('.')
+        for parent in parents:
+            message = getattr(message, parent)
+        new = value(getattr(message, name)) if callable(value) else value
+        setattr(message, name, new)
+    return edit
+
+
+def drop(_: object) -> bool:
+    return False
+
+
+def floats(image: object) -> np.ndarray:
+    return image.data.view(np.float32).copy()
+
+
+def with_floats(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[object], object]:
+    def edit(message: object) -> None:
+        image = getattr(message, 'image', message)
+        image.data = change(floats(image)).astype(np.float32).view(np.uint8)
+    return edit
+
+
+def nan_at(path: str) -> Callable[[object], object]:
+    return setter(path, float('nan'))
+
+
+def shift(ns: int) -> Callable[[object], object]:
+    return setter('header.stamp.nanosec', lambda old: old + ns)
+
+
+def swapped(items: list[Item]) -> list[Item]:
+    names = {'stereo/left/camera_info': 'stereo/right/camera_info',
+             'stereo/right/camera_info': 'stereo/left/camera_info'}
+    return [dataclasses.replace(i, topic=names.get(i.topic, i.topic)) for i in items]
+
+
+def at(value: float) -> Callable[[np.ndarray], np.ndarray]:
+    def change(values: np.ndarray) -> np.ndarray:
+        values[-1] = value
+        return values
+    return change
+
+
+FORCE = 'linear_acceleration'
+DAMAGES: dict[str, tuple[Callable[[list[Item]], list[Item]], str, str]] = {
+    'odometry message lost': (
+        lambda b: edited(b, 'odom', drop, 0.5), 'state counts', 'odom: 1 of 120 missing'),
+    'joint command twice': (
+        lambda b: b + [i for i in b if i.topic == 'joint_commands'][:1], 'stamps increase',
+        'joint_commands'),
+    'right image late': (
+        lambda b: edited(b, 'stereo/right/image_raw', shift(4_000_000), 0.5), 'stereo sets',
+        'stereo/right/image_raw lacks 1'),
+    'pose of an image lost': (
+        lambda b: edited(b, 'odom', drop, 0.6), 'pose per image', 'no odometry at 0.600000 s'),
+    'stereo set between states': (
+        lambda b: [i for t in b for i in (edited([t], t.topic, shift(1_000_000), 0.5)
+                                          if t.topic.startswith(('stereo', 'ground_truth/depth'))
+                                          else [t])],
+        'frame counts', 'off the grid'),
+    'topic missing': (
+        lambda b: [i for i in b if i.topic != 'ground_truth/imu_bias'], 'topics',
+        'ground_truth/imu_bias'),
+    'world hash missing': (
+        lambda b: [i for i in b if i.topic != 'world_hash'], 'world hash', 'not in the bag'),
+    'world hash nonsense': (
+        lambda b: edited(b, 'world_hash', setter('data', 'the moon')), 'world hash', 'hexadec'),
+    'cut short': (
+        lambda b: [i for i in b if stamp_of(i) < 5 * 10**8],
+        'duration', 'of the 0.600 s'),
+    'NaN in a joint': (
+        lambda b: edited(b, 'joint_states', setter('position', np.array([0, np.nan, 0, 0])), 0.5),
+        'contents', 'joint_states at 0.500 s position holds nan'),
+    'NaN in a pose': (
+        lambda b: edited(b, 'odom', nan_at('pose.pose.position.z'), 0.5), 'contents', 'odom'),
+    'infinite contact': (
+        lambda b: edited(b, 'contacts/rear_left', setter('wrench.force.x', float('inf')), 0.5),
+        'contents', 'contacts/rear_left at 0.500 s wrench.force.x is inf'),
+    'NaN in true depth': (
+        lambda b: edited(b, 'ground_truth/depth/image', with_floats(at(np.nan)), 0.5),
+        'contents', 'ground_truth/depth/image at 0.500 s 1 pixels are NaN'),
+    'short quaternion': (
+        lambda b: edited(b, 'odom', setter('pose.pose.orientation.w', 0.9), 0.5), 'contents',
+        'has length'),
+    'joint without position': (
+        lambda b: edited(b, 'joint_states', setter('position', np.zeros(3)), 0.5), 'contents',
+        '3 values for 4 joints'),
+    'image cut': (
+        lambda b: edited(b, 'stereo/left/image_raw', setter('data', lambda d: d[:-160]), 0.5),
+        'contents', 'stereo/left/image_raw at 0.500 s data holds'),
+    'black images': (
+        lambda b: edited(b, 'stereo/left/image_raw', setter('data', lambda d: d * 0)), 'images',
+        'one single grey'),
+    'wrong frame': (
+        lambda b: edited(b, 'stereo/depth/image', setter('header.frame_id', 'base_link')),
+        'frames', 'base_link'),
+    'gravity with the wrong sign': (
+        lambda b: edited(b, 'ground_truth/imu', setter(f'{FORCE}.z', lambda z: -z)),
+        'imu and odometry', 'specific force drifts'),
+    'gyroscope in degrees': (
+        lambda b: edited(b, 'ground_truth/imu', setter('angular_velocity.y',
+                                                       lambda w: np.degrees(w))),
+        'imu and odometry', 'angular velocity drifts'),
+    'twist in the world frame': (
+        lambda b: edited(b, 'odom', setter('twist.twist.linear.y', lambda v: v + 0.01)),
+        'imu and odometry', 'twist drifts'),
+    'IMU turned': (
+        lambda b: edited(b, 'ground_truth/imu', setter('orientation.x', lambda x: x + 1e-4)),
+        'imu and odometry', 'turned'),
+    'IMU one sample late': (
+        lambda b: late_imu(b), 'imu and odometry', 'drifts'),
+    'raw IMU without gravity': (
+        lambda b: edited(b, 'imu/data_raw', setter(f'{FORCE}.z', lambda z: z - 1.62)),
+        'imu noise', 'specific force z'),
+    'disparity scaled': (
+        lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d * 1.1)),
+        'disparity and depth', 'px'),
+    'disparity off by half a pixel': (
+        lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d + 0.45)),
+        'disparity and depth', 'shift'),
+    'one disparity of another frame': (
+        lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d[::-1]), 0.5),
+        'disparity and depth', 'at 0.500 s'),
+    'disparity scaled by two percent': (
+        lambda b: edited(b, 'stereo/disparity', with_floats(lambda d: d * 1.02)),
+        'disparity and depth', 'scale'),
+    'disparity of another baseline': (
+        lambda b: edited(b, 'stereo/disparity', setter('t', 0.12)), 'calibration', 't = 0.12 m'),
+    'camera infos exchanged': (swapped, 'calibration', 'P[3]'),
+    'depth in millimetres': (
+        lambda b: edited(b, 'stereo/depth/image', with_floats(lambda z: z * 1000)),
+        'depth and disparity', 'differs from f t / d'),
+}
+
+
+def late_imu(items: list[Item]) -> list[Item]:
+    """Give every true IMU sample the signal of the one before."""
+    signal = [i for i in items if i.topic == 'ground_truth/imu']
+    before = {stamp_of(now): then.message for then, now in zip(signal, signal[1:])}
+
+    def edit(message: object) -> None:
+        stamp = message.header.stamp
+        old = before.get(stamp.sec * 10**9 + stamp.nanosec)
+        if old is not None:
+            message.linear_acceleration = old.linear_acceleration
+            message.angular_velocity = old.angular_velocity
+    return edited(items, 'ground_truth/imu', edit)
+
+
+def test_a_good_bag_passes(tmp_path, good):
+    report = check(synthetic.write(tmp_path / 'bag', good))
+    assert report.ok, report.failed
+    assert {f.status for f in report.findings} == {Status.PASS}
+    assert len(report.findings) >= 15
+
+
+@pytest.mark.parametrize('damage', DAMAGES)
+def test_damage_is_found_and_named(tmp_path, good, damage):
+    make, name, words = DAMAGES[damage]
+    report = check(synthetic.write(tmp_path / 'bag', make(good)))
+    found = {f.check: f.detail for f in report.failed}
+    assert name in found
+    assert words in found[name]
+
+
+def test_an_unfinished_bag_is_named(tmp_path, good):
+    path = synthetic.write(tmp_path / 'bag', good)
+    marker.mark(path, 'No space left on device')
+    assert [f.detail for f in check(path).failed] == ['No space left on device']
+
+
+def test_drops_in_real_time_are_warnings(tmp_path, good):
+    items = [dataclasses.replace(i, message=copy.deepcopy(i.message))
+             if i.topic == 'scenario' else i for i in good]
+    next(i for i in items if i.topic == 'scenario').message.data = \
+        SCENARIO.replace('MODE', 'real_time')
+    report = check(synthetic.write(tmp_path / 'bag', edited(items, 'odom', drop, 0.405)))
+    assert report.ok
+    assert [f.check for f in report.findings if f.status is Status.WARN] == ['state counts']
+
+
+def test_a_namespace_is_derived(tmp_path, good):
+    path = synthetic.write(tmp_path / 'bag', edited(good, 'odom', drop, 0.5),
+                           namespace='/rover1')
+    assert {f.check for f in check(path).failed} == {'state counts', 'pose per image'}
+
+
+def test_two_rovers_in_one_bag(tmp_path, good):
+    with BagWriter(tmp_path / 'bag') as writer:
+        for namespace in ('/a', '/b'):
+            for item in good:
+                if namespace == '/a' or item.topic != 'world_hash':
+                    writer.write(f'{namespace}/{item.topic}', item.msgtype,
+                                 synthetic.serialise(item), 0)
+    assert {f.check for f in check(tmp_path / 'bag').failed} == {'b topics', 'b world hash'}
+
+
+def test_the_hash_is_that_of_the_content(tmp_path, good):
+    plain = synthetic.write(tmp_path / 'a', good)
+    rng = np.random.default_rng(0)
+    order = sorted(range(len(good)), key=lambda i: (good[i].topic, i))
+    shuffled = [good[i] for i in order]
+    other = synthetic.write(tmp_path / 'b', shuffled, storage='sqlite3', compression='zstd')
+    assert bag_hash(plain) == bag_hash(other)
+    assert rng is not None
+    changed = edited(good, 'odom', setter('pose.pose.position.x', lambda x: x + 1e-15), 0.5)
+    hashes = topic_hashes(plain)
+    differing = topic_hashes(synthetic.write(tmp_path / 'c', changed))
+    assert {t for t in hashes if hashes[t] != differing[t]} == {'/odom'}
+
+
+def test_padding_and_wall_time_do_not_count(tmp_path, good):
+    log = synthetic.msg('rcl_interfaces/Log', stamp=synthetic.time(10**18), level=20, name='n',
+                        msg='m', file='f', function='g', line=1)
+    with BagWriter(tmp_path / 'a') as one, BagWriter(tmp_path / 'b') as two:
+        two.write('/rosout', 'rcl_interfaces/msg/Log',
+                  bytes(synthetic.STORE.serialize_cdr(log, 'rcl_interfaces/msg/Log')), 0)
+        for item in good[:500]:
+            raw = synthetic.serialise(item)
+            one.write(f'/{item.topic}', item.msgtype, raw, 0)
+            if item.topic == 'odom':  # the 3 bytes behind 'odom\0', and the options
+                raw = bytearray(raw)
+                assert raw[16:21] == b'odom\0' and raw[21:24] == bytes(3)
+                raw[21:24] = b'abc'
+                raw[2:4] = b'\0\3'
+            two.write(f'/{item.topic}', item.msgtype, bytes(raw), 0)
+    assert bag_hash(tmp_path / 'a') == bag_hash(tmp_path / 'b')
+    assert '/rosout' not in topic_hashes(tmp_path / 'b')

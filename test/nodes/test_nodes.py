@@ -1,0 +1,395 @@
+"""Every node alone, beside a plain rclpy program, as in somebody else's stack."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.ros
+rclpy = pytest.importorskip('rclpy')
+
+from geometry_msgs.msg import Twist  # noqa: E402  (needs rclpy)
+from nav_msgs.msg import Odometry  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
+from std_srvs.srv import SetBool, Trigger  # noqa: E402
+from stereo_msgs.msg import DisparityImage  # noqa: E402
+
+from lunar_rover_sim.nodes.conversions import time_ns  # noqa: E402
+
+LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
+SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
+                'sgm.num_disparities:=32')
+
+
+class Peer:
+    """A plain rclpy node with the default QoS of a script."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node('peer')
+
+    def listen(self, kind: Any, topic: str) -> list[Any]:
+        """Return a list that fills with the messages of a topic."""
+        received: list[Any] = []
+        self.node.create_subscription(kind, topic, received.append, 10)
+        return received
+
+    def spin_until(self, condition: Callable[[], bool], limit_s: float = 30.0,
+                   meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Spin until the condition holds; call `meanwhile` about 20 times a second."""
+        deadline = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < deadline, 'nothing came'
+            meanwhile()
+            until = time.monotonic() + 0.05
+            while time.monotonic() < until:
+                rclpy.spin_once(self.node, timeout_sec=0.01)
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Call a service and return its response."""
+        client = self.node.create_client(kind, service)
+        assert client.wait_for_service(30.0)
+        for _ in range(5):
+            # A response is lost where the service has not yet discovered who asks.
+            future = client.call_async(request)
+            rclpy.spin_until_future_complete(self.node, future, timeout_sec=6.0)
+            if future.done():
+                return future.result()
+        raise AssertionError(f'{service} does not answer')
+
+
+@pytest.fixture()
+def peer(domain: int) -> Iterator[Peer]:
+    """Give a plain rclpy node in a domain of its own."""
+    peer = Peer()
+    yield peer
+    peer.node.destroy_node()
+    rclpy.try_shutdown()
+
+
+@contextmanager
+def running(name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a node as `ros2 run` would, and end it with SIGINT."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def fails(name: str, *arguments: str) -> str:
+    """Run a node that must refuse its parameters; return its one line."""
+    finished = subprocess.run(
+        [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
+        capture_output=True, text=True, timeout=60)
+    assert finished.returncode == 1, finished.stdout + finished.stderr
+    lines = finished.stderr.strip().splitlines()
+    assert len(lines) == 1, finished.stderr
+    return lines[0]
+
+
+def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
+    """Remapped commands from a script turn the legs; pause and step work."""
+    odometry = peer.listen(Odometry, 'odom')
+    joints = peer.listen(JointState, 'joint_states')
+    publisher = peer.node.create_publisher(JointState, 'my_commands', 10)
+
+    def turn() -> None:
+        publisher.publish(JointState(name=LEGS, velocity=[3.0] * 4))
+
+    with running('physics_node', '-p', f'world:={world_folder}', '-r',
+                 'joint_commands:=my_commands'):
+        peer.spin_until(lambda: bool(joints) and min(joints[-1].position) > 2.0, meanwhile=turn)
+        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in odometry]
+        assert all(b > a and (b - a) % 5_000_000 == 0 for a, b in zip(stamps, stamps[1:]))
+        assert odometry[-1].header.frame_id == 'odom'
+
+        assert peer.call(SetBool, 'physics_node/pause', SetBool.Request(data=True)).success
+        peer.spin_until(lambda: True)
+        before = odometry[-1].header.stamp
+        assert peer.call(Trigger, 'physics_node/step', Trigger.Request()).success
+        peer.spin_until(lambda: odometry[-1].header.stamp != before)
+        assert peer.call(Trigger, 'physics_node/reset', Trigger.Request()).success
+        assert peer.call(SetBool, 'physics_node/pause', SetBool.Request(data=False)).success
+        count = len(odometry)
+        peer.spin_until(lambda: len(odometry) > count + 5)
+        position = odometry[-1].pose.pose.position
+        assert np.hypot(position.x, position.y) < 0.05
+
+
+def test_gait_node_answers_a_hand_made_state(peer: Peer) -> None:
+    """Each joint state gets the command that bears its stamp; cmd_vel moves it."""
+    commands = peer.listen(JointState, 'joint_commands')
+    states = peer.node.create_publisher(JointState, 'joint_states', 10)
+    velocities = peer.node.create_publisher(Twist, 'cmd_vel', 10)
+    ticks = [0]
+
+    def tick() -> None:
+        velocities.publish(Twist())
+        twist = Twist()
+        twist.linear.x = 0.1
+        velocities.publish(twist)
+        ticks[0] += 1
+        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
+        state.header.stamp.nanosec = 5_000_000 * ticks[0]
+        states.publish(state)
+
+    with running('gait_controller_node', '-p', 'enable_stamped_cmd_vel:=false'):
+        peer.spin_until(lambda: len(commands) > 3 and max(commands[-1].velocity) > 0.1,
+                        meanwhile=tick)
+    assert all(command.header.stamp.nanosec % 5_000_000 == 0 for command in commands)
+    assert list(commands[-1].name) == LEGS
+    assert len(commands[-1].position) == 4
+
+
+def test_gait_parameters_change_while_it_runs(peer: Peer) -> None:
+    """As with `ros2 param set`: valid values are taken, others refused with the reason."""
+    from rcl_interfaces.srv import DescribeParameters, SetParameters
+    from rclpy.parameter import Parameter
+
+    def answer(name: str, value: Any) -> Any:
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return peer.call(SetParameters, 'gait_controller_node/set_parameters', request).results[0]
+
+    with running('gait_controller_node'):
+        assert answer('duty_factor', 0.55).successful
+        assert answer('gait', 'crawl').successful
+        refused = answer('foot_width_deg', 150.0)
+        assert not refused.successful
+        assert 'foot_width' in refused.reason
+        assert not answer('spokes', 4).successful
+        described = peer.call(
+            DescribeParameters, 'gait_controller_node/describe_parameters',
+            DescribeParameters.Request(names=['duty_factor', 'spokes'])).descriptors
+        assert 'stance' in described[0].description
+        assert not described[0].read_only
+        assert described[1].read_only
+        assert described[1].integer_range[0].to_value == 12
+
+
+def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> None:
+    """No physics at all: one odometry message gives a stereo set with its stamp."""
+    topics = {'stereo/left/image_raw': Image, 'stereo/right/image_raw': Image,
+              'stereo/left/camera_info': CameraInfo, 'stereo/disparity': DisparityImage,
+              'stereo/depth/image': Image, 'ground_truth/depth/image': Image}
+    received = {topic: peer.listen(kind, topic) for topic, kind in topics.items()}
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = Odometry()
+    odometry.header.stamp.sec = 3
+    odometry.pose.pose.position.z = 0.1
+    odometry.pose.pose.orientation.w = 1.0
+    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA):
+        peer.spin_until(lambda: all(received.values()), limit_s=60.0,
+                        meanwhile=lambda: poses.publish(odometry))
+    for topic, messages in received.items():
+        assert messages[0].header.stamp.sec == 3, topic
+    left = received['stereo/left/image_raw'][0]
+    pixels = np.frombuffer(bytes(left.data), np.uint8).reshape(left.height, left.width)
+    assert pixels.shape == (120, 160)
+    assert pixels.std() > 2
+    depth = np.frombuffer(bytes(received['ground_truth/depth/image'][0].data), np.float32)
+    assert np.isinf(depth).any()
+    assert 0.2 < np.nanmin(depth) < 2.0
+
+
+def test_render_node_draws_only_what_is_read(peer: Peer, world_folder: Path) -> None:
+    """With a reader of the left image alone nothing else is published but camera_info."""
+    left = peer.listen(Image, 'stereo/left/image_raw')
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = Odometry()
+    odometry.pose.pose.position.z = 0.1
+    odometry.pose.pose.orientation.w = 1.0
+    ticks = [0]
+
+    def tick() -> None:
+        ticks[0] += 1
+        odometry.header.stamp.sec = ticks[0]
+        poses.publish(odometry)
+
+    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA):
+        peer.spin_until(lambda: len(left) > 1, limit_s=60.0, meanwhile=tick)
+        # A reader that comes late is served with the frame that is shown: one that was drawn
+        # before, or, where poses are still on their way, one of those.
+        seen = left[-1].header.stamp.sec
+        depth = peer.listen(Image, 'ground_truth/depth/image')
+        peer.spin_until(lambda: bool(depth))
+    assert seen <= depth[0].header.stamp.sec <= ticks[0]
+
+
+def test_drive_node_answers_odometry(peer: Peer) -> None:
+    """A profile is driven on hand-made odometry."""
+    velocities = peer.listen(Twist, 'cmd_vel')
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = Odometry()
+    odometry.pose.pose.orientation.w = 1.0
+    ticks = [0]
+
+    def tick() -> None:
+        ticks[0] += 1
+        odometry.header.stamp.sec = ticks[0]
+        odometry.pose.pose.position.x = 0.1 * ticks[0]
+        poses.publish(odometry)
+
+    with running('drive_node', '-p', 'mode:=profile', '-p', 'profile_forward_mps:=[0.08]', '-p',
+                 'enable_stamped_cmd_vel:=false'):
+        peer.spin_until(lambda: bool(velocities) and velocities[-1].linear.x > 0.07,
+                        meanwhile=tick)
+
+
+def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None:
+    """A topic that nobody declared, with a script's default QoS, is recorded."""
+    from lunar_rover_sim.bag.reader import open_bag
+    publisher = peer.node.create_publisher(Twist, 'somebody/elses_topic', 10)
+    bag = tmp_path / 'bag'
+    with running('recorder_node', '-p', f'output:={bag}'):
+        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+        for _ in range(20):
+            publisher.publish(Twist())
+            time.sleep(0.01)
+        time.sleep(0.5)
+    with open_bag(bag) as recorded:
+        assert not recorded.incomplete
+        assert recorded.counts['/somebody/elses_topic'] == 20
+
+
+@pytest.mark.parametrize('kind', ['Odometry', 'PoseStamped', 'Path'])
+def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path, kind: str) -> None:
+    """An estimator's poses become a file that `evaluate` reads; a Path repeats itself, once."""
+    from geometry_msgs.msg import PoseStamped
+    from nav_msgs.msg import Path as PathMsg
+
+    from lunar_rover_sim.evaluation.trajectory_files import read_tum
+    classes = {'Odometry': Odometry, 'PoseStamped': PoseStamped, 'Path': PathMsg}
+    publisher = peer.node.create_publisher(classes[kind], 'slam/pose', 10)
+    path = PathMsg()
+    file = tmp_path / 'estimate.txt'
+    with running('trajectory_recorder_node', '-p', f'output:={file}', '-r', 'pose:=slam/pose'):
+        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+        for k in range(1, 6):
+            pose = PoseStamped()
+            pose.header.stamp.sec, pose.header.stamp.nanosec = k, 5
+            pose.pose.position.x = 0.1 * k
+            pose.pose.orientation.w = 1.0
+            path.poses.append(pose)
+            odometry = Odometry(header=pose.header)
+            odometry.pose.pose = pose.pose
+            publisher.publish({'Odometry': odometry, 'PoseStamped': pose, 'Path': path}[kind])
+            time.sleep(0.05)
+        peer.spin_until(lambda: len(file.read_text().splitlines()) == 5)
+    trajectory = read_tum(file)
+    assert trajectory.stamps_ns.tolist() == [k * 10**9 + 5 for k in range(1, 6)]
+    assert np.allclose(trajectory.positions_m[:, 0], 0.1 * np.arange(1, 6))
+    assert np.allclose(trajectory.orientations_wxyz, [1, 0, 0, 0])
+
+
+@pytest.mark.parametrize(('node', 'arguments', 'said'), [
+    ('physics_node', (), "world: '' is not valid"),
+    ('physics_node', ('-p', 'world:=/nowhere'), '/nowhere'),
+    ('physics_node', ('-p', 'wrold:=/tmp'), 'did you mean world'),
+    ('render_node', ('-p', 'sun.elevation_deg:=100.0'), 'sun.elevation_deg: 100.0 is not valid'),
+    ('gait_controller_node', ('-p', 'duty_factor:=text'), "duty_factor: 'text' is not a number"),
+    ('gait_controller_node', ('-p', 'foot_width_deg:=130.0'), 'foot_width'),
+    ('recorder_node', ('-p', 'output:=/tmp'), 'exists already'),
+    ('drive_node', ('-p', 'mode:=fly'), "mode: 'fly' is not valid"),
+])
+def test_wrong_parameters_are_one_line(node: str, arguments: tuple[str, ...], said: str,
+                                       domain: int) -> None:
+    """A node that cannot start says why and exits with 1."""
+    assert said in fails(node, *arguments)
+
+
+def test_render_node_refuses_another_world(peer: Peer, world_folder: Path) -> None:
+    """Where physics walks on another world than is drawn, the renderer ends and says so."""
+    from std_msgs.msg import String
+
+    from lunar_rover_sim import topics
+    from lunar_rover_sim.nodes import qos
+    publisher = peer.node.create_publisher(String, 'world_hash', qos.offered(topics.WORLD_HASH))
+    publisher.publish(String(data='0123456789abcdef'))
+    said = fails('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA)
+    assert 'is not that of the physics, 0123456789ab' in said
+
+
+def test_nonsense_on_cmd_vel_is_refused(peer: Peer) -> None:
+    """NaN, Inf and a flood do not move the legs; the node goes on."""
+    commands = peer.listen(JointState, 'joint_commands')
+    states = peer.node.create_publisher(JointState, 'joint_states', 10)
+    velocities = peer.node.create_publisher(Twist, 'cmd_vel', 10)
+    ticks = [0]
+
+    def tick() -> None:
+        for value in (float('nan'), float('inf'), -float('inf')):
+            for _ in range(20):
+                twist = Twist()
+                twist.linear.x = value
+                velocities.publish(twist)
+        ticks[0] += 1
+        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
+        state.header.stamp.nanosec = 5_000_000 * ticks[0]
+        states.publish(state)
+
+    with running('gait_controller_node', '-p', 'enable_stamped_cmd_vel:=false'):
+        peer.spin_until(lambda: len(commands) > 10, meanwhile=tick)
+    assert all(np.isfinite(command.velocity).all() for command in commands)
+    assert np.abs(commands[-1].velocity).max() < 1.0
+
+
+def test_a_joint_state_without_our_joints_is_named(peer: Peer) -> None:
+    """A message that cannot be answered ends the node with what is missing in it."""
+    states = peer.node.create_publisher(JointState, 'joint_states', 10)
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.gait_controller_node'],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        peer.spin_until(lambda: process.poll() is not None, meanwhile=lambda: states.publish(
+            JointState(name=['wheel'], position=[0.0], velocity=[0.0])))
+        _, stderr = process.communicate()
+    finally:
+        process.kill()
+    assert process.returncode == 1
+    assert "of joints ['wheel']" in stderr
+
+
+def test_an_answer_from_the_future_does_not_hold_the_gate_open(peer: Peer,
+                                                               world_folder: Path) -> None:
+    """Stamps of another clock are refused and named; time waits for those of its own."""
+    clocks = peer.listen(Odometry, 'odom')
+    publisher = peer.node.create_publisher(JointState, 'joint_commands', 10)
+
+    def answer(seconds: int) -> None:
+        command = JointState(name=LEGS, velocity=[0.0] * 4)
+        command.header.stamp.sec = seconds
+        publisher.publish(command)
+
+    with running('physics_node', '-p', f'world:={world_folder}', '-p', 'time_mode:=lockstep',
+                 '-p', 'wait.topics:=[joint_commands]', '-p', 'wait.lags_s:=[0.0]',
+                 '-p', 'start_paused:=true') as process:
+        # Who gets a response is known: the one state that comes at first is not lost.
+        peer.spin_until(lambda: peer.node.count_publishers('odom') > 0)
+        assert peer.call(SetBool, 'physics_node/pause', SetBool.Request(data=False)).success
+        peer.spin_until(lambda: bool(clocks), meanwhile=lambda: answer(1_700_000_000))
+        # The node may not have discovered us when it publishes its first state.
+        enough = time.monotonic() + 1.0
+        peer.spin_until(lambda: time.monotonic() > enough,
+                        meanwhile=lambda: answer(1_700_000_000))
+        assert len(clocks) == 1
+        # By stamps: many more states come at once than our queue holds.
+        peer.spin_until(lambda: time_ns(clocks[-1].header.stamp) > 500_000_000,
+                        meanwhile=lambda: answer(1))
+        process.send_signal(signal.SIGINT)
+        assert 'joint_commands: stamp 1700000000.000 s refused' in process.stdout.read()

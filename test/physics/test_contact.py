@@ -1,0 +1,166 @@
+"""Feet on the ground: stiffness, friction, energy, forces."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from physics_scene import make_world, plane_heights, rough_heights, simulate, trot, WEIGHT_N
+import pytest
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig, StartPose
+from lunar_rover_sim.physics.penetration import SINKAGE_BOUND_M, TipSinkage
+
+
+@pytest.mark.parametrize('stiffness', [1000.0, 2000.0, 8000.0])
+def test_a_foot_sinks_by_load_over_stiffness(stiffness):
+    contact = ContactConfig(stiffness_npm=stiffness, damping_nspm=60.0)
+    # Cells so wide that each tip touches one facet: one contact point each.
+    with simulate(make_world(np.zeros((11, 11)), 1.0), contact=contact) as simulation:
+        assert simulation.data.ncon == 4
+        np.testing.assert_allclose(simulation.data.contact.dist, -WEIGHT_N / 4 / stiffness,
+                                   rtol=0.01)
+
+
+def test_resting_forces_carry_the_weight():
+    with simulate() as simulation:
+        state = simulation.advance(100)
+    total = state.contact_force_n.sum(axis=0)
+    assert total[2] == pytest.approx(WEIGHT_N, rel=0.005)
+    np.testing.assert_allclose(total[:2], 0.0, atol=0.005 * WEIGHT_N)
+    # Upright spokes: the reaction goes through the axles.
+    np.testing.assert_allclose(state.contact_torque_nm, 0.0, atol=1e-3)
+
+
+def test_contact_torque_is_that_of_the_force_at_the_tip():
+    start = StartPose(joint_angle_rad=(0.4, 0.4, 0.4, 0.4))
+    with simulate(start=start) as simulation:
+        state = simulation.advance(5)
+        legs = simulation.rover.legs
+    # Tips stand behind the axles: with sinkage and lean small, the lever is known.
+    reach = legs.spoke_length_m - legs.tip_radius_m
+    for angle, force, torque in zip(state.joint_angle_rad, state.contact_force_n,
+                                    state.contact_torque_nm):
+        arm = np.array([-reach * np.sin(angle), 0.0, -reach * np.cos(angle) - legs.tip_radius_m])
+        np.testing.assert_allclose(torque, np.cross(arm, force), atol=0.002 * WEIGHT_N)
+
+
+def slide_m(world, friction, yaw_deg):
+    """Return how far the rover slides in a second, standing across the slope."""
+    with simulate(world, contact=ContactConfig(sliding_friction=friction),
+                  start=StartPose(yaw_deg=yaw_deg)) as simulation:
+        before = simulation.state().position_m
+        return np.linalg.norm(simulation.advance(1000).position_m - before)
+
+
+@pytest.mark.parametrize('friction', [0.5, 0.8])
+@pytest.mark.parametrize('yaw_deg', [90.0, -90.0])
+def test_a_slope_holds_up_to_the_friction_angle(friction, yaw_deg):
+    """Across the slope, so that no leg turns: at rest below atan(mu), sliding above it."""
+    limit = np.degrees(np.arctan(friction))
+    held, free = (slide_m(make_world(plane_heights(slope, 11, 1.0), 1.0), friction, yaw_deg)
+                  for slope in (limit - 1.0, limit + 1.0))
+    # Held: only the creep of the shear damper, load / (4 x 30 kN s/m), about 0.02 mm/s.
+    assert held < 1e-4
+    # Free: g (sin - mu cos) t^2 / 2 from rest, and more since it slid before.
+    slope = np.radians(limit + 1.0)
+    assert free > 0.5 * 1.62 * (np.sin(slope) - friction * np.cos(slope))
+
+
+def test_facet_edges_hold_a_little_more():
+    """On 2.5 cm cells a tip may rest against an edge of a facet: free 2 deg beyond atan(mu)."""
+    limit = np.degrees(np.arctan(0.5))
+    assert slide_m(make_world(plane_heights(limit - 1.0)), 0.5, 90.0) < 1e-4
+    assert slide_m(make_world(plane_heights(limit + 2.0)), 0.5, 90.0) > 0.03
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_dropped_rover_never_gains_energy(seed):
+    rng = np.random.default_rng(seed)
+    with simulate() as simulation:
+        model, data = simulation.model, simulation.data
+        model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+        mujoco.mj_resetData(model, data)
+        data.qpos[2] = 0.4
+        if seed:
+            data.qpos[3:7] = rng.normal(size=4)
+            data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
+            data.qvel[3:6] = rng.normal(size=3)
+        flight, last = [], 0.0
+        for _ in range(6000):
+            mujoco.mj_step(model, data)
+            last = float(data.energy.sum())
+            # In contact the ground stores energy; in flight all of it is the rover's.
+            if data.ncon == 0:
+                flight.append(last)
+        assert len(flight) > 300
+        assert np.all(np.diff(flight) < 1e-9)
+        # Landed: what it fell by, about 0.3 m, is gone, and it lies still.
+        assert last < 0.6 * flight[0]
+        assert np.abs(data.qvel).max() < 0.1
+
+
+def test_tips_stay_near_the_surface_of_rough_ground():
+    """20 s here; `lunar_rover_sim validate traverse` reports it for minutes on many worlds."""
+    world = make_world(rough_heights())
+    with simulate(world) as simulation:
+        tips, deepest = TipSinkage(simulation, world.ground), []
+        trot(simulation, 20.0, observe=lambda _: deepest.append(tips.deepest_m()))
+        # It does touch down harder than it stands.
+        assert 2.0 * WEIGHT_N / 4 / 2000.0 < max(deepest) < SINKAGE_BOUND_M
+        assert simulation.state().position_m[0] > 1.5
+
+
+@pytest.mark.parametrize('step_s', [0.001, 0.005])
+@pytest.mark.parametrize('quat', [(1.0, 0.0, 0.0, 0.0), (0.98, 0.15, 0.12, 0.0),
+                                  (0.92, 0.3, 0.25, 0.1)])
+def test_no_foot_is_caught_in_the_ground_after_a_fall(quat, step_s):
+    """A fall by nearly four lengths of a spoke, feet first or one foot first."""
+    world = make_world()
+    with simulate(world, step_s=step_s) as simulation:
+        tips, data = TipSinkage(simulation, world.ground), simulation.data
+        data.qpos[2] += 0.3
+        data.qpos[3:7] = quat
+        deepest = 0.0
+        for _ in range(round(2.5 / step_s)):
+            simulation.advance(1)
+            deepest = max(deepest, tips.deepest_m())
+        assert 0.004 < deepest < SINKAGE_BOUND_M + (0.002 if step_s > 0.001 else 0.0)
+        assert tips.deepest_m() < 0.0015
+
+
+def test_sinkage_is_that_of_the_tips_however_deep():
+    world = make_world()
+    with simulate(world) as simulation:
+        tips = TipSinkage(simulation, world.ground)
+        resting = tips.deepest_m()
+        assert resting == pytest.approx(WEIGHT_N / 4 / 2000.0, rel=0.6)
+        # Beyond a tip radius MuJoCo reports the way out to the side; below, the belly touches too.
+        for depth in (0.003, 0.007, 0.02, 0.07):
+            simulation.data.qpos[2] -= depth
+            mujoco.mj_forward(simulation.model, simulation.data)
+            assert tips.deepest_m() == pytest.approx(resting + depth, abs=2e-4)
+            simulation.data.qpos[2] += depth
+        simulation.data.qpos[2] += 1.0
+        mujoco.mj_forward(simulation.model, simulation.data)
+        assert tips.deepest_m() == 0.0
+
+
+def test_friction_parameters_reach_every_contact():
+    contact = ContactConfig(sliding_friction=0.6, torsional_friction_m=0.003,
+                            rolling_friction_m=0.0007)
+    with simulate(contact=contact) as simulation:
+        for touch in simulation.data.contact:
+            assert touch.dim == 6
+            np.testing.assert_allclose(touch.friction, [0.6, 0.6, 0.003, 0.0007, 0.0007])
+
+
+def test_a_step_too_long_for_the_contact_is_refused():
+    with pytest.raises(ConfigError, match=r'step_s: 0.005 is too long .* valid is <= [\d.e-]+'):
+        simulate(step_s=0.005, contact=ContactConfig(stiffness_npm=2e4, damping_nspm=400.0))
+
+
+@pytest.mark.parametrize('name', ['stiffness_npm', 'damping_nspm', 'sliding_friction'])
+def test_contact_parameters_must_be_positive(name):
+    with pytest.raises(ConfigError, match=f'{name}: 0.0 is not valid; valid is > 0'):
+        PhysicsConfig.from_mapping({'contact': {name: 0.0}})

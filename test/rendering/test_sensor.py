@@ -1,0 +1,156 @@
+"""The sensor: flat fields give back what was configured."""
+
+import dataclasses
+
+import camera_scene as scene
+import numpy as np
+import pytest
+
+from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.camera.sensor import SensorModel
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.rendering.context import create_context
+from lunar_rover_sim.rendering.imager import AutoExposure, Imager
+
+CAMERA = CameraConfig(width=320, height=240)
+RIG = StereoRig(scene.ROVER, CAMERA)
+# mono16 at 16 bits, so that the converter adds next to no noise of its own.
+RAW = SensorConfig(encoding='mono16', bits=16, vignetting=0.0)
+
+
+@pytest.fixture(scope='module')
+def context():
+    context = create_context()
+    yield context
+    context.release()
+
+
+def flat(context, config, electrons, frame=0, seed=3, exposure_s=1e-3):
+    """Return the (2, h, w) pair of a flat field of so many electrons."""
+    sensor = SensorModel(CAMERA, config)
+    radiance = electrons / (sensor.electrons_per_radiance_second * exposure_s)
+    size = (CAMERA.width, 2 * CAMERA.height)
+    values = np.full(size[::-1], radiance, np.float32)
+    texture = context.texture(size, 1, values.tobytes(), dtype='f4')
+    texture.filter = (context.NEAREST, context.NEAREST)
+    imager = Imager(context, RIG, sensor, seed)
+    try:
+        return imager.develop(texture, [0, 1], exposure_s, frame).copy()
+    finally:
+        imager.release()
+        texture.release()
+
+
+def test_photon_transfer_curve(context):
+    """Gain, read noise and full well within 2 % (EMVA 1288: variance of pairs over mean)."""
+    config = dataclasses.replace(RAW, read_noise_e=25.0, dark_current_e_s=0.0)
+    means, variances = [], []
+    for electrons in (0.0, 500.0, 2000.0, 8000.0, 16000.0, 24000.0, 32000.0):
+        pairs = [flat(context, config, electrons, frame).astype(float) for frame in range(6)]
+        means.append(np.mean(pairs))
+        variances.append(np.mean([np.var(a - b) / 2 for a, b in zip(pairs[::2], pairs[1::2])]))
+    means, variances = np.array(means), np.array(variances)
+    gain, dark = np.polyfit(means[1:] - means[0], variances[1:], 1)
+    model = SensorModel(CAMERA, config)
+    assert gain == pytest.approx(model.gain_dn_per_e, rel=0.02)
+    assert np.sqrt(variances[0]) / gain == pytest.approx(config.read_noise_e, rel=0.02)
+    assert np.sqrt(dark) / gain == pytest.approx(config.read_noise_e, rel=0.15)
+    # Full scale is the full well.
+    saturated = flat(context, config, 3.0 * config.full_well_e)
+    assert saturated.min() == saturated.max() == 65535
+    assert (65535 - means[0]) / gain == pytest.approx(config.full_well_e, rel=0.02)
+
+
+def test_fixed_pattern(context):
+    config = dataclasses.replace(RAW, shot_noise=False, read_noise=False, dsnu_e=0.0, prnu=0.01)
+    image = flat(context, config, 20000.0).astype(float)
+    signal = image - config.black_level * 65535
+    assert signal.std() / signal.mean() == pytest.approx(0.01, rel=0.02)
+    assert np.array_equal(image, flat(context, config, 20000.0, frame=7))
+    other = flat(context, config, 20000.0, seed=4)
+    assert abs(np.corrcoef(image.ravel(), other.ravel().astype(float))[0, 1]) < 0.02
+
+
+def test_noise_is_seeded_and_independent(context):
+    a = flat(context, RAW, 5000.0, frame=1).astype(float)
+    assert np.array_equal(a, flat(context, RAW, 5000.0, frame=1))
+    quiet = dataclasses.replace(RAW, fixed_pattern=False)
+    b, c = (flat(context, quiet, 5000.0, frame=k).astype(float) for k in (1, 2))
+
+    def correlation(x, y):
+        return abs(np.corrcoef(x.ravel(), y.ravel())[0, 1])
+    # 76,800 pixels: three standard deviations of chance are 0.011.
+    assert correlation(b[0], b[1]) < 0.011
+    assert correlation(b[0], c[0]) < 0.011
+    assert correlation(b[0][:, 1:], b[0][:, :-1]) < 0.011
+    assert correlation(b[0][1:], b[0][:-1]) < 0.011
+
+
+def test_noise_is_gaussian(context):
+    quiet = dataclasses.replace(RAW, fixed_pattern=False)
+    x = flat(context, quiet, 10000.0).astype(float).ravel()
+    x = (x - x.mean()) / x.std()
+    assert abs(np.mean(x**3)) < 0.03
+    assert np.mean(x**4) == pytest.approx(3.0, abs=0.08)
+
+
+def test_switches_make_an_ideal_image(context):
+    config = dataclasses.replace(scene.IDEAL, encoding='mono8', bits=12, companding='linear')
+    image = flat(context, config, 0.5 * config.full_well_e)
+    assert image.min() == image.max() == 128 or image.max() == 127
+
+
+def test_companding_is_the_root_of_the_signal(context):
+    config = dataclasses.replace(scene.IDEAL, black_level=0.01)
+    sensor = SensorModel(CAMERA, config)
+    for share in (0.0, 0.01, 0.2, 0.5, 0.9):
+        image = flat(context, config, share * config.full_well_e)
+        assert image[0, 0, 0] == pytest.approx(255 * share**0.5, abs=1.0)
+        assert sensor.linear(image)[0, 0, 0] == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.parametrize('bits,levels', [(8, 256), (10, 1024), (12, 4096)])
+def test_converter_resolution(context, bits, levels):
+    config = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=bits)
+    values = np.unique([flat(context, config, e)[0, 0, 0] for e in np.linspace(0, 400, 60)])
+    assert np.all(values % (65536 // levels) == 0)
+
+
+def test_vignetting_is_cos4(context):
+    config = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=16, vignetting=1.0)
+    image = flat(context, config, 30000.0)[0].astype(float)
+    corner = np.array([0 - RIG.K[0, 2], 0 - RIG.K[1, 2]]) / RIG.K[0, 0]
+    assert image[0, 0] / image[120, 160] == pytest.approx((1 + corner @ corner)**-2, rel=1e-3)
+
+
+def test_point_spread_keeps_energy_and_width(context):
+    config = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=16, psf_sigma_px=0.6)
+    sensor = SensorModel(CAMERA, config)
+    values = np.zeros((2 * CAMERA.height, CAMERA.width), np.float32)
+    values[100, 150] = 40000.0 / sensor.electrons_per_radiance_second / 1e-3
+    texture = context.texture(values.shape[::-1], 1, values.tobytes(), dtype='f4')
+    imager = Imager(context, RIG, sensor, 0)
+    image = imager.develop(texture, [0, 1], 1e-3, 0)[0].astype(float) / sensor.gain_dn_per_e
+    assert image.sum() == pytest.approx(40000.0, rel=1e-3)
+    offset = np.arange(CAMERA.width) - 150
+    assert (image.sum(axis=0) * offset**2).sum() / image.sum() == pytest.approx(0.36, rel=0.01)
+
+
+def test_auto_exposure_converges_with_lag():
+    config = dataclasses.replace(scene.IDEAL, exposure_mode='auto', auto_lag=0.6, exposure_s=1e-3)
+    sensor = SensorModel(CAMERA, config)
+    auto = AutoExposure(sensor)
+    radiance, levels = 12.0, []
+    for _ in range(30):
+        electrons = radiance * sensor.electrons_per_radiance_second * auto.exposure_s
+        level = np.clip(electrons / config.full_well_e, 0.0, 1.0)
+        levels.append(level)
+        auto.follow(np.full((48, 64), int(level**0.5 * 255), np.uint8))
+    assert levels[-1] == pytest.approx(auto.aim, rel=0.05)
+    assert np.all(np.diff(np.abs(np.array(levels) - auto.aim)) < 0.03)
+
+
+def test_zero_exposure_is_refused():
+    with pytest.raises(ConfigError, match='exposure_s: 0.0 is not valid; valid is > 0'):
+        SensorConfig(exposure_s=0.0)

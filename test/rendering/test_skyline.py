@@ -1,0 +1,59 @@
+"""The skyline: its pixels are as bright as the share of them that is ground."""
+
+import camera_scene as scene
+import numpy as np
+import pytest
+
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
+from lunar_rover_sim.rendering.renderer import Renderer
+
+FINER = 8
+
+
+def rolled(roll_deg):
+    """Return T_world_base of a rover that leans to the side."""
+    return se3(matrix_from_wxyz(wxyz_from_rpy(np.radians(roll_deg), 0.0, 0.0)), (0.0, 0.0, 0.1))
+
+
+def draw(world, pose, finer=1):
+    """Return left radiance and depth, with so many pixels per pixel of 160 x 120."""
+    camera = CameraConfig(width=160 * finer, height=120 * finer)
+    with Renderer(world, scene.ROVER, scene.config(40.0, 180.0, camera=camera)) as renderer:
+        frame = renderer.render(pose, np.zeros(4), layers=('radiance', 'depth'))
+    return frame.radiance.astype(float), frame.depth_m
+
+
+def hills():
+    """Return a world whose skyline is a ridge of several slopes."""
+    y = (np.arange(513) - 256)[:, None] * 0.025
+    x = (np.arange(513) - 256)[None, :] * 0.025
+    return scene.plane(heights=(0.25 * np.sin(1.3 * y) + 0.4) * np.exp(-(x - 4.0)**2), far=False)
+
+
+@pytest.mark.parametrize(('world', 'roll_deg'), [
+    (scene.plane(), 1.0), (scene.plane(), 7.0), (scene.plane(), -25.0), (hills(), 0.0)])
+def test_share_of_ground(world, roll_deg):
+    radiance, depth = draw(world, rolled(roll_deg))
+    _, fine = draw(world, rolled(roll_deg), FINER)
+    share = (np.nan_to_num(fine, posinf=0.0) > 0.0).reshape(120, FINER, 160, FINER).mean((1, 3))
+    ground = np.nan_to_num(depth, posinf=0.0) > 0.0
+    row, column = np.nonzero((share > 0.0) & (share < 1.0))
+    inside = (row > 3) & (row < 114) & (column > 3) & (column < 156)
+    row, column = row[inside], column[inside]
+    full = radiance[row + 3, column]            # ground of about the same brightness
+    drawn = np.sqrt(np.mean((radiance[row, column] / full - share[row, column])**2))
+    stepped = np.sqrt(np.mean((ground[row, column] - share[row, column])**2))
+    assert len(row) > 100 and stepped > 0.2
+    assert drawn < 0.45 * stepped
+
+
+def test_nothing_but_the_skyline_is_touched():
+    """Depth knows no half pixels, and the image of the ground does not depend on it."""
+    radiance, depth = draw(hills(), rolled(0.0))
+    ground = np.nan_to_num(depth, posinf=0.0) > 0.0
+    edge = np.zeros_like(ground)
+    edge[:-1] |= ground[1:] & ~ground[:-1]
+    assert np.all(radiance[~ground & ~edge] == 0.0)
+    assert 0 < np.count_nonzero(radiance[~ground & edge]) < 160
+    assert np.all(radiance[ground] > 0.0)

@@ -1,0 +1,262 @@
+"""The real graph over real DDS: one run, its bag, the same run again under load, and faults."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+
+from conftest import command, processes_naming, simulate, SMALL
+import pytest
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.run.scenario import load_scenario
+
+pytestmark = pytest.mark.ros
+
+DURATION_S = 2
+OPTIONAL = {topics.TF.name, topics.TF_STATIC.name}
+
+
+def test_contract(recorded_run: Path) -> None:
+    """Every topic of the contract is there: type, QoS, count, frame, stamps at their rate."""
+    scenario = load_scenario('baseline')
+    periods_ns = {topics.STATE: scenario.physics_node.state_period_ns,
+                  topics.FRAME: scenario.render_node.frame_period_ns}
+    with open_bag(recorded_run / 'bag') as bag:
+        assert not bag.incomplete
+        for topic in topics.CONTRACT:
+            if topic in (topics.RECORDED,) or topic.name in OPTIONAL - set(bag.types):
+                continue
+            name = bag.resolve(topic.name)
+            assert bag.types[name] == topic.type
+            period_ns = periods_ns.get(topic.rate)
+            if topic == topics.CMD_VEL:
+                period_ns = 1_000_000_000 // scenario.drive_node.rate_hz
+            if topic.rate == topics.LATCHED:
+                assert bag.counts[name] == 1
+                continue
+            stamps = [bag.stamp_ns(message) for message in bag.raw([name])]
+            assert period_ns is not None
+            assert stamps == list(range(period_ns, DURATION_S * 10**9 + 1, period_ns)), name
+            message = bag.first(name)
+            if hasattr(message, 'header'):
+                assert message.header.frame_id == topic.frame_id, name
+        for connection in bag.connections:
+            profile = connection.ext.offered_qos_profiles[0]
+            assert profile.reliability.name == 'RELIABLE', connection.topic
+            assert profile.durability.name == 'TRANSIENT_LOCAL', connection.topic
+
+
+def test_messages_say_what_they_must(recorded_run: Path) -> None:
+    """REP-145 on the IMU, REP-104 on the cameras, a complete disparity image."""
+    with open_bag(recorded_run / 'bag') as bag:
+        imu = bag.first(topics.IMU_RAW.name)
+        assert imu.orientation_covariance[0] == -1
+        assert imu.linear_acceleration_covariance[0] > 0
+        odom = bag.first(topics.ODOM.name)
+        assert odom.child_frame_id == 'base_link'
+        left, right = bag.first(topics.LEFT_INFO.name), bag.first(topics.RIGHT_INFO.name)
+        focal_px, baseline_m = left.k[0], 0.1
+        assert left.p[3] == 0
+        assert right.p[3] == pytest.approx(-focal_px * baseline_m)
+        assert left.header.frame_id != right.header.frame_id
+        disparity = bag.first(topics.DISPARITY.name)
+        assert disparity.f == pytest.approx(focal_px)
+        assert disparity.t == pytest.approx(baseline_m)
+        assert disparity.max_disparity == 63
+        assert disparity.delta_d == pytest.approx(1 / 16)
+        assert disparity.valid_window.width > 0
+        joints = bag.first(topics.JOINT_STATES.name)
+        assert list(joints.name) == [f'{leg}_joint' for leg in topics.LEGS]
+        assert len(joints.position) == len(joints.velocity) == len(joints.effort) == 4
+        scenario = bag.first(topics.SCENARIO.name).data
+        assert scenario == (recorded_run / 'scenario.yaml').read_text()
+        assert '<robot' in bag.first(topics.ROBOT_DESCRIPTION.name).data
+
+
+def test_other_tools_read_the_bag(recorded_run: Path) -> None:
+    """The MCAP project's own reader decodes it."""
+    mcap_reader = pytest.importorskip('mcap.reader')
+    decoder = pytest.importorskip('mcap_ros2.decoder')
+    with open(next((recorded_run / 'bag').glob('*.mcap')), 'rb') as stream:
+        reader = mcap_reader.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
+        heights = [message.pose.pose.position.z for _, _, _, message in
+                   reader.iter_decoded_messages(topics=['/odom'])]
+    assert len(heights) == DURATION_S * 200
+
+
+def test_same_seed_same_bag_under_load(recorded_run: Path, tmp_path: Path) -> None:
+    """The bag does not depend on how busy the machine is; another seed gives another."""
+    hogs = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(2)]
+    try:
+        finished = simulate(tmp_path / 'again', '--duration', str(DURATION_S))
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
+    assert finished.returncode == 0, finished.stderr
+    first, again = recorded_run / 'bag', tmp_path / 'again' / 'bag'
+    assert topic_hashes(again) == topic_hashes(first)
+    assert bag_hash(again) == bag_hash(first)
+    assert bag_hash(again) in finished.stdout
+
+
+def test_another_seed_gives_another_bag(recorded_run: Path, tmp_path: Path) -> None:
+    """The seed reaches noise and world; without cameras the graph is the same but for them."""
+    nodes = 'run.nodes=[physics_node,gait_controller_node,drive_node,recorder_node]'
+    finished = simulate(tmp_path / 'other', '--duration', '1', '--seed', '2', '--set', nodes)
+    assert finished.returncode == 0, finished.stderr
+    with open_bag(tmp_path / 'other' / 'bag') as bag, open_bag(recorded_run / 'bag') as first:
+        assert bag.first('world_hash').data != first.first('world_hash').data
+        assert not any(topic.startswith('/stereo') for topic in bag.types)
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """Start a small run of a minute in the background."""
+    settings = [word for setting in SMALL for word in ('--set', setting)]
+    return subprocess.Popen(
+        command('run', 'baseline', '-o', str(folder), '--duration', '60', *settings, *arguments),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for_recording(folder: Path, limit_s: float = 60.0) -> None:
+    """Return when the bag has grown: the graph runs."""
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        if sum(f.stat().st_size for f in (folder / 'bag').glob('*.mcap')) > 2_000_000:
+            return
+        time.sleep(0.2)
+    raise AssertionError('nothing was recorded')
+
+
+def process_of(folder: Path, node: str, limit_s: float = 20.0) -> int:
+    """Return the process id of a node of the run in `folder`, as soon as it is there."""
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        found = processes_naming(f'nodes.{node} {folder}')
+        if found:
+            return found[0]
+        time.sleep(0.05)
+    raise AssertionError(f'{node} did not start')
+
+
+@pytest.mark.parametrize('node, said', [
+    ('physics_node', 'physics_node ended with SIGKILL'),
+    ('render_node', 'render_node ended with SIGKILL'),
+    ('recorder_node', 'recorder_node ended with SIGKILL'),
+    ('launcher', 'the launcher of the nodes was killed')])
+def test_a_killed_node_ends_the_run(node: str, said: str, tmp_path: Path) -> None:
+    """Within 10 s, with one line that names it; the bag up to there can be read."""
+    folder = tmp_path / 'run'
+    run = start(folder)
+    wait_for_recording(folder)
+    process = process_of(folder, node)
+    if node == 'launcher':
+        assert len(os.listdir(f'/proc/{process}/task')) == 1     # it forks: no threads
+    os.kill(process, signal.SIGKILL)
+    killed = time.monotonic()
+    _, stderr = run.communicate(timeout=60)
+    assert time.monotonic() - killed < 10
+    assert run.returncode == 1
+    assert said in stderr
+    assert len(stderr.strip().splitlines()) == 1
+    with open_bag(folder / 'bag') as bag:
+        assert bag.counts['/odom'] > 0
+
+
+def test_a_second_signal_leaves_nothing_behind(tmp_path: Path) -> None:
+    """Told to end again while it stops its nodes, a run ends with all of them."""
+    folder = tmp_path / 'run'
+    run = start(folder)
+    wait_for_recording(folder)
+    first, *nodes = (process_of(folder, name) for name in (
+        'drive_node', 'launcher', 'render_node', 'recorder_node'))
+    run.terminate()
+    wait_until_gone(first)
+    run.terminate()
+    run.communicate(timeout=30)
+    for node in nodes:
+        wait_until_gone(node)
+    with open_bag(folder / 'bag') as bag:
+        assert bag.counts['/odom'] > 0
+
+
+def wait_until_gone(process: int, limit_s: float = 10.0) -> None:
+    """Return when there is no such process any more."""
+    deadline = time.monotonic() + limit_s
+    while Path(f'/proc/{process}').exists():
+        assert time.monotonic() < deadline, f'{process} is left'
+        time.sleep(0.01)
+
+
+def test_a_stopped_node_is_named(tmp_path: Path) -> None:
+    """A node that stays silent ends the run with its name."""
+    folder = tmp_path / 'run'
+    run = start(folder, '--set', 'physics_node.wait.silence_s=3.0')
+    wait_for_recording(folder)
+    os.kill(process_of(folder, 'gait_controller_node'), signal.SIGSTOP)
+    stopped = time.monotonic()
+    _, stderr = run.communicate(timeout=60)
+    assert run.returncode == 1
+    assert 'joint_commands (from gait_controller_node' in stderr
+    assert time.monotonic() - stopped < 10
+
+
+def test_physics_stopped_while_the_nodes_start(tmp_path: Path) -> None:
+    """It is not given the time that a slow start is given."""
+    folder = tmp_path / 'run'
+    run = start(folder, '--set', 'physics_node.wait.silence_s=3.0')
+    os.kill(process_of(folder, 'physics_node'), signal.SIGSTOP)
+    stopped = time.monotonic()
+    _, stderr = run.communicate(timeout=60)
+    assert run.returncode == 1
+    assert 'physics_node is stopped (SIGSTOP)' in stderr
+    assert time.monotonic() - stopped < 10
+
+
+def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
+    """Motors too strong for an explicit integrator: named, and the drive up to there is kept."""
+    folder = tmp_path / 'run'
+    motors = ('rover.motor.velocity_gain_nms=10.0', 'rover.motor.current_limit_a=1.0e6',
+              'rover.motor.stall_torque_nm=1000.0', 'physics_node.integrator=euler',
+              'drive_node.start_delay_s=3.0')
+    run = start(folder, *(word for setting in motors for word in ('--set', setting)))
+    _, stderr = run.communicate(timeout=90)
+    assert run.returncode == 1
+    assert len(stderr.strip().splitlines()) == 1
+    said = re.search(r'physics_node ended with status 1: the simulation diverged at ([\d.]+) s in '
+                     r'body \w+', stderr)
+    assert said and float(said[1]) > 3.0
+    with open_bag(folder / 'bag') as bag:
+        assert bag.counts['/odom'] > 500
+        assert bag.counts['/stereo/left/image_raw'] > 25
+
+
+def test_interrupt_finishes_the_bag(tmp_path: Path) -> None:
+    """Ctrl-C: the nodes stop in order, the bag is complete up to there, the status says so."""
+    folder = tmp_path / 'run'
+    run = start(folder)
+    wait_for_recording(folder)
+    run.send_signal(signal.SIGINT)
+    stdout, stderr = run.communicate(timeout=60)
+    assert run.returncode == 130, stderr
+    with open_bag(folder / 'bag') as bag:
+        assert not bag.incomplete
+        assert bag.counts['/odom'] > 0
+    assert 'hash' in stdout
+
+
+def test_existing_output_is_refused(tmp_path: Path) -> None:
+    """Nothing is overwritten."""
+    finished = simulate(tmp_path)
+    assert finished.returncode == 1
+    assert finished.stderr.startswith('lunar_rover_sim: ')
+    assert 'exists already' in finished.stderr
+    assert not list(tmp_path.iterdir())

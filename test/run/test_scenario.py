@@ -1,0 +1,144 @@
+"""Scenarios: packaged files, overrides, resolution, mistakes."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.plan import resolve
+from lunar_rover_sim.run.scenario import load_scenario, scenario_names
+
+NAMES = ('baseline', 'dem', 'feature_sparse', 'flat', 'low_albedo', 'permanent_shadow')
+
+
+def test_the_named_scenarios_are_there() -> None:
+    """The package ships what its README names."""
+    assert set(NAMES) <= set(scenario_names())
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_resolved_scenario_round_trip(name: str, tmp_path: Path) -> None:
+    """The scenario in a bag's folder gives the same run again."""
+    scenario = resolve(load_scenario(name, seed=7))
+    path = tmp_path / f'{name}.yaml'
+    path.write_text(scenario.to_yaml())
+    assert load_scenario(str(path)) == scenario
+    assert resolve(load_scenario(str(path))) == scenario
+
+
+def test_overrides() -> None:
+    """`--set` reaches nodes, groups, the world, the rover and shared parameters."""
+    scenario = load_scenario('baseline', [
+        'gait_controller_node.duty_factor=0.55', 'render_node.sun.elevation_deg=3',
+        'world.craters.density=2e-2', 'rover.chassis.mass_kg=2.5', 'seed=9'])
+    assert scenario.gait_controller_node.duty_factor == 0.55
+    assert scenario.render_node.sun.elevation_deg == 3.0
+    assert scenario.world.craters.density == 0.02
+    assert scenario.rover.chassis.mass_kg == 2.5
+    assert {scenario.node(n).seed for n in scenario.run.nodes} == {9}
+
+
+@pytest.mark.parametrize(('override', 'match'), [
+    ('gait_controler_node.duty_factor=0.5', 'did you mean gait_controller_node'),
+    ('gait_controller_node.duty_facto=0.5', 'did you mean duty_factor'),
+    ('gait_controller_node.duty_factor=2', 'gait_controller_node.duty_factor: 2.0 is not valid'),
+    ('world.craters.densty=0.5', r'world\.craters\.densty: no such parameter; did you mean'),
+    ('sed=3', 'did you mean seed'),
+    ('seed', 'valid is section.parameter=value'),
+    ('render_node.frame_rate_hz=30', 'valid is a divisor of physics_node.state_rate_hz'),
+    ('physics_node.state_rate_hz=300', 'state_rate_hz: 300 is not valid'),
+    ('run.nodes=[rviz]', "run.nodes: 'rviz' is not valid"),
+])
+def test_wrong_overrides(override: str, match: str) -> None:
+    """Names and values that do not exist are refused in one line."""
+    with pytest.raises(ConfigError, match=match) as error:
+        load_scenario('baseline', [override])
+    assert '\n' not in str(error.value)
+
+
+def test_unknown_scenario() -> None:
+    """The nearest names are offered."""
+    with pytest.raises(ConfigError, match='did you mean baseline'):
+        load_scenario('basline')
+    with pytest.raises(ConfigError, match='no such scenario file'):
+        load_scenario('nowhere/x.yaml')
+
+
+@pytest.mark.parametrize(('text', 'match'), [
+    ('[1, 2]', 'valid is a mapping of sections'),
+    ('phisics_node: {ros__parameters: {}}', 'did you mean physics_node'),
+    ('physics_node: {step_s: 0.001}', "must hold 'ros__parameters'"),
+    ('physics_node: {ros__parameters: 3}', 'not a mapping of parameters'),
+    ('a: [', 'not valid YAML'),
+    ('!!python/object:os.system {}', 'not valid YAML'),
+])
+def test_broken_files(text: str, match: str, tmp_path: Path) -> None:
+    """A file that is no scenario is refused in one line."""
+    path = tmp_path / 'x.yaml'
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=match) as error:
+        load_scenario(str(path))
+    assert '\n' not in str(error.value)
+
+
+def test_duration_is_rounded_up_to_whole_frames() -> None:
+    """So that every topic ends with the run."""
+    scenario = resolve(load_scenario('flat', ['run.duration_s=1.01']))
+    assert scenario.physics_node.duration_s == 1.1
+    assert resolve(load_scenario('flat', ['run.duration_s=1.1'])).run.duration_s == 1.1
+
+
+def test_lockstep_waits_for_the_nodes_of_the_run() -> None:
+    """Who is not started is not waited for."""
+    full = resolve(load_scenario('baseline'))
+    assert full.physics_node.wait.topics == ('joint_commands', 'stereo/left/camera_info',
+                                             'recorder/written')
+    assert full.gait_controller_node.wait.topics == ('cmd_vel',)
+    blind = resolve(load_scenario(
+        'baseline', ['run.nodes=[physics_node, gait_controller_node, recorder_node]']))
+    assert blind.physics_node.wait.topics == ('joint_commands', 'recorder/written')
+    assert blind.gait_controller_node.wait.topics == ()
+    assert not any(t.startswith('stereo') for t in blind.recorder_node.acknowledge)
+    live = resolve(load_scenario('baseline', ['time_mode=real_time']))
+    assert live.physics_node.wait.topics == full.physics_node.wait.topics
+    assert live.gait_controller_node.wait.topics == live.recorder_node.acknowledge == ()
+
+
+def test_scenarios_are_ros_parameter_files() -> None:
+    """Every section holds ros__parameters, lists are of one type, no null values."""
+    def leaves(value: object) -> None:
+        if isinstance(value, dict):
+            for item in value.values():
+                leaves(item)
+        elif isinstance(value, list):
+            assert value and len({type(item) for item in value}) == 1
+        else:
+            assert isinstance(value, (bool, int, float, str))
+
+    for name in NAMES:
+        document = yaml.safe_load(load_scenario(name).to_yaml())
+        for section in document.values():
+            assert set(section) == {'ros__parameters'}
+        leaves(document)
+
+
+def test_scenario_is_frozen() -> None:
+    """Nothing changes a scenario after it was validated."""
+    scenario = load_scenario('flat')
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        scenario.run.duration_s = 3.0  # type: ignore[misc]
+
+
+def test_a_users_own_participant_is_awaited_too() -> None:
+    """What a scenario names comes on top of the run's own nodes, with the lag it names."""
+    scenario = resolve(load_scenario('baseline', [
+        'physics_node.wait.topics=[slam/pose, joint_commands]',
+        'physics_node.wait.lags_s=[0.3, 0.01]']))
+    lags_ns = scenario.physics_node.wait.lag_ns_by_topic()
+    assert lags_ns['slam/pose'] == 300_000_000
+    assert lags_ns['joint_commands'] == 10_000_000
+    assert 'recorder/written' in lags_ns

@@ -1,0 +1,192 @@
+"""Export to EuRoC, TUM and KITTI, and ORB-SLAM3 settings."""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+import cv2
+import numpy as np
+import pytest
+import synthetic_bag as synthetic
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag import message_validity, series
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.cli import slam
+from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.evaluation import trajectory_files
+from lunar_rover_sim.evaluation.trajectory_sources import load
+from lunar_rover_sim.frames import inverse
+from lunar_rover_sim.physics.config import ImuConfig
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
+from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
+
+
+@pytest.fixture(scope='module')
+def items() -> list[synthetic.Item]:
+    return synthetic.drive(1.0)
+
+
+@pytest.fixture(scope='module')
+def bag(items, tmp_path_factory):
+    return synthetic.write(tmp_path_factory.mktemp('export') / 'bag', items)
+
+
+def images_of(items: list[synthetic.Item], topic: topics.Topic) -> dict[int, np.ndarray]:
+    return {series.header_ns(i.message): message_validity.pixels(i.message) for i in items
+            if i.topic == topic.name}
+
+
+def test_euroc(tmp_path, items, bag):
+    notes = export(bag, tmp_path / 'seq', 'euroc')
+    mav0 = tmp_path / 'seq' / 'mav0'
+    times = [int(line) for line in (tmp_path / 'seq' / 'times.txt').read_text().split()]
+    for camera, topic in (('cam0', topics.LEFT_IMAGE), ('cam1', topics.RIGHT_IMAGE)):
+        stems = sorted(int(p.stem) for p in (mav0 / camera / 'data').iterdir())
+        assert stems == times
+        rows = (mav0 / camera / 'data.csv').read_text().splitlines()[1:]
+        assert rows == [f'{ns},{ns}.png' for ns in times]
+        for ns, pixels in images_of(items, topic).items():
+            if ns in times:
+                written = cv2.imread(str(mav0 / camera / 'data' / f'{ns}.png'), -1)
+                assert np.array_equal(written, pixels)
+    imu = np.loadtxt(mav0 / 'imu0' / 'data.csv', delimiter=',')
+    assert imu.shape == (200, 7)
+    assert imu[0, 0] < times[0] and imu[-1, 0] > times[-1]
+    assert times[-1] == 900_000_000 and len(times) == 9
+    assert any('1 at the end' in note for note in notes)
+    assert np.mean(imu[:, 6]) == pytest.approx(synthetic.GRAVITY, rel=0.1)
+    truth = trajectory_files.read_euroc(mav0 / 'state_groundtruth_estimate0' / 'data.csv')
+    odom = load(bag)
+    assert np.array_equal(truth.stamps_ns, odom.stamps_ns)
+    assert np.allclose(truth.positions_m, odom.positions_m, rtol=0, atol=1e-15)  # IMU at base
+    table = np.loadtxt(mav0 / 'state_groundtruth_estimate0' / 'data.csv', delimiter=',')
+    speed = np.gradient(table[:, 1:4], table[:, 0] * 1e-9, axis=0)
+    assert np.abs(speed - table[:, 8:11])[1:-1].max() < 1e-3
+    assert np.allclose(table[:, 11], 1e-3) and np.allclose(table[:, 14], 0.01)
+
+
+def test_euroc_mounts_project_a_point_into_both_images(tmp_path, bag):
+    """The camera poses in sensor.yaml give the disparity f b / Z."""
+    import yaml
+    export(bag, tmp_path / 'seq')
+    T = {}
+    for camera in ('cam0', 'cam1'):
+        sensor = yaml.safe_load((tmp_path / 'seq' / 'mav0' / camera / 'sensor.yaml').read_text())
+        T[camera] = np.array(sensor['T_BS']['data']).reshape(4, 4)
+        fx, fy, cx, cy = sensor['intrinsics']
+    point = np.array([2.0, 0.1, -0.2, 1.0])
+    left, right = (inverse(T[camera]) @ point for camera in ('cam0', 'cam1'))
+    u = [fx * p[0] / p[2] + cx for p in (left, right)]
+    assert left[2] > 0 and u[0] - u[1] == pytest.approx(fx * 0.1 / left[2], rel=1e-12)
+
+
+def test_tum(tmp_path, items, bag):
+    export(bag, tmp_path / 'seq', 'tum')
+    folder = tmp_path / 'seq'
+    lines = (folder / 'associations.txt').read_text().splitlines()
+    assert len(lines) == 10 and lines[0].split()[::2] == ['0.100000000'] * 2
+    depths = images_of(items, topics.TRUE_DEPTH)
+    for line in lines:
+        stamp, rgb, _, depth = line.split()
+        written = cv2.imread(str(folder / depth), -1)
+        true = depths[round(float(stamp) * 1e9)]
+        assert written.dtype == np.uint16
+        seen = true < 13.0
+        assert np.abs(written[seen] / 5000.0 - true[seen]).max() <= 0.5 / 5000 + 1e-6
+        assert (written[~np.isfinite(true)] == 0).all()
+        assert (folder / rgb).is_file()
+    truth = trajectory_files.read_tum(folder / 'groundtruth.txt')
+    camera = load(bag).of_frame(synthetic.T_base_camera(+1.0))
+    assert np.allclose(truth.positions_m, camera.positions_m, rtol=0, atol=1e-12)
+    dots = np.sum(truth.orientations_wxyz * camera.orientations_wxyz, axis=1)
+    assert np.allclose(np.abs(dots), 1.0)
+
+
+def test_kitti(tmp_path, bag):
+    export(bag, tmp_path / 'seq', 'kitti')
+    folder = tmp_path / 'seq'
+    truth = trajectory_files.read_kitti(folder / 'poses.txt', folder / 'times.txt')
+    camera = load(bag).of_frame(synthetic.T_base_camera(+1.0)).select(np.arange(19, 200, 20))
+    first = camera.positions_m[0]
+    expected = camera.rotations[0].inv().apply(camera.positions_m - first)
+    assert np.array_equal(truth.stamps_ns, camera.stamps_ns)
+    assert np.allclose(truth.positions_m, expected, rtol=0, atol=1e-12)
+    assert sorted(p.name for p in (folder / 'image_1').iterdir())[-1] == '000009.png'
+    calib = dict(line.split(': ') for line in (folder / 'calib.txt').read_text().splitlines())
+    assert float(calib['P1'].split()[3]) == -synthetic.FOCAL_PX * 0.1
+
+
+def test_bad_export(tmp_path, items, bag):
+    with pytest.raises(BagError, match='did you mean euroc'):
+        export(bag, tmp_path / 'seq', 'eurok')
+    (tmp_path / 'there').mkdir()
+    with pytest.raises(BagError, match='exists already'):
+        export(bag, tmp_path / 'there')
+    with pytest.raises(BagError, match='cannot be written: Not a directory'):
+        (tmp_path / 'file').touch()
+        export(bag, tmp_path / 'file' / 'seq')
+    poor = synthetic.write(tmp_path / 'poor', [i for i in items if 'image' not in i.topic])
+    for kind in ('euroc', 'tum', 'kitti'):
+        with pytest.raises(BagError, match='lacks stereo/left/image_raw'):
+            export(poor, tmp_path / 'seq', kind)
+    blind = synthetic.write(tmp_path / 'blind', [i for i in items if i.topic != 'odom'])
+    assert any('ground truth is missing' in note for note in export(blind, tmp_path / 'seq'))
+    ended = synthetic.write(tmp_path / 'short', [
+        i for i in items if i.topic != 'imu/data_raw' or series.header_ns(i.message) < 90_000_000])
+    with pytest.raises(BagError, match='nothing to export'):
+        export(ended, tmp_path / 'seq2')
+    assert not [p for p in tmp_path.iterdir() if 'partial' in p.name or p.name == 'seq2']
+
+
+@pytest.mark.parametrize('legacy', [False, True])
+@pytest.mark.parametrize('sensor', SENSORS)
+def test_settings_are_what_opencv_reads(tmp_path, bag, sensor, legacy):
+    with open_bag(bag) as recording:
+        suite = recorded_sensors(recording)
+    text = settings(suite, sensor, legacy)
+    path = tmp_path / 'settings.yaml'
+    path.write_text(text)
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    prefix = 'Camera.' if legacy else 'Camera1.'
+    assert storage.getNode(prefix + 'fx').real() == synthetic.FOCAL_PX
+    assert storage.getNode('Camera.width').isInt()
+    for line in text.splitlines():
+        match = re.fullmatch(r'([\w.]+): ([^!\s]+)', line)
+        if match and match[1] != 'Camera.type' and match[1] != 'File.version':
+            node = storage.getNode(match[1])
+            whole = match[1] in ('Camera.width', 'Camera.height', 'Camera.fps', 'Camera.RGB',
+                                 'ORBextractor.nFeatures', 'ORBextractor.nLevels',
+                                 'ORBextractor.iniThFAST', 'ORBextractor.minThFAST',
+                                 'LEFT.width', 'LEFT.height', 'RIGHT.width', 'RIGHT.height')
+            assert node.isInt() if whole else node.isReal(), line
+    if sensor == 'stereo-inertial':
+        T = storage.getNode('Tbc' if legacy else 'IMU.T_b_c1').mat()
+        assert np.allclose(T, synthetic.T_base_camera(+1.0), atol=1e-6)
+    if sensor.startswith('stereo') and not legacy:
+        T = storage.getNode('Stereo.T_c1_c2').mat()
+        expected = np.eye(4)
+        expected[0, 3] = 0.1
+        assert np.allclose(T, expected, atol=1e-6)
+    if sensor != 'mono' and legacy:
+        assert storage.getNode('Camera.bf').real() == pytest.approx(synthetic.FOCAL_PX * 0.1)
+
+
+def test_settings_command_and_its_errors(tmp_path, bag):
+    parser = argparse.ArgumentParser()
+    slam.add_parser(parser.add_subparsers())
+    output = tmp_path / 'mono.yaml'
+    args = parser.parse_args(['slam', 'settings', str(bag), '-o', str(output), '--sensor', 'mono'])
+    assert args.run(args) == 0
+    assert 'Stereo' not in output.read_text()
+    with pytest.raises(ConfigError, match='exists already'):
+        args.run(args)
+    suite = described_sensors(RoverDescription(), CameraConfig(), ImuConfig(), 10.0, 0.0)
+    with pytest.raises(ConfigError, match='did you mean stereo'):
+        settings(suite, 'stere')
+    with pytest.raises(ConfigError, match='no signal'):
+        settings(suite, 'stereo-inertial')

@@ -1,0 +1,121 @@
+"""TartanAir export: layout, axes, depth, calibration; against the analytic bag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+import synthetic_bag
+import yaml
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.frames import R_BODY_OPTICAL, se3
+from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.sequences.tartanair import millimetres, ned_pose
+
+
+@pytest.fixture(scope='module')
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return an exported second of the analytic drive."""
+    folder = tmp_path_factory.mktemp('tartanair')
+    bag = synthetic_bag.write(folder / 'bag', synthetic_bag.drive())
+    notes = export(bag, folder / 'P000', 'tartanair')
+    assert '10 image sets' in notes[0]
+    return folder / 'P000'
+
+
+def test_layout(sequence: Path) -> None:
+    """Names are those of the data set; one pose a line and an image."""
+    for name, suffix in (('image_left', '_left.png'), ('image_right', '_right.png'),
+                         ('depth_left', '_left_depth.npy'),
+                         ('depth_left_mm', '_left_depth.png')):
+        assert sorted(p.name for p in (sequence / name).iterdir()) == [
+            f'{k:06d}{suffix}' for k in range(10)]
+    for side in ('left', 'right'):
+        assert np.loadtxt(sequence / f'pose_{side}.txt').shape == (10, 7)
+    assert np.loadtxt(sequence / 'times.txt') == pytest.approx(np.arange(1, 11) / 10)
+
+
+def test_axes() -> None:
+    """A level camera that looks north has the identity; east of it yaw is positive."""
+    for heading, yaw_deg in (('north', 0.0), ('east', 90.0), ('south', 180.0)):
+        # Our x is east, y north; body x forward. Yaw is counted from east to north.
+        R_odom_body = Rotation.from_euler('z', {'north': 90, 'east': 0, 'south': -90}[heading],
+                                          degrees=True).as_matrix()
+        position, (w, x, y, z) = ned_pose(se3(R_odom_body @ R_BODY_OPTICAL, [3.0, 4.0, 0.5]))
+        assert position == pytest.approx([4.0, 3.0, -0.5])
+        turn = Rotation.from_quat([x, y, z, w]).inv() * Rotation.from_euler('z', yaw_deg,
+                                                                            degrees=True)
+        assert turn.magnitude() == pytest.approx(0.0, abs=1e-9)
+    # Nose down is a negative pitch about the axis that points right.
+    down = Rotation.from_euler('ZY', [90, 30], degrees=True).as_matrix()
+    _, (w, x, y, z) = ned_pose(se3(down @ R_BODY_OPTICAL, np.zeros(3)))
+    forward = Rotation.from_quat([x, y, z, w]).apply([1.0, 0.0, 0.0])
+    assert forward == pytest.approx([np.cos(np.pi / 6), 0.0, 0.5])
+
+
+def test_poses(sequence: Path) -> None:
+    """Both cameras are where the analytic drive had them, a baseline apart."""
+    left, right = (np.loadtxt(sequence / f'pose_{side}.txt') for side in ('left', 'right'))
+    for k, row in enumerate(left):
+        T = synthetic_bag.pose_at((k + 1) / 10) @ synthetic_bag.T_base_camera(+1.0)
+        x, y, z = T[:3, 3]
+        assert row[:3] == pytest.approx([y, x, -z], abs=1e-9)
+    assert np.linalg.norm(left[:, :3] - right[:, :3], axis=1) == pytest.approx(
+        synthetic_bag.MOUNT.baseline_m)
+    # The right camera lies along the second axis of the left one.
+    side = Rotation.from_quat(left[:, 3:]).inv().apply(right[:, :3] - left[:, :3])
+    assert side == pytest.approx(np.tile([0.0, synthetic_bag.MOUNT.baseline_m, 0.0], (10, 1)))
+
+
+def test_depth_projects_onto_the_ground(sequence: Path) -> None:
+    """Depth, calibration and NED pose together put every ground pixel onto the plane z = 0."""
+    document = yaml.safe_load((sequence / 'calibration.yaml').read_text())
+    fx, fy, cx, cy = document['left']['fx_fy_cx_cy_px']
+    depth = np.load(sequence / 'depth_left' / '000004_left_depth.npy', allow_pickle=False)
+    assert depth.dtype == np.float32
+    pose = np.loadtxt(sequence / 'pose_left.txt')[4]
+    v, u = np.nonzero(depth < 100.0)
+    d = depth[v, u].astype(float)
+    in_camera = np.stack([d, d * (u - cx) / fx, d * (v - cy) / fy], axis=1)
+    world = Rotation.from_quat(pose[3:]).apply(in_camera) + pose[:3]
+    assert np.abs(world[:, 2]).max() < 1e-3
+    assert depth.max() == 10_000.0
+    png = cv2.imread(str(sequence / 'depth_left_mm' / '000004_left_depth.png'),
+                     cv2.IMREAD_UNCHANGED)
+    assert png.dtype == np.uint16
+    near = depth < 65.0
+    assert np.abs(png[near] / 1000.0 - depth[near]).max() <= 0.00051
+    assert (png[depth == 10_000.0] == 0).all()
+    assert document['depth_left_mm']['png_counts_per_m'] == 1000.0
+    assert document['baseline_m'] == pytest.approx(synthetic_bag.MOUNT.baseline_m)
+
+
+def test_millimetres_are_bounded() -> None:
+    """Nothing wraps round."""
+    depth = np.array([0.0004, 1.2344, 65.5354, 65.6, np.inf, np.nan, -1.0], dtype=np.float32)
+    assert millimetres(depth).tolist() == [0, 1234, 65535, 0, 0, 0, 0]
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    """Without true depth there is no such sequence; nothing is left behind."""
+    items = [i for i in synthetic_bag.drive(0.3) if i.topic != topics.TRUE_DEPTH.name]
+    bag = synthetic_bag.write(tmp_path / 'bag', items)
+    with pytest.raises(BagError, match='ground_truth/depth/image'):
+        export(bag, tmp_path / 'out', 'tartanair')
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['bag']
+
+
+@pytest.mark.parametrize('kind', ['euroc', 'tum', 'kitti'])
+def test_every_format_has_its_calibration(kind: str, tmp_path: Path) -> None:
+    """Intrinsics, mounts and noise beside every sequence."""
+    bag = synthetic_bag.write(tmp_path / 'bag', synthetic_bag.drive(0.5))
+    export(bag, tmp_path / kind, kind)
+    document = yaml.safe_load((tmp_path / kind / 'calibration.yaml').read_text())
+    assert document['left']['fx_fy_cx_cy_px'][0] == synthetic_bag.FOCAL_PX
+    assert np.shape(document['right']['T_imu_camera']) == (4, 4)
+    assert document['imu']['rate_hz'] == 200.0

@@ -1,0 +1,262 @@
+"""The benchmark: cells done once, stopped anywhere, tables of what is known by hand."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+from pathlib import Path
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from scipy import stats
+import synthetic_bag as synthetic
+
+from lunar_rover_sim.cli import benchmark as cli
+from lunar_rover_sim.errors import EvaluationError, GraphError
+from lunar_rover_sim.slam import benchmark, table
+from lunar_rover_sim.slam.benchmark import Cell, Drive, plan
+from lunar_rover_sim.slam.benchmark_page import html_report
+from lunar_rover_sim.slam.estimators import Estimator
+from lunar_rover_sim.slam.judgement import SlamResult
+
+# The truth as exported, of the IMU, a little too small, and nothing in the dark.
+FAKE = """\
+import pathlib, sys
+sequence, out = map(pathlib.Path, sys.argv[1:3])
+lines = (sequence / 'mav0/state_groundtruth_estimate0/data.csv').read_text().splitlines()
+rows = {line.split(',')[0]: line.split(',')[1:8] for line in lines if line[0] != '#'}
+with out.open('w') as file:
+    for stamp in (sequence / 'times.txt').read_text().split():
+        x, y, z, w, i, j, k = (float(v) for v in rows[stamp])
+        print(int(stamp) / 1e9, 0.8 * x, 0.8 * y, 0.8 * z, i, j, k, w, file=file)
+"""
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory) -> Path:
+    return synthetic.write(tmp_path_factory.mktemp('benchmark') / 'bag', synthetic.drive(2.0))
+
+
+@pytest.fixture
+def fake(tmp_path) -> list[Estimator]:
+    (tmp_path / 'fake.py').write_text(FAKE)
+    command = f'{sys.executable} {tmp_path}/fake.py {{sequence}} {{out}}'
+    return [Estimator('command', sensor, command=command, frame='imu')
+            for sensor in ('mono', 'stereo')]
+
+
+class Simulator:
+    """Copies a bag instead of simulating; fails as it is told."""
+
+    def __init__(self, bag: Path) -> None:
+        self.bag = bag
+        self.drives: list[str] = []
+        self.broken: dict[str, BaseException] = {}
+
+    def __call__(self, drive: Drive, folder: Path) -> None:
+        self.drives.append(drive.name)
+        folder.mkdir(parents=True)
+        if drive.name in self.broken:
+            (folder / 'half').write_text('written')
+            raise self.broken[drive.name]
+        shutil.copytree(self.bag, folder / benchmark.BAG)
+
+
+def outcome(cells: list[Cell]) -> list[tuple[str, bool]]:
+    return [(cell.name, cell.failed) for cell in cells]
+
+
+def reason(cell: Cell) -> str:
+    assert cell.result is not None
+    return cell.result.reason
+
+
+def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
+    """What is done stays, whatever ended the first call, and only what is missing is done."""
+    cells = plan(['baseline', 'low_albedo'], fake, 2, 2.0)
+    assert len(cells) == 8
+    folder = tmp_path / 'out'
+    simulator = Simulator(bag)
+    simulator.broken['low_albedo-seed1'] = KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt):
+        benchmark.run(cells, folder, simulator)
+    assert simulator.drives == ['baseline-seed1', 'baseline-seed2', 'low_albedo-seed1']
+    first = (folder / 'cells/baseline-seed1-mono-command/result.json').stat().st_mtime_ns
+    (folder / 'cells/baseline-seed2-stereo-command/result.json').unlink()   # stopped in a cell
+    simulator.broken.clear()
+    simulator.drives.clear()
+    done = benchmark.run(cells, folder, simulator)
+    assert simulator.drives == ['low_albedo-seed1', 'low_albedo-seed2']
+    assert (folder / 'cells/baseline-seed1-mono-command/result.json').stat().st_mtime_ns == first
+    assert outcome(done) == [(cell.name, False) for cell in cells]
+    assert not [p for p in (folder / 'recordings').iterdir() if p.name.startswith('.')]
+    for cell in done:
+        assert cell.result is not None
+        assert cell.result.scale == pytest.approx(1.25, rel=1e-6)
+        assert cell.result.tracked_share == 1.0
+    mono, stereo = (cell.result.ate_m for cell in done[:2] if cell.result)
+    assert mono < 1e-6 < stereo   # Sim(3) takes the scale out, SE(3) does not
+    with pytest.raises(EvaluationError, match='other settings'):
+        benchmark.run(plan(['baseline'], fake, 1, 3.0), folder, simulator)
+
+
+def test_failures_keep_their_reason_and_others_go_on(tmp_path, bag, fake) -> None:
+    broken = Estimator('command', 'stereo', command='/bin/false {out}')
+    cells = plan(['baseline'], [fake[0], broken], 2, 2.0)
+    simulator = Simulator(bag)
+    simulator.broken['baseline-seed1'] = GraphError('the rover fell over at 1.2 s')
+    done = benchmark.run(cells, tmp_path / 'out', simulator)
+    assert outcome(done) == [('baseline-seed1-mono-command', True),
+                             ('baseline-seed1-stereo-command', True),
+                             ('baseline-seed2-mono-command', False),
+                             ('baseline-seed2-stereo-command', True)]
+    assert simulator.drives == ['baseline-seed1', 'baseline-seed2']   # tried once, for both
+    assert 'false: ended with status 1 and wrote no trajectory' in reason(done[3])
+    assert reason(done[0]) == reason(done[1]) == 'the rover fell over at 1.2 s'
+    rows = table.rows_of(done)
+    text = table.markdown(rows)
+    assert 'mono, seed 1: the rover fell over at 1.2 s' in text and 'status 1' in text
+    assert [row.ate_m.count for row in rows] == [1, 0]
+    simulator.broken.clear()
+    kept = benchmark.run(cells, tmp_path / 'out', simulator)
+    assert outcome(kept) == outcome(done)
+    again = benchmark.run(cells, tmp_path / 'out', simulator, retry=True)
+    assert [cell.failed for cell in again] == [False, True, False, True]
+
+
+def test_bad_bag_is_a_reason(tmp_path, bag, fake) -> None:
+    items = [item for item in synthetic.drive(1.0) if 'image' not in item.topic]
+    without = synthetic.write(tmp_path / 'without', items)
+    done = benchmark.run(plan(['baseline'], fake, 1, 1.0), tmp_path / 'out', Simulator(without))
+    assert all(cell.failed for cell in done)
+    assert 'stereo/left/image_raw' in reason(done[0])
+
+
+@pytest.mark.parametrize('arguments, message', [
+    ((['baseline'], 0, 1.0), 'valid is at least 1'),
+    ((['baseline'], 1, 0.0), 'duration: 0 is not valid'),
+    ((['baseline', 'baseline'], 1, 1.0), 'two cells are called baseline-seed1'),
+    ((['baseline'], 1, 1.0, 'a.b'), 'sweep: needs a parameter and its values'),
+])
+def test_bad_plans(fake, arguments, message) -> None:
+    scenarios, *rest = arguments
+    with pytest.raises(EvaluationError, match=message):
+        plan(scenarios, fake, *rest)
+
+
+def cells_of(results: dict[tuple[str, str], list[SlamResult]], value: str = '') -> list[Cell]:
+    return [Cell(Drive(scenario, seed, 40.0, value=value), Estimator('reference', sensor), result,
+                 failed=bool(result.reason) and not result.frames)
+            for (scenario, sensor), seeds in results.items()
+            for seed, result in enumerate(seeds, 1)]
+
+
+def result(sensor: str, ate_m: float, scale: float = 1.0, tracked: float = 1.0,
+           reason: str = '') -> SlamResult:
+    return SlamResult('reference', sensor, reason, 400, tracked, ate_m, scale, 20.0 * ate_m,
+                      distance_m=5.0, duration_s=40.0)
+
+
+RESULTS = {
+    ('baseline', 'stereo'): [result('stereo', a) for a in (0.010, 0.012, 0.017)],
+    ('baseline', 'mono'): [result('mono', a, 3.0) for a in (0.02, 0.03, float('nan'))],
+    ('feature_sparse', 'stereo'): [result('stereo', 0.05, 1.3),
+                                   result('stereo', 0.07, 0.9, 0.5, 'lost at 20.0 s'),
+                                   SlamResult('reference', 'stereo', 'no bag <at all>')],
+    ('feature_sparse', 'mono'): [result('mono', 0.01, 5.0, 0.4)] * 3,
+}
+
+
+def test_means_and_intervals() -> None:
+    rows = {(r.scenario, r.sensor): r for r in table.rows_of(cells_of(RESULTS))}
+    values = np.array([0.010, 0.012, 0.017])
+    low, high = stats.t.interval(0.95, 2, values.mean(), values.std(ddof=1) / np.sqrt(3))
+    mean = rows['baseline', 'stereo'].ate_m
+    assert (mean.value - mean.half_width, mean.value + mean.half_width) == pytest.approx(
+        (low, high))
+    assert mean.text(4) == '0.0130 ± 0.0090'
+    assert rows['baseline', 'mono'].ate_m.count == 2
+    sparse = rows['feature_sparse', 'stereo']
+    assert sparse.tracked.value == pytest.approx(75.0)   # of the two that ran
+    assert sparse.reasons == ('seed 2: lost at 20.0 s', 'seed 3: no bag <at all>')
+    assert table.Mean.of([]).text(2) == '–' and table.Mean.of([1.0]).text(2) == '1.00'
+
+
+def test_findings() -> None:
+    """Whoever loses more frames is worse; where none are lost, the error decides."""
+    said = table.findings(table.rows_of(cells_of(RESULTS)))
+    assert 'as expected: feature_sparse is worst (stereo)' in said
+    assert 'as expected: feature_sparse is worst (mono)' in said
+    assert 'as expected: the scale of stereo is within 5 % of 1 on baseline' in said
+    turned = {(s, k): [result(k, 0.001 if s == 'feature_sparse' else 0.1, 1.2)]
+              for s in ('baseline', 'feature_sparse') for k in ('mono', 'stereo')}
+    assert all(line.startswith('not: ') for line in table.findings(
+        table.rows_of(cells_of(turned))))
+
+
+def test_findings_of_a_sweep() -> None:
+    """At which of its values drives were lost."""
+    cells = [cell for value, results in (('2', RESULTS['feature_sparse', 'stereo']),
+                                         ('10', RESULTS['baseline', 'stereo']))
+             for cell in cells_of({('baseline', 'stereo'): results}, value)]
+    assert table.findings(table.rows_of(cells), 'sun') == [
+        'baseline, stereo, sun: all drives tracked to their end at 10; at 2, 2 of 3 were not']
+
+
+def test_formats(tmp_path) -> None:
+    cells = cells_of(RESULTS)
+    rows = table.rows_of(cells)
+    (tmp_path / 'paper.yaml').write_text('baseline: {stereo: {ate_m: 0.125, scale: 1.02}}\n')
+    paper = table.read_paper(tmp_path / 'paper.yaml')
+    text = table.markdown(rows, paper).splitlines()
+    assert len({line.count('|') for line in text[:6]}) == 1
+    assert text[2].endswith('| 0.125 | 1.02 |') and text[3].endswith('| – | – |')
+    tex = table.latex(rows, paper)
+    assert r'feature\_sparse' in tex and r'0.0130 $\pm$ 0.0090' in tex
+    assert len({line.count('&') for line in tex.splitlines() if '&' in line}) == 1
+    numbers = list(csv.DictReader(io.StringIO(table.csv_text(rows))))
+    assert float(numbers[0]['ate_m']) == pytest.approx(0.013)
+    assert float(numbers[0]['ate_m_half_width_95']) == pytest.approx(0.00896, abs=1e-5)
+    assert numbers[2]['reasons'] == 'seed 2: lost at 20.0 s; seed 3: no bag <at all>'
+    page = html_report('Benchmark', ['Stated.'], rows, cells, tmp_path, paper=paper)
+    assert page.count('data:image/png;base64,') == 2 and 'no bag &lt;at all&gt;' in page
+    assert 'src="http' not in page and '<link' not in page and '<script' not in page
+
+
+@pytest.mark.parametrize('text', ['', 'a: b', 'baseline: {stereo: {ate_m: many}}', '- 1', '{'])
+def test_bad_paper(tmp_path, text) -> None:
+    (tmp_path / 'paper.yaml').write_text(text)
+    with pytest.raises(EvaluationError, match='paper.yaml: is not valid'):
+        table.read_paper(tmp_path / 'paper.yaml')
+
+
+def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
+    """A sweep, from the command line to the files."""
+    simulator = Simulator(bag)
+    monkeypatch.setattr(cli, '_simulate', simulator)
+    parser = argparse.ArgumentParser()
+    cli.add_parser(parser.add_subparsers())
+    words = ['benchmark', '-o', str(tmp_path / 'out'), '--scenarios', 'flat', '--seeds', '2',
+             '--duration', '2', '--sweep', 'render_node.sun.elevation_deg=2,10', '--system',
+             'command', '--run', fake[0].command, '--estimate-frame', 'imu']
+    args = parser.parse_args(words)
+    assert args.run(args) == 0
+    assert len(simulator.drives) == 4
+    printed = capsys.readouterr().out
+    text = (tmp_path / 'out/command.md').read_text()
+    assert '2 drives of 2 s per line' in text and '| flat | 2 | mono | command | 2/2 |' in text
+    assert '1.2500 ± 0.0000' in printed
+    for name in ('command.csv', 'command.tex', 'command.html'):
+        assert (tmp_path / 'out' / name).stat().st_size > 200
+    drive = json.loads((tmp_path / 'out/recordings').glob('*=2-seed1/drive.json').__next__()
+                       .read_text())
+    assert drive['value'] == '2'
+    simulator.drives.clear()
+    assert args.run(args) == 0 and not simulator.drives
+    args = parser.parse_args([*words[:7], '--sweep', 'render_node.sun.elevatoin_deg=2,10'])
+    with pytest.raises(Exception, match='elevation_deg'):
+        args.run(args)

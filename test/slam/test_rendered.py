@@ -1,0 +1,73 @@
+"""The reference odometry on what the renderer draws: the image itself must be metric."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+import worlds
+
+from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate, EvaluationOptions
+from lunar_rover_sim.frames import se3
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.snapshot import standing
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.slam.estimator_input import Camera, Frame
+from lunar_rover_sim.slam.reference.odometry import Odometry
+
+PERIOD_NS = 100_000_000
+
+
+@pytest.fixture(scope='module')
+def drive() -> tuple[list[Frame], Trajectory, Camera]:
+    """Give 30 frames of 1.5 cm along a curve over `baseline`, nodding, noise and shadows on."""
+    scenario = load_scenario('baseline')
+    world = worlds.small()
+    frames, poses = [], []
+    with Renderer(world, scenario.rover, scenario.render_node, seed=1) as renderer:
+        rig = renderer.rig
+        for k in range(30):
+            turn = 0.012 * k
+            pose = standing(world, 0.015 * k, 0.015 * k * turn / 2, np.degrees(turn))
+            nod = Rotation.from_euler('Y', 2.0 * np.sin(1.3 * k), degrees=True).as_matrix()
+            frame = renderer.render(pose @ se3(nod, np.zeros(3)), np.zeros(4), k,
+                                    ('left', 'right'))
+            frames.append(Frame((k + 1) * PERIOD_NS, frame.left, frame.right))
+            poses.append(pose @ se3(nod, np.zeros(3)) @ rig.T_base_left)
+    T = np.array(poses)
+    truth = Trajectory(np.array([f.stamp_ns for f in frames]), T[:, :3, 3],
+                       wxyz(Rotation.from_matrix(T[:, :3, :3])))
+    camera = Camera((rig.focal_px, rig.focal_px), (rig.K[0, 2], rig.K[1, 2]), rig.baseline_m)
+    return frames, truth, camera
+
+
+def test_stereo_scale_and_error(drive) -> None:
+    """Scale within 1 % of 1 and an error below 2 % of the way, as a whole drive must have."""
+    frames, truth, camera = drive
+    odometry = Odometry(camera)
+    assert all([odometry.add(frame) for frame in frames])
+    result = evaluate(truth, odometry.trajectory())
+    assert result.scale == pytest.approx(1.0, abs=0.01)
+    assert result.ate_m.rmse < 0.02 * truth.length_m
+
+
+def test_a_wrong_baseline_is_noticed(drive) -> None:
+    """A rig that is 5 % off in its calibration shows in the scale."""
+    frames, truth, camera = drive
+    odometry = Odometry(dataclasses.replace(camera, baseline_m=1.05 * camera.baseline_m))
+    for frame in frames:
+        odometry.add(frame)
+    assert abs(evaluate(truth, odometry.trajectory()).scale - 1.0) > 0.03
+
+
+def test_mono_shape(drive) -> None:
+    """Within 0.5 % of the way: an adjustment that lets the scale go leaves jumps of 2 %."""
+    frames, truth, camera = drive
+    odometry = Odometry(dataclasses.replace(camera, baseline_m=0.0))
+    located = [odometry.add(frame) for frame in frames]
+    assert all(located[located.index(True):])
+    result = evaluate(truth, odometry.trajectory(), EvaluationOptions('sim3'))
+    assert result.ate_m.rmse < 0.005 * truth.length_m

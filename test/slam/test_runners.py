@@ -1,0 +1,237 @@
+"""Runners: a fake ORB-SLAM3 that is right, wrong, lost, crashes or hangs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+import synthetic_bag as synthetic
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.cli import slam as cli
+from lunar_rover_sim.errors import BagError, EvaluationError
+from lunar_rover_sim.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.evaluation.trajectory_sources import load
+from lunar_rover_sim.sequences.extrinsics import recorded_frame
+from lunar_rover_sim.slam.estimators import Estimator, read_estimate
+from lunar_rover_sim.slam.judgement import run_on_bag, SlamResult
+from lunar_rover_sim.slam.runners import run_program
+
+SCALE = 1.25
+# Takes what stereo_euroc takes; writes the poses of `truth.txt` beside the vocabulary.
+FAKE = """\
+    #!{python}
+    import os, pathlib, sys, time
+    vocabulary, settings, sequence, times, name = sys.argv[1:6]
+    assert pathlib.Path(settings).read_text().startswith('%YAML:1.0')
+    assert (pathlib.Path(sequence) / 'mav0' / 'cam0' / 'data').is_dir()
+    stamps = [int(line) for line in open(times)]
+    print('frames', len(stamps), flush=True)
+    kind = pathlib.Path(vocabulary).read_text().strip()
+    if kind == 'crash':
+        os.abort()
+    if kind == 'hang':
+        time.sleep(600)
+    rows = [line.split() for line in open(pathlib.Path(vocabulary).parent / 'truth.txt')]
+    rows = {{round(float(row[0]) * 1e9): row[1:] for row in rows}}
+    with open('f_' + name + '.txt', 'w') as file:
+        for k, ns in enumerate(stamps):
+            if kind == 'nothing' or (kind == 'half' and k >= len(stamps) // 2):
+                break
+            pose = [float(v) for v in rows[ns]]
+            pose[:3] = [v / {scale} for v in pose[:3]]
+            if kind == 'nan' and k == 3:
+                pose[0] = float('nan')
+            print('%.6f' % (ns + (k % 3 - 1) * 256.0), *pose, file=file)
+    if kind == 'late-crash':
+        os.abort()
+"""
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    return synthetic.write(tmp_path_factory.mktemp('slam') / 'bag', synthetic.drive(3.0))
+
+
+@pytest.fixture
+def fake(tmp_path, bag):
+    """Return a maker of estimators, by what goes wrong."""
+    program = tmp_path / 'stereo_euroc'
+    program.write_text(textwrap.dedent(FAKE).format(python=sys.executable, scale=SCALE))
+    program.chmod(0o755)
+    with open_bag(bag) as opened:
+        write_tum(tmp_path / 'truth.txt', load(bag).of_frame(recorded_frame(opened, 'left')))
+
+    def make(kind: str, **more) -> Estimator:
+        (tmp_path / 'vocabulary.txt').write_text(kind)
+        return Estimator('orbslam3', 'stereo', program, tmp_path / 'vocabulary.txt', **more)
+
+    (tmp_path / 'out').mkdir()
+    return make
+
+
+def test_known_error(tmp_path, bag, fake) -> None:
+    lines: list[str] = []
+    result = run_on_bag(bag, fake('fine'), tmp_path / 'out', lines.append)
+    assert result.reason == ''
+    assert result.scale == pytest.approx(SCALE, rel=1e-9)
+    assert result.tracked_share == 1.0
+    assert lines == [f'frames {result.frames}']
+    assert (tmp_path / 'out' / 'log.txt').read_text().split() == lines[0].split()
+    path = np.load(tmp_path / 'out' / 'path.npz')
+    expected = np.sqrt(np.mean(np.sum((path['truth_m'] - path['estimate_m'])**2, axis=1)))
+    assert result.ate_m == pytest.approx(expected)
+    assert not (tmp_path / 'out' / 'sequence').exists()
+    again = SlamResult.from_mapping(json.loads(json.dumps(result.to_mapping())))
+    assert repr(again) == repr(result)   # NaN and all
+
+
+def test_lost_half_way_is_a_result(tmp_path, bag, fake) -> None:
+    result = run_on_bag(bag, fake('half'), tmp_path / 'out')
+    assert result.reason.startswith('lost at 1.')
+    assert result.tracked_share == pytest.approx(0.5, abs=1.0 / result.frames)
+    assert np.isfinite(result.ate_m)
+
+
+def test_nothing_tracked_is_a_result(tmp_path, bag, fake) -> None:
+    result = run_on_bag(bag, fake('nothing'), tmp_path / 'out')
+    assert result.reason.startswith('lost') and result.tracked_share == 0.0
+    assert np.isnan(result.ate_m)
+
+
+def test_crash_after_the_result_is_told(tmp_path, bag, fake) -> None:
+    result = run_on_bag(bag, fake('late-crash'), tmp_path / 'out')
+    assert 'crashed with SIGABRT' in result.reason
+    assert result.scale == pytest.approx(SCALE, rel=1e-9)
+
+
+def test_crash(tmp_path, bag, fake) -> None:
+    with pytest.raises(EvaluationError, match='stereo_euroc: crashed with SIGABRT.*frames'):
+        run_on_bag(bag, fake('crash'), tmp_path / 'out')
+
+
+def test_hang(tmp_path, bag, fake) -> None:
+    start = time.monotonic()
+    with pytest.raises(EvaluationError, match='stereo_euroc: was ended after'):
+        run_on_bag(bag, fake('hang', timeout_s=1.5), tmp_path / 'out')
+    assert time.monotonic() - start < 300.0   # not the 600 s it would sleep
+
+
+def test_nan(tmp_path, bag, fake) -> None:
+    with pytest.raises(EvaluationError, match='f_run.txt.*not finite'):
+        run_on_bag(bag, fake('nan'), tmp_path / 'out')
+
+
+def test_other_program(tmp_path, bag) -> None:
+    script = tmp_path / 'other.py'
+    script.write_text('import sys\n'
+                      'with open(sys.argv[2], "w") as out:\n'
+                      '    for k, line in enumerate(open(sys.argv[1] + "/times.txt")):\n'
+                      '        print(int(line) / 1e9, k * 0.01, k * k * 1e-3, 0, 0, 0, 0, 1,'
+                      ' file=out)\n')
+    (tmp_path / 'out').mkdir()
+    estimator = Estimator('command', 'stereo',
+                          command=f'{sys.executable} {script} {{sequence}} {{out}}')
+    result = run_on_bag(bag, estimator, tmp_path / 'out')
+    assert result.tracked_share == 1.0
+
+
+@pytest.mark.parametrize('arguments, message', [
+    ({'system': 'vins'}, 'system: .vins. is not valid'),
+    ({'sensor': 'lidar'}, 'sensor: .lidar. is not valid'),
+    ({'sensor': 'rgbd'}, 'not valid for the reference'),
+    ({'system': 'orbslam3'}, 'needs an executable and a vocabulary'),
+    ({'system': 'orbslam3', 'program': Path('/no/such'), 'vocabulary': Path('/no')},
+     '/no/such: there is no such program'),
+    ({'system': 'command'}, 'needs the command line'),
+    ({'system': 'command', 'command': '/no/such {out}'}, '/no/such: there is no such program'),
+    ({'system': 'command', 'command': 'true {nope}'}, "'nope'; valid fields are sequence"),
+    ({'system': 'command', 'command': 'true "{out}'}, 'No closing quotation'),
+])
+def test_bad_estimator(arguments, message) -> None:
+    with pytest.raises(EvaluationError, match=message):
+        Estimator(**arguments)
+
+
+def test_stamps_of_early_frames(tmp_path) -> None:
+    """Simulated time begins at 0: 5e9 is 5 s in ns, not 5e9 s."""
+    frames = np.arange(1, 100, dtype=np.int64) * 100_000_000
+    for unit in (1, 1e9):
+        path = tmp_path / 'f.txt'
+        path.write_text(''.join(f'{ns / unit + 0.0:.9f} {k} 0 0 0 0 0 1\n'
+                                for k, ns in enumerate(frames)))
+        assert np.array_equal(read_estimate(path, frames).stamps_ns, frames)
+
+
+def test_repeated_poses_are_of_frames_that_were_not_located(tmp_path) -> None:
+    """ORB-SLAM3 writes the last pose again while it looks for its place, stamp and all."""
+    frames = np.arange(1, 10, dtype=np.int64) * 100_000_000
+    lines = [f'{ns} {k} 0 0 0 0 0 1\n' for k, ns in enumerate(frames)]
+    path = tmp_path / 'f.txt'
+    path.write_text(''.join([*lines[:4], lines[3], lines[3], *lines[6:]]))
+    assert np.array_equal(read_estimate(path, frames).stamps_ns, np.delete(frames, (4, 5)))
+    path.write_text(''.join([*lines[:4], lines[3].replace(' 3 ', ' 3.5 '), *lines[4:]]))
+    with pytest.raises(EvaluationError, match='stamps do not increase: pose 4'):
+        read_estimate(path, frames)
+
+
+CHILD = 'sleep 600 & echo $! > child; wait'
+
+
+def test_children_end_with_their_parent(tmp_path) -> None:
+    ended = run_program(['/bin/sh', '-c', CHILD], tmp_path, tmp_path / 'log', 1.0)
+    assert ended.timed_out
+    wait_for_end(tmp_path)
+
+
+def test_children_end_when_told_to(tmp_path) -> None:
+    """SIGTERM, as from a batch system, leaves nothing behind."""
+    code = ('from pathlib import Path\n'
+            'from lunar_rover_sim.slam.runners import run_program\n'
+            f'folder = Path({str(tmp_path)!r})\n'
+            f'run_program(["/bin/sh", "-c", {CHILD!r}], folder, folder / "log", 600.0)\n')
+    parent = subprocess.Popen([sys.executable, '-c', code])
+    for _ in range(600):
+        if (tmp_path / 'child').exists() and (tmp_path / 'child').read_text():
+            break
+        time.sleep(0.05)
+    parent.terminate()
+    assert parent.wait(60.0) == 128 + signal.SIGTERM
+    wait_for_end(tmp_path)
+
+
+def wait_for_end(tmp_path: Path) -> None:
+    child = Path('/proc') / (tmp_path / 'child').read_text().strip() / 'stat'
+    for _ in range(1200):
+        if not child.exists() or child.read_text().split()[2] == 'Z':
+            break
+        time.sleep(0.05)
+    else:
+        pytest.fail('the child is still running')
+
+
+def test_command_line(tmp_path, bag, capsys) -> None:
+    parser = argparse.ArgumentParser()
+    cli.add_parser(parser.add_subparsers())
+    script = tmp_path / 'none.sh'
+    script.write_text('#!/bin/sh\nexit 0\n')
+    script.chmod(0o755)
+    args = parser.parse_args(['slam', 'run', str(bag), '-o', str(tmp_path / 'result'),
+                              '--system', 'command', '--run', f'{script} {{out}}'])
+    assert args.run(args) == 0
+    assert 'lost' in capsys.readouterr().out
+    assert json.loads((tmp_path / 'result' / 'result.json').read_text())['tracked_share'] == 0.0
+    with pytest.raises(EvaluationError, match='exists already'):
+        args.run(args)
+    args = parser.parse_args(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
+    with pytest.raises(BagError, match='there is no such bag'):
+        args.run(args)
+    assert not (tmp_path / 'nothing').exists()

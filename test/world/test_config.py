@@ -1,0 +1,40 @@
+"""The recipe: what is refused, and that scenarios and presets agree."""
+
+import pytest
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.world.config import preset, PRESETS, WorldConfig
+
+
+@pytest.mark.parametrize('mapping, message', [
+    ({'size_m': 50.1}, r'size_m: 50.1 is not a multiple of 16 cells .* nearest is 50$'),
+    ({'size_m': 51.3}, r'size_m: 51.3 .* nearest is 51.2$'),
+    ({'sice_m': 51.2}, r'world.sice_m: no such parameter; did you mean size_m'),
+    ({'relief': {'hurst': 1.5}}, r'world.relief.hurst: 1.5 is not valid; valid is >= 0.05'),
+    ({'rocks': {'min_diameter_m': 2.0, 'max_diameter_m': 1.0}},
+     'rocks.min_diameter_m: 2 is above'),
+    ({'source': 'dem'}, 'world.path: empty; source dem needs a file'),
+    ({'source': 'dme', 'path': 'x'}, "'dme' is not valid; did you mean dem"),
+    ({'dem': {'center': [1.0]}}, r'world.dem.center: 1 elements given; valid is 2 elements'),
+    ({'rocks': 3}, 'world.rocks: 3 is not a mapping'),
+])
+def test_mistakes_are_named(mapping, message):
+    with pytest.raises(ConfigError, match=message):
+        WorldConfig.from_mapping(mapping, 'world')
+
+
+def test_mapping_round_trip():
+    config = WorldConfig.from_mapping({'rocks.abundance': 0.01, 'seed': 5})
+    assert WorldConfig.from_mapping(config.to_mapping()) == config
+    assert config.samples == 2049
+
+
+@pytest.mark.parametrize('name', PRESETS)
+def test_scenarios_have_the_preset_worlds(name):
+    assert load_scenario(name).world == preset(name)
+
+
+def test_unknown_preset():
+    with pytest.raises(ConfigError, match='did you mean flat'):
+        preset('flta')

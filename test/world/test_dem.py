@@ -1,0 +1,310 @@
+"""Elevation models: windows, units, gaps, sizes, and that refinement keeps what they say."""
+
+import json
+import pathlib
+import tracemalloc
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.crs import CRS
+from rasterio.transform import from_origin
+import worlds
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.parameters import merge
+from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.dem import open_dem
+
+MOON = '+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs'
+REAL = pathlib.Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'moon_npole_80m.tif'
+needs_real = pytest.mark.skipif(not REAL.is_file(), reason=f'{REAL} is not there')
+
+
+def write_tiff(path, heights, pixel=2.0, crs=MOON, west=1000.0, north=-3000.0, nodata=None):
+    """Write heights, row 0 north."""
+    with rasterio.open(path, 'w', driver='GTiff', width=heights.shape[1], height=heights.shape[0],
+                       count=1, dtype=heights.dtype, crs=CRS.from_user_input(crs) if crs else None,
+                       transform=from_origin(west, north, pixel, pixel) if pixel else None,
+                       nodata=nodata) as file:
+        file.write(heights, 1)
+    return path
+
+
+def hills(n=48, pixel=2.0, seed=0):
+    """Return smooth random heights, row 0 north, far from zero."""
+    axis = np.arange(n) * pixel
+    rng = np.random.default_rng(seed)
+    heights = np.full((n, n), -1834.0)
+    for _ in range(12):
+        k = rng.uniform(-1.0, 1.0, 2) / rng.uniform(3.0, 12.0)
+        wave = np.sin(k[0] * axis + (k[1] * axis)[:, None] + rng.uniform(0, 6.28))
+        heights += 0.15 / np.linalg.norm(k) * wave / 3.0
+    return heights.astype(np.float32)
+
+
+def config(path, **parameters):
+    """Return the parameters of a small world from an elevation model."""
+    return WorldConfig.from_mapping(
+        merge(merge(worlds.SMALL, {'source': 'dem', 'path': str(path)}), parameters))
+
+
+def box_means(world, k, x, y, pixel):
+    """Return the means of a level's heights over square pixels centred on x and y."""
+    grid = world.levels[k]
+    fine = (np.arange(40) + 0.5) / 40 * pixel - pixel / 2
+    xy = np.stack(np.meshgrid((x[:, None] + fine).ravel(), (y[:, None] + fine).ravel()), -1)
+    return grid.height_at(xy).reshape(len(y), 40, len(x), 40).mean(axis=(1, 3))
+
+
+def assert_keeps(world, heights, x, y, pixel, tolerance_m):
+    """Check that pixel means of the ground are the heights given (row 0 south)."""
+    means = box_means(world, 0, x, y, pixel) + world.report['origin_height_m']
+    assert np.abs(means - heights).max() < tolerance_m
+
+
+def test_what_the_model_says_survives(tmp_path):
+    heights = hills()
+    path = write_tiff(tmp_path / 'hills.tif', heights)
+    world = build(config(path, size_m=25.6), 3)
+    plain = build(config(path, size_m=25.6, **worlds.BARE), 3)
+    # Pixels wholly on the ground, but for those in the band where levels meet.
+    x = (np.arange(48) - 23.5) * 2.0
+    inner = np.abs(x) < 12.8 - 1.0 - 1.5
+    assert_keeps(world, heights[::-1][np.ix_(inner, inner)], x[inner], x[inner], 2.0, 0.02)
+    # And below that scale there is something: relief and craters, none above a pixel.
+    residual = (world.ground.heights_m - plain.ground.heights_m)[100:-100, 100:-100]
+    lag = 12
+    assert np.std(residual[:, lag:] - residual[:, :-lag]) / 0.3 > np.tan(np.radians(2.0))
+    inside = np.abs(world.craters.position_m).max(axis=1) < 40.0
+    assert inside.sum() > 100 and world.craters.diameter_m[inside].max() <= 2.0
+
+
+@needs_real
+def test_a_real_model_survives():
+    with rasterio.open(REAL) as file:
+        heights, pixel = file.read(1)[::-1], file.transform.a
+    world = build(WorldConfig.from_mapping({'source': 'dem', 'path': str(REAL),
+                                            'surroundings': {'samples': 1025}}), 1)
+    x = (np.arange(33) - 16.0) * pixel
+    inner = np.abs(x) < 25.6 - 1.5 - 0.5 * pixel
+    assert_keeps(world, heights[np.ix_(inner, inner)], x[inner], x[inner], pixel, 0.03)
+    # The first coarse level holds the whole file; its outermost pixels are blended.
+    core = np.abs(x) < 27.0
+    means = box_means(world, 1, x[core], x[core], pixel) + world.report['origin_height_m']
+    assert np.abs(means - heights[np.ix_(core, core)]).max() < 0.05
+    assert world.report['origin_height_m'] == pytest.approx(heights[16, 16], abs=0.5)
+
+
+def test_axes_point_where_the_file_says(tmp_path):
+    # 10 cm per metre east, 5 cm per metre north.
+    axis = (np.arange(40) - 19.5) * 2.0
+    heights = (0.1 * axis - 0.05 * axis[:, None]).astype(np.float32)
+    path = write_tiff(tmp_path / 'ramp.tif', heights)
+    world = build(config(path, **worlds.BARE), 0)
+    z = world.height_at(np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 5.0], [-5.0, -5.0]]))
+    assert np.allclose(z, [0.0, 0.5, 0.25, -0.75], atol=2e-3)
+
+
+def test_a_flat_model_stays_flat(tmp_path):
+    path = write_tiff(tmp_path / 'flat.tif', np.full((30, 30), 1234.5, np.float32))
+    world = build(config(path, **worlds.BARE), 0)
+    assert all(np.abs(level.heights_m).max() < 1e-4 for level in world.levels)
+    assert world.report['origin_height_m'] == pytest.approx(1234.5, abs=1e-3)
+
+
+def test_no_step_where_the_file_ends(tmp_path):
+    path = write_tiff(tmp_path / 'hills.tif', hills())
+    world = build(config(path, craters={'density': 0.0}), 3)
+    # Lines across the file's edge at +-48 m, on the level that shows it.
+    level = next(g for g in world.levels if g.half_extent_m > 60.0)
+    s = np.arange(40.0, 56.0, level.cell_m)
+    steps = []
+    for t in np.linspace(-40.0, 40.0, 41):
+        for xy in (np.stack([s, np.full_like(s, t)], -1), np.stack([np.full_like(s, t), -s], -1)):
+            steps.append(np.abs(np.diff(level.height_at(xy))).max() / level.cell_m)
+    # No slope beyond those of the terrain itself: hills of up to 20 degrees.
+    assert np.max(steps) < np.tan(np.radians(25.0))
+
+
+def test_a_large_model_serves_the_surroundings_too(tmp_path):
+    heights = hills(400, pixel=5.0)
+    path = write_tiff(tmp_path / 'wide.tif', heights, pixel=5.0)
+    world = build(config(path, craters={'density': 0.0}), 3)
+    x = (np.arange(400) - 199.5) * 5.0
+    some = np.arange(60, 340, 37)
+    for k in (2, 3):  # 1.6 m and 12.8 m cells: finer and coarser than the file
+        grid = world.levels[k]
+        use = some[np.abs(x[some]) < grid.half_extent_m - 60.0]
+        xy = np.stack(np.meshgrid(x[use], x[use]), axis=-1)
+        z = grid.height_at(xy) + world.report['origin_height_m']
+        off = z - heights[::-1][np.ix_(use, use)]
+        assert np.std(off) < (0.15 if k == 2 else 0.5)
+        assert np.std(heights) > 1.5
+
+
+@pytest.mark.parametrize('mode, center', [
+    ('offset', (10.0, -6.0)), ('pixel', (29.0, 27.0)), ('crs', (1058.0, -3054.0))])
+def test_windows(tmp_path, mode, center):
+    # 48 pixels of 2 m from x = 1000, y = -3000: the same place in three ways.
+    path = write_tiff(tmp_path / 'hills.tif', hills())
+    here = open_dem(config(path, dem={'center_mode': mode, 'center': list(center)}))
+    assert (here.column0, here.row0) == pytest.approx((29.0, 27.0))
+    here.close()
+
+
+def test_window_by_longitude_and_latitude(tmp_path):
+    from rasterio.warp import transform
+    path = write_tiff(tmp_path / 'hills.tif', hills())
+    moon = CRS.from_user_input('+proj=longlat +R=1737400 +no_defs')
+    lon, lat = transform(CRS.from_user_input(MOON), moon, [1058.0], [-3054.0])
+    assert lat[0] < -89.8
+    here = open_dem(config(path, dem={'center_mode': 'lonlat', 'center': [lon[0], lat[0]]}))
+    assert (here.column0, here.row0) == pytest.approx((29.0, 27.0), abs=1e-3)
+    here.close()
+
+
+def test_other_units_of_length(tmp_path):
+    feet = MOON.replace('+units=m', '+units=us-ft')
+    path = write_tiff(tmp_path / 'feet.tif', hills(), pixel=10.0, crs=feet)
+    here = open_dem(config(path, dem={'height_scale': 1200 / 3937}))
+    assert here.pixel_m == pytest.approx(10.0 * 1200 / 3937)
+    assert here.reference_m == pytest.approx(-1834.0 * 1200 / 3937, abs=2.0)
+    here.close()
+
+
+def test_integer_heights_with_scale_and_offset(tmp_path):
+    path = write_tiff(tmp_path / 'int.tif', np.full((30, 30), 200, np.int16))
+    with rasterio.open(path, 'r+') as file:
+        file.scales, file.offsets = (0.5,), (1000.0,)
+    here = open_dem(config(path))
+    assert here.reference_m == pytest.approx(1100.0)
+    here.close()
+
+
+@pytest.mark.parametrize('marker', [-9999.0, np.nan, -3.4028227e38])
+def test_gaps(tmp_path, marker):
+    heights = hills()
+    heights[22:25, 23:25] = marker
+    path = write_tiff(tmp_path / 'gap.tif', heights, nodata=-9999.0 if marker == -9999.0 else None)
+    with pytest.raises(WorldError, match=r'6 of \d+ pixels in the window have no data; move '
+                                         r'dem.center or set dem.nodata to fill'):
+        open_dem(config(path))
+    world = build(config(path, dem={'nodata': 'fill'}), 1)
+    assert world.report['filled_pixels'] == 6
+    assert np.abs(world.ground.heights_m).max() < 5.0
+
+
+def test_gaps_in_the_surroundings_are_filled(tmp_path):
+    heights = hills()
+    heights[:5, :] = -9999.0
+    path = write_tiff(tmp_path / 'gap.tif', heights, nodata=-9999.0)
+    world = build(config(path), 1)
+    assert all(np.abs(level.heights_m).max() < 200.0 for level in world.levels)
+
+
+def refused(path, message, **parameters):
+    """Check that an elevation model is refused in one line that says why."""
+    with pytest.raises(WorldError, match=message) as error:
+        open_dem(config(path, **parameters))
+    assert '\n' not in str(error.value)
+
+
+def test_refusals(tmp_path):
+    heights = hills()
+    degrees = write_tiff(tmp_path / 'degrees.tif', heights, pixel=1e-4, crs='+proj=longlat '
+                         '+R=1737400', west=10.0, north=-80.0)
+    refused(degrees, 'its coordinates are degrees, not metres; reproject it')
+    path = write_tiff(tmp_path / 'hills.tif', heights)
+    refused(path, r'reaches 8.4 m beyond the east edge of the file \(96 x 96 m\); move dem.center',
+            dem={'center': [50.0, 0.0]})
+    refused(path, 'beyond the south edge', dem={'center': [0.0, -45.0]})
+    refused(path, 'dem.band: 2;', dem={'band': 2})
+    refused(write_tiff(tmp_path / 'bare.tif', heights, pixel=0.0, crs=None),
+            'does not say how large its pixels are; set dem.pixel_m')
+    refused(write_tiff(tmp_path / 'none.tif', np.full((30, 30), np.nan, np.float32)),
+            'pixels in the window have no data; move dem.center$', dem={'nodata': 'fill'})
+    turned = tmp_path / 'turned.tif'
+    with rasterio.open(turned, 'w', driver='GTiff', width=30, height=30, count=1, dtype='float32',
+                       crs=CRS.from_user_input(MOON),
+                       transform=rasterio.Affine(1.0, 0.5, 0.0, 0.5, -1.0, 0.0)) as file:
+        file.write(heights[:30, :30], 1)
+    refused(turned, 'rows do not run west to east')
+    (tmp_path / 'text.tif').write_text('not a raster')
+    refused(tmp_path / 'text.tif', 'not a raster that can be read')
+    refused(tmp_path / 'absent.tif', 'no such file')
+    refused(tmp_path, 'dem.npy is missing')
+    refused(path, 'cannot be projected', dem={'center_mode': 'lonlat', 'center': [0.0, 400.0]})
+
+
+def test_pixels_without_a_size_are_told_theirs(tmp_path):
+    path = write_tiff(tmp_path / 'bare.tif', hills(), pixel=0.0, crs=None)
+    here = open_dem(config(path, dem={'pixel_m': 2.0}))
+    assert here.area_m == pytest.approx((-48.0, 48.0, -48.0, 48.0))
+    here.close()
+
+
+def test_only_the_window_is_read(tmp_path):
+    # 40 GB if it were read: a sparse file of 100,000 x 100,000 pixels with one tile written.
+    path = tmp_path / 'huge.tif'
+    n = 100_000
+    with rasterio.open(path, 'w', driver='GTiff', width=n, height=n, count=1, dtype='float32',
+                       crs=CRS.from_user_input(MOON), transform=from_origin(0, 0, 5.0, 5.0),
+                       tiled=True, blockxsize=256, blockysize=256, sparse_ok=True, nodata=0.0,
+                       BIGTIFF='YES') as file:
+        window = rasterio.windows.Window(51_200 - 512, 51_200 - 512, 1024, 1024)
+        file.write(np.tile(hills(64, 5.0), (16, 16)), 1, window=window)
+    assert path.stat().st_size < 50e6
+    parameters = config(path, dem={'center_mode': 'pixel', 'center': [51_200.0, 51_200.0]})
+    tracemalloc.start()
+    world = build(parameters, 1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 400e6
+    assert world.report['origin_height_m'] == pytest.approx(-1834.0, abs=10.0)
+
+
+def write_folder(folder, heights, pixel=(5.0, -5.0), **more):
+    """Write dem.npy and dem.yaml."""
+    folder.mkdir()
+    np.save(folder / 'dem.npy', heights)
+    document = {'size': list(heights.shape[::-1]), 'pixel_size': list(pixel),
+                'center_coordinates': [12.3, -89.5], **more}
+    (folder / 'dem.yaml').write_text(json.dumps(document))  # JSON is YAML
+    return folder
+
+
+def test_folder_of_an_array_equals_the_raster(tmp_path):
+    heights = hills(60, 5.0)
+    folder = write_folder(tmp_path / 'site', heights)
+    tiff = write_tiff(tmp_path / 'site.tif', heights, pixel=5.0)
+    a, b = open_dem(config(folder)), open_dem(config(tiff))
+    assert a.reference_m == pytest.approx(b.reference_m)
+    for half, cell in ((6.4, 0.025), (200.0, 1.6), (1600.0, 12.8)):
+        one, other = a.tile(half, cell), b.tile(half, cell)
+        assert np.allclose(one.heights_m, other.heights_m, atol=1e-3)
+        assert np.allclose(one.x_m, other.x_m) and np.allclose(one.y_m, other.y_m)
+    assert a.report['center_lon_lat_deg'] == [12.3, -89.5]
+    a.close(), b.close()
+
+
+def test_rows_from_the_south(tmp_path):
+    heights = hills(60, 5.0)
+    north = open_dem(config(write_folder(tmp_path / 'a', heights)))
+    south = open_dem(config(write_folder(tmp_path / 'b', heights[::-1], (5.0, 5.0))))
+    a, b = north.tile(30.0, 0.2), south.tile(30.0, 0.2)
+    assert np.allclose(a.heights_m, b.heights_m) and np.allclose(a.y_m, b.y_m)
+
+
+def test_folder_refusals(tmp_path):
+    heights = hills(60, 5.0)
+    refused(write_folder(tmp_path / 'size', heights, size=[10, 10]), r'dem.yaml: size: \[10, 10\]')
+    refused(write_folder(tmp_path / 'pixel', heights, pixel_size=[0, 'x']), 'pixel_size')
+    refused(write_folder(tmp_path / 'lonlat', heights), 'has no CRS: use offset or pixel',
+            dem={'center_mode': 'lonlat'})
+    refused(write_folder(tmp_path / 'cube', heights[None]), 'not a two-dimensional array')
+    (tmp_path / 'pickle').mkdir()
+    np.save(tmp_path / 'pickle' / 'dem.npy', np.array([{}], object), allow_pickle=True)
+    (tmp_path / 'pickle' / 'dem.yaml').write_text('{}')
+    refused(tmp_path / 'pickle', 'Python objects')

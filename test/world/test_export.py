@@ -1,0 +1,184 @@
+"""Meshes and pictures of worlds, and the command line."""
+
+import argparse
+import errno
+import os
+
+import numpy as np
+from PIL import Image
+import pytest
+import trimesh
+import worlds
+
+from lunar_rover_sim.cli import world as command
+from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.world import export, map_sheet, shade, world_folder
+from lunar_rover_sim.world.grid import HeightGrid
+
+
+@pytest.mark.parametrize('suffix', ['glb', 'obj', 'ply'])
+def test_export_is_read_by_others(tmp_path, suffix):
+    world = worlds.small()
+    path = export.write(world, tmp_path / f'world.{suffix}', stride=4)
+    loaded = trimesh.load(path, process=False)
+    # Rocks are geometry of their own.
+    if suffix == 'glb':
+        assert len(loaded.geometry) == 1 + len(set(world.rocks.shape.tolist()))
+        mesh = loaded.to_mesh()
+    else:
+        mesh = loaded
+    if suffix == 'obj':
+        names = [line[2:] for line in path.read_text().splitlines() if line.startswith('o ')]
+        assert len(names) == 1 + len(world.rocks) and names[0] == 'ground'
+    vertices = mesh.vertices
+    if suffix == 'glb':  # y up
+        vertices = np.column_stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]])
+    size = world.config.size_m
+    assert np.allclose(np.ptp(vertices[:, :2], axis=0), size, atol=0.5)
+    n = (world.ground.n - 1) // 4 + 1
+    assert len(vertices) >= n * n
+    # The ground's vertices lie on the ground.
+    at = world.height_at(vertices[:, :2])
+    on_ground = np.abs(vertices[:, 2] - at) < 1e-4
+    assert on_ground.sum() >= 0.95 * n * n
+    assert len(list(tmp_path.iterdir())) == 1  # no temporary file, no material beside it
+
+
+def test_export_without_rocks_and_with_surroundings(tmp_path):
+    world = worlds.small()
+    scene = export.to_scene(world, 8, rocks=False, surroundings=True)
+    assert set(scene.geometry) == {'ground'} | {f'surroundings_{i}'
+                                                for i in range(1, len(world.levels))}
+    assert scene.extents[0] == pytest.approx(2 * world.levels[-1].half_extent_m)
+    everything = export.to_scene(world, 8)
+    rocks = [name for name in everything.graph.nodes_geometry if name.startswith('rock_')]
+    assert len(rocks) == len(world.rocks)
+    transform, _ = everything.graph['rock_0']
+    assert np.allclose(transform[:3, 3], world.rocks.position_m[0])
+    scale = np.cbrt(np.linalg.det(transform[:3, :3]))
+    assert scale == pytest.approx(world.rocks.diameter_m[0])
+
+
+def test_export_refusals(tmp_path):
+    world = worlds.small()
+    with pytest.raises(WorldError, match=r'\.stl format is not one that is written; valid are'):
+        export.write(world, tmp_path / 'world.stl')
+    with pytest.raises(WorldError, match='stride: 7 does not divide the 512 cells'):
+        export.write(world, tmp_path / 'world.glb', stride=7)
+    with pytest.raises(WorldError, match='cannot be written'):
+        export.write(world, tmp_path / 'nowhere' / 'world.ply')
+
+
+def test_exported_ground_comes_back_as_a_world(tmp_path):
+    # Out as GLB and in again as a mesh: the same surface.
+    from lunar_rover_sim.parameters import merge
+    from lunar_rover_sim.world.build import build
+    from lunar_rover_sim.world.config import WorldConfig
+    world = worlds.small()
+    path = export.write(world, tmp_path / 'world.glb', stride=2, rocks=False)
+    mapping = merge(worlds.BARE, {'source': 'mesh', 'path': str(path), 'size_m': 6.4,
+                                  'surroundings': {'samples': 257}})
+    again = build(WorldConfig.from_mapping(mapping), 1)
+    xy = np.random.default_rng(0).integers(-32, 33, (500, 2)) * 0.05  # samples of both
+    expected = world.height_at(xy) - world.height_at((0.0, 0.0))
+    assert np.abs(again.height_at(xy) - expected).max() < 1e-4
+
+
+def test_a_full_disk_leaves_no_file(tmp_path, monkeypatch):
+    def full(*args):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    monkeypatch.setattr(os, 'replace', full)
+    with pytest.raises(WorldError, match='cannot be written: No space left on device'):
+        export.write(worlds.small(), tmp_path / 'world.ply', stride=16)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_shadow_ends_where_it_should():
+    # A wall 1 m high at x = 0, sun in the east at 10 degrees: shadow from 0 to -1 / tan 10.
+    n, cell = 401, 0.05
+    axis = (np.arange(n) - 200) * cell
+    heights = np.where(np.abs(axis) < 0.2, 1.0, 0.0)[None].repeat(n, 0).astype(np.float32)
+    dark = shade.shadow(heights, cell, 0.0, 10.0)[200]
+    length = -axis[dark].min() - 0.2
+    assert length == pytest.approx(1.0 / np.tan(np.radians(10.0)), abs=2 * cell)
+    assert not dark[axis > 0.25].any()
+
+
+def test_slope_and_horizon_of_a_plane():
+    world = worlds.small(**worlds.BARE)
+    assert np.allclose(shade.horizon_deg(world, [0.0, 90.0], 0.3), 0.0, atol=0.05)
+    axis = np.arange(65.0) - 32.0
+    tilted = HeightGrid((0.1 * axis)[None].repeat(65, 0).astype(np.float32), 1.0)
+    assert np.allclose(shade.slope_deg(tilted.heights_m, 1.0), np.degrees(np.arctan(0.1)))
+    # Along x and y together: half the squared slope.
+    assert shade.rms_slope_deg(tilted, 4.0) == pytest.approx(
+        np.degrees(np.arctan(0.1 / np.sqrt(2.0))))
+
+
+def test_preview_is_a_picture(tmp_path):
+    map_sheet.write(worlds.small(), tmp_path / 'sheet.png')
+    with Image.open(tmp_path / 'sheet.png') as image:
+        pixels = np.asarray(image.convert('L'), float)
+    assert pixels.shape[0] > 600 and pixels.std() > 20.0
+    flat = worlds.small(**worlds.BARE, albedo={'variation': 0.0, 'grain': 0.0})
+    map_sheet.sheet(flat)
+    with pytest.raises(WorldError, match='cannot be written'):
+        map_sheet.write(flat, tmp_path / 'nowhere' / 'sheet.png')
+
+
+def call(*argv):
+    """Run a world command; return its exit status."""
+    parser = argparse.ArgumentParser()
+    command.add_parser(parser.add_subparsers())
+    args = parser.parse_args(['world', *argv])
+    return args.run(args)
+
+
+SMALL = ['--set', 'world.surroundings.samples=129', '--set', 'world.surroundings.extent_m=60']
+
+
+def test_command_line(tmp_path, capsys):
+    folder = str(tmp_path / 'w')
+    assert call('build', '--scenario', 'feature_sparse', '--size', '6.4', '--seed', '9', *SMALL,
+                '-o', folder) == 0
+    world = world_folder.load(folder)
+    assert world.config.size_m == 6.4 and world.config.seed == 9
+    assert world.config.rocks.abundance == 0.0015
+    assert world.hash in capsys.readouterr().out
+    assert call('info', folder) == 0
+    out = capsys.readouterr().out
+    assert world.hash in out and '6.4 m at 0.025 m' in out
+    assert call('preview', folder) == 0 and (tmp_path / 'w.png').is_file()
+    assert call('export', folder, '-o', str(tmp_path / 'w.ply')) == 0
+    for again in (('build', '-o', folder), ('preview', folder),
+                  ('export', folder, '-o', str(tmp_path / 'w.ply'))):
+        with pytest.raises(WorldError, match='exists already'):
+            call(*again)
+
+
+def test_command_line_sources(tmp_path):
+    mesh, _ = tmp_path / 'plane.obj', trimesh.creation.box((20.0, 20.0, 1.0)).export(
+        tmp_path / 'plane.obj')
+    call('build', '--mesh', str(mesh), '--window', '1.5', '-2', '--size', '3.2', *SMALL, '-o',
+         str(tmp_path / 'm'))
+    config = world_folder.load(tmp_path / 'm').config
+    assert config.source == 'mesh' and config.mesh.center == (1.5, -2.0)
+    with pytest.raises(WorldError, match='absent.tif: no such file'):
+        call('build', '--dem', str(tmp_path / 'absent.tif'), '-o', str(tmp_path / 'd'))
+    assert not (tmp_path / 'd').exists()
+
+
+@pytest.mark.parametrize('argv, message', [
+    (['build', '--scenario', 'baselin', '-o', 'x'], 'no such scenario; did you mean baseline'),
+    (['build', '--set', 'world.rocks.abundanc=1', '-o', 'x'], 'did you mean abundance'),
+    (['build', '--set', 'rocks.abundance=1', '-o', 'x'], 'valid is world.PARAM=VALUE'),
+    (['build', '--seed', '-3', '-o', 'x'], '--seed: -3 is not valid'),
+    (['build', '--mesh', 'a.obj', '--window', '1', '1', '--window-in', 'crs', '-o', 'x'],
+     'not valid for a mesh'),
+    (['preview', 'x', '--sun', '0', '200'], '--sun: 0 200 is not valid'),
+])
+def test_command_line_mistakes(tmp_path, monkeypatch, argv, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=message):
+        call(*argv)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,200 @@
+"""World folders: what is written is read, damage is found, nothing half-written stays."""
+
+import errno
+import os
+import subprocess
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+import worlds
+import yaml
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.world import cache, world_folder
+from lunar_rover_sim.world.config import WorldConfig
+
+TINY = {'size_m': 3.2, 'cell_m': 0.05, 'surroundings': {'samples': 65, 'extent_m': 50.0}}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return world_folder.save(worlds.world(**TINY), tmp_path / 'world')
+
+
+def test_written_is_read(folder):
+    world, again = worlds.world(**TINY), world_folder.load(folder)
+    assert again.hash == world.hash and again.config == world.config
+    assert len(again.levels) == len(world.levels)
+    for a, b in zip(again.levels, world.levels):
+        assert a.cell_m == b.cell_m and np.array_equal(a.heights_m, b.heights_m)
+        assert not a.heights_m.flags.writeable
+    assert np.array_equal(again.albedo, world.albedo)
+    assert np.array_equal(again.rocks.position_m, world.rocks.position_m)
+    assert np.array_equal(again.craters.age, world.craters.age)
+    assert [s.name for s in again.rock_shapes] == [s.name for s in world.rock_shapes]
+    assert again.report == world.report
+    assert np.array_equal(again.height_at([[0.5, 0.5]]), world.height_at([[0.5, 0.5]]))
+
+
+def test_yaml_says_how_it_was_made(folder):
+    document = yaml.safe_load((folder / 'world.yaml').read_text())
+    assert document['world']['seed'] == 1
+    assert document['world']['craters']['slope'] == 2.0
+    assert document['hash'] == worlds.world(**TINY).hash
+
+
+def test_hash_depends_on_content_alone(folder, tmp_path):
+    again = world_folder.load(folder)
+    assert world_folder.content_hash(again) == again.hash
+    copy = world_folder.save(again, tmp_path / 'copy')
+    assert world_folder.load(copy).hash == again.hash
+
+
+def test_existing_folders_are_left_alone(folder, tmp_path):
+    world = worlds.world(**TINY)
+    with pytest.raises(WorldError, match='exists already'):
+        world_folder.save(world, folder)
+    world_folder.save(world, folder, overwrite=True)
+    other = tmp_path / 'mine'
+    other.mkdir()
+    (other / 'thesis.txt').write_text('years of work')
+    with pytest.raises(WorldError, match='is not a world; it is left as it is'):
+        world_folder.save(world, other, overwrite=True)
+    assert (other / 'thesis.txt').read_text() == 'years of work'
+
+
+def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
+    real, calls = np.save, []
+
+    def full(*args, **kwargs):
+        calls.append(args)
+        if len(calls) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(*args, **kwargs)
+    monkeypatch.setattr(np, 'save', full)
+    with pytest.raises(WorldError, match='cannot be written: No space left on device'):
+        world_folder.save(worlds.world(**TINY), tmp_path / 'world')
+    assert list(tmp_path.iterdir()) == []
+
+
+def damaged(folder, message):
+    with pytest.raises(WorldError, match=message) as error:
+        world_folder.load(folder)
+    assert '\n' not in str(error.value)
+
+
+def test_changed_heights_are_noticed(folder):
+    path = folder / 'height_0.npy'
+    heights = np.load(path)
+    heights[3, 3] += 0.001
+    np.save(path, heights)
+    damaged(folder, 'does not match its hash .*: build it again')
+    world_folder.load(folder, verify=False)
+
+
+def test_changed_parameters_are_noticed(folder):
+    path = folder / 'world.yaml'
+    path.write_text(path.read_text().replace('slope: 2.0', 'slope: 2.1'))
+    damaged(folder, 'does not match its hash')
+
+
+def test_what_is_no_world(tmp_path, folder):
+    damaged(tmp_path / 'absent', 'not a world folder .* `lunar_rover_sim world build`')
+    (folder / 'albedo.npy').unlink()
+    damaged(folder, 'albedo.npy: .*No such file')
+
+
+@pytest.mark.parametrize('text, message', [
+    ('format: 99', 'format 99; this version reads format 1'),
+    ('[1, 2', 'world.yaml: '),
+    ('just text', "format 'just text'"),
+    ('format: 1\ncells_m: lots', "cells_m: 'lots' is not a list"),
+    ('format: 1\ncells_m: [0.05]\nworld: {sice_m: 3}', 'no such parameter'),
+])
+def test_other_yaml(folder, text, message):
+    (folder / 'world.yaml').write_text(text)
+    damaged(folder, message)
+
+
+def test_arrays_are_bounded_and_never_unpickled(folder):
+    good = (folder / 'height_0.npy').read_bytes()
+    # A header that promises 40 GB on a file of a few kB.
+    header = np.lib.format.header_data_from_array_1_0(np.zeros((2, 2), np.float32))
+    header['shape'] = (100_000, 100_000)
+    with open(folder / 'height_0.npy', 'wb') as stream:
+        np.lib.format.write_array_header_1_0(stream, header)
+    damaged(folder, 'height_0.npy')
+    np.save(folder / 'height_0.npy', np.array([[{}]], object), allow_pickle=True)
+    damaged(folder, 'height_0.npy')
+    np.save(folder / 'height_0.npy', np.zeros((65, 60), np.float32))
+    damaged(folder, 'not a square')
+    (folder / 'height_0.npy').write_bytes(good[:1000])
+    damaged(folder, 'height_0.npy')
+    (folder / 'height_0.npy').write_bytes(good)
+    np.savez(folder / 'rocks.npz', shape=np.zeros(3, np.int32))
+    damaged(folder, 'rocks.npz: size is missing')
+    (folder / 'rocks.npz').write_bytes(b'PK\x03\x04 no')
+    damaged(folder, 'rocks.npz')
+
+
+def test_indices_are_checked(folder):
+    with np.load(folder / 'rocks.npz') as archive:
+        arrays = dict(archive)
+    arrays['shape'] = arrays['shape'] + np.int32(100)
+    np.savez(folder / 'rocks.npz', **arrays)
+    damaged(folder, 'rocks.npz: shape: indices beyond')
+
+
+def test_a_bomb_is_not_unpacked(folder):
+    with zipfile.ZipFile(folder / 'rocks.npz', 'w', zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr('shape.npy', bytes(100_000_000))
+    damaged(folder, 'larger than a world may be')
+
+
+def test_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
+    config = WorldConfig.from_mapping(TINY)
+    first = cache.cached(config, 7)
+    stamp = (first / 'world.yaml').stat().st_mtime_ns
+    assert cache.cached(config, 7) == first
+    assert (first / 'world.yaml').stat().st_mtime_ns == stamp
+    assert cache.cached(config, 8) != first
+    assert first.parent == tmp_path / 'cache' / 'worlds'
+    # The scenario's seed and the recipe's own are the same thing.
+    assert cache.cached(WorldConfig.from_mapping({**TINY, 'seed': 7}), 1) == first
+    # A damaged entry is built anew.
+    (first / 'height_0.npy').unlink()
+    assert world_folder.load(cache.cached(config, 7)).config.seed == 7
+
+
+def test_cache_that_cannot_be_written(tmp_path, monkeypatch):
+    (tmp_path / 'file').write_text('')
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'file'))
+    with pytest.raises(WorldError, match='cannot be written: .* LUNAR_ROVER_SIM_CACHE names'):
+        cache.cached(WorldConfig.from_mapping(TINY), 7)
+
+
+def test_cache_notices_a_changed_source(tmp_path):
+    path = tmp_path / 'dem.tif'
+    path.write_bytes(b'one')
+    config = WorldConfig.from_mapping({**TINY, 'source': 'dem', 'path': str(path)})
+    before = cache.cache_key(config, 1)
+    path.write_bytes(b'another')
+    assert cache.cache_key(config, 1) != before
+
+
+def test_two_processes_build_the_same_world_at_once(tmp_path):
+    program = ('from lunar_rover_sim.world import cache, world_folder\n'
+               'from lunar_rover_sim.world.config import WorldConfig\n'
+               f'config = WorldConfig.from_mapping({TINY!r})\n'
+               'print(world_folder.load(cache.cached(config, 3)).hash)')
+    environment = {**os.environ, 'LUNAR_ROVER_SIM_CACHE': str(tmp_path),
+                   'PYTHONPATH': os.pathsep.join(sys.path)}
+    running = [subprocess.Popen([sys.executable, '-c', program], env=environment, text=True,
+                                stdout=subprocess.PIPE) for _ in range(2)]
+    hashes = {process.communicate(timeout=60)[0].strip() for process in running}
+    assert [process.returncode for process in running] == [0, 0]
+    assert hashes == {worlds.world(3, **TINY).hash}
+    assert len(list((tmp_path / 'worlds').iterdir())) == 1
