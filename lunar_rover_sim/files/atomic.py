@@ -1,26 +1,57 @@
-"""Writing a file whole or not at all."""
+"""Writing a file whole or not at all.
+
+The content goes to a temporary file in the same folder, is forced to the disk, and takes the
+place of the file by a rename. A reader sees the old file or the new one, never a part, also
+after a crash of the machine.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import contextlib
 import os
-import pathlib
-import tempfile
+from pathlib import Path
+import secrets
+from typing import BinaryIO
 
-from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.errors import LunarRoverSimError
 
 
-def write_whole(path: str | pathlib.Path, content: bytes) -> None:
-    """Write a file and put it in place when it is complete; raise WorldError if that fails."""
-    path = pathlib.Path(path)
+def atomic_write(path: str | Path, content: str | bytes | Callable[[BinaryIO], object],
+                 error: type[LunarRoverSimError] | None = None) -> None:
+    """Write a file, replacing an existing one.
+
+    path: the file; its folder must exist.
+    content: text (written as UTF-8), bytes, or a function that writes to the open binary file.
+    error: class of the package that is raised in place of OSError, with the path in its message.
+
+    Raises `error`, or OSError where none is given, if the file cannot be written. What `content`
+    raises is passed on. In each case the file is as it was, and no temporary file is left.
+    """
+    path = Path(path)
+    temporary = path.with_name(f'.{path.name}.{secrets.token_hex(4)}.partial')
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
-        try:
-            with os.fdopen(handle, 'wb') as stream:
-                stream.write(content)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
+        with temporary.open('xb') as file:
+            if callable(content):
+                content(file)
+            else:
+                file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        sync_folder(path.parent)
+    except BaseException as reason:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        if error is None or not isinstance(reason, OSError):
             raise
-    except OSError as error:
-        raise WorldError(f'{path}: cannot be written: {error.strerror or error}') from None
+        raise error(f'{path}: cannot be written: {reason.strerror or reason}') from None
+
+
+def sync_folder(folder: Path) -> None:
+    """Force the names in a folder to the disk; raise OSError if that fails."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.files.atomic import write_whole
+from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
@@ -46,7 +46,7 @@ def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool =
         content = scene.to_mesh().export(file_type='ply')
     if isinstance(content, str):
         content = content.encode()
-    write_whole(path, content)
+    atomic_write(path, content, WorldError)
     return path
 
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.files.atomic import write_whole
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.world import craters, rockfield, shade
 from lunar_rover_sim.world.model import World
 
@@ -53,7 +54,7 @@ def write(world: World, path: str | pathlib.Path, azimuth_deg: float = 60.0,
     """Write the sheet to a PNG file; raise WorldError if it cannot be written."""
     content = io.BytesIO()
     sheet(world, azimuth_deg, elevation_deg, views).savefig(content, dpi=90, format='png')
-    write_whole(path, content.getvalue())
+    atomic_write(path, content.getvalue(), WorldError)
 
 
 def _stride(n: int) -> int:

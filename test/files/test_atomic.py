@@ -1,0 +1,95 @@
+"""Files are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.errors import BagError, WorldError
+from lunar_rover_sim.files.atomic import atomic_write
+
+# Is killed in the middle of a write.
+KILLED = """
+import os, pathlib, signal, sys
+from lunar_rover_sim.files.atomic import atomic_write
+def content(file):
+    file.write(b'new, in part')
+    file.flush()
+    os.kill(os.getpid(), signal.SIGKILL)
+atomic_write(sys.argv[1], content)
+"""
+
+
+def files_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize(('content', 'written'), [
+    ('Höhe\n', b'H\xc3\xb6he\n'), (b'\x00\xff', b'\x00\xff'),
+    (lambda file: file.write(b'by a function'), b'by a function')])
+def test_text_bytes_and_functions_are_written(tmp_path, content, written):
+    atomic_write(tmp_path / 'a', content)
+    assert (tmp_path / 'a').read_bytes() == written
+    assert files_in(tmp_path) == ['a']
+
+
+def test_a_library_can_write_to_the_file(tmp_path):
+    atomic_write(tmp_path / 'a.npz', lambda file: np.savez(file, x=np.arange(3)))
+    assert np.load(tmp_path / 'a.npz')['x'].tolist() == [0, 1, 2]
+
+
+def test_an_existing_file_is_replaced(tmp_path):
+    (tmp_path / 'a').write_text('a longer old text')
+    atomic_write(str(tmp_path / 'a'), 'new')
+    assert (tmp_path / 'a').read_text() == 'new'
+
+
+def test_the_umask_decides_who_may_read_it(tmp_path):
+    before = os.umask(0o027)
+    try:
+        atomic_write(tmp_path / 'a', 'x')
+    finally:
+        os.umask(before)
+    assert (tmp_path / 'a').stat().st_mode & 0o777 == 0o640
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
+    (tmp_path / 'a').write_text('old')
+
+    def content(file):
+        file.write(b'new, in part')
+        raise ValueError('no more')
+    with pytest.raises(ValueError, match='no more'):
+        atomic_write(tmp_path / 'a', content, WorldError)
+    assert (tmp_path / 'a').read_text() == 'old'
+    assert files_in(tmp_path) == ['a']
+
+
+def test_a_kill_leaves_the_old_file(tmp_path):
+    (tmp_path / 'a').write_text('old')
+    child = subprocess.run([sys.executable, '-c', KILLED, str(tmp_path / 'a')], timeout=60)
+    assert child.returncode == -9
+    assert (tmp_path / 'a').read_text() == 'old'
+
+
+@pytest.mark.parametrize('error', [BagError, WorldError])
+def test_the_caller_chooses_the_error(tmp_path, error):
+    path = tmp_path / 'missing' / 'a'
+    with pytest.raises(error, match=f'^{path}: cannot be written: No such file or directory$'):
+        atomic_write(path, 'x', error)
+
+
+def test_without_a_choice_it_is_an_os_error(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        atomic_write(tmp_path / 'missing' / 'a', 'x')
+
+
+def test_a_folder_in_the_way_stays(tmp_path):
+    (tmp_path / 'a').mkdir()
+    with pytest.raises(WorldError, match='a: cannot be written: Is a directory'):
+        atomic_write(tmp_path / 'a', 'x', WorldError)
+    assert files_in(tmp_path) == ['a']
