@@ -46,5 +46,9 @@ class EvaluationError(LunarRoverSimError):
     """Trajectories cannot be associated, aligned or compared."""
 
 
+class ProcessError(LunarRoverSimError):
+    """A program cannot be started, or did not end as it should."""
+
+
 class GraphError(LunarRoverSimError):
     """A node died, stayed silent, or ROS 2 is not to be had."""

@@ -1,0 +1,134 @@
+"""Child processes: how they end is reported, and none outlives its time or its parent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import psutil
+import pytest
+
+from lunar_rover_sim.errors import ProcessError
+from lunar_rover_sim.run.child_process import dies_with_parent, executable, run_program
+
+# The grandchild is in the group of its parent, or in a session of its own.
+GRANDCHILD = 'sleep 600 & echo $! > child; wait'
+DAEMON = 'trap "" TERM; setsid sleep 600 & echo $! > child; wait'
+
+
+def shell(script: str, folder: Path, timeout_s: float = 60.0, **options):
+    return run_program(['sh', '-c', script], folder / 'log', timeout_s, folder=folder, **options)
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.02)
+
+
+def child_of(folder: Path) -> int:
+    """Return the process that the script started, once it has written its number."""
+    file = folder / 'child'
+    wait_until(lambda: file.is_file() and file.read_text().endswith('\n'), 'no child')
+    return int(file.read_text().split()[0])
+
+
+def runs(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def test_log_echo_and_tail(tmp_path: Path) -> None:
+    lines: list[str] = []
+    ended = shell('pwd; for k in 1 2 3 4 5 6; do echo line $k; done >&2', tmp_path,
+                  echo=lines.append)
+    assert lines == [str(tmp_path), *(f'line {k}' for k in range(1, 7))]
+    assert (tmp_path / 'log').read_text().splitlines() == lines
+    assert ended.tail == tuple(lines[-5:])
+    assert (ended.status, ended.words, ended.error) == (0, '', '')
+
+
+@pytest.mark.parametrize(('script', 'status', 'words', 'error'), [
+    ('echo before; echo lunar_rover_sim: no world >&2; exit 3', 3, 'ended with status 3',
+     'no world'),
+    ('exit 3', 3, 'ended with status 3', 'ended with status 3'),
+    ('echo last; kill -9 $$', -9, 'crashed with SIGKILL', 'crashed with SIGKILL'),
+    ('kill -40 $$', -40, 'crashed with signal 40', 'crashed with signal 40')])
+def test_how_it_ended(script: str, status: int, words: str, error: str, tmp_path: Path) -> None:
+    ended = shell(script, tmp_path)
+    assert (ended.status, ended.words, ended.error) == (status, words, error)
+
+
+def test_time_is_bounded(tmp_path: Path) -> None:
+    """A program that ignores SIGTERM is killed; one that does not has time to finish."""
+    ended = shell('trap "" TERM; echo ready; sleep 60', tmp_path, 0.3, grace_s=0.3)
+    assert ended.timed_out and ended.status == -signal.SIGKILL
+    assert ended.words == ended.error == f'was ended after {ended.wall_s:.0f} s'
+    ended = shell('trap "echo finished; exit 0" TERM; sleep 60 & wait', tmp_path, 0.5,
+                  grace_s=30.0)
+    assert (ended.status, ended.tail, ended.timed_out) == (0, ('finished',), True)
+
+
+def test_stop(tmp_path: Path) -> None:
+    stop = threading.Event()
+    threading.Timer(0.3, stop.set).start()
+    ended = shell('sleep 600', tmp_path, stop=stop.is_set)
+    assert (ended.words, ended.interrupted) == ('was interrupted', True)
+    assert ended.wall_s < 60.0
+
+
+@pytest.mark.parametrize('script', [GRANDCHILD, DAEMON])
+def test_descendants_end_with_the_program(script: str, tmp_path: Path) -> None:
+    ended = shell(script, tmp_path, 1.0, grace_s=0.2)
+    assert ended.timed_out
+    wait_until(lambda: not runs(child_of(tmp_path)), 'the grandchild is still running')
+
+
+def test_sigterm_ends_the_program_first(tmp_path: Path) -> None:
+    """SIGTERM, as from a batch system, leaves nothing behind and still ends this process."""
+    parent = subprocess.Popen([sys.executable, '-c', parent_code(tmp_path)])
+    child = child_of(tmp_path)
+    parent.terminate()
+    assert parent.wait(60.0) == -signal.SIGTERM
+    wait_until(lambda: not runs(child), 'the grandchild is still running')
+
+
+def test_program_dies_with_its_killed_parent(tmp_path: Path) -> None:
+    """SIGKILL cannot be handled: the kernel tells the program."""
+    if len(dies_with_parent(['true'])) == 1:
+        pytest.skip('setpriv is missing')
+    parent = subprocess.Popen([sys.executable, '-c', parent_code(tmp_path, 'exec sleep 600')])
+    wait_until(lambda: bool(psutil.Process(parent.pid).children()), 'no child')
+    child = psutil.Process(parent.pid).children()[0].pid
+    wait_until(lambda: psutil.Process(child).name() == 'sleep', 'the child has not started')
+    parent.kill()
+    parent.wait()
+    wait_until(lambda: not runs(child), 'the child is still running')
+
+
+def parent_code(folder: Path, script: str = GRANDCHILD) -> str:
+    return ('from pathlib import Path\n'
+            'from lunar_rover_sim.run.child_process import run_program\n'
+            f'folder = Path({str(folder)!r})\n'
+            f'run_program(["sh", "-c", {script!r}], folder / "log", 600.0, folder=folder)\n')
+
+
+def test_what_cannot_be_started(tmp_path: Path) -> None:
+    plain = tmp_path / 'plain.txt'
+    plain.write_text('text')
+    with pytest.raises(ProcessError, match='/no/such: there is no such program'):
+        executable('/no/such')
+    with pytest.raises(ProcessError, match='plain.txt: cannot be executed'):
+        run_program([plain], tmp_path / 'log', 1.0)
+    with pytest.raises(ProcessError, match='there/log: cannot be written: No such file'):
+        run_program(['true'], tmp_path / 'there' / 'log', 1.0)
+    with pytest.raises(ProcessError, match='timeout: 0 is not valid; valid is > 0'):
+        run_program(['true'], tmp_path / 'log', 0.0)
