@@ -1,29 +1,30 @@
-"""The mistakes this package knows: one root, one subclass per kind.
+"""The errors of this package: one root, one subclass per subject.
 
 Each message is one line that names the parameter or file, the value, and what is valid. The
-command line prints it and exits with 1; nodes log it as fatal and exit with 1.
+command line prints it and exits with 1; nodes log it as fatal and exit with 1. A room raises the
+error of its subject, and `ConfigError` for a parameter or argument.
 """
 
 from __future__ import annotations
 
-_MOST_CHARACTERS = 1500
+_MAX_CHARACTERS = 1500
 
 
 class LunarRoverSimError(Exception):
-    """Root of every error that a user can cause and mend; its message is one printable line."""
+    """Root of every error that a user can cause and correct; its message is one printable line."""
 
     def __init__(self, message: object = '') -> None:
         text = str(message)
         if not text.isprintable():
-            # Names and values of untrusted files must not reach a terminal as they are.
+            # Names and values from untrusted files may contain control characters.
             text = ''.join(c if c.isprintable() else repr(c)[1:-1] for c in text)
-        if len(text) > _MOST_CHARACTERS:
-            text = text[:_MOST_CHARACTERS] + ' ...'
+        if len(text) > _MAX_CHARACTERS:
+            text = text[:_MAX_CHARACTERS] + ' ...'
         super().__init__(text)
 
 
 class ConfigError(LunarRoverSimError):
-    """A parameter is unknown, of the wrong type, or out of its range."""
+    """A parameter or argument is unknown, of the wrong type, or out of its range."""
 
 
 class WorldError(LunarRoverSimError):
@@ -34,12 +35,28 @@ class PhysicsError(LunarRoverSimError):
     """The simulation diverged or was asked for something it cannot do."""
 
 
+class GaitError(LunarRoverSimError):
+    """The gait controller was given something it cannot walk with."""
+
+
 class RenderError(LunarRoverSimError):
-    """No usable EGL device, or the renderer was asked for something it cannot do."""
+    """No EGL device is usable, or the renderer was asked for something it cannot do."""
+
+
+class StereoError(LunarRoverSimError):
+    """Images cannot be matched."""
 
 
 class BagError(LunarRoverSimError):
     """A bag cannot be written, read or trusted."""
+
+
+class GraphError(LunarRoverSimError):
+    """ROS 2 is missing, or a node died or did not answer."""
+
+
+class SequenceError(LunarRoverSimError):
+    """A recording cannot be exported to the format of a data set."""
 
 
 class EvaluationError(LunarRoverSimError):
@@ -47,8 +64,16 @@ class EvaluationError(LunarRoverSimError):
 
 
 class ProcessError(LunarRoverSimError):
-    """A program cannot be started, or did not end as it should."""
+    """A program cannot be started, or failed."""
 
 
-class GraphError(LunarRoverSimError):
-    """A node died, stayed silent, or ROS 2 is not to be had."""
+class SlamError(LunarRoverSimError):
+    """A SLAM system cannot be run, or its result cannot be read."""
+
+
+class StudyError(LunarRoverSimError):
+    """A study cannot be carried out, or its data do not suffice."""
+
+
+class CampaignError(LunarRoverSimError):
+    """A campaign cannot be planned, recorded or published."""

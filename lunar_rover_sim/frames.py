@@ -1,4 +1,4 @@
-"""Rigid transforms, quaternions and axis conventions.
+"""Rigid transforms, quaternions, the length of paths, and axis conventions.
 
 `T_a_b` is a 4x4 matrix that maps points of frame b to frame a. Quaternions are wxyz, unit length;
 xyzw appears only where messages and TUM files are written. Frames:
@@ -24,7 +24,6 @@ RIGHT_OPTICAL_FRAME = 'stereo_right_optical_frame'
 
 # Columns are the optical axes written in body axes: right = -y, down = -z, forward = +x.
 R_BODY_OPTICAL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-R_OPTICAL_GL: Array = np.diag([1.0, -1.0, -1.0])
 
 
 def se3(rotation: ArrayLike, translation: ArrayLike) -> Array:
@@ -83,6 +82,14 @@ def wxyz_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
                      cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy])
 
 
+def product_wxyz(first: ArrayLike, second: ArrayLike) -> Array:
+    """Return the (..., 4) quaternions of the rotations that apply `second`, then `first`."""
+    w, x, y, z = np.moveaxis(np.asarray(first, dtype=float), -1, 0)
+    a, b, c, d = np.moveaxis(np.asarray(second, dtype=float), -1, 0)
+    return np.stack([w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c,
+                     w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a], axis=-1)
+
+
 def rpy_from_wxyz(quat_wxyz: ArrayLike) -> Array:
     """Return (..., 3) fixed-axis roll, pitch, yaw [rad]; positive pitch is nose down."""
     w, x, y, z = np.moveaxis(np.asarray(quat_wxyz, dtype=float), -1, 0)
@@ -90,6 +97,20 @@ def rpy_from_wxyz(quat_wxyz: ArrayLike) -> Array:
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def distance_along(points_m: ArrayLike) -> Array:
+    """Return the (n,) distance travelled [m] at each of (n, 2 or 3) points, 0 at the first."""
+    points = np.asarray(points_m, dtype=float)
+    distance = np.zeros(len(points))
+    np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1), out=distance[1:])
+    return distance
+
+
+def path_length(points_m: ArrayLike) -> float:
+    """Return the length [m] of the path through (n, 2) or (n, 3) points; 0 of fewer than two."""
+    steps = np.diff(np.asarray(points_m, dtype=float), axis=0)
+    return float(np.linalg.norm(steps, axis=1).sum())
 
 
 def sun_direction(azimuth_deg: float, elevation_deg: float) -> Array:

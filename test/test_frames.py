@@ -55,3 +55,21 @@ def test_sun_direction() -> None:
     """Azimuth from x towards y, elevation from the horizontal."""
     assert np.allclose(frames.sun_direction(90, 0), [0, 1, 0])
     assert np.allclose(frames.sun_direction(0, 90), [0, 0, 1])
+
+
+def test_the_product_of_quaternions_is_that_of_their_matrices(quats: np.ndarray) -> None:
+    """The second rotation is applied first, as with matrices."""
+    first, second = quats[:100], quats[100:200]
+    product = frames.matrix_from_wxyz(frames.product_wxyz(first, second))
+    expected = frames.matrix_from_wxyz(first) @ frames.matrix_from_wxyz(second)
+    np.testing.assert_allclose(product, expected, atol=1e-12)
+
+
+def test_the_length_of_a_path_is_the_sum_of_its_steps() -> None:
+    """Three, four and twelve metres along the axes; nothing for a point or none."""
+    points = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0], [3.0, 4.0, -12.0]])
+    np.testing.assert_allclose(frames.distance_along(points), [0.0, 3.0, 7.0, 19.0])
+    assert frames.path_length(points) == pytest.approx(19.0)
+    assert frames.path_length(points[:, :2]) == pytest.approx(7.0)
+    assert frames.path_length(points[:1]) == frames.path_length(points[:0]) == 0.0
+    assert frames.distance_along(points[:0]).shape == (0,)

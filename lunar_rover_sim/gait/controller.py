@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lunar_rover_sim.errors import ConfigError, PhysicsError
+from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.phases import LegPhases
@@ -143,7 +143,7 @@ class GaitController:
         """Return the command that answers the joint state of `stamp_ns`.
 
         joint_angle_rad, joint_velocity_radps: (4,) as measured, angles unwrapped. Time that goes
-        backward starts the controller anew. Raises PhysicsError where the state is not four finite
+        backward starts the controller anew. Raises GaitError where the state is not four finite
         angles and velocities.
         """
         angle, velocity = _legs('angle', joint_angle_rad), _legs('velocity', joint_velocity_radps)
@@ -235,8 +235,8 @@ class GaitController:
 def _legs(name: str, values: ArrayLike) -> list[float]:
     array = np.asarray(values, dtype=float)
     if array.shape != (4,) or not np.isfinite(array).all():
-        raise PhysicsError(f'joint {name}: {array.tolist()} is not valid; valid are four finite'
-                           ' numbers')
+        raise GaitError(f'joint {name}: {array.tolist()} is not valid; valid are four finite'
+                        ' numbers')
     return array.tolist()
 
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.errors import ConfigError, PhysicsError
+from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.gait.config import GAIT_ARRAYS, GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.stride import Stride
@@ -273,9 +273,9 @@ def test_the_gait_must_have_the_spokes_of_the_rover():
 
 @pytest.mark.parametrize('bad', [[0.0, math.nan, 0.0, 0.0], [0.0] * 3, [math.inf] * 4])
 def test_joint_states_that_are_none_are_refused(bad):
-    with pytest.raises(PhysicsError, match='joint angle: .*four finite'):
+    with pytest.raises(GaitError, match='joint angle: .*four finite'):
         GaitController().update(0, bad, np.zeros(4))
-    with pytest.raises(PhysicsError, match='joint velocity'):
+    with pytest.raises(GaitError, match='joint velocity'):
         GaitController().update(0, np.zeros(4), bad)
 
 
