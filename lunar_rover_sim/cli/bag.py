@@ -13,30 +13,31 @@ _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True
 EXPORT_FORMATS = ('euroc', 'tum', 'kitti', 'tartanair')
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the commands."""
-    text = 'look into, check, hash, mend and export recordings'
-    bags = subparsers.add_parser('bag', help=text, description=text).add_subparsers(
-        metavar='WHAT', required=True)
-    _add(bags, 'info', 'topics, types, counts and times', _info)
-    _add(bags, 'check', 'whether a bag can be trusted; exits with 1 if not', _check)
-    parser = _add(bags, 'hash', 'a hash of what the bag says, whatever its storage', _hash)
-    parser.add_argument('--topics', action='store_true', help='also one hash per topic')
-    parser = _add(bags, 'preview', 'PNG pictures: stereo, trajectory, attitude, IMU', _preview)
-    parser.add_argument('-o', '--output', type=Path, metavar='DIR',
-                        help='folder of the pictures; by default BAG_preview beside the bag')
-    parser.add_argument('--world', type=Path, metavar='DIR',
-                        help='the world that was driven on, where it is not in the cache')
-    _add(bags, 'recover', 'write what a cut-off bag lacks to be read by every tool', _recover)
-    parser = _add(bags, 'export', 'write the sequence for SLAM programs', _export)
-    parser.add_argument('-o', '--output', type=Path, metavar='DIR', required=True,
-                        help='folder of the sequence; must not exist')
-    parser.add_argument('--format', choices=EXPORT_FORMATS, default='euroc')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the commands."""
+    add_parser = parser.add_subparsers(metavar='WHAT', required=True).add_parser
+    _add(add_parser, 'info', 'topics, types, counts and times', _info)
+    _add(add_parser, 'check', 'whether a bag can be trusted; exits with 1 if not', _check)
+    command = _add(add_parser, 'hash', 'a hash of what the bag says, whatever its storage',
+                   _hash)
+    command.add_argument('--topics', action='store_true', help='also one hash per topic')
+    command = _add(add_parser, 'preview', 'PNG pictures: stereo, trajectory, attitude, IMU',
+                   _preview)
+    command.add_argument('-o', '--output', type=Path, metavar='DIR',
+                         help='folder of the pictures; by default BAG_preview beside the bag')
+    command.add_argument('--world', type=Path, metavar='DIR',
+                         help='the world that was driven on, where it is not in the cache')
+    _add(add_parser, 'recover', 'write what a cut-off bag lacks to be read by every tool',
+         _recover)
+    command = _add(add_parser, 'export', 'write the sequence for SLAM programs', _export)
+    command.add_argument('-o', '--output', type=Path, metavar='DIR', required=True,
+                         help='folder of the sequence; must not exist')
+    command.add_argument('--format', choices=EXPORT_FORMATS, default='euroc')
 
 
-def _add(bags: argparse._SubParsersAction, name: str, text: str,
+def _add(add_parser: Callable[..., argparse.ArgumentParser], name: str, text: str,
          run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = bags.add_parser(name, help=text, description=text)
+    parser = add_parser(name, help=text, description=text)
     parser.add_argument('bag', type=Path, metavar='BAG', help='a bag folder')
     parser.set_defaults(run=run)
     return parser

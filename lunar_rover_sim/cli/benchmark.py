@@ -17,14 +17,13 @@ _START_S = 300.0     # world, nodes
 _STOP_S = 30.0
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        'benchmark', help='simulate, run SLAM, and judge: a table over scenarios and sensors',
-        description='Simulate and record each scenario with several seeds, run an estimator with '
-                    'each sensor, and write SYSTEM.md, .csv and .tex, a table with 95 % '
-                    'intervals, and SYSTEM.html, a report. What is done already is kept: the '
-                    'same call goes on.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Simulate and record each scenario with several seeds, run an estimator with '
+        'each sensor, and write SYSTEM.md, .csv and .tex, a table with 95 % '
+        'intervals, and SYSTEM.html, a report. What is done already is kept: the '
+        'same call goes on.')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
                         help='folder of the benchmark; may hold part of it')
     parser.add_argument('--scenarios', nargs='+', default=list(_SCENARIOS), metavar='SCENARIO')

@@ -9,13 +9,12 @@ from pathlib import Path
 MAX_MEASURE_S = 120.0   # the ground grows with it
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        'gait', help='measure the map from velocity to gait on flat ground',
-        description='Walks the rover of a scenario over flat ground, with its gravity, contact and'
-                    ' gait, at many phase rates and turns, and writes the table that'
-                    ' gait_controller_node follows commands by (parameter calibration).')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Walks the rover of a scenario over flat ground, with its gravity, contact and'
+        ' gait, at many phase rates and turns, and writes the table that'
+        ' gait_controller_node follows commands by (parameter calibration).')
     parser.add_argument('scenario', nargs='?', default='flat',
                         help='scenario that names rover, gravity, contact and gait (flat)')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',

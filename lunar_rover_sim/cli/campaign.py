@@ -16,13 +16,12 @@ if TYPE_CHECKING:
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        'campaign', help='record a data set of randomised episodes',
-        description='Record the episodes of a campaign file, check each one, export it, and '
-                    'write a data card. What is there already is kept: the same call goes on '
-                    'after Ctrl-C, a crash or a power cut.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Record the episodes of a campaign file, check each one, export it, and '
+        'write a data card. What is there already is kept: the same call goes on '
+        'after Ctrl-C, a crash or a power cut.')
     parser.add_argument('campaign', help='name of a packaged campaign, or a YAML file')
     parser.add_argument('-o', '--output', type=Path, metavar='DIR',
                         help='folder of the data set; may hold part of it')

@@ -9,24 +9,22 @@ from typing import Any
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the commands."""
-    text = 'look at, verify and describe a data set that `campaign` made'
-    datasets = subparsers.add_parser('dataset', help=text, description=text).add_subparsers(
-        metavar='WHAT', required=True)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the commands."""
+    datasets = parser.add_subparsers(metavar='WHAT', required=True)
     for name, run, text in (
             ('show', _show, 'one HTML page: pictures, paths on the ground, statistics'),
             ('verify', _verify, 'compare every file with the manifests; exits with 1 if any '
                                 'differs'),
             ('card', _card, 'write the data card anew: README.md and card.json')):
-        parser = datasets.add_parser(name, help=text, description=text)
-        parser.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
-        parser.set_defaults(run=run)
+        command = datasets.add_parser(name, help=text, description=text)
+        command.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
+        command.set_defaults(run=run)
         if name == 'show':
-            parser.add_argument('-o', '--output', type=Path, metavar='FILE',
-                                help='the page; by default DIR/index.html')
-            parser.add_argument('--most', type=int, default=100, metavar='N',
-                                help='episodes shown with pictures (default: %(default)s)')
+            command.add_argument('-o', '--output', type=Path, metavar='FILE',
+                                 help='the page; by default DIR/index.html')
+            command.add_argument('--most', type=int, default=100, metavar='N',
+                                 help='episodes shown with pictures (default: %(default)s)')
 
 
 def _show(args: argparse.Namespace) -> int:

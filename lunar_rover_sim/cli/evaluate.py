@@ -10,12 +10,11 @@ ALIGNMENTS = ('se3', 'sim3', 'yaw', 'origin', 'none')
 FRAMES = ('base', 'imu', 'left', 'right')
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        'evaluate', help='judge an estimated trajectory against the truth',
-        description='ATE, RPE, drift, scale and tracked share of an estimated trajectory. Inputs '
-                    'are TUM, EuRoC or KITTI files, a bag (its odometry), or BAG:TOPIC.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'ATE, RPE, drift, scale and tracked share of an estimated trajectory. Inputs '
+        'are TUM, EuRoC or KITTI files, a bag (its odometry), or BAG:TOPIC.')
     parser.add_argument('truth', metavar='GROUND_TRUTH', help='file, BAG or BAG:TOPIC')
     parser.add_argument('estimate', metavar='ESTIMATE', help='file or BAG:TOPIC')
     parser.add_argument('--align', choices=ALIGNMENTS, default='se3',

@@ -1,24 +1,63 @@
-"""The command `lunar_rover_sim`: one parser, one command a file."""
+"""The command `lunar_rover_sim`: a table of commands, of which only the chosen one is imported."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 import importlib
 import logging
-import pkgutil
+import re
 import sys
+from typing import NamedTuple
 
-from lunar_rover_sim import __version__, cli
+from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import LunarRoverSimError
 
-# Groups of commands: every file whose name begins so adds one member.
-_GROUPS = {'validate': 'hold a part of the simulator to its theory or to the paper',
-           'calibrate': 'measure a map that a node uses'}
+
+class Command(NamedTuple):
+    """The module of this package with `add_arguments(parser)`, and one line of help."""
+
+    module: str
+    help: str
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line: one command per file of this package."""
+GROUPS = {'validate': 'hold a part of the simulator to its theory or to the paper',
+          'calibrate': 'measure a map that a node uses'}
+
+COMMANDS = {
+    'bag': Command('bag', 'look into, check, hash, mend and export recordings'),
+    'benchmark': Command(
+        'benchmark', 'simulate, run SLAM, and judge: a table over scenarios and sensors'),
+    'calibrate gait': Command(
+        'calibrate', 'measure the map from velocity to gait on flat ground'),
+    'campaign': Command('campaign', 'record a data set of randomised episodes'),
+    'dataset': Command('dataset', 'look at, verify and describe a data set that `campaign` made'),
+    'evaluate': Command('evaluate', 'judge an estimated trajectory against the truth'),
+    'parameters': Command('parameters', 'list all parameters, by node and section'),
+    'render': Command('render', 'draw single stereo frames with all truth layers'),
+    'run': Command('run', 'simulate and record a scenario'),
+    'slam': Command('slam', 'what SLAM programs need: settings files; running them on bags'),
+    'validate imu': Command(
+        'validate_imu', 'Allan deviation of the IMU at rest against its configured noise'),
+    'validate locomotion': Command(
+        'validate_locomotion',
+        'pitch of the walk against a velocity interface; commands followed'),
+    'validate stereo': Command('validate_stereo', 'semi-global matching against true depth'),
+    'validate traverse': Command(
+        'validate_traverse',
+        'drive waypoints over many worlds: tip-overs, slip, cost of transport'),
+    'world': Command('world', 'build, inspect, picture and export terrains'),
+}
+
+# argparse takes `-2` after an option as its value, but `-2,3,240` as an option.
+_NEGATIVE_LIST = re.compile(r'-\.?\d[^,]*,')
+
+
+def parser(declared: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """Return the parser of the command line.
+
+    It knows all commands, but only the `declared` ones are imported and have arguments.
+    """
     root = argparse.ArgumentParser(
         prog='lunar_rover_sim',
         description='A spoke-leg micro rover on the Moon: walk, stereo images, rosbag2.')
@@ -26,18 +65,33 @@ def parser() -> argparse.ArgumentParser:
     root.add_argument('-v', '--verbose', action='store_true', help='log what is going on')
     subparsers = root.add_subparsers(metavar='COMMAND', required=True)
     groups = {name: subparsers.add_parser(name, help=text, description=text).add_subparsers(
-        metavar='WHAT', required=True) for name, text in _GROUPS.items()}
-    for info in pkgutil.iter_modules(cli.__path__):
-        if info.name == 'main':
-            continue
-        module = importlib.import_module(f'{cli.__name__}.{info.name}')
-        module.add_parser(groups.get(info.name.partition('_')[0], subparsers))
+        metavar='WHAT', required=True) for name, text in GROUPS.items()}
+    for name, command in COMMANDS.items():
+        group, _, member = name.rpartition(' ')
+        one = groups.get(group, subparsers).add_parser(member, help=command.help,
+                                                       description=command.help)
+        if name in declared:
+            module = importlib.import_module(f'lunar_rover_sim.cli.{command.module}')
+            module.add_arguments(one)
     return root
+
+
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """Return the arguments of a command line; `run` is the function of the chosen command."""
+    words: list[str] = []
+    for word in argv:
+        if _NEGATIVE_LIST.match(word) and words and re.fullmatch('--[^=]+', words[-1]):
+            words[-1] += f'={word}'
+        else:
+            words.append(word)
+    names = [word for word in words if not word.startswith('-')]
+    chosen = {' '.join(names[:count]) for count in (1, 2)}
+    return parser(chosen).parse_args(words)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return the exit status: 0, 1 after an error, 130 after Ctrl-C."""
-    arguments = parser().parse_args(argv)
+    arguments = parse(sys.argv[1:] if argv is None else argv)
     logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
                         format='%(levelname)s %(name)s: %(message)s')
     try:

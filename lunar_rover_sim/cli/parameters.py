@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        'parameters', help='list all parameters, by node and section',
-        description='List the parameters of a scenario: name, default, what is valid, meaning.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = ('List the parameters of a scenario: name, default, what is valid, '
+                          'meaning.')
     parser.add_argument('section', nargs='?', help='a node, world, rover or run; all by default')
     parser.add_argument('--markdown', action='store_true', help='as Markdown tables')
     parser.set_defaults(run=run)

@@ -7,11 +7,10 @@ from pathlib import Path
 import re
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        'render', help='draw single stereo frames with all truth layers',
-        description='Draw what the rover sees at given poses: left and right image (PNG), depth '
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Draw what the rover sees at given poses: left and right image (PNG), depth '
         '[m], normals, labels and ideal radiance (NPY), disparity, and a preview of all.')
     parser.add_argument('scenario', help='name of a packaged scenario, or a YAML file')
     parser.add_argument('--pose', action='append', metavar='X,Y,YAW[,Z]', type=_pose,
@@ -25,8 +24,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument('--seed', type=int, metavar='N', help='seed of everything random')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
-    # Let argparse take `--pose -2,3,240` as a value, as it does `-2`.
-    parser._negative_number_matcher = re.compile(r'^-\.?\d')
     parser.set_defaults(run=run)
 
 

@@ -16,11 +16,9 @@ if TYPE_CHECKING:
 _SILENCE_MARGIN_S = 1.0
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        'run', help='simulate and record a scenario',
-        description='Simulate a scenario with all its nodes and record it to rosbag2.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = 'Simulate a scenario with all its nodes and record it to rosbag2.'
     parser.add_argument('scenario', help='name of a packaged scenario, or a YAML file')
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
                         help='folder for bag, resolved scenario and logs; must not exist')

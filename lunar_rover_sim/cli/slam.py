@@ -16,33 +16,31 @@ SENSORS = ('mono', 'stereo', 'stereo-inertial', 'rgbd')
 SYSTEMS = ('reference', 'orbslam3', 'command')
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the commands."""
-    text = 'what SLAM programs need: settings files; running them on bags'
-    group = subparsers.add_parser('slam', help=text, description=text).add_subparsers(
-        metavar='WHAT', required=True)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the commands."""
+    group = parser.add_subparsers(metavar='WHAT', required=True)
     text = 'write the settings file of ORB-SLAM3 for a bag or a scenario'
-    parser = group.add_parser('settings', help=text, description=text)
-    parser.add_argument('source', metavar='BAG|SCENARIO', help='a bag, or a scenario by name or '
-                                                               'file')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
-                        help='YAML file to write; must not exist')
-    parser.add_argument('--sensor', choices=SENSORS, default='stereo')
-    parser.add_argument('--features', type=int, default=2000, metavar='N',
-                        help='keypoints per image (default: %(default)s)')
-    parser.add_argument('--legacy', action='store_true',
-                        help='the layout before File.version 1.0')
-    parser.set_defaults(run=_settings)
+    command = group.add_parser('settings', help=text, description=text)
+    command.add_argument('source', metavar='BAG|SCENARIO', help='a bag, or a scenario by name or '
+                                                                'file')
+    command.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
+                         help='YAML file to write; must not exist')
+    command.add_argument('--sensor', choices=SENSORS, default='stereo')
+    command.add_argument('--features', type=int, default=2000, metavar='N',
+                         help='keypoints per image (default: %(default)s)')
+    command.add_argument('--legacy', action='store_true',
+                         help='the layout before File.version 1.0')
+    command.set_defaults(run=_settings)
     text = 'run a SLAM program on a bag and judge what it made of it'
-    parser = group.add_parser('run', help=text, description=text)
-    parser.add_argument('bag', type=Path, metavar='BAG')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
-                        help='folder for settings, log and results; must not exist')
-    parser.add_argument('--sensor', choices=SENSORS, default='stereo')
-    parser.add_argument('--keep-sequence', action='store_true', help='keep the exported images')
-    parser.add_argument('--quiet', action='store_true', help='do not show the log of the program')
-    add_system_arguments(parser)
-    parser.set_defaults(run=_run)
+    command = group.add_parser('run', help=text, description=text)
+    command.add_argument('bag', type=Path, metavar='BAG')
+    command.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
+                         help='folder for settings, log and results; must not exist')
+    command.add_argument('--sensor', choices=SENSORS, default='stereo')
+    command.add_argument('--keep-sequence', action='store_true', help='keep the exported images')
+    command.add_argument('--quiet', action='store_true', help='do not show the log of the program')
+    add_system_arguments(command)
+    command.set_defaults(run=_run)
 
 
 def add_system_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,12 +7,11 @@ import argparse
 TOLERANCE = {'white noise': 0.05, 'bias random walk': 0.15}
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        'imu', help='Allan deviation of the IMU at rest against its configured noise',
-        description='Simulates an IMU at rest, computes the overlapping Allan deviation and reads'
-                    ' white noise and bias random walk back from it.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Simulates an IMU at rest, computes the overlapping Allan deviation and reads'
+        ' white noise and bias random walk back from it.')
     parser.add_argument('--preset', default='adis16448', metavar='NAME',
                         help='part to simulate (adis16448, bmi160)')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=VALUE',

@@ -7,14 +7,13 @@ import os
 from pathlib import Path
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        'locomotion', help='pitch of the walk against a velocity interface; commands followed',
-        description='Drives the same velocities on flat ground through gait and contact and'
-                    ' through a velocity interface, compares the pitch of both, and measures how'
-                    ' well velocity commands are followed. Writes locomotion.md, locomotion.png'
-                    ' and pitch.csv.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Drives the same velocities on flat ground through gait and contact and'
+        ' through a velocity interface, compares the pitch of both, and measures how'
+        ' well velocity commands are followed. Writes locomotion.md, locomotion.png'
+        ' and pitch.csv.')
     parser.add_argument('scenario', nargs='?', default='flat',
                         help='scenario that names rover, contact and gait (flat)')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',

@@ -7,11 +7,10 @@ import json
 from pathlib import Path
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
-    parser = subparsers.add_parser(
-        'stereo', help='semi-global matching against true depth',
-        description='Draw stereo pairs along a loop through each scenario, match them, and say '
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Draw stereo pairs along a loop through each scenario, match them, and say '
         'how dense and how right the disparity is: a table, and figures with left image, true '
         'depth, SGM depth and error.')
     parser.add_argument('scenarios', nargs='+', metavar='SCENARIO',

@@ -7,13 +7,12 @@ import os
 from pathlib import Path
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        'traverse', help='drive waypoints over many worlds: tip-overs, slip, cost of transport',
-        description='Builds the world of a scenario for a number of seeds and drives random'
-                    ' waypoints over each, around the larger rocks. Writes traverse.md,'
-                    ' traverse.csv and traverse.png.')
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Builds the world of a scenario for a number of seeds and drives random'
+        ' waypoints over each, around the larger rocks. Writes traverse.md,'
+        ' traverse.csv and traverse.png.')
     parser.add_argument('scenario', nargs='?', default='baseline', help='scenario (baseline)')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the commands."""
-    text = 'build, inspect, picture and export terrains'
-    actions = subparsers.add_parser('world', help=text, description=text).add_subparsers(
-        metavar='ACTION', required=True)
-    _add_build(actions)
+    actions = parser.add_subparsers(metavar='ACTION', required=True)
+    _add_build(actions.add_parser)
     info = actions.add_parser('info', help='what a world folder holds; checks its hash')
     info.add_argument('folder', help='world folder')
     info.set_defaults(run=run_info)
@@ -37,9 +36,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     export.set_defaults(run=run_export)
 
 
-def _add_build(actions: argparse._SubParsersAction) -> None:
+def _add_build(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
     text = 'make a world folder from a scenario, an elevation model or a mesh'
-    build = actions.add_parser('build', help=text, description=text)
+    build = add_parser('build', help=text, description=text)
     build.add_argument('--scenario', default='baseline', metavar='NAME_OR_PATH',
                        help='scenario whose world section is the recipe (default: baseline)')
     source = build.add_mutually_exclusive_group()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 import synthetic_bag as synthetic
 
-from lunar_rover_sim.cli import evaluate as cli
+from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import metrics, trajectory_files
 from lunar_rover_sim.evaluation import trajectory_sources as sources
@@ -275,10 +274,8 @@ def test_the_command_judges_a_bag(tmp_path, capsys):
     camera = camera.moved(inverse(start)[:3, :3], inverse(start)[:3, 3]).select(keep)
     trajectory_files.write_tum(tmp_path / 'CameraTrajectory.txt', camera)
     output = tmp_path / 'out'
-    parser = argparse.ArgumentParser()
-    cli.add_parser(parser.add_subparsers())
-    args = parser.parse_args(['evaluate', str(bag), str(tmp_path / 'CameraTrajectory.txt'),
-                              '--estimate-frame', 'left', '-o', str(output)])
+    args = parse(['evaluate', str(bag), str(tmp_path / 'CameraTrajectory.txt'),
+                  '--estimate-frame', 'left', '-o', str(output)])
     assert args.run(args) == 0
     result = json.loads((output / 'evaluation.json').read_text())
     assert result['ate_m']['max'] < 1e-9

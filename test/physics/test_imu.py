@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 
 import numpy as np
 import pytest
 
-from lunar_rover_sim.cli import validate_imu
+from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import ConfigError, EvaluationError
 from lunar_rover_sim.physics.config import ImuConfig
 from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters, PRESETS
@@ -145,9 +144,7 @@ def test_bad_parameters_are_refused(values, message):
 
 
 def validate(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    validate_imu.add_parser(parser.add_subparsers())
-    args = parser.parse_args(['imu', *arguments])
+    args = parse(['validate', 'imu', *arguments])
     return args.run(args)
 
 

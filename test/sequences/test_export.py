@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 
 import cv2
@@ -14,7 +13,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag import message_validity, series
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.cli import slam
+from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.evaluation import trajectory_files
 from lunar_rover_sim.evaluation.trajectory_sources import load
@@ -177,10 +176,8 @@ def test_settings_are_what_opencv_reads(tmp_path, bag, sensor, legacy):
 
 
 def test_settings_command_and_its_errors(tmp_path, bag):
-    parser = argparse.ArgumentParser()
-    slam.add_parser(parser.add_subparsers())
     output = tmp_path / 'mono.yaml'
-    args = parser.parse_args(['slam', 'settings', str(bag), '-o', str(output), '--sensor', 'mono'])
+    args = parse(['slam', 'settings', str(bag), '-o', str(output), '--sensor', 'mono'])
     assert args.run(args) == 0
     assert 'Stereo' not in output.read_text()
     with pytest.raises(ConfigError, match='exists already'):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import json
@@ -16,6 +15,7 @@ from scipy import stats
 import synthetic_bag as synthetic
 
 from lunar_rover_sim.cli import benchmark as cli
+from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import EvaluationError, GraphError
 from lunar_rover_sim.slam import benchmark, table
 from lunar_rover_sim.slam.benchmark import Cell, Drive, plan
@@ -238,12 +238,10 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     """A sweep, from the command line to the files."""
     simulator = Simulator(bag)
     monkeypatch.setattr(cli, '_simulate', simulator)
-    parser = argparse.ArgumentParser()
-    cli.add_parser(parser.add_subparsers())
     words = ['benchmark', '-o', str(tmp_path / 'out'), '--scenarios', 'flat', '--seeds', '2',
              '--duration', '2', '--sweep', 'render_node.sun.elevation_deg=2,10', '--system',
              'command', '--run', fake[0].command, '--estimate-frame', 'imu']
-    args = parser.parse_args(words)
+    args = parse(words)
     assert args.run(args) == 0
     assert len(simulator.drives) == 4
     printed = capsys.readouterr().out
@@ -257,6 +255,6 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     assert drive['value'] == '2'
     simulator.drives.clear()
     assert args.run(args) == 0 and not simulator.drives
-    args = parser.parse_args([*words[:7], '--sweep', 'render_node.sun.elevatoin_deg=2,10'])
+    args = parse([*words[:7], '--sweep', 'render_node.sun.elevatoin_deg=2,10'])
     with pytest.raises(Exception, match='elevation_deg'):
         args.run(args)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 import signal
@@ -16,7 +15,7 @@ import pytest
 import synthetic_bag as synthetic
 
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.cli import slam as cli
+from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import BagError, EvaluationError
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_sources import load
@@ -219,19 +218,17 @@ def wait_for_end(tmp_path: Path) -> None:
 
 
 def test_command_line(tmp_path, bag, capsys) -> None:
-    parser = argparse.ArgumentParser()
-    cli.add_parser(parser.add_subparsers())
     script = tmp_path / 'none.sh'
     script.write_text('#!/bin/sh\nexit 0\n')
     script.chmod(0o755)
-    args = parser.parse_args(['slam', 'run', str(bag), '-o', str(tmp_path / 'result'),
-                              '--system', 'command', '--run', f'{script} {{out}}'])
+    args = parse(['slam', 'run', str(bag), '-o', str(tmp_path / 'result'),
+                  '--system', 'command', '--run', f'{script} {{out}}'])
     assert args.run(args) == 0
     assert 'lost' in capsys.readouterr().out
     assert json.loads((tmp_path / 'result' / 'result.json').read_text())['tracked_share'] == 0.0
     with pytest.raises(EvaluationError, match='exists already'):
         args.run(args)
-    args = parser.parse_args(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
+    args = parse(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
     with pytest.raises(BagError, match='there is no such bag'):
         args.run(args)
     assert not (tmp_path / 'nothing').exists()

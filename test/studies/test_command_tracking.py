@@ -1,60 +1,53 @@
 """The commands around the walk: what they refuse, and a short traverse from end to end."""
 
-import argparse
 
 import pytest
 
-from lunar_rover_sim.cli import calibrate, validate_locomotion, validate_traverse
+from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import ConfigError
 
 
-def arguments(module, *words):
-    parser = argparse.ArgumentParser()
-    module.add_parser(parser.add_subparsers())
-    return parser.parse_args(words)
-
-
-def run(module, *words):
-    args = arguments(module, *words)
+def run(*words):
+    args = parse(words)
     return args.run(args)
 
 
 def test_an_existing_table_is_not_overwritten(tmp_path):
     (tmp_path / 'table.yaml').write_text('mine')
     with pytest.raises(ConfigError, match='table.yaml exists; give another name, or --force'):
-        run(calibrate, 'gait', '-o', str(tmp_path / 'table.yaml'))
+        run('calibrate', 'gait', '-o', str(tmp_path / 'table.yaml'))
     assert (tmp_path / 'table.yaml').read_text() == 'mine'
 
 
-@pytest.mark.parametrize(('module', 'words', 'message'), [
-    (calibrate, ('gait', '-o', '/nowhere/table.yaml'), '/nowhere is not a folder'),
-    (calibrate, ('gait', '-o', 'x.yaml', '--workers', '0'), '--workers: 0'),
-    (calibrate, ('gait', '-o', 'x.yaml', '--measure', '0'), '--measure: 0'),
-    (calibrate, ('gait', 'flatt', '-o', 'x.yaml'), 'flatt: no such scenario; did you mean flat'),
-    (calibrate, ('gait', '-o', 'x.yaml', '--set', 'gait_controller_node.duty_factor=1.0'),
+@pytest.mark.parametrize(('words', 'message'), [
+    (('calibrate', 'gait', '-o', '/nowhere/table.yaml'), '/nowhere is not a folder'),
+    (('calibrate', 'gait', '-o', 'x.yaml', '--workers', '0'), '--workers: 0'),
+    (('calibrate', 'gait', '-o', 'x.yaml', '--measure', '0'), '--measure: 0'),
+    (('calibrate', 'gait', 'flatt', '-o', 'x.yaml'), 'flatt: no such scenario; did you mean flat'),
+    (('calibrate', 'gait', '-o', 'x.yaml', '--set', 'gait_controller_node.duty_factor=1.0'),
      'duty_factor: 1'),
-    (calibrate, ('gait', '-o', 'x.yaml', '--set', 'rover.legs.mass_kg=-1'), 'mass_kg: -1'),
-    (calibrate, ('gait', '-o', 'x.yaml', '--set', 'rover.legs.spokes=6'), 'spokes: 3 .* is 6'),
-    (validate_locomotion, ('locomotion', '--speeds', '0.1', '-0.2'), '--speeds: -0.2'),
-    (validate_locomotion, ('locomotion', '--duration', '5'), '--duration: 5'),
-    (validate_locomotion, ('locomotion', '--gravities', 'nan'), '--gravities: nan'),
-    (validate_traverse, ('traverse', '--seeds', '0'), '--seeds: 0'),
-    (validate_traverse, ('traverse', '--duration', '1'), '--duration: 1'),
-    (validate_traverse, ('traverse', 'basline'), 'did you mean baseline'),
+    (('calibrate', 'gait', '-o', 'x.yaml', '--set', 'rover.legs.mass_kg=-1'), 'mass_kg: -1'),
+    (('calibrate', 'gait', '-o', 'x.yaml', '--set', 'rover.legs.spokes=6'), 'spokes: 3 .* is 6'),
+    (('validate', 'locomotion', '--speeds', '0.1', '-0.2'), '--speeds: -0.2'),
+    (('validate', 'locomotion', '--duration', '5'), '--duration: 5'),
+    (('validate', 'locomotion', '--gravities', 'nan'), '--gravities: nan'),
+    (('validate', 'traverse', '--seeds', '0'), '--seeds: 0'),
+    (('validate', 'traverse', '--duration', '1'), '--duration: 1'),
+    (('validate', 'traverse', 'basline'), 'did you mean baseline'),
 ])
-def test_what_cannot_be_is_refused(module, words, message, tmp_path, monkeypatch):
+def test_what_cannot_be_is_refused(words, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=message):
-        run(module, *words)
+        run(*words)
     assert list(tmp_path.iterdir()) == [], 'nothing is left behind'
 
 
 def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
     (tmp_path / 'robot.csv').write_text('\n'.join(f'{t / 10},{t % 7}' for t in range(200)))
-    words = ('locomotion', '--speeds', '0.12', '--gravities', '1.62', '--duration', '13',
-             '--no-commands', '--overlay', str(tmp_path / 'robot.csv'),
+    words = ('validate', 'locomotion', '--speeds', '0.12', '--gravities', '1.62', '--duration',
+             '13', '--no-commands', '--overlay', str(tmp_path / 'robot.csv'),
              '-o', str(tmp_path / 'out'))
-    assert run(validate_locomotion, *words) == 0
+    assert run(*words) == 0
     assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == [
         'locomotion.md', 'locomotion.png', 'pitch.csv']
     text = (tmp_path / 'out' / 'locomotion.md').read_text()
@@ -62,10 +55,9 @@ def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
     assert 'start transient' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('module, name', [(validate_locomotion, 'locomotion'),
-                                          (validate_traverse, 'traverse')])
-def test_an_earlier_report_is_kept(tmp_path, module, name):
+@pytest.mark.parametrize('name', ['locomotion', 'traverse'])
+def test_an_earlier_report_is_kept(tmp_path, name):
     (tmp_path / 'report.md').write_text('an hour of work')
     with pytest.raises(ConfigError, match='exists; name a new folder'):
-        run(module, name, '-o', str(tmp_path))
+        run('validate', name, '-o', str(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ['report.md']

@@ -1,6 +1,5 @@
 """Meshes and pictures of worlds, and the command line."""
 
-import argparse
 import errno
 import os
 
@@ -10,7 +9,7 @@ import pytest
 import trimesh
 import worlds
 
-from lunar_rover_sim.cli import world as command
+from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.world import export, map_sheet, shade, world_folder
 from lunar_rover_sim.world.grid import HeightGrid
@@ -128,9 +127,7 @@ def test_preview_is_a_picture(tmp_path):
 
 def call(*argv):
     """Run a world command; return its exit status."""
-    parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
-    args = parser.parse_args(['world', *argv])
+    args = parse(['world', *argv])
     return args.run(args)
 
 

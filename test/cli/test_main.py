@@ -1,0 +1,53 @@
+"""The command line as a whole: a table of commands, and only the chosen one is imported."""
+
+from __future__ import annotations
+
+import pkgutil
+import subprocess
+import sys
+
+import pytest
+
+from lunar_rover_sim import cli
+from lunar_rover_sim.cli.main import COMMANDS, main, parse, parser
+
+HEAVY = {'cv2', 'matplotlib', 'mujoco', 'numpy', 'rclpy', 'scipy'}
+
+
+def test_every_module_is_in_the_table() -> None:
+    modules = {info.name for info in pkgutil.iter_modules(cli.__path__)} - {'main'}
+    assert {command.module for command in COMMANDS.values()} == modules
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_every_command_has_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        parser().parse_args([*name.split(), '--help'])
+    assert ended.value.code == 0
+    assert f'usage: lunar_rover_sim {name}' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('words', [['--help'], ['validate', '--help'], ['--version']])
+def test_help_is_quick(words: list[str]) -> None:
+    """Help of the whole imports no library that takes time."""
+    code = ('import sys\n'
+            'from lunar_rover_sim.cli.main import main\n'
+            'try:\n'
+            f'    main({words!r})\n'
+            'finally:\n'
+            f'    sys.exit(len(set(sys.modules) & {HEAVY!r}))\n')
+    assert subprocess.run([sys.executable, '-c', code], stdout=subprocess.DEVNULL).returncode == 0
+
+
+def test_lists_may_begin_with_a_negative_number() -> None:
+    args = parse(['render', 'flat', '--pose', '-2,3,240', '--pose=-.5,1,2', '--joints',
+                  '-1,2,-3,4', '-o', 'out'])
+    assert args.pose == [(-2.0, 3.0, 240.0), (-0.5, 1.0, 2.0)]
+    assert args.joints == [-1.0, 2.0, -3.0, 4.0]
+    assert parse(['world', 'preview', 'folder', '--sun', '-60', '6']).sun == [-60.0, 6.0]
+
+
+def test_errors_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['parameters', 'physics']) == 1
+    error = capsys.readouterr().err
+    assert error.startswith('lunar_rover_sim: section:') and error.count('\n') == 1
