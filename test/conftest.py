@@ -8,6 +8,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+import psutil
 import pytest
 
 from lunar_rover_sim.run.domain import OwnDomain
@@ -33,17 +34,11 @@ def simulate(folder: Path, *arguments: str, scenario: str = 'baseline',
                           capture_output=True, text=True, timeout=timeout_s)
 
 
-def processes_naming(text: str) -> list[int]:
-    """Return the ids of processes with this text in their command line (pgrep may be missing)."""
-    found = []
-    for path in Path('/proc').glob('[0-9]*/cmdline'):
-        try:
-            words = path.read_bytes().replace(b'\0', b' ').decode(errors='replace')
-        except OSError:         # it has ended
-            continue
-        if text in words and int(path.parent.name) != os.getpid():
-            found.append(int(path.parent.name))
-    return sorted(found)
+def processes_naming(*words: str) -> list[int]:
+    """Return the ids of other processes with all these words in their command line."""
+    return sorted(process.pid for process in psutil.process_iter(['cmdline'])
+                  if process.pid != os.getpid()
+                  and all(word in ' '.join(process.info['cmdline'] or []) for word in words))
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from lunar_rover_sim.campaign.episode_plans import plan
     from lunar_rover_sim.campaign.production import Dataset
     from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.run.supervisor import require_ros
+    from lunar_rover_sim.run.ros_installation import require_ros
 
     if args.jobs < 1:
         raise ConfigError(f'--jobs {args.jobs}: is not valid; valid is 1 or more')

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 import dataclasses
 from pathlib import Path
 import signal
 import time
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from lunar_rover_sim.run.node_processes import Launcher
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-# Physics names whoever it waits for before the runner names physics.
-_SILENCE_MARGIN_S = 1.0
+from lunar_rover_sim.inspection.summary import summarise
+from lunar_rover_sim.run.node_config import REAL_TIME
+from lunar_rover_sim.run.recording import record, Recording
+from lunar_rover_sim.run.ros_installation import require_ros
+from lunar_rover_sim.run.scenario import Scenario
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,100 +41,100 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate and record; print a summary."""
-    from lunar_rover_sim.run.node_processes import Launcher
-    from lunar_rover_sim.run.supervisor import require_ros
-
     require_ros()
-    with Launcher(args.output.resolve()) as launcher:
-        return _record(args, launcher)
-
-
-def _record(args: argparse.Namespace, launcher: Launcher) -> int:
-    from rich.console import Console
-
-    from lunar_rover_sim.run.domain import OwnDomain
-    from lunar_rover_sim.run.node_config import REAL_TIME
-    from lunar_rover_sim.run.plan import BAG_FOLDER, prepare, resolve
-    from lunar_rover_sim.run.scenario import load_scenario
-    from lunar_rover_sim.run.supervisor import Graph
-    from lunar_rover_sim.world.cache import cached
-    from lunar_rover_sim.world.world_folder import load
-
-    overrides = list(args.overrides)
-    if args.duration is not None:
-        overrides.append(f'run.duration_s={args.duration}')
+    overrides = [*args.overrides]
     if args.real_time:
         overrides.append(f'time_mode={REAL_TIME}')
-    scenario = load_scenario(args.scenario, overrides, args.seed)
+    scenario = Scenario.load(args.scenario, overrides, seed=args.seed, duration_s=args.duration)
     console = Console()
-    if args.world is not None:
-        world = args.world.resolve()
-        # What is recorded is the recipe of the world that is used.
-        scenario = dataclasses.replace(scenario, world=load(world).config)
-    else:
+    if args.world is None:
         with console.status('building the world'):
-            world = cached(scenario.world, scenario.shared.seed)
-    scenario = resolve(scenario)
-    folder = args.output.resolve()
-    plans = prepare(scenario, folder, world)
-    silence_s = start_s = None
-    if scenario.shared.lockstep:
-        silence_s = scenario.physics_node.wait.silence_s + _SILENCE_MARGIN_S
-        start_s = scenario.physics_node.wait.start_s + _SILENCE_MARGIN_S
-
-    # SIGTERM stops a run as Ctrl-C does: nodes in order, bag finished.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    interrupted = False
-    with OwnDomain(args.domain) as domain:
-        console.print(f'{scenario.name}, seed {scenario.shared.seed}: '
-                      f'{scenario.run.duration_s:g} s, ROS_DOMAIN_ID={domain.id}')
-        start = time.monotonic()
-        with Graph(launcher, plans, folder, domain.id, silence_s, start_s,
-                   round(scenario.run.duration_s * 1e9)) as graph:
-            try:
-                _watch(graph, scenario, console)
-            except KeyboardInterrupt:
-                interrupted = True
-                console.print('stopping; the bag will end here')
-        wall_s = time.monotonic() - start
-    console.print(_shares(graph.cpu_s, wall_s), highlight=False, soft_wrap=True)
-    bag = folder / BAG_FOLDER
-    if 'recorder_node' in scenario.run.nodes:
-        from lunar_rover_sim.inspection.summary import summarise
-
-        with console.status('summing up the bag'):
-            summary = summarise(bag)
-        console.print(summary.lines(wall_s), highlight=False, soft_wrap=True)
-        console.print(f'bag: {bag}', soft_wrap=True, highlight=False)
-    return 130 if interrupted else 0
+            scenario.world_folder()
+    with _stop_request() as stop_request, _Display(console) as display:
+        recording = record(scenario, args.output, world=args.world, domain=args.domain,
+                           should_stop=stop_request.is_made, on_start=display.start,
+                           on_progress=display.update)
+    if recording.interrupted:
+        console.print('stopped; the bag ends here')
+    _print_summary(console, recording)
+    return 130 if recording.interrupted else 0
 
 
-def _shares(cpu_s: dict[str, float], wall_s: float) -> str:
-    shares = ', '.join(f'{name} {100 * used / wall_s:.0f} %' for name, used in cpu_s.items())
-    return f'processor time, start included, of one core: {shares}'
+@dataclasses.dataclass
+class _StopRequest:
+    """Whether SIGINT or SIGTERM has asked for the end of the run."""
+
+    made: bool = False
+
+    def is_made(self) -> bool:
+        """Return whether the run is to end."""
+        return self.made
 
 
-def _watch(graph, scenario, console) -> None:  # type: ignore[no-untyped-def]
-    """Show simulated time, real-time factor and frames until physics has finished."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+@contextmanager
+def _stop_request() -> Iterator[_StopRequest]:
+    """Let the first SIGINT or SIGTERM stop the nodes in order; the second one kills them."""
+    request = _StopRequest()
 
-    frame_s = scenario.render_node.frame_period_ns / 1e9
-    columns = (TextColumn('{task.description}'), BarColumn(),
-               TextColumn('{task.completed:.1f}/{task.total:g} s'), TextColumn('{task.fields[x]}'),
-               TimeRemainingColumn())
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task('starting', total=scenario.run.duration_s, x='')
-        first: list[float] = []
+    def handle(_number: int, _frame: object) -> None:
+        if request.made:
+            raise KeyboardInterrupt
+        request.made = True
 
-        def show(now_ns: int) -> None:
-            now_s = now_ns / 1e9
-            if now_ns and not first:
-                first.extend((time.monotonic(), now_s))
-            factor = ''
-            if first and time.monotonic() > first[0]:
-                rtf = (now_s - first[1]) / (time.monotonic() - first[0])
-                factor = f'RTF {rtf:.2f}, {int(now_s / frame_s + 1e-6)} frames'
-            progress.update(task, completed=now_s, x=factor,
-                            description='simulating' if now_ns else 'starting')
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
-        graph.wait(show)
+
+class _Display:
+    """Shows simulated time, real-time factor and frames while a run goes on."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._progress = Progress(
+            TextColumn('{task.description}'), BarColumn(),
+            TextColumn('{task.completed:.1f}/{task.total:g} s'), TextColumn('{task.fields[pace]}'),
+            TimeRemainingColumn(), console=console)
+        self._first: tuple[float, float] | None = None     # wall time, simulated time [s]
+        self._frame_s = 1.0
+
+    def start(self, scenario: Scenario, domain: int) -> None:
+        """Name the run and show its progress from now on."""
+        self._console.print(f'{scenario.name}, seed {scenario.shared.seed}: '
+                            f'{scenario.run.duration_s:g} s, ROS_DOMAIN_ID={domain}')
+        self._frame_s = scenario.render_node.frame_period_ns / 1e9
+        self._task = self._progress.add_task('starting', total=scenario.run.duration_s, pace='')
+        self._progress.start()
+
+    def update(self, now_ns: int) -> None:
+        """Show the simulated time [ns]."""
+        now_s, wall_s, pace = now_ns / 1e9, time.monotonic(), ''
+        if now_ns and self._first is None:
+            self._first = wall_s, now_s
+        if self._first is not None and wall_s > self._first[0]:
+            factor = (now_s - self._first[1]) / (wall_s - self._first[0])
+            pace = f'RTF {factor:.2f}, {int(now_s / self._frame_s + 1e-6)} frames'
+        self._progress.update(self._task, completed=now_s, pace=pace,
+                              description='simulating' if now_ns else 'starting')
+
+    def __enter__(self) -> _Display:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+
+def _print_summary(console: Console, recording: Recording) -> None:
+    shares = ', '.join(f'{name} {100 * used_s / recording.wall_s:.0f} %'
+                       for name, used_s in recording.cpu_s.items())
+    console.print(f'processor time, start included, of one core: {shares}', highlight=False,
+                  soft_wrap=True)
+    if recording.bag is None:
+        return
+    with console.status('summing up the bag'):
+        summary = summarise(recording.bag)
+    console.print(summary.lines(recording.wall_s), highlight=False, soft_wrap=True)
+    console.print(f'bag: {recording.bag}', soft_wrap=True, highlight=False)

@@ -1,7 +1,14 @@
-"""How far simulated time has come, read without taking part in the graph's traffic."""
+"""Prints how far simulated time has come, ten times a second [ns].
+
+    python -m lunar_rover_sim.nodes.clock_monitor
+
+The supervisor of a run reads it, and thereby needs no ROS in its own process. The queue holds one
+message, and the monitor takes it when it prints: the messages in between cost nothing.
+"""
 
 from __future__ import annotations
 
+import time
 from types import TracebackType
 
 import rclpy
@@ -11,25 +18,26 @@ from rosgraph_msgs.msg import Clock
 from lunar_rover_sim import topics
 from lunar_rover_sim.nodes import conversions, qos
 
+_PERIOD_S = 0.1
+
 
 class ClockMonitor:
-    """Takes the newest clock message when asked; context manager."""
+    """Takes the newest clock message on request; context manager."""
 
     def __init__(self) -> None:
-        # The runner that owns this handles its signals itself.
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node('lunar_rover_sim_run', start_parameter_services=False,
                                        enable_rosout=False)
-        self._subscription = self._node.create_subscription(
-            Clock, topics.CLOCK.name, lambda _: None, qos.newest())
         self._now_ns = 0
+        self._node.create_subscription(Clock, topics.CLOCK.name, self._clock_callback,
+                                       qos.newest())
+
+    def _clock_callback(self, message: Clock) -> None:
+        self._now_ns = conversions.time_ns(message.clock)
 
     def now_ns(self) -> int:
         """Return the newest simulated time [ns]; 0 before the first clock message."""
-        with self._subscription.handle:
-            taken = self._subscription.handle.take_message(Clock, False)
-        if taken is not None:
-            self._now_ns = conversions.time_ns(taken[0].clock)
+        rclpy.spin_once(self._node, timeout_sec=0.0)
         return self._now_ns
 
     def close(self) -> None:
@@ -43,3 +51,15 @@ class ClockMonitor:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  traceback: TracebackType | None) -> None:
         self.close()
+
+
+def main() -> None:
+    """Print until killed."""
+    with ClockMonitor() as clock:
+        while True:
+            print(clock.now_ns(), flush=True)
+            time.sleep(_PERIOD_S)
+
+
+if __name__ == '__main__':
+    main()

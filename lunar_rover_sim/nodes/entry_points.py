@@ -1,4 +1,9 @@
-"""The console scripts of the nodes: one line instead of a traceback where ROS 2 is missing."""
+"""The entry points of the nodes: one line instead of a traceback where ROS 2 is missing.
+
+    python -m lunar_rover_sim.nodes.entry_points NODE --ros-args ...
+
+starts a node as its console script does.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +11,11 @@ import importlib
 import sys
 
 from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.run.ros_installation import require_ros
 
 
 def _start(name: str) -> int:
-    """Run a node; return its exit status, 0 also when told to stop before it was up."""
-    from lunar_rover_sim.run.supervisor import require_ros
-
+    """Run a node; return its exit status, 0 also when it is interrupted before it exists."""
     try:
         require_ros()
         module = importlib.import_module(f'lunar_rover_sim.nodes.{name}')
@@ -51,3 +55,9 @@ def drive_node() -> int:
 def trajectory_recorder_node() -> int:
     """Run trajectory_recorder_node."""
     return _start('trajectory_recorder_node')
+
+
+if __name__ == '__main__':
+    # The node sees the arguments that its console script would see.
+    del sys.argv[0]
+    raise SystemExit(_start(sys.argv[0]))

@@ -1,137 +1,198 @@
-"""The processes of the nodes, started by the launcher, as the runner sees them."""
+"""The node processes of one run: started with their logs, observed, stopped in order."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-import contextlib
-import ctypes
-import json
+from contextlib import suppress
 import os
 from pathlib import Path
-import select
 import signal
 import subprocess
 import sys
 import time
+from types import TracebackType
 
-_PR_SET_PDEATHSIG = 1
-_ORPHANS_S = 5.0    # what nodes are given to end without their launcher
+import psutil
+
+from lunar_rover_sim.bag.marker import why_incomplete
+from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.run.child_process import dies_with_parent
+from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
+
+# The recorder needs this time to finish its bag. After a failure the other nodes have nothing
+# left to add to it.
+_STOP_S = 15.0
+_STOP_AFTER_FAILURE_S = 2.0
+
+_ENVIRONMENT = {
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    'PYTHONUNBUFFERED': '1',
+    # Five processes share the cores; threads of linear algebra would only fight for them.
+    'OPENBLAS_NUM_THREADS': '1',
+    # glibc keeps the memory of freed images. Otherwise the recorder spends half of its time on
+    # page faults.
+    'MALLOC_MMAP_THRESHOLD_': str(32 << 20),
+    'MALLOC_TRIM_THRESHOLD_': str(64 << 20),
+    'MALLOC_TOP_PAD_': str(4 << 20),
+}
 
 
-class NodeProcess:
-    """One node.
+def ros_environment(domain: int) -> dict[str, str]:
+    """Return the environment of a process that takes part in the graph of a ROS domain."""
+    environment = {**os.environ, **_ENVIRONMENT, 'ROS_DOMAIN_ID': str(domain)}
+    # It would override ROS_AUTOMATIC_DISCOVERY_RANGE.
+    environment.pop('ROS_LOCALHOST_ONLY', None)
+    return environment
 
-    pid: 0 until it has been started; returncode: its exit status, negative for a signal, None
-    while it runs
+
+class NodeProcesses:
+    """The processes of one run; context manager that leaves none behind.
+
+    cpu_s: node → processor time used so far [s]
     """
 
-    def __init__(self, launcher: Launcher) -> None:
-        self._launcher = launcher
-        self.pid = 0
-        self.returncode: int | None = None
+    def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int) -> None:
+        """Start one process per plan, with its log in `folder`/logs."""
+        self._folder = folder
+        self.cpu_s: dict[str, float] = {}
+        self._processes: dict[str, psutil.Popen] = {}
+        (folder / LOG_FOLDER).mkdir(exist_ok=True)
+        environment = ros_environment(domain)
+        try:
+            for plan in plans:
+                self._processes[plan.name] = self._start(plan, environment)
+        except BaseException:
+            self.kill()
+            raise
 
-    def poll(self) -> int | None:
-        """Return the exit status if the node has ended."""
-        self._launcher.listen(0.0)
-        return self.returncode
+    def _start(self, plan: NodePlan, environment: dict[str, str]) -> psutil.Popen:
+        command = [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', plan.name,
+                   *plan.ros_arguments(self._folder / SCENARIO_FILE)]
+        with self.log(plan.name).open('wb') as log:
+            # A session of its own: Ctrl-C reaches the caller only, which stops the nodes in order.
+            return psutil.Popen(dies_with_parent(command), env=environment,
+                                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                                start_new_session=True)
 
-    def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end; raise TimeoutError if there is none in time [s]."""
-        deadline = None if timeout is None else time.monotonic() + timeout
-        while self.poll() is None:
-            left = None if deadline is None else max(0.0, deadline - time.monotonic())
-            if left == 0.0:
-                raise TimeoutError
-            self._launcher.listen(left)
-        assert self.returncode is not None
-        return self.returncode
+    def log(self, name: str) -> Path:
+        """Return the log file of a node."""
+        return self._folder / LOG_FOLDER / f'{name}.log'
 
-    def send_signal(self, number: int) -> None:
-        """Send a signal, as soon as the node has been started; nothing if it has ended."""
-        while self.pid == 0 and self.returncode is None:
-            self._launcher.listen(None)
-        if self.poll() is None:
-            # It may have ended just now, which the launcher has not said yet.
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self.pid, number)
+    def has_finished(self) -> bool:
+        """Return whether physics has finished; raise GraphError if a node has ended otherwise."""
+        for name, process in self._processes.items():
+            status = process.poll()
+            if status is None:
+                continue
+            if name == 'physics_node' and status == 0:
+                return True
+            raise GraphError(self._describe_end(name))
+        return False
 
+    def suspended(self) -> list[str]:
+        """Return the nodes that are suspended (SIGSTOP)."""
+        return [name for name, process in self._processes.items() if _is_suspended(process)]
 
-class Launcher:
-    """Starts nodes through `nodes.launcher` and hears from it how they end.
+    def measure(self) -> None:
+        """Update `cpu_s`."""
+        for name, process in self._processes.items():
+            with suppress(psutil.Error):    # it has ended; the last value stands
+                times = process.cpu_times()
+                self.cpu_s[name] = times.user + times.system
 
-    Made early: while the runner reads the scenario, the launcher imports. Context manager.
-    folder: that of the run, shown in lists of processes; killed: whether it has ended before the
-    nodes, which end with it
-    """
+    def fatal_error(self) -> str | None:
+        """Return the first node's FATAL line with its log, or None if no node has written one."""
+        for name in self._processes:
+            reason = self._fatal_line(name)
+            if reason:
+                return f'{name}: {reason} (log: {self.log(name)})'
+        return None
 
-    def __init__(self, folder: Path) -> None:
-        self.nodes: dict[str, NodeProcess] = {}
-        self.killed = False
-        # The launcher forks, so it must not have threads; the nodes have no use for those of
-        # NumPy's linear algebra either.
-        environment = {'OPENBLAS_NUM_THREADS': '1', **os.environ, 'PYTHONUNBUFFERED': '1'}
-        environment.pop('ROS_LOCALHOST_ONLY', None)
-        self._process = subprocess.Popen(
-            [sys.executable, '-m', 'lunar_rover_sim.nodes.launcher', str(folder)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
-            start_new_session=True, preexec_fn=die_with_parent)
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._said, self._pipe = self._process.stdin, self._process.stdout
-        self._heard = b''
+    def stop(self, failed: bool = False) -> None:
+        """Stop all nodes in order, the recorder last.
 
-    def start(self, plans: Sequence[tuple[str, Path, Sequence[str]]],
-              environment: dict[str, str]) -> None:
-        """Start nodes: (name, log file, arguments) of each; once."""
-        self.nodes = {name: NodeProcess(self) for name, _, _ in plans}
-        nodes = [[name, str(log), list(arguments)] for name, log, arguments in plans]
-        with contextlib.suppress(BrokenPipeError), self._said:
-            self._said.write(json.dumps({'environment': environment, 'nodes': nodes}).encode())
+        failed: the run has failed already; only the recorder is given time to finish.
+        Raises GraphError if a node does not stop in time or ends with an error.
+        """
+        if failed:
+            for name, process in self._processes.items():
+                if name != 'recorder_node' and process.poll() is None:
+                    process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + _STOP_AFTER_FAILURE_S
+        problems = []
+        for name in STOP_ORDER:
+            if name not in self._processes:
+                continue
+            limit_s = _STOP_S
+            if failed and name != 'recorder_node':
+                limit_s = max(0.0, deadline - time.monotonic())
+            problems += self._stop(name, limit_s)
+        if problems:
+            raise GraphError('; '.join(problems))
 
-    def __enter__(self) -> Launcher:
+    def _stop(self, name: str, limit_s: float) -> list[str]:
+        """Stop one node; return what went wrong."""
+        process = self._processes[name]
+        running = process.poll() is None
+        if running:
+            # A suspended process does not receive SIGINT.
+            patience_s = 0.0 if _is_suspended(process) else limit_s
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(patience_s)
+            except (subprocess.TimeoutExpired, psutil.TimeoutExpired):
+                process.kill()
+                process.wait()
+                return [f'{name} did not stop within {limit_s:g} s and was killed']
+        # Python's own handler of SIGINT ends a process whose node does not exist yet.
+        if process.returncode == 0 or (running and process.returncode == -signal.SIGINT):
+            return []
+        return [self._describe_end(name)]
+
+    def kill(self) -> None:
+        """Kill what is left."""
+        for process in self._processes.values():
+            if process.poll() is None:
+                process.kill()
+        for process in self._processes.values():
+            process.wait()
+
+    def __enter__(self) -> NodeProcesses:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(BrokenPipeError):
-            self._said.close()
-        self.listen(0.0)
-        if not self.nodes or any(node.returncode is None for node in self.nodes.values()):
-            # An error before the start, or a second signal while nodes were being stopped.
-            self._process.terminate()
-        while not self._pipe.closed:
-            self.listen(None)
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 traceback: TracebackType | None) -> None:
+        try:
+            self.stop(failed=error is not None)
+        except GraphError:
+            # The first error is the cause of the others.
+            if error is None:
+                raise
+        finally:
+            self.kill()
 
-    def listen(self, timeout: float | None) -> None:
-        """Take in what the launcher has said; wait up to `timeout` [s] for it to say something."""
-        while not self._pipe.closed and select.select([self._pipe], [], [], timeout)[0]:
-            timeout = 0.0
-            said = os.read(self._pipe.fileno(), 65536)
-            if not said:
-                self._pipe.close()
-                self._process.wait()
-            *lines, self._heard = (self._heard + said).split(b'\n')
-            for line in lines:
-                what, name, number = line.decode().split()
-                if what == 'started':
-                    self.nodes[name].pid = int(number)
-                else:
-                    self.nodes[name].returncode = int(number)
-        orphans = [node for node in self.nodes.values() if node.returncode is None]
-        if self._pipe.closed and orphans:
-            self.killed = True
-            self._outlive(orphans)
+    def _describe_end(self, name: str) -> str:
+        """Return how a node ended, with the reason that it gave, and its log."""
+        status = self._processes[name].returncode
+        how = f'status {status}' if status >= 0 else signal.Signals(-status).name
+        lines = [line.strip() for line in self._log_lines(name) if line.strip()]
+        reason = self._fatal_line(name) or (lines[-1] if lines else '')
+        if not reason and name == 'recorder_node':
+            # A full disk has no room for its log, but the mark of the bag has reserved some.
+            reason = why_incomplete(self._folder / BAG_FOLDER) or ''
+        return f'{name} ended with {how}: {reason or "no output"} (log: {self.log(name)})'
 
-    def _outlive(self, orphans: list[NodeProcess]) -> None:
-        """Wait for those whom the kernel told to end, since the launcher was killed."""
-        deadline = time.monotonic() + _ORPHANS_S
-        for node in orphans:
-            while node.pid and os.path.exists(f'/proc/{node.pid}'):
-                if time.monotonic() > deadline:
-                    with contextlib.suppress(ProcessLookupError):
-                        os.kill(node.pid, signal.SIGKILL)
-                time.sleep(0.02)
-            node.returncode = -signal.SIGTERM
+    def _fatal_line(self, name: str) -> str:
+        """Return the reason that a node gave for its end; '' if it gave none."""
+        lines = (line for line in self._log_lines(name) if line.startswith('FATAL '))
+        return next(lines, '').removeprefix('FATAL ')
+
+    def _log_lines(self, name: str) -> list[str]:
+        return self.log(name).read_text(errors='replace').splitlines()
 
 
-def die_with_parent() -> None:
-    """Let the kernel end this process when its parent is killed, so that no orphan runs on."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+def _is_suspended(process: psutil.Popen) -> bool:
+    try:
+        return bool(process.status() == psutil.STATUS_STOPPED)
+    except psutil.Error:
+        return False

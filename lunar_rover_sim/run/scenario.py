@@ -24,7 +24,10 @@ from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import (DriveNodeConfig, GaitNodeConfig, LOCKSTEP,
                                              NODE_CONFIGS, NodeConfig, PhysicsNodeConfig,
                                              RecorderNodeConfig, RenderNodeConfig)
+from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.world_folder import load as load_world_folder
 
 SHARED = '/**'
 ROS_KEY = 'ros__parameters'
@@ -56,6 +59,43 @@ class Scenario:
     render_node: RenderNodeConfig
     recorder_node: RecorderNodeConfig
 
+    @classmethod
+    def load(cls, name_or_path: str | Path, overrides: Iterable[str] | Mapping[str, Any] = (), *,
+             seed: int | None = None, duration_s: float | None = None) -> Scenario:
+        """Load a scenario by packaged name or by path.
+
+        overrides: `'section.param=value'` with a YAML value, or a mapping of `section.param` to
+            values; parameters that all nodes share have no section
+        seed: replaces the shared seed
+        duration_s: replaces the simulated time of the run [s]
+        Raises ConfigError that names the parameter and offers the nearest valid names.
+        """
+        path = find_file('scenario', str(name_or_path))
+        sections = _read(path)
+        if isinstance(overrides, Mapping):
+            changes = [_override(name, value, f'overrides: {name}')
+                       for name, value in overrides.items()]
+        else:
+            changes = [_parse_override(text) for text in overrides]
+        if seed is not None:
+            changes.append({SHARED: {'seed': seed}})
+        if duration_s is not None:
+            changes.append({'run': {'duration_s': duration_s}})
+        for change in changes:
+            sections = merge(sections, change)
+        return _build(path.stem, sections)
+
+    def world_folder(self) -> Path:
+        """Return the folder of the scenario's world, which is built if the cache lacks it.
+
+        Raises WorldError if it cannot be built.
+        """
+        return cached(self.world, self.shared.seed)
+
+    def load_world(self) -> World:
+        """Return the scenario's world, which is built if the cache lacks it."""
+        return load_world_folder(self.world_folder())
+
     def node(self, name: str) -> NodeConfig:
         """Return the parameters of one node."""
         return getattr(self, name)
@@ -86,19 +126,8 @@ def scenario_names() -> list[str]:
 
 def load_scenario(name_or_path: str, overrides: Iterable[str] = (),
                   seed: int | None = None) -> Scenario:
-    """Load a scenario by packaged name or by path.
-
-    overrides: `section.param=value` or, for shared parameters, `param=value`; values are YAML.
-    seed: replaces the shared seed.
-    Raises ConfigError that names the parameter and offers the nearest valid names.
-    """
-    path = find_file('scenario', name_or_path)
-    sections = _read(path)
-    for override in overrides:
-        sections = merge(sections, _parse_override(override))
-    if seed is not None:
-        sections = merge(sections, {SHARED: {'seed': seed}})
-    return _build(path.stem, sections)
+    """Load a scenario; see `Scenario.load`."""
+    return Scenario.load(name_or_path, overrides, seed=seed)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -135,13 +164,17 @@ def _parse_override(override: str) -> dict[str, Any]:
     name, equals, text = override.partition('=')
     if not equals or not name:
         raise ConfigError(f'--set {override}: valid is section.parameter=value')
-    value = parse_yaml(text, f'--set {override}')
+    return _override(name, parse_yaml(text, f'--set {override}'), f'--set {override}')
+
+
+def _override(name: str, value: Any, where: str) -> dict[str, Any]:
+    """Return one parameter as nested sections; `where` names it in the ConfigError."""
     section, dot, parameter = name.partition('.')
     if not dot and section in _shared_names():
         return {SHARED: {section: value}}
     if not dot or section not in _section_names():
         valid = [s for s in _section_names() if s != SHARED] + _shared_names()
-        raise ConfigError(f'--set {override}: no such section {brief(section)}; '
+        raise ConfigError(f'{where}: no such section {brief(section)}; '
                           f'{nearest(section, valid)}')
     return {section: nest({parameter: value})}
 

@@ -1,0 +1,49 @@
+"""How far simulated time has come, read from a helper process that listens to `clock`.
+
+The helper keeps ROS out of the process that supervises a run, which may be a user's own program.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from types import TracebackType
+
+from lunar_rover_sim.run.child_process import dies_with_parent
+from lunar_rover_sim.run.node_processes import ros_environment
+
+
+class ClockReader:
+    """The newest simulated time of the graph in a ROS domain; context manager."""
+
+    def __init__(self, domain: int) -> None:
+        self._process = subprocess.Popen(
+            dies_with_parent([sys.executable, '-m', 'lunar_rover_sim.nodes.clock_monitor']),
+            env=ros_environment(domain), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL, start_new_session=True)
+        assert self._process.stdout is not None
+        self._pipe = self._process.stdout
+        os.set_blocking(self._pipe.fileno(), False)
+        self._rest = b''
+        self._now_ns = 0
+
+    def now_ns(self) -> int:
+        """Return the newest simulated time [ns]; 0 before the first clock message."""
+        *lines, self._rest = (self._rest + (self._pipe.read() or b'')).split(b'\n')
+        if lines:
+            self._now_ns = int(lines[-1])
+        return self._now_ns
+
+    def close(self) -> None:
+        """End the helper process."""
+        self._process.kill()
+        self._process.wait()
+        self._pipe.close()
+
+    def __enter__(self) -> ClockReader:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 traceback: TracebackType | None) -> None:
+        self.close()

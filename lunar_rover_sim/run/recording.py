@@ -1,0 +1,98 @@
+"""Recording one run: the nodes of a scenario as processes, and the bag that they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from pathlib import Path
+import time
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.run.clock_reader import ClockReader
+from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.node_processes import NodeProcesses
+from lunar_rover_sim.run.plan import BAG_FOLDER, prepare, resolve
+from lunar_rover_sim.run.ros_installation import require_ros
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.supervisor import Limits, supervise
+from lunar_rover_sim.world.world_folder import load
+
+
+@dataclasses.dataclass(frozen=True)
+class Recording:
+    """What a run has left.
+
+    folder: of the run, with `scenario.yaml`, `rover.yaml`, `logs/` and the link `world`
+    bag: the rosbag2 folder; None for a run without recorder_node
+    scenario: with everything spelled out that depends on the nodes
+    counts: topic → messages in the bag
+    simulated_s, wall_s: simulated time, and wall time with start and stop of the nodes [s]
+    cpu_s: node → processor time [s]
+    interrupted: whether the run was stopped before its end
+    """
+
+    folder: Path
+    bag: Path | None
+    scenario: Scenario
+    counts: dict[str, int]
+    simulated_s: float
+    wall_s: float
+    cpu_s: dict[str, float]
+    interrupted: bool
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time over wall time, start and stop of the nodes included."""
+        return self.simulated_s / self.wall_s
+
+
+def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None = None,
+           domain: int | None = None, timeout_s: float | None = None,
+           should_stop: Callable[[], bool] = lambda: False,
+           on_start: Callable[[Scenario, int], None] = lambda _scenario, _domain: None,
+           on_progress: Callable[[int], None] = lambda _now_ns: None) -> Recording:
+    """Run the nodes of a scenario as processes until its end; return what they recorded.
+
+    folder: must not exist; takes the bag, the resolved scenario and the logs
+    world: folder of a world that is used instead of the scenario's own
+    domain: ROS_DOMAIN_ID; by default a free one of this machine
+    timeout_s: wall time after which the run counts as failed [s]
+    should_stop: asked ten times a second; once it returns True, the run ends early
+    on_start: called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start
+    on_progress: called ten times a second with the simulated time [ns]
+
+    ROS runs in the node processes only. Raises GraphError if rclpy is missing or a node fails,
+    BagError if `folder` exists, WorldError for a damaged world. KeyboardInterrupt stops the nodes
+    in order, so that the bag is complete up to there, before it is raised.
+    """
+    require_ros()
+    if world is not None:
+        world_folder = Path(world).resolve()
+        # The bag states the recipe of the world that is used.
+        scenario = dataclasses.replace(scenario, world=load(world_folder).config)
+    else:
+        world_folder = scenario.world_folder()
+    scenario = resolve(scenario)
+    folder = Path(folder).resolve()
+    plans = prepare(scenario, folder, world_folder)
+    now_ns = 0
+
+    def progress(time_ns: int) -> None:
+        nonlocal now_ns
+        now_ns = time_ns
+        on_progress(time_ns)
+
+    with OwnDomain(domain) as own:
+        on_start(scenario, own.id)
+        start = time.monotonic()
+        with ClockReader(own.id) as clock, NodeProcesses(plans, folder, own.id) as nodes:
+            finished = supervise(nodes, clock, Limits.of(scenario, timeout_s), progress,
+                                 should_stop)
+        wall_s = time.monotonic() - start
+    bag, counts, simulated_s = None, {}, now_ns / 1e9
+    if 'recorder_node' in scenario.run.nodes:
+        bag = folder / BAG_FOLDER
+        with open_bag(bag) as recorded:
+            counts, simulated_s = dict(recorded.counts), recorded.end_ns / 1e9
+    return Recording(folder, bag, scenario, counts, simulated_s, wall_s, nodes.cpu_s,
+                     interrupted=not finished)
