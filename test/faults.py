@@ -27,6 +27,7 @@ import sys
 import time
 
 import numpy as np
+import psutil
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import BagError
@@ -108,15 +109,10 @@ class Run:
     def pids(self) -> dict[str, int]:
         """Return node → process id of those that run."""
         found = {}
-        for path in Path('/proc').glob('[0-9]*/cmdline'):
-            try:
-                words = path.read_bytes().split(b'\0')
-            except OSError:
-                continue
-            if str(self.folder.resolve()).encode() in words:
-                for word in words:
-                    if word.startswith(b'lunar_rover_sim.nodes.'):
-                        found[word.decode().rpartition('.')[2]] = int(path.parent.name)
+        for process in psutil.process_iter(['cmdline']):
+            words = process.info['cmdline'] or []
+            if any(str(self.folder.resolve()) in word for word in words):
+                found.update({name: process.pid for name in ALL if name in words})
         return found
 
     def finish(self, limit_s: float) -> tuple[int | None, str]:

@@ -2,8 +2,8 @@
 
     python test/memory_growth.py -o FOLDER [--duration 3600] [--state-rate 200] [--keep-bag]
 
-Records a scenario with small images, samples the resident memory of every process (VmRSS of
-/proc), writes memory.csv, memory.png and memory.json into FOLDER and exits with 1 if a process
+Records a scenario with small images, samples the resident memory of every process,
+writes memory.csv, memory.png and memory.json into FOLDER and exits with 1 if a process
 has ever held more than LIMIT_MIB above what it held at the end of the warm-up.
 """
 
@@ -24,6 +24,7 @@ from typing import TextIO
 
 from matplotlib.figure import Figure
 import numpy as np
+import psutil
 
 from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
 from lunar_rover_sim.run.domain import OwnDomain
@@ -97,39 +98,21 @@ def record(args: argparse.Namespace, rows: list[dict[str, object]], file: TextIO
 
 
 def processes(runner: int) -> dict[str, int]:
-    """Return name → process id of the runner and its nodes, which are below its launcher."""
+    """Return name → process id of the runner and its nodes."""
     found = {'runner': runner}
-    for launcher in children(runner):
-        for child in children(launcher):
-            try:
-                words = Path(f'/proc/{child}/cmdline').read_bytes().split(b'\0')
-            except OSError:
-                continue
-            for name in STOP_ORDER:
-                if f'lunar_rover_sim.nodes.{name}'.encode() in words:
-                    found[name] = child
-    return found
-
-
-def children(pid: int) -> list[int]:
-    """Return the process ids of the children of all threads of a process."""
-    found = []
-    for task in Path(f'/proc/{pid}/task').glob('*/children'):
-        with suppress(OSError):
-            found += [int(word) for word in task.read_text().split()]
+    for child in psutil.Process(runner).children():
+        with suppress(psutil.Error):    # it has ended
+            words = child.cmdline()
+            found.update({name: child.pid for name in STOP_ORDER if name in words})
     return found
 
 
 def resident_mib(pid: int) -> float | None:
-    """Return VmRSS [MiB]; None where the process has gone."""
+    """Return the resident memory [MiB]; None if the process has ended."""
     try:
-        lines = Path(f'/proc/{pid}/status').read_text().splitlines()
-    except OSError:
+        return float(psutil.Process(pid).memory_info().rss) / 2.0**20
+    except psutil.Error:
         return None
-    for line in lines:
-        if line.startswith('VmRSS:'):
-            return int(line.split()[1]) / 1024.0
-    return None
 
 
 def judge(rows: list[dict[str, object]], args: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ single one that is held to one core, which is what each of two at once has. Prin
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 import os
 from pathlib import Path
 import signal
@@ -22,6 +23,7 @@ import subprocess
 import sys
 import time
 
+import psutil
 import rclpy
 from std_msgs.msg import Header
 
@@ -103,10 +105,12 @@ def first_frame(folder: Path, domain: int, settings: list[str]) -> tuple[float, 
 
 def processor_s(pid: int) -> float:
     """Return the processor time of a process and all below it that run [s]."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    total = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-    for task in Path(f'/proc/{pid}/task').iterdir():
-        total += sum(processor_s(int(child)) for child in (task / 'children').read_text().split())
+    root = psutil.Process(pid)
+    total = 0.0
+    for process in (root, *root.children(recursive=True)):
+        with suppress(psutil.Error):    # it has ended
+            times = process.cpu_times()
+            total += times.user + times.system
     return total
 
 
