@@ -10,7 +10,7 @@ import signal
 import subprocess
 import time
 
-from lunar_rover_sim.run.node_processes import die_with_parent
+from lunar_rover_sim.run.child_process import dies_with_parent
 
 _POLL_S = 0.1
 _MOST_LINE = 400
@@ -50,9 +50,9 @@ def run(command: Sequence[str], log: Path, timeout_s: float, grace_s: float,
     start = time.monotonic()
     reason = ''
     with log.open('ab') as output:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output,
-                                   stderr=subprocess.STDOUT, start_new_session=True,
-                                   preexec_fn=die_with_parent)
+        process = subprocess.Popen(dies_with_parent(command), stdin=subprocess.DEVNULL,
+                                   stdout=output, stderr=subprocess.STDOUT,
+                                   start_new_session=True)
         try:
             while process.poll() is None:
                 if stopped():
