@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy.ndimage
 
-from lunar_rover_sim.world import craters as crater_population
+from lunar_rover_sim.world import crater_population
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world import relief, rockfield, shapes, stamping
 from lunar_rover_sim.world import tile as measured
 from lunar_rover_sim.world import world_folder
 from lunar_rover_sim.world.config import DEM, MESH, WorldConfig
 from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.dem import open_dem
 from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.mesh import MeshSource
 from lunar_rover_sim.world.model import World
 
 logger = logging.getLogger(__name__)
@@ -61,10 +63,8 @@ def build(config: WorldConfig, seed: int = 0, progress: Progress | None = None) 
 
 def _open(config: WorldConfig) -> measured.Source | None:
     if config.source == DEM:
-        from lunar_rover_sim.world.dem import open_dem
         return open_dem(config)
     if config.source == MESH:
-        from lunar_rover_sim.world.mesh import MeshSource
         return MeshSource(config)
     return None
 

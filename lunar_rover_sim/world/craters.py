@@ -1,24 +1,14 @@
-"""The population of craters: how many, how large, how old, where; and their profile with age."""
+"""Craters: the catalogue of those that a world shows."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
-import functools
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.world.config import CraterConfig
-
 Array = NDArray[np.float64]
-
-GEOMETRIC_SATURATION = 1.54  # N(>D) D^2 (Gault 1970)
-REFERENCE_DIAMETER_M = 10.0
-RADII = np.linspace(0.0, 5.0, 401)  # of the profile table, in crater radii
-_MOST = 500_000  # craters that one level may hold
-REACH = 2.6                         # radii beyond which a crater is not drawn
-_AGES = np.linspace(0.0, 1.0, 33) ** 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,137 +42,9 @@ class Craters:
                        self.level[chosen])
 
     @staticmethod
-    def join(parts: list[Craters]) -> Craters:
+    def join(parts: Sequence[Craters]) -> Craters:
         """Return all craters of several catalogues."""
         if not parts:
             return Craters(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, np.int32))
         return Craters(*(np.concatenate([getattr(part, field.name) for part in parts])
                          for field in dataclasses.fields(Craters)))
-
-
-def density_per_m2(config: CraterConfig, diameter_m: float) -> float:
-    """Return the cumulative number N(>D) per m2 of the endless power law."""
-    d0 = REFERENCE_DIAMETER_M
-    return config.density * GEOMETRIC_SATURATION / d0 ** 2 * (diameter_m / d0) ** -config.slope
-
-
-def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: float,
-             level: int, rng: np.random.Generator) -> Craters:
-    """Return craters with diameters in [low, high) whose centres lie in [-h, h]^2.
-
-    A uniform age, from 0 to the end of the lifetime, is what equilibrium means: formation and
-    erasure are in balance at every size. Raises WorldError if there would be too many.
-    """
-    low_m, high_m = max(low_m, config.min_diameter_m), min(high_m, config.max_diameter_m)
-    if low_m >= high_m or config.density == 0.0:
-        return Craters.join([])
-    per_m2 = density_per_m2(config, low_m) - density_per_m2(config, high_m)
-    expected = per_m2 * (2.0 * half_extent_m) ** 2
-    if expected > _MOST:
-        raise WorldError(f'craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m are more '
-                         f'than {_MOST} on one level; raise craters.min_diameter_m or lower '
-                         'craters.density or craters.slope')
-    count = rng.poisson(expected)
-    u = rng.random(count)
-    b = -config.slope
-    diameter = (low_m ** b + u * (high_m ** b - low_m ** b)) ** (1.0 / b)
-    position = rng.uniform(-half_extent_m, half_extent_m, (count, 2))
-    age = rng.random(count) ** (1.0 / config.age_exponent)
-    return Craters(position, diameter, age, np.full(count, level, np.int32))
-
-
-@dataclasses.dataclass(frozen=True)
-class ProfileTable:
-    """Radial profiles by age: heights over the plain in crater diameters.
-
-    ages: (a,) fractions of the lifetime; heights: (a, r) over RADII; depth: (a,) from rim crest
-    to floor; rim: (a,) height of the crest over the plain; steepest: (a,) greatest slope.
-    """
-
-    ages: Array
-    heights: Array
-    depth: Array
-    rim: Array
-    steepest: Array
-
-    def at(self, age: float) -> Array:
-        """Return the profile (r,) of that age."""
-        index = int(np.clip(np.searchsorted(self.ages, age) - 1, 0, len(self.ages) - 2))
-        part = (age - self.ages[index]) / (self.ages[index + 1] - self.ages[index])
-        return (1.0 - part) * self.heights[index] + part * self.heights[index + 1]
-
-
-def fresh_profile(config: CraterConfig) -> Array:
-    """Return the fresh profile over RADII in diameters: parabolic bowl, ejecta as r^-3.
-
-    Depth and rim after Pike (1977), the fall of the ejecta after McGetchin et al. (1973).
-    """
-    r = RADII
-    bowl = config.fresh_rim - config.fresh_depth * (1.0 - r ** 2)
-    return np.where(r < 1.0, bowl, config.fresh_rim * np.maximum(r, 1.0) ** -3.0)
-
-
-@functools.lru_cache(maxsize=8)
-def profile_table(config: CraterConfig) -> ProfileTable:
-    """Return the profiles of a fresh crater as it diffuses until it has its oldest depth.
-
-    dh/dt = kappa (h'' + h' / r), in units of the radius, solved implicitly; volume is conserved.
-    """
-    from scipy.linalg import solve_banded  # worlds are built rarely and read by every node
-
-    step = RADII[1]
-    n = len(RADII)
-    # Finite volumes on rings: faces at r +- step/2; no flux through the centre and the far end.
-    face = RADII[:-1] + 0.5 * step
-    area = RADII * step
-    area[0] = 0.125 * step ** 2
-    area[-1] *= 0.5
-    conductance = face / step
-    h = fresh_profile(config)
-    heights, times = [h], [0.0]
-    dt = 2e-4
-    while h[:n // 2].max() - h[0] > config.oldest_depth and len(times) < 2000:
-        band = np.zeros((3, n))
-        band[1] = area
-        band[1, :-1] += dt * conductance
-        band[1, 1:] += dt * conductance
-        band[0, 1:] = -dt * conductance
-        band[2, :-1] = -dt * conductance
-        h = solve_banded((1, 1), band, area * h)
-        heights.append(h)
-        times.append(times[-1] + dt)
-        dt *= 1.03
-    if len(times) == 1:
-        heights, times = [h, h], [0.0, 1.0]
-    table = np.array(heights)
-    at = _AGES * times[-1]
-    ages = np.array([np.interp(at, times, column) for column in table.T]).T
-    # Past its reach a crater ends, without a step.
-    ages *= np.clip((REACH - RADII) / (0.3 * REACH), 0.0, 1.0) ** 2
-    steepest = 2.0 * np.abs(np.gradient(ages, step, axis=1)).max(axis=1)
-    rim = ages.max(axis=1)
-    return ProfileTable(_AGES, ages, rim - ages[:, 0], rim, steepest)
-
-
-def keep_clear(craters: Craters, config: CraterConfig, radius_m: float,
-               steepest_deg: float = 5.0) -> Craters:
-    """Return the craters without those whose steep parts reach within a radius of the origin."""
-    table = profile_table(config)
-    slope = np.interp(craters.age, table.ages, table.steepest)
-    distance = np.linalg.norm(craters.position_m, axis=1)
-    near = distance < 0.8 * craters.diameter_m + radius_m
-    return craters.select(~(near & (slope > np.tan(np.radians(steepest_deg)))))
-
-
-def survivors(craters: Craters, coarser: Craters) -> Craters:
-    """Return the craters that no younger crater of a coarser level has erased."""
-    from scipy.spatial import cKDTree
-
-    alive = np.ones(len(craters), bool)
-    if len(craters) and len(coarser):
-        younger = coarser.select(coarser.time < craters.time.max())
-        tree = cKDTree(craters.position_m)
-        inside = tree.query_ball_point(younger.position_m, 0.55 * younger.diameter_m)
-        for time, near in zip(younger.time, inside):
-            alive[near] &= craters.time[near] <= time
-    return craters.select(alive)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+import trimesh
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.atomic import atomic_write
@@ -26,7 +27,7 @@ def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool =
           surroundings: bool = False) -> pathlib.Path:
     """Write the ground and, as geometry of their own, rocks and surroundings to a mesh file.
 
-    stride: keep every so-maniest sample of the ground; 0 chooses one that keeps 513 along a side
+    stride: keep every `stride`-th sample of the ground; 0 chooses one that keeps 513 along a side
     or less. Vertices bear the albedo as a grey colour. A PLY file holds one mesh only: there all
     is joined. Raises WorldError on an unknown format, a stride that does not divide the ground, or
     a file that cannot be written.
@@ -53,7 +54,6 @@ def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool =
 def to_scene(world: World, stride: int = 0, rocks: bool = True,
              surroundings: bool = False) -> Any:
     """Return the world as a `trimesh.Scene`, z up, in metres; arguments as for `write`."""
-    import trimesh
     cells = world.ground.n - 1
     if stride == 0:
         stride = next(s for s in range(1, cells + 1)
@@ -100,7 +100,6 @@ def surface(grid: HeightGrid, stride: int = 1) -> tuple[NDArray[np.float64], NDA
 
 
 def _mesh(vertices: NDArray, faces: NDArray, grey: NDArray) -> Any:
-    import trimesh
     colours = np.column_stack([grey, grey, grey, np.full_like(grey, 255)])
     return trimesh.Trimesh(vertices, faces, vertex_colors=colours, process=False)
 

@@ -7,12 +7,13 @@ import io
 import pathlib
 from typing import Any
 
+from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.world import craters, rockfield, shade
+from lunar_rover_sim.world import crater_population, rockfield, shade
 from lunar_rover_sim.world.model import World
 
 _MOST_PIXELS = 1025  # along a side of a map
@@ -29,7 +30,6 @@ def sheet(world: World, azimuth_deg: float = 60.0, elevation_deg: float = 6.0,
     The sun stands at azimuth (from east towards north) and elevation [deg]. views: titles and
     (h, w) images.
     """
-    from matplotlib.figure import Figure
     rows = 3 if views else 2
     figure = Figure(figsize=(20, 5.2 * rows - 0.9 * (rows == 3)), constrained_layout=True)
     axes = figure.subplots(rows, 4)
@@ -139,7 +139,7 @@ def _crater_sizes(axis: Any, world: World) -> None:
         axis.loglog(diameter, np.arange(1, len(diameter) + 1) / area, '-',
                     label=f'within {2 * level.half_extent_m:.4g} m')
     ends = np.geomspace(config.min_diameter_m, config.max_diameter_m, 2)
-    axis.loglog(ends, [craters.density_per_m2(config, d) for d in ends], 'k--', lw=0.8,
+    axis.loglog(ends, [crater_population.density_per_m2(config, d) for d in ends], 'k--', lw=0.8,
                 label=f'{config.density:g} of saturation')
     axis.legend()
     axis.grid(True, which='both', alpha=0.2)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+import trimesh
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world.config import WorldConfig
@@ -167,7 +168,6 @@ class MeshSource:
 
 def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     """Return the (f, 3, 3) corners [m] of a mesh file, z up; raise WorldError."""
-    import trimesh
     if not path.is_file():
         raise WorldError(f'path: {path}: no such file')
     suffix = path.suffix.lower()

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import dataclasses
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.rocks import Rocks, RockShape
-
-if TYPE_CHECKING:
-    from lunar_rover_sim.world.config import WorldConfig
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lunar_rover_sim.frames import matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.world.config import RockConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
@@ -173,13 +174,10 @@ def _settle(ground: HeightGrid, shapes: tuple[RockShape, ...], shape: NDArray, d
     w, s = np.cos(angle / 2), np.sin(angle / 2)
     tilt = np.column_stack([w, axis[:, 0] * s, axis[:, 1] * s, np.zeros(count)])
     c, d = np.cos(yaw / 2), np.sin(yaw / 2)
-    quat = np.column_stack([tilt[:, 0] * c, tilt[:, 1] * c + tilt[:, 2] * d,
-                            tilt[:, 2] * c - tilt[:, 1] * d, tilt[:, 0] * d])
+    turn = np.column_stack([c, np.zeros((count, 2)), d])
+    quat = product_wxyz(tilt, turn)
     low, high = np.empty(count), np.empty(count)
-    up = np.column_stack([  # last row of the rotation matrix: what becomes of z
-        2.0 * (quat[:, 1] * quat[:, 3] - quat[:, 0] * quat[:, 2]),
-        2.0 * (quat[:, 2] * quat[:, 3] + quat[:, 0] * quat[:, 1]),
-        1.0 - 2.0 * (quat[:, 1] ** 2 + quat[:, 2] ** 2)])
+    up = matrix_from_wxyz(quat)[:, 2]  # maps a point of the rock to its height
     for index, kind in enumerate(shapes):
         chosen = shape == index
         z = np.einsum('mi,vi->mv', up[chosen], kind.vertices.astype(float))

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.world.config import CraterConfig
-from lunar_rover_sim.world.craters import Craters, profile_table, RADII, REACH
+from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
+from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.relief import smoothstep
 
 # A crater erases what lies within its rim, and no more beyond this radius.

@@ -7,7 +7,7 @@ import pytest
 import worlds
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.world import craters, stamping
+from lunar_rover_sim.world import crater_population, crater_profile, stamping
 from lunar_rover_sim.world.config import CraterConfig, ReliefConfig, WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.relief import spectrum, structure_function
@@ -96,8 +96,8 @@ def test_crater_sizes_read_back():
         half = level.half_extent_m
         inside = np.abs(world.craters.position_m).max(axis=1) <= half
         diameter = world.craters.diameter_m[inside & (world.craters.diameter_m >= low)]
-        expected = ((craters.density_per_m2(config, low)
-                     - craters.density_per_m2(config, config.max_diameter_m)) * (2 * half) ** 2)
+        expected = ((crater_population.density_per_m2(config, low)
+                     - crater_population.density_per_m2(config, config.max_diameter_m)) * (2 * half) ** 2)
         # Poisson; the start keeps a few away, and younger craters erase a few older ones.
         assert abs(len(diameter) - expected) < 4.0 * np.sqrt(expected) + 0.03 * expected
         # Maximum likelihood of the exponent (Crawford et al. 1970), untruncated: the largest
@@ -131,7 +131,7 @@ def test_craters_are_as_deep_as_their_age_says():
         measured.append((all_.age[i], (crest - h[0].mean()) / d, (crest - plain) / d))
     age, depth, rim = np.array(measured).T
     assert len(age) > 30
-    table = craters.profile_table(config)
+    table = crater_profile.profile_table(config)
     assert np.allclose(depth, np.interp(age, table.ages, table.depth), atol=0.012)
     assert depth[age < 0.1].mean() > 0.14
     assert depth[age > 0.9].mean() < 0.04
@@ -140,7 +140,7 @@ def test_craters_are_as_deep_as_their_age_says():
 
 def test_many_degraded_craters_and_few_fresh_ones():
     catalogue, config = worlds.world().craters, CraterConfig()
-    table = craters.profile_table(config)
+    table = crater_profile.profile_table(config)
     depth = np.interp(catalogue.age, table.ages, table.depth)
     assert np.median(depth) < 0.5 * config.fresh_depth
     assert 0.01 < np.mean(depth > 0.85 * config.fresh_depth) < 0.1
@@ -148,13 +148,13 @@ def test_many_degraded_craters_and_few_fresh_ones():
 
 def test_profile_from_fresh_to_old():
     config = CraterConfig()
-    table = craters.profile_table(config)
+    table = crater_profile.profile_table(config)
     assert table.depth[0] == pytest.approx(0.2, abs=1e-6)    # Pike (1977)
     assert table.rim[0] == pytest.approx(0.04, abs=1e-6)
     assert table.depth[-1] == pytest.approx(config.oldest_depth, abs=0.003)
     assert np.all(np.diff(table.depth) < 0.0) and np.all(np.diff(table.steepest) < 1e-9)
     # Diffusion moves soil and makes none: ring volumes stay, up to what tapers off at the reach.
-    volume = (table.heights * craters.RADII).sum(axis=1) * craters.RADII[1]
+    volume = (table.heights * crater_profile.RADII).sum(axis=1) * crater_profile.RADII[1]
     assert np.ptp(volume) < 0.012
 
 
@@ -192,17 +192,17 @@ def test_small_old_craters_do_not_survive_within_young_large_ones():
     coarser = Craters(np.zeros((1, 2)), np.array([10.0]), np.array([0.001]), np.zeros(1, np.int32))
     fine = Craters(np.array([[1.0, 0.0], [1.0, 1.0], [30.0, 0.0]]), np.full(3, 2.0),
                    np.array([0.9, 0.01, 0.9]), np.zeros(3, np.int32))
-    kept = craters.survivors(fine, coarser)
+    kept = crater_population.survivors(fine, coarser)
     assert kept.age.tolist() == [0.01, 0.9] and kept.position_m[1, 0] == 30.0
 
 
 def test_too_many_craters_are_refused():
     config = CraterConfig(slope=4.0)
     with pytest.raises(WorldError, match=r'are more than 500000 on one level; raise craters.min_'):
-        craters.populate(config, 25.6, 0.15, 1.6, 0, np.random.default_rng(0))
+        crater_population.populate(config, 25.6, 0.15, 1.6, 0, np.random.default_rng(0))
 
 
 def test_crater_density_zero_means_none():
     config = WorldConfig.from_mapping(FREE).craters
     rng = np.random.default_rng(0)
-    assert len(craters.populate(config, 100.0, 0.1, 10.0, 0, rng)) == 0
+    assert len(crater_population.populate(config, 100.0, 0.1, 10.0, 0, rng)) == 0

@@ -1,0 +1,68 @@
+"""A folder of dem.npy and dem.yaml as the source of a world."""
+
+from __future__ import annotations
+
+import pathlib
+
+import numpy as np
+from numpy.typing import NDArray
+import yaml
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.raster import MAX_HEIGHT_M, Raster
+
+
+class DemFolder(Raster):
+    """A folder of dem.npy (row 0 north) and dem.yaml (size, pixel_size, center_coordinates)."""
+
+    def __init__(self, path: pathlib.Path, config: WorldConfig) -> None:
+        super().__init__(path, config)
+        try:
+            self._data = np.load(path / 'dem.npy', mmap_mode='r', allow_pickle=False)
+            document = yaml.safe_load((path / 'dem.yaml').read_text(encoding='utf-8'))
+        except FileNotFoundError as error:
+            raise WorldError(f'{path}: {pathlib.Path(error.filename).name} is missing; a folder '
+                             'needs dem.npy and dem.yaml') from None
+        except (OSError, ValueError, EOFError, yaml.YAMLError) as error:
+            raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
+        if (not isinstance(self._data, np.ndarray) or self._data.ndim != 2
+                or self._data.dtype.kind not in 'iuf'):
+            raise WorldError(f'{path}/dem.npy: not a two-dimensional array of heights')
+        self.height, self.width = self._data.shape
+        document = document if isinstance(document, dict) else {}
+        size = document.get('size', [self.width, self.height])
+        if list(size) != [self.width, self.height]:
+            raise WorldError(f'{path}/dem.yaml: size: {size}; dem.npy is {self.width} wide and '
+                             f'{self.height} high')
+        pixel = document.get('pixel_size', [config.dem.pixel_m, -config.dem.pixel_m])
+        if (not isinstance(pixel, list) or len(pixel) != 2
+                or not all(isinstance(p, (int, float)) and p for p in pixel)):
+            raise WorldError(f'{path}/dem.yaml: pixel_size: {pixel!r} is not two lengths [m]; '
+                             'correct it or set dem.pixel_m')
+        if config.dem.pixel_m:
+            pixel = [config.dem.pixel_m, np.copysign(config.dem.pixel_m, pixel[1])]
+        self.pixel_x_m, self.pixel_y_m = abs(float(pixel[0])), abs(float(pixel[1]))
+        self.south_up = float(pixel[1]) > 0.0
+        self.report['center_lon_lat_deg'] = document.get('center_coordinates')
+        if config.dem.center_mode not in ('pixel', 'offset'):
+            raise WorldError(f'dem.center_mode: {config.dem.center_mode}; {path} has no CRS: use '
+                             'offset or pixel')
+        self.column0, self.row0 = self.middle_in_pixels()
+
+    def close(self) -> None:
+        """Release the file."""
+        del self._data
+
+    def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
+        """Return a window of the mapped array, averaged strip by strip."""
+        count = (columns.stop - columns.start) // factor
+        strips, masks = [], []
+        for start in range(rows.start, rows.stop, factor):
+            block = np.asarray(self._data[start:start + factor, columns], float)
+            known = np.isfinite(block) & (np.abs(block) < MAX_HEIGHT_M)
+            total = np.where(known, block, 0.0).reshape(factor, count, factor).sum(axis=(0, 2))
+            data = known.reshape(factor, count, factor).sum(axis=(0, 2))
+            strips.append(total / np.maximum(data, 1))
+            masks.append(data > 0)
+        return np.array(strips), np.array(masks)

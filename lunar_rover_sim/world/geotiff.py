@@ -1,0 +1,121 @@
+"""GeoTIFF, and the other rasters that rasterio reads, as the source of a world."""
+
+from __future__ import annotations
+
+import logging
+import pathlib
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+import rasterio
+from rasterio.crs import CRS
+from rasterio.enums import Resampling
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.warp import transform
+from rasterio.windows import Window
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.raster import Raster
+
+logger = logging.getLogger(__name__)
+
+
+class GeoRaster(Raster):
+    """A raster that rasterio reads."""
+
+    def __init__(self, path: pathlib.Path, config: WorldConfig) -> None:
+        super().__init__(path, config)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore', NotGeoreferencedWarning)
+                self._data = rasterio.open(path)
+        except RasterioError as error:
+            raise WorldError(f'{path}: not a raster that can be read: '
+                             f'{" ".join(str(error).split())}') from None
+        try:
+            self._interpret()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Release the file."""
+        self._data.close()
+
+    def _interpret(self) -> None:
+        data, dem = self._data, self.config.dem
+        if dem.band > data.count:
+            raise WorldError(f'dem.band: {dem.band}; {self.path} has {data.count}')
+        if np.dtype(data.dtypes[dem.band - 1]).kind not in 'iuf':
+            raise WorldError(f'{self.path}: {data.dtypes[dem.band - 1]} is not a type for heights')
+        self.width, self.height = data.width, data.height
+        grid = data.transform
+        unit = 1.0
+        if grid.is_identity:
+            if not dem.pixel_m:
+                raise WorldError(f'{self.path}: it does not say how large its pixels are; set '
+                                 'dem.pixel_m')
+            size_x = size_y = dem.pixel_m
+        else:
+            if grid.b or grid.d or grid.a <= 0.0:
+                raise WorldError(f'{self.path}: its rows do not run west to east; rewrite it with '
+                                 '`gdalwarp`')
+            if data.crs is not None and data.crs.is_geographic:
+                raise WorldError(
+                    f'{self.path}: its coordinates are degrees, not metres; reproject it, for '
+                    "example with `gdalwarp -t_srs '+proj=stere +lat_0=-90 +R=1737400 +units=m'`")
+            if data.crs is None:
+                logger.warning('%s: no CRS; its unit of length is taken as the metre', self.path)
+            else:
+                unit = float(data.crs.linear_units_factor[1])
+            size_x, size_y = grid.a * unit, abs(grid.e) * unit
+            self.south_up = grid.e > 0.0
+            if dem.pixel_m:
+                size_x = size_y = dem.pixel_m
+        self.pixel_x_m, self.pixel_y_m = size_x, size_y
+        self.report['crs'] = data.crs.to_string() if data.crs is not None else ''
+        self.column0, self.row0 = self._middle()
+
+    def _middle(self) -> tuple[float, float]:
+        """Return the column and row, in pixels from the corner, of the world's origin."""
+        data, dem = self._data, self.config.dem
+        a, b = dem.center
+        if dem.center_mode in ('pixel', 'offset'):
+            return self.middle_in_pixels()
+        if data.transform.is_identity or (data.crs is None and dem.center_mode == 'lonlat'):
+            raise WorldError(f'dem.center_mode: {dem.center_mode}; {self.path} has no CRS: use '
+                             'offset or pixel')
+        if dem.center_mode == 'lonlat':
+            body = data.crs.to_dict()
+            keys = {k: body[k] for k in ('R', 'a', 'b', 'rf', 'ellps', 'datum') if k in body}
+            sphere = CRS.from_dict(proj='longlat', no_defs=True, **(keys or {'R': 1737400.0}))
+            try:
+                xs, ys = transform(sphere, data.crs, [a], [b])
+            except Exception:  # rasterio has no public class for the errors of PROJ
+                xs, ys = [np.inf], [np.inf]
+            if not np.all(np.isfinite([*xs, *ys])):
+                raise WorldError(f'dem.center: {a:g}, {b:g} cannot be projected to the CRS of '
+                                 f'{self.path}')
+            a, b = xs[0], ys[0]
+        grid = data.transform
+        return float((a - grid.c) / grid.a), float((b - grid.f) / grid.e)
+
+    def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
+        """Return a window through rasterio; overviews are used where the file has them."""
+        band = self.config.dem.band
+        window = Window(columns.start, rows.start, columns.stop - columns.start,
+                        rows.stop - rows.start)
+        shape = ((rows.stop - rows.start) // factor, (columns.stop - columns.start) // factor)
+        try:
+            values = self._data.read(band, window=window, out_shape=shape, masked=True,
+                                     resampling=Resampling.average)
+        except RasterioError as error:
+            reason = ' '.join(str(error.__cause__ or error).split())
+            raise WorldError(f'{self.path}: cannot be read, it may be cut short: '
+                             f'{reason}') from None
+        known = ~np.ma.getmaskarray(values)
+        heights = np.ma.getdata(values).astype(float)
+        scale, offset = self._data.scales[band - 1], self._data.offsets[band - 1]
+        return heights * scale + offset, known

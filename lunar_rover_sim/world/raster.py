@@ -1,0 +1,130 @@
+"""A raster of heights as the source of a world: only the window that a level needs is read."""
+
+from __future__ import annotations
+
+import abc
+import logging
+import pathlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.fill import harmonic_fill
+from lunar_rover_sim.world.tile import Tile
+
+logger = logging.getLogger(__name__)
+
+MAX_HEIGHT_M = 1e5  # beyond any height on the Moon: a marker for missing data
+_PAD_PIXELS = 3
+
+
+class Raster(abc.ABC):
+    """A grid of heights; a `tile.Source`. Rows count from the north, unless `south_up`."""
+
+    def __init__(self, path: pathlib.Path, config: WorldConfig) -> None:
+        self.path = path
+        self.config = config
+        self.reference_m = 0.0
+        self.report: dict[str, Any] = {'file': str(path)}
+        self.south_up = False
+        self.width = self.height = 0
+        self.pixel_x_m = self.pixel_y_m = 1.0
+        self.column0 = self.row0 = 0.0
+
+    @abc.abstractmethod
+    def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
+        """Return heights [m] and whether they are data, averaged over factor x factor pixels."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Release the file."""
+
+    @property
+    def pixel_m(self) -> float:
+        """The larger side of a pixel."""
+        return max(self.pixel_x_m, self.pixel_y_m)
+
+    @property
+    def area_m(self) -> tuple[float, float, float, float]:
+        """x low, x high, y low, y high of the file's pixels, world frame."""
+        south, north = self.row0 - self.height, self.row0
+        if self.south_up:
+            south, north = -self.row0, self.height - self.row0
+        return (-self.column0 * self.pixel_x_m, (self.width - self.column0) * self.pixel_x_m,
+                south * self.pixel_y_m, north * self.pixel_y_m)
+
+    def middle_in_pixels(self) -> tuple[float, float]:
+        """Return column and row of the world's origin, given as `pixel` or as `offset` [m]."""
+        a, b = self.config.dem.center
+        if self.config.dem.center_mode == 'pixel':
+            return a, b
+        sign = 1.0 if self.south_up else -1.0
+        return (self.width / 2.0 + a / self.pixel_x_m,
+                self.height / 2.0 + sign * b / self.pixel_y_m)
+
+    def check_ground(self) -> None:
+        """Check that the ground lies in the file and has data; set the reference height."""
+        half = 0.5 * self.config.size_m
+        area = self.area_m
+        names = ('west', 'east', 'south', 'north')
+        beyond = (area[0] + half, half - area[1], area[2] + half, half - area[3])
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > 1e-6:
+            wide, high = area[1] - area[0], area[3] - area[2]
+            raise WorldError(
+                f'{self.path}: the window of {self.config.size_m:g} m reaches '
+                f'{beyond[worst]:.4g} m beyond the {names[worst]} edge of the file '
+                f'({wide:.5g} x {high:.5g} m); move dem.center or make size_m smaller')
+        heights, known, _, _ = self._window(half, self.config.cell_m)
+        if not known.all():
+            missing = int((~known).sum())
+            if self.config.dem.nodata == 'refuse' or missing == known.size:
+                raise WorldError(
+                    f'{self.path}: {missing} of {known.size} pixels in the window have no data; '
+                    'move dem.center' + ('' if missing == known.size
+                                         else ' or set dem.nodata to fill'))
+            logger.warning('%s: %d of %d pixels without data are filled', self.path, missing,
+                           known.size)
+        self.report['filled_pixels'] = int((~known).sum())
+        middle = harmonic_fill((heights - heights[known][0]).astype(np.float32), known)
+        self.reference_m = float(heights[known][0]
+                                 + middle[middle.shape[0] // 2, middle.shape[1] // 2])
+        self.report['pixel_m'] = [self.pixel_x_m, self.pixel_y_m]
+
+    def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
+        """Return what the file knows of [-h, h]^2, averaged to about a cell."""
+        heights, known, x, y = self._window(half_extent_m, cell_m)
+        if min(heights.shape) < 2 or not known.any():
+            return None
+        heights = harmonic_fill((heights - self.reference_m).astype(np.float32), known)
+        return Tile(heights, x, y, float(max(x[1] - x[0], y[1] - y[0])))
+
+    def _window(self, half_m: float,
+                cell_m: float) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        """Return heights, data mask (row 0 south), and pixel centres in x and y."""
+        factor = max(int(cell_m / self.pixel_m), 1)
+        c0, c1 = _clip(self.column0, half_m / self.pixel_x_m, self.width, factor)
+        r0, r1 = _clip(self.row0, half_m / self.pixel_y_m, self.height, factor)
+        if c1 - c0 < factor or r1 - r0 < factor:
+            empty = np.empty((0, 0))
+            return empty, empty.astype(bool), empty[0:0], empty[0:0]
+        heights, known = self.read(slice(r0, r1), slice(c0, c1), factor)
+        heights = np.asarray(heights, float) * self.config.dem.height_scale
+        known = known & np.isfinite(heights) & (np.abs(np.nan_to_num(heights)) < MAX_HEIGHT_M)
+        heights = np.where(known, heights, 0.0)
+        x = (c0 + (np.arange(heights.shape[1]) + 0.5) * factor - self.column0) * self.pixel_x_m
+        y = (r0 + (np.arange(heights.shape[0]) + 0.5) * factor - self.row0) * self.pixel_y_m
+        if not self.south_up:
+            heights, known, y = heights[::-1], known[::-1], -y[::-1]
+        return heights, known, x, y
+
+
+def _clip(middle: float, half: float, size: int, factor: int) -> tuple[int, int]:
+    """Return the first and last pixel of a window with a margin, a multiple of the factor."""
+    pad = _PAD_PIXELS * factor
+    low = max(int(np.floor(middle - half)) - pad, 0)
+    high = min(int(np.ceil(middle + half)) + pad, size)
+    return low, low + max(high - low, 0) // factor * factor
