@@ -15,6 +15,8 @@ import reprlib
 import typing
 from typing import Any, TypeVar
 
+import numpy as np
+
 from lunar_rover_sim.errors import ConfigError
 
 T = TypeVar('T', bound='Parameters')
@@ -189,8 +191,11 @@ def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
 def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:
     """Return `value` in its declared type, or raise ConfigError that names `name` and the bound.
 
-    A whole number is accepted where a float is declared; nothing else is converted.
+    A whole number is accepted where a float is declared, and NumPy's numbers and arrays where
+    those of Python are; nothing else is converted.
     """
+    if isinstance(value, (np.generic, np.ndarray)):
+        value = value.tolist()
     kind_name = _kind_name(kind)
     if kind_name in _ARRAYS:
         if isinstance(value, (str, bytes)) or not isinstance(value, Sequence):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
@@ -83,3 +84,15 @@ def test_nest_and_merge() -> None:
     """Dotted and nested names meet; the later value wins."""
     assert nest({'a.b': 1, 'a': {'c': 2}}) == {'a': {'b': 1, 'c': 2}}
     assert merge({'a': {'b': 1, 'c': 2}}, {'a': {'b': 3}}) == {'a': {'b': 3, 'c': 2}}
+
+
+def test_numbers_and_arrays_of_numpy_are_taken() -> None:
+    """They become the plain values that they stand for, and are bounded as those are."""
+    outer = Outer(count=np.int64(4), on=np.bool_(False), offsets=np.array([0.25, 1.0]),
+                  inner=Inner(size_m=np.float32(2.5)))
+    assert outer == Outer(4, False, (0.25, 1.0), (), Inner(2.5))
+    assert type(outer.count) is int and type(outer.inner.size_m) is float
+    with pytest.raises(ConfigError, match='count: 11 is not valid'):
+        Outer(count=np.int64(11))
+    with pytest.raises(ConfigError, match='size_m: nan is not a finite number'):
+        Inner(size_m=np.float64('nan'))

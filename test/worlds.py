@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from lunar_rover_sim.parameters import merge
-from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.model import World
 
@@ -18,7 +18,7 @@ BARE = {'relief': {'rms_slope_deg': 0.0, 'far_rms_slope_deg': 0.0}, 'craters': {
 
 @functools.lru_cache(maxsize=8)
 def _built(text: str, seed: int) -> World:
-    return build(WorldConfig.from_mapping(json.loads(text)), seed)
+    return build_world(WorldConfig.from_mapping(json.loads(text)), seed)
 
 
 def world(seed: int = 1, **parameters: Any) -> World:

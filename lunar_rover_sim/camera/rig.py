@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.frames import (Array, inverse, matrix_from_wxyz, R_BODY_OPTICAL, se3,
-                                    wxyz_from_rpy)
+from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.mounts import optical_poses
 
 
 class StereoRig:
@@ -35,11 +35,7 @@ class StereoRig:
         self.P_left: Array = np.hstack([self.K, np.zeros((3, 1))])
         self.P_right: Array = self.P_left.copy()
         self.P_right[0, 3] = -focal * self.baseline_m
-        tilt = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(rover.stereo.pitch_deg), 0.0))
-        centre = np.array(rover.stereo.position_m)
-        half = 0.5 * self.baseline_m * tilt[:, 1]
-        self.T_base_left: Array = se3(tilt @ R_BODY_OPTICAL, centre + half)
-        self.T_base_right: Array = se3(tilt @ R_BODY_OPTICAL, centre - half)
+        self.T_base_left, self.T_base_right = optical_poses(rover)
 
     @property
     def focal_px(self) -> float:

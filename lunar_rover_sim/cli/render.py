@@ -42,14 +42,14 @@ def run(args: argparse.Namespace) -> int:
     from lunar_rover_sim.stereo.depth import depth_from_disparity
     from lunar_rover_sim.stereo.sgm import SgmMatcher
     from lunar_rover_sim.world.cache import cached
-    from lunar_rover_sim.world.world_folder import load
+    from lunar_rover_sim.world.world_folder import load_world
 
     scenario = load_scenario(args.scenario, args.overrides, args.seed)
     refuse_existing(args.output)
     console = Console()
     with console.status('building the world'):
         folder = args.world or cached(scenario.world, scenario.shared.seed)
-        world = load(folder)
+        world = load_world(folder)
     config = scenario.render_node
     angles = np.radians(args.joints)
     poses = [standing(world, *pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]

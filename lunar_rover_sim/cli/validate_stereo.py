@@ -66,10 +66,10 @@ def _judge(scenario, frames: int, folder: Path, console) -> dict[str, float]:
     from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
     from lunar_rover_sim.stereo.sgm import SgmMatcher
     from lunar_rover_sim.world.cache import cached
-    from lunar_rover_sim.world.world_folder import load
+    from lunar_rover_sim.world.world_folder import load_world
 
     with console.status(f'{scenario.name}: world and sunlight'):
-        world = load(cached(scenario.world, scenario.shared.seed))
+        world = load_world(cached(scenario.world, scenario.shared.seed))
         renderer = Renderer(world, scenario.rover, scenario.render_node, scenario.shared.seed)
     total = StereoErrors()
     with renderer:

@@ -97,8 +97,8 @@ def run_build(args: argparse.Namespace) -> int:
 
     from lunar_rover_sim.errors import ConfigError, WorldError
     from lunar_rover_sim.run.scenario import load_scenario
-    from lunar_rover_sim.world.build import build
-    from lunar_rover_sim.world.world_folder import save
+    from lunar_rover_sim.world.build import build_world
+    from lunar_rover_sim.world.world_folder import save_world
 
     if args.seed is not None and not 0 <= args.seed < 2**31:
         raise ConfigError(f'--seed: {args.seed} is not valid; valid is 0 to 2147483647')
@@ -115,9 +115,10 @@ def run_build(args: argparse.Namespace) -> int:
     columns = (TextColumn('{task.description:<22}'), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task('world', total=1.0)
-        world = build(scenario.world, scenario.shared.seed,
-                      lambda what, done: progress.update(task, description=what, completed=done))
-    save(world, folder, args.overwrite)
+        world = build_world(
+            scenario.world, scenario.shared.seed,
+            lambda what, done: progress.update(task, description=what, completed=done))
+    save_world(world, folder, args.overwrite)
     seconds = time.monotonic() - start
     ground = world.ground
     print(f'{folder}: {2 * ground.half_extent_m:g} m at {ground.cell_m:g} m, '
@@ -138,10 +139,10 @@ def run_info(args: argparse.Namespace) -> int:
     from rich.table import Table
 
     from lunar_rover_sim.world.shade import horizon_deg, rms_slope_deg
-    from lunar_rover_sim.world.world_folder import load
+    from lunar_rover_sim.world.world_folder import load_world
 
     folder = Path(args.folder)
-    world = load(folder)
+    world = load_world(folder)
     table = Table(show_header=False, title=str(folder))
     config, ground = world.config, world.ground
     table.add_row('source', f'{config.source} {config.path}'.strip())
@@ -180,7 +181,7 @@ def run_preview(args: argparse.Namespace) -> int:
 
     from lunar_rover_sim.errors import ConfigError
     from lunar_rover_sim.world.map_sheet import write
-    from lunar_rover_sim.world.world_folder import load
+    from lunar_rover_sim.world.world_folder import load_world
 
     azimuth, elevation = args.sun
     if not (-360.0 <= azimuth <= 360.0 and -1.0 <= elevation <= 90.0):
@@ -189,7 +190,7 @@ def run_preview(args: argparse.Namespace) -> int:
     folder = Path(args.folder)
     output = Path(args.output) if args.output else folder.resolve().with_suffix('.png')
     _refuse_existing(output, args.overwrite)
-    world = load(folder)
+    world = load_world(folder)
     views: list = []
     if not args.no_views:
         from lunar_rover_sim.rendering.snapshot import four_views
@@ -204,11 +205,11 @@ def run_export(args: argparse.Namespace) -> int:
     from pathlib import Path
 
     from lunar_rover_sim.world.export import write
-    from lunar_rover_sim.world.world_folder import load
+    from lunar_rover_sim.world.world_folder import load_world
 
     output = Path(args.output)
     _refuse_existing(output, args.overwrite)
-    write(load(args.folder), output, args.stride, not args.no_rocks, args.surroundings)
+    write(load_world(args.folder), output, args.stride, not args.no_rocks, args.surroundings)
     print(f'{output}: {output.stat().st_size / 1e6:.1f} MB')
     return 0
 

@@ -19,7 +19,7 @@ from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.world.cache import cache_folder
 from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import load
+from lunar_rover_sim.world.world_folder import load_world
 
 FRAMES = 4
 
@@ -169,7 +169,7 @@ def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
     wanted = bag.first(topics.WORLD_HASH.name).data
     if folder is not None:
         try:
-            given = load(folder, verify=False)
+            given = load_world(folder, verify=False)
         except WorldError as error:
             raise BagError(f'world: {error}') from None
         if given.hash != wanted:
@@ -184,7 +184,7 @@ def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
                 if f'hash: {wanted}' in file.read_text(encoding='utf-8', errors='replace')]
     for candidate in folders:
         with suppress(WorldError):
-            world = load(candidate, verify=False)
+            world = load_world(candidate, verify=False)
             if world.hash == wanted:
                 return world
     return None

@@ -9,13 +9,11 @@ from rclpy.serialization import deserialize_message
 
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.nodes import conversions
-from lunar_rover_sim.nodes import node_main
-from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.path_following.driver import Driver
 from lunar_rover_sim.run.node_config import DriveNodeConfig
-from lunar_rover_sim.world.world_folder import load as load_world
+from lunar_rover_sim.world.world_folder import load_world
 
 
 class DriveNode(node_main.GraphNode):

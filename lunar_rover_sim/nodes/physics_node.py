@@ -12,8 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.nodes import node_main
-from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.joint_messages import JointReader
 from lunar_rover_sim.nodes.lockstep_listener import AnswerListener
 from lunar_rover_sim.nodes.parameters import declare
@@ -24,7 +23,7 @@ from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
-from lunar_rover_sim.world.world_folder import load as load_world
+from lunar_rover_sim.world.world_folder import load_world
 
 _MAX_STATES_PER_CALLBACK = 20
 

@@ -15,7 +15,7 @@ from lunar_rover_sim.run.plan import BAG_FOLDER, prepare, resolve
 from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.supervisor import Limits, supervise
-from lunar_rover_sim.world.world_folder import load
+from lunar_rover_sim.world.world_folder import load_world
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +69,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     if world is not None:
         world_folder = Path(world).resolve()
         # The bag states the recipe of the world that is used.
-        scenario = dataclasses.replace(scenario, world=load(world_folder).config)
+        scenario = dataclasses.replace(scenario, world=load_world(world_folder).config)
     else:
         world_folder = scenario.world_folder()
     scenario = resolve(scenario)

@@ -27,7 +27,7 @@ from lunar_rover_sim.run.node_config import (DriveNodeConfig, GaitNodeConfig, LO
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import load as load_world_folder
+from lunar_rover_sim.world.world_folder import load_world as load_world_folder
 
 SHARED = '/**'
 ROS_KEY = 'ros__parameters'

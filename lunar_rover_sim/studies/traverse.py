@@ -28,7 +28,7 @@ from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import load
+from lunar_rover_sim.world.world_folder import load_world
 
 Array = NDArray[np.float64]
 
@@ -185,7 +185,7 @@ def study(worlds: WorldConfig, seeds: Sequence[int], calibration: GaitCalibratio
 def _traverse_seed(worlds: WorldConfig, calibration: GaitCalibration, rover: RoverDescription,
                    physics: PhysicsConfig, gait: GaitConfig, drive: DriveConfig,
                    duration_s: float, seed: int) -> Traverse:
-    world = load(cached(worlds, seed), verify=False)
+    world = load_world(cached(worlds, seed), verify=False)
     return traverse(world, seed, calibration, rover, physics, gait, drive, duration_s)
 
 

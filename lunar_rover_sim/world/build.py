@@ -30,16 +30,16 @@ Progress = Callable[[str, float], None]
 _RESOLVED_CELLS, _FULL_CELLS, _LEAST_CELLS = 8.0, 24.0, 6.0
 
 
-def build(config: WorldConfig, seed: int = 0, progress: Progress | None = None) -> World:
+def build_world(config: WorldConfig, seed: int = 0, progress: Progress | None = None) -> World:
     """Return the world that the parameters describe.
 
     seed: used where `config.seed` is negative; the world's config then bears it. The same
     parameters and seed give the same world on one machine.
     progress: called with what is being done and the fraction done so far.
 
-    Raises WorldError if the source cannot be read or used.
+    Raises ConfigError if the seed is not valid, WorldError if the source cannot be read or used.
     """
-    config = dataclasses.replace(config, seed=config.seed if config.seed >= 0 else seed)
+    config = config.with_seed(seed)
     tell = progress or (lambda what, fraction: None)
     source = _open(config)
     try:

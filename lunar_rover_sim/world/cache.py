@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hashlib
 import json
 import logging
@@ -12,9 +11,9 @@ import pathlib
 from typing import Any
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import PROCEDURAL, WorldConfig
-from lunar_rover_sim.world.world_folder import FORMAT, load, save
+from lunar_rover_sim.world.world_folder import FORMAT, load_world, save_world
 
 logger = logging.getLogger(__name__)
 
@@ -34,7 +33,7 @@ def cache_key(config: WorldConfig, seed: int) -> str:
     It depends on the parameters, the seed, the identity of the source file (path, size, time of
     change) and the version of the builder.
     """
-    config = dataclasses.replace(config, seed=config.seed if config.seed >= 0 else seed)
+    config = config.with_seed(seed)
     identity: list[Any] = []
     if config.source != PROCEDURAL:
         path = pathlib.Path(config.path)
@@ -55,15 +54,15 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
     folder = cache_folder() / cache_key(config, seed)
     if (folder / 'world.yaml').is_file():
         try:
-            load(folder, verify=False)
+            load_world(folder, verify=False)
             return folder
         except WorldError as error:
             logger.warning('%s; building it again', error)
             with contextlib.suppress(OSError):
                 folder.rename(folder.with_name(f'.{folder.name}.damaged.{os.getpid()}'))
-    world = build(config, seed, progress)
+    world = build_world(config, seed, progress)
     try:
-        return save(world, folder)
+        return save_world(world, folder)
     except WorldError as error:
         if (folder / 'world.yaml').is_file():
             return folder

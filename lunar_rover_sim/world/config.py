@@ -10,7 +10,7 @@ import dataclasses
 from typing import Any
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import group, nearest, param, Parameters
+from lunar_rover_sim.parameters import check, group, nearest, param, Parameters, ParamInfo
 
 PROCEDURAL, DEM, MESH = 'procedural', 'dem', 'mesh'
 
@@ -200,6 +200,14 @@ class WorldConfig(Parameters):
         if self.source != PROCEDURAL and not self.path:
             raise ConfigError(f'path: empty; source {self.source} needs a file')
 
+    def with_seed(self, seed: int) -> WorldConfig:
+        """Return these parameters with `seed` where their own is -1.
+
+        Raises ConfigError if `seed` is not a whole number >= 0.
+        """
+        seed = check('seed', seed, int, ParamInfo('seed of everything random', low=0))
+        return self if self.seed >= 0 else dataclasses.replace(self, seed=seed)
+
     @property
     def samples(self) -> int:
         """Samples along a side of the ground."""
@@ -229,7 +237,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 def preset(name: str) -> WorldConfig:
-    """Return the world of that name; raise ConfigError if there is none."""
+    """Return the parameters of the world of that name; raise ConfigError if there is none."""
     if name not in PRESETS:
         raise ConfigError(f'world: no preset {name!r}; {nearest(name, PRESETS)}')
     return WorldConfig.from_mapping(PRESETS[name], 'world')

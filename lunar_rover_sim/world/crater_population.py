@@ -35,8 +35,8 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
     expected = per_m2 * (2.0 * half_extent_m) ** 2
     if expected > _MAX_CRATERS:
         raise WorldError(f'craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m are more '
-                         f'than {_MAX_CRATERS} on one level; raise craters.min_diameter_m or lower '
-                         'craters.density or craters.slope')
+                         f'than {_MAX_CRATERS} on one level; raise craters.min_diameter_m or '
+                         'lower craters.density or craters.slope')
     count = rng.poisson(expected)
     u = rng.random(count)
     b = -config.slope

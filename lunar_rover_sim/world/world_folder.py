@@ -59,7 +59,7 @@ def sealed(world: World) -> World:
     return dataclasses.replace(world, hash=content_hash(world))
 
 
-def save(world: World, folder: str | pathlib.Path, overwrite: bool = False) -> pathlib.Path:
+def save_world(world: World, folder: str | pathlib.Path, overwrite: bool = False) -> pathlib.Path:
     """Write the world to a folder, whole or not at all, and return the folder.
 
     Raises WorldError if the folder exists (unless `overwrite`, which replaces a world, but
@@ -118,7 +118,7 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def load(folder: str | pathlib.Path, verify: bool = True) -> World:
+def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     """Return the world in a folder; heights and albedo are mapped, not copied.
 
     verify: compare the content with its hash (about 0.1 s for the default world).

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from physics_scene import make_world, rough_heights, simulate  # noqa: E402
 
 from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
-from lunar_rover_sim.world.build import build  # noqa: E402
+from lunar_rover_sim.world.build import build_world  # noqa: E402
 from lunar_rover_sim.world.config import WorldConfig  # noqa: E402
 
 STEPS = 1000
@@ -60,7 +60,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--large', action='store_true', help='a world of 100 times the cells')
     args = parser.parse_args()
-    world = build(WorldConfig(), seed=1)
+    world = build_world(WorldConfig(), seed=1)
     bare = make_world(world.ground.heights_m, world.ground.cell_m)
     cases = {f'{world.ground.n}^2, {len(world.rocks)} rocks': simulate(world),
              f'{world.ground.n}^2, no rocks': simulate(bare),

@@ -26,7 +26,7 @@ from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import RockConfig, WorldConfig
 
 
@@ -140,7 +140,7 @@ def main():
     args = parser.parse_args()
     camera = CameraConfig(width=args.width, height=args.height)
     config = RenderConfig(camera=camera, sun=SunConfig(azimuth_deg=60.0, elevation_deg=6.0))
-    world = build(WorldConfig(), 1)
+    world = build_world(WorldConfig(), 1)
     track = poses(world, args.pairs)
 
     def row(name, wall, cpu, note=''):
@@ -159,7 +159,7 @@ def main():
         others['16x the area'] = dataclasses.replace(
             WorldConfig(), size_m=4 * WorldConfig().size_m, rocks=RockConfig(max_number=40000))
     for name, settings in others.items():
-        other = build(settings, 1)
+        other = build_world(settings, 1)
         wall_other, cpu_other, setup, _ = ours(other, config, track)
         row(name, wall_other, cpu_other,
             f'{wall_other / wall:.2f} x the time, {cpu_other / cpu:.2f} x the CPU time; '

@@ -45,17 +45,17 @@ def sources(folder: pathlib.Path) -> None:
 def measure(name: str, folder: pathlib.Path) -> None:
     """Build one case and print one line."""
     from lunar_rover_sim.world import world_folder
-    from lunar_rover_sim.world.build import build
+    from lunar_rover_sim.world.build import build_world
     from lunar_rover_sim.world.config import WorldConfig
     mapping = {**CASES, **LARGE}[name]
     if 'source' in mapping:
         mapping = {**mapping, 'path': str(folder / {'dem': 'dem', 'mesh': 'mesh.ply'}[name])}
     start = time.perf_counter()
-    world = build(WorldConfig.from_mapping(mapping), 1)
+    world = build_world(WorldConfig.from_mapping(mapping), 1)
     built = time.perf_counter()
-    world_folder.save(world, folder / f'world {name}')
+    world_folder.save_world(world, folder / f'world {name}')
     saved = time.perf_counter()
-    world_folder.load(folder / f'world {name}')
+    world_folder.load_world(folder / f'world {name}')
     loaded = time.perf_counter()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     print(f'{name:<14} build {built - start:6.2f} s   save {saved - built:5.2f} s   '

@@ -24,7 +24,7 @@ LAYERS = ('left.png', 'right.png', 'preview.png', 'depth_m.npy', 'normal.npy', '
 def folder(tmp_path_factory):
     """Return the folder of a small world."""
     path = tmp_path_factory.mktemp('worlds') / 'small'
-    world_folder.save(worlds.small(), path)
+    world_folder.save_world(worlds.small(), path)
     return path
 
 

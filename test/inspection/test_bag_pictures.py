@@ -11,20 +11,20 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.bag_pictures import preview
-from lunar_rover_sim.world.world_folder import load, save
+from lunar_rover_sim.world.world_folder import load_world, save_world
 
 STEREO = [f'stereo_{k}.png' for k in range(4)]
 
 
 @pytest.fixture(scope='module')
 def world(tmp_path_factory):
-    return save(worlds.small(), tmp_path_factory.mktemp('world') / 'small')
+    return save_world(worlds.small(), tmp_path_factory.mktemp('world') / 'small')
 
 
 @pytest.fixture(scope='module')
 def items(world):
     items = synthetic.drive(0.6)
-    next(i for i in items if i.topic == 'world_hash').message.data = load(world).hash
+    next(i for i in items if i.topic == 'world_hash').message.data = load_world(world).hash
     return items
 
 

@@ -4,6 +4,8 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import preset, PRESETS, WorldConfig
 
 
@@ -38,3 +40,20 @@ def test_scenarios_have_the_preset_worlds(name):
 def test_unknown_preset():
     with pytest.raises(ConfigError, match='did you mean flat'):
         preset('flta')
+
+
+@pytest.mark.parametrize('seed, message', [
+    (-1, r'^seed: -1 is not valid; valid is >= 0$'),
+    (1.5, r'^seed: 1\.5 is not a whole number$'),
+    ('one', r"^seed: 'one' is not a whole number$"),
+])
+def test_a_seed_is_a_whole_number_from_0_on(seed, message):
+    with pytest.raises(ConfigError, match=message):
+        build_world(preset('flat'), seed)
+    with pytest.raises(ConfigError, match=message):
+        cached(preset('flat'), seed)
+
+
+def test_the_seed_of_the_recipe_wins():
+    assert preset('flat').with_seed(7).seed == 7
+    assert WorldConfig(seed=3).with_seed(7).seed == 3

@@ -13,7 +13,7 @@ import worlds
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.parameters import merge
-from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.dem import open_dem
 
@@ -67,8 +67,8 @@ def assert_keeps(world, heights, x, y, pixel, tolerance_m):
 def test_what_the_model_says_survives(tmp_path):
     heights = hills()
     path = write_tiff(tmp_path / 'hills.tif', heights)
-    world = build(config(path, size_m=25.6), 3)
-    plain = build(config(path, size_m=25.6, **worlds.BARE), 3)
+    world = build_world(config(path, size_m=25.6), 3)
+    plain = build_world(config(path, size_m=25.6, **worlds.BARE), 3)
     # Pixels wholly on the ground, but for those in the band where levels meet.
     x = (np.arange(48) - 23.5) * 2.0
     inner = np.abs(x) < 12.8 - 1.0 - 1.5
@@ -85,8 +85,8 @@ def test_what_the_model_says_survives(tmp_path):
 def test_a_real_model_survives():
     with rasterio.open(REAL) as file:
         heights, pixel = file.read(1)[::-1], file.transform.a
-    world = build(WorldConfig.from_mapping({'source': 'dem', 'path': str(REAL),
-                                            'surroundings': {'samples': 1025}}), 1)
+    world = build_world(WorldConfig.from_mapping({'source': 'dem', 'path': str(REAL),
+                                                  'surroundings': {'samples': 1025}}), 1)
     x = (np.arange(33) - 16.0) * pixel
     inner = np.abs(x) < 25.6 - 1.5 - 0.5 * pixel
     assert_keeps(world, heights[np.ix_(inner, inner)], x[inner], x[inner], pixel, 0.03)
@@ -102,21 +102,21 @@ def test_axes_point_where_the_file_says(tmp_path):
     axis = (np.arange(40) - 19.5) * 2.0
     heights = (0.1 * axis - 0.05 * axis[:, None]).astype(np.float32)
     path = write_tiff(tmp_path / 'ramp.tif', heights)
-    world = build(config(path, **worlds.BARE), 0)
+    world = build_world(config(path, **worlds.BARE), 0)
     z = world.height_at(np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 5.0], [-5.0, -5.0]]))
     assert np.allclose(z, [0.0, 0.5, 0.25, -0.75], atol=2e-3)
 
 
 def test_a_flat_model_stays_flat(tmp_path):
     path = write_tiff(tmp_path / 'flat.tif', np.full((30, 30), 1234.5, np.float32))
-    world = build(config(path, **worlds.BARE), 0)
+    world = build_world(config(path, **worlds.BARE), 0)
     assert all(np.abs(level.heights_m).max() < 1e-4 for level in world.levels)
     assert world.report['origin_height_m'] == pytest.approx(1234.5, abs=1e-3)
 
 
 def test_no_step_where_the_file_ends(tmp_path):
     path = write_tiff(tmp_path / 'hills.tif', hills())
-    world = build(config(path, craters={'density': 0.0}), 3)
+    world = build_world(config(path, craters={'density': 0.0}), 3)
     # Lines across the file's edge at +-48 m, on the level that shows it.
     level = next(g for g in world.levels if g.half_extent_m > 60.0)
     s = np.arange(40.0, 56.0, level.cell_m)
@@ -131,7 +131,7 @@ def test_no_step_where_the_file_ends(tmp_path):
 def test_a_large_model_serves_the_surroundings_too(tmp_path):
     heights = hills(400, pixel=5.0)
     path = write_tiff(tmp_path / 'wide.tif', heights, pixel=5.0)
-    world = build(config(path, craters={'density': 0.0}), 3)
+    world = build_world(config(path, craters={'density': 0.0}), 3)
     x = (np.arange(400) - 199.5) * 5.0
     some = np.arange(60, 340, 37)
     for k in (2, 3):  # 1.6 m and 12.8 m cells: finer and coarser than the file
@@ -191,7 +191,7 @@ def test_gaps(tmp_path, marker):
     with pytest.raises(WorldError, match=r'6 of \d+ pixels in the window have no data; move '
                                          r'dem.center or set dem.nodata to fill'):
         open_dem(config(path))
-    world = build(config(path, dem={'nodata': 'fill'}), 1)
+    world = build_world(config(path, dem={'nodata': 'fill'}), 1)
     assert world.report['filled_pixels'] == 6
     assert np.abs(world.ground.heights_m).max() < 5.0
 
@@ -200,7 +200,7 @@ def test_gaps_in_the_surroundings_are_filled(tmp_path):
     heights = hills()
     heights[:5, :] = -9999.0
     path = write_tiff(tmp_path / 'gap.tif', heights, nodata=-9999.0)
-    world = build(config(path), 1)
+    world = build_world(config(path), 1)
     assert all(np.abs(level.heights_m).max() < 200.0 for level in world.levels)
 
 
@@ -258,7 +258,7 @@ def test_only_the_window_is_read(tmp_path):
     assert path.stat().st_size < 50e6
     parameters = config(path, dem={'center_mode': 'pixel', 'center': [51_200.0, 51_200.0]})
     tracemalloc.start()
-    world = build(parameters, 1)
+    world = build_world(parameters, 1)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 400e6

@@ -71,13 +71,13 @@ def test_export_refusals(tmp_path):
 def test_exported_ground_comes_back_as_a_world(tmp_path):
     # Out as GLB and in again as a mesh: the same surface.
     from lunar_rover_sim.parameters import merge
-    from lunar_rover_sim.world.build import build
+    from lunar_rover_sim.world.build import build_world
     from lunar_rover_sim.world.config import WorldConfig
     world = worlds.small()
     path = export.write(world, tmp_path / 'world.glb', stride=2, rocks=False)
     mapping = merge(worlds.BARE, {'source': 'mesh', 'path': str(path), 'size_m': 6.4,
                                   'surroundings': {'samples': 257}})
-    again = build(WorldConfig.from_mapping(mapping), 1)
+    again = build_world(WorldConfig.from_mapping(mapping), 1)
     xy = np.random.default_rng(0).integers(-32, 33, (500, 2)) * 0.05  # samples of both
     expected = world.height_at(xy) - world.height_at((0.0, 0.0))
     assert np.abs(again.height_at(xy) - expected).max() < 1e-4
@@ -138,7 +138,7 @@ def test_command_line(tmp_path, capsys):
     folder = str(tmp_path / 'w')
     assert call('build', '--scenario', 'feature_sparse', '--size', '6.4', '--seed', '9', *SMALL,
                 '-o', folder) == 0
-    world = world_folder.load(folder)
+    world = world_folder.load_world(folder)
     assert world.config.size_m == 6.4 and world.config.seed == 9
     assert world.config.rocks.abundance == 0.0015
     assert world.hash in capsys.readouterr().out
@@ -158,7 +158,7 @@ def test_command_line_sources(tmp_path):
         tmp_path / 'plane.obj')
     call('build', '--mesh', str(mesh), '--window', '1.5', '-2', '--size', '3.2', *SMALL, '-o',
          str(tmp_path / 'm'))
-    config = world_folder.load(tmp_path / 'm').config
+    config = world_folder.load_world(tmp_path / 'm').config
     assert config.source == 'mesh' and config.mesh.center == (1.5, -2.0)
     with pytest.raises(WorldError, match='absent.tif: no such file'):
         call('build', '--dem', str(tmp_path / 'absent.tif'), '-o', str(tmp_path / 'd'))

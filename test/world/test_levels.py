@@ -10,7 +10,7 @@ import pytest
 import worlds
 
 from lunar_rover_sim.world import levels as nest
-from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import preset, WorldConfig
 from lunar_rover_sim.world.grid import HeightGrid
 
@@ -106,7 +106,7 @@ def test_start_is_gentle():
 
 
 def test_flat_is_flat_to_the_horizon():
-    world = build(preset('flat'), 3)
+    world = build_world(preset('flat'), 3)
     assert all(not level.heights_m.any() for level in world.levels)
     assert len(world.rocks) == 0 and len(world.craters) == 0
     assert np.all(world.albedo == 1.0)
@@ -115,21 +115,21 @@ def test_flat_is_flat_to_the_horizon():
 
 def test_seed_decides():
     config = WorldConfig.from_mapping(worlds.SMALL)
-    first, again, other = build(config, 4), build(config, 4), build(config, 5)
+    first, again, other = build_world(config, 4), build_world(config, 4), build_world(config, 5)
     assert first.hash == again.hash != other.hash
     for a, b in zip(first.levels, again.levels):
         assert np.array_equal(a.heights_m, b.heights_m)
     assert first.config.seed == 4
     # The recipe's own seed goes before the scenario's.
     own = WorldConfig.from_mapping({**worlds.SMALL, 'seed': 4})
-    assert build(own, 99).hash == first.hash
+    assert build_world(own, 99).hash == first.hash
 
 
 def test_threads_do_not_decide():
     # Sums of linear algebra libraries depend on how many threads share them.
-    program = ('from lunar_rover_sim.world.build import build\n'
+    program = ('from lunar_rover_sim.world.build import build_world\n'
                'from lunar_rover_sim.world.config import WorldConfig\n'
-               f'print(build(WorldConfig.from_mapping({worlds.SMALL!r}), 4).hash)')
+               f'print(build_world(WorldConfig.from_mapping({worlds.SMALL!r}), 4).hash)')
     hashes = set()
     for threads in '13':
         environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
@@ -142,7 +142,7 @@ def test_threads_do_not_decide():
 
 def test_progress_runs_from_none_to_all():
     seen = []
-    build(WorldConfig.from_mapping(worlds.SMALL), 1, lambda what, part: seen.append(part))
+    build_world(WorldConfig.from_mapping(worlds.SMALL), 1, lambda what, part: seen.append(part))
     assert seen[0] == 0.0 and seen[-1] == 1.0 and seen == sorted(seen)
 
 

@@ -8,7 +8,7 @@ import worlds
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.parameters import merge
 from lunar_rover_sim.world import export
-from lunar_rover_sim.world.build import build
+from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.mesh import cast, MeshSource
@@ -37,7 +37,7 @@ def test_the_ground_is_the_mesh(tmp_path, suffix):
     if suffix == 'glb':  # y up by convention
         mesh.apply_transform([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
     mesh.export(path)
-    world = build(config(path), 0)
+    world = build_world(config(path), 0)
     ground = world.ground
     axis = np.arange(-225, 226) * ground.cell_m  # within the band where levels meet
     xy = np.stack(np.meshgrid(axis, axis), axis=-1)[::5, ::5]
@@ -81,14 +81,15 @@ def test_scale_centre_and_resolution(tmp_path):
     mesh, grid = bumps()
     mesh.apply_scale(100.0)  # centimetres
     mesh.export(tmp_path / 'cm.stl')
-    world = build(config(tmp_path / 'cm.stl', mesh={'scale': 0.01, 'center': [2.0, -1.0]}), 0)
+    mapping = {'scale': 0.01, 'center': [2.0, -1.0]}
+    world = build_world(config(tmp_path / 'cm.stl', mesh=mapping), 0)
     xy = np.array([[1.0, 1.0], [-2.0, 0.5]])
     expected = grid.height_at(xy + [2.0, -1.0]) - grid.height_at((2.0, -1.0))
     assert np.allclose(world.height_at(xy), expected, atol=1e-3)
     # Sampled at 0.5 m, with relief below.
-    rough = build(config(tmp_path / 'cm.stl', mesh={'scale': 0.01, 'resolution_m': 0.5},
-                         relief={'rms_slope_deg': 3.0}), 0)
-    smooth = build(config(tmp_path / 'cm.stl', mesh={'scale': 0.01, 'resolution_m': 0.5}), 0)
+    rough = build_world(config(tmp_path / 'cm.stl', mesh={'scale': 0.01, 'resolution_m': 0.5},
+                               relief={'rms_slope_deg': 3.0}), 0)
+    smooth = build_world(config(tmp_path / 'cm.stl', mesh={'scale': 0.01, 'resolution_m': 0.5}), 0)
     off = (rough.ground.heights_m - smooth.ground.heights_m)[100:-100, 100:-100]
     assert 0.002 < np.std(off) < 0.05
 
@@ -106,7 +107,7 @@ def test_holes(tmp_path):
     with pytest.raises(WorldError, match=r'\d+ of 263169 vertical rays in the window meet no face;'
                                          r' mend the mesh or set mesh.holes to fill'):
         MeshSource(config(path))
-    world = build(config(path, mesh={'holes': 'fill'}), 0)
+    world = build_world(config(path, mesh={'holes': 'fill'}), 0)
     # A hole of about 2 m2 is 3,200 rays of 6.25 cm2.
     assert 2000 < world.report['holes'] < 4500
     assert np.all(np.isfinite(world.ground.heights_m))
@@ -118,7 +119,7 @@ def test_overhangs(tmp_path, caplog):
     shelf = trimesh.creation.box((2.0, 2.0, 0.1))
     shelf.apply_translation([-2.0, 1.0, 2.0])
     trimesh.util.concatenate([mesh, shelf]).export(tmp_path / 'shelf.ply')
-    world = build(config(tmp_path / 'shelf.ply'), 0)
+    world = build_world(config(tmp_path / 'shelf.ply'), 0)
     # The shelf covers 4 m2: 81 x 81 rays. The highest surface is taken, and it is said.
     assert world.report['overhangs'] == pytest.approx(81 * 81, abs=2 * 81)
     assert 'several surfaces' in caplog.text

@@ -97,7 +97,8 @@ def test_crater_sizes_read_back():
         inside = np.abs(world.craters.position_m).max(axis=1) <= half
         diameter = world.craters.diameter_m[inside & (world.craters.diameter_m >= low)]
         expected = ((crater_population.density_per_m2(config, low)
-                     - crater_population.density_per_m2(config, config.max_diameter_m)) * (2 * half) ** 2)
+                     - crater_population.density_per_m2(config, config.max_diameter_m))
+                    * (2 * half) ** 2)
         # Poisson; the start keeps a few away, and younger craters erase a few older ones.
         assert abs(len(diameter) - expected) < 4.0 * np.sqrt(expected) + 0.03 * expected
         # Maximum likelihood of the exponent (Crawford et al. 1970), untruncated: the largest

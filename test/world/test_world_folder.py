@@ -20,11 +20,11 @@ TINY = {'size_m': 3.2, 'cell_m': 0.05, 'surroundings': {'samples': 65, 'extent_m
 
 @pytest.fixture
 def folder(tmp_path):
-    return world_folder.save(worlds.world(**TINY), tmp_path / 'world')
+    return world_folder.save_world(worlds.world(**TINY), tmp_path / 'world')
 
 
 def test_written_is_read(folder):
-    world, again = worlds.world(**TINY), world_folder.load(folder)
+    world, again = worlds.world(**TINY), world_folder.load_world(folder)
     assert again.hash == world.hash and again.config == world.config
     assert len(again.levels) == len(world.levels)
     for a, b in zip(again.levels, world.levels):
@@ -46,22 +46,22 @@ def test_yaml_says_how_it_was_made(folder):
 
 
 def test_hash_depends_on_content_alone(folder, tmp_path):
-    again = world_folder.load(folder)
+    again = world_folder.load_world(folder)
     assert world_folder.content_hash(again) == again.hash
-    copy = world_folder.save(again, tmp_path / 'copy')
-    assert world_folder.load(copy).hash == again.hash
+    copy = world_folder.save_world(again, tmp_path / 'copy')
+    assert world_folder.load_world(copy).hash == again.hash
 
 
 def test_existing_folders_are_left_alone(folder, tmp_path):
     world = worlds.world(**TINY)
     with pytest.raises(WorldError, match='exists already'):
-        world_folder.save(world, folder)
-    world_folder.save(world, folder, overwrite=True)
+        world_folder.save_world(world, folder)
+    world_folder.save_world(world, folder, overwrite=True)
     other = tmp_path / 'mine'
     other.mkdir()
     (other / 'thesis.txt').write_text('years of work')
     with pytest.raises(WorldError, match='is not a world; it is left as it is'):
-        world_folder.save(world, other, overwrite=True)
+        world_folder.save_world(world, other, overwrite=True)
     assert (other / 'thesis.txt').read_text() == 'years of work'
 
 
@@ -75,13 +75,13 @@ def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
         real(*args, **kwargs)
     monkeypatch.setattr(np, 'save', full)
     with pytest.raises(WorldError, match='cannot be written: No space left on device'):
-        world_folder.save(worlds.world(**TINY), tmp_path / 'world')
+        world_folder.save_world(worlds.world(**TINY), tmp_path / 'world')
     assert list(tmp_path.iterdir()) == []
 
 
 def damaged(folder, message):
     with pytest.raises(WorldError, match=message) as error:
-        world_folder.load(folder)
+        world_folder.load_world(folder)
     assert '\n' not in str(error.value)
 
 
@@ -91,7 +91,7 @@ def test_changed_heights_are_noticed(folder):
     heights[3, 3] += 0.001
     np.save(path, heights)
     damaged(folder, 'does not match its hash .*: build it again')
-    world_folder.load(folder, verify=False)
+    world_folder.load_world(folder, verify=False)
 
 
 def test_changed_parameters_are_noticed(folder):
@@ -166,7 +166,7 @@ def test_cache(tmp_path, monkeypatch):
     assert cache.cached(WorldConfig.from_mapping({**TINY, 'seed': 7}), 1) == first
     # A damaged entry is built anew.
     (first / 'height_0.npy').unlink()
-    assert world_folder.load(cache.cached(config, 7)).config.seed == 7
+    assert world_folder.load_world(cache.cached(config, 7)).config.seed == 7
 
 
 def test_cache_that_cannot_be_written(tmp_path, monkeypatch):
@@ -189,7 +189,7 @@ def test_two_processes_build_the_same_world_at_once(tmp_path):
     program = ('from lunar_rover_sim.world import cache, world_folder\n'
                'from lunar_rover_sim.world.config import WorldConfig\n'
                f'config = WorldConfig.from_mapping({TINY!r})\n'
-               'print(world_folder.load(cache.cached(config, 3)).hash)')
+               'print(world_folder.load_world(cache.cached(config, 3)).hash)')
     environment = {**os.environ, 'LUNAR_ROVER_SIM_CACHE': str(tmp_path),
                    'PYTHONPATH': os.pathsep.join(sys.path)}
     running = [subprocess.Popen([sys.executable, '-c', program], env=environment, text=True,
