@@ -22,8 +22,8 @@ _AZIMUTHS = 12
 _STEPS = 20             # distances double every third step
 
 
-def one_bounce(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.float64],
-               albedo: float) -> tuple[F32, F32]:
+def indirect_light(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.float64],
+                   albedo: float) -> tuple[F32, F32]:
     """Return (irradiance, surroundings), both per normal irradiance of the sun.
 
     heights_m: (n, n); lit: (n, n) share of the sun's disc that is seen; direction: (3,) to the

@@ -14,7 +14,7 @@ from lunar_rover_sim.illumination import rock_shadow
 from lunar_rover_sim.illumination.config import ReflectanceConfig, SunConfig
 from lunar_rover_sim.illumination.hapke import hemispherical_albedo, parameter_set
 from lunar_rover_sim.illumination.horizon import shadow_levels, SunGeometry
-from lunar_rover_sim.illumination.indirect_light import one_bounce
+from lunar_rover_sim.illumination.indirect_light import indirect_light
 from lunar_rover_sim.world.model import World
 
 F32 = NDArray[np.float32]
@@ -62,9 +62,8 @@ class Sunlight:
             * reflectance.albedo_scale
         heights = np.asarray(cv2.resize(grid.heights_m, size, interpolation=cv2.INTER_AREA),
                              np.float32)
-        return one_bounce(heights, grid.cell_m * grid.n / n,
-                          np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA),
-                                     np.float32), direction, albedo)
+        share = np.asarray(cv2.resize(lit, size, interpolation=cv2.INTER_AREA), np.float32)
+        return indirect_light(heights, grid.cell_m * grid.n / n, share, direction, albedo)
 
     def light_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
         """Return clearance and occluder distance [m] of (..., 3) points, by terrain alone."""

@@ -8,7 +8,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.view import Eye
+from lunar_rover_sim.rendering.view import View
 
 if TYPE_CHECKING:
     import moderngl
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Window = tuple[int, int, int, int]
 
 
-class Stage:
+class FrameTargets:
     """Where the ground of a frame is drawn, left image above right; two stages take turns.
 
     radiance, depth: what all stages light their frames into
@@ -31,7 +31,7 @@ class Stage:
         self._buffers = [context.depth_renderbuffer(self.size) for _ in range(2)]
         self.ground = [context.framebuffer([self.ground_depth], b) for b in self._buffers]
         self.objects = [context.framebuffer([radiance, depth], b) for b in self._buffers]
-        self.eyes = [Eye(context) for _ in ('left', 'right')]
+        self.eyes = [View(context) for _ in ('left', 'right')]
         self._truth: Any = None
 
     @property
@@ -73,7 +73,7 @@ class Scene:
     T_world_base: Array
     joint_angle_rad: Array
     wanted: Wanted
-    stage: Stage
+    targets: FrameTargets
     legs: Array
     cameras: list[Array]
     windows: list[Window]

@@ -9,7 +9,7 @@ from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.context import set_uniform
 from lunar_rover_sim.rendering.projection import covered_rows
 from lunar_rover_sim.rendering.terrain import (ChunkMesh, lattice, level_ranges, Selection,
-                                               TerrainLevel, View)
+                                               TerrainLevel, ViewVolume)
 from lunar_rover_sim.world.model import World
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Ground:
         self._mesh = ChunkMesh(context)
         self._ranges = level_ranges([level.tree for level in self._levels], detail)
 
-    def choose(self, view: View) -> Chosen:
+    def choose(self, view: ViewVolume) -> Chosen:
         """Choose what to draw for a view."""
         return [level.tree.select(view, reach)
                 for level, reach in zip(self._levels, self._ranges)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array, inverse
-from lunar_rover_sim.rendering.terrain import View
+from lunar_rover_sim.rendering.terrain import ViewVolume
 
 
 def clip_matrix(camera: Array, K: Array, w: int, h: int, near: float,
@@ -30,7 +30,7 @@ def clip_matrix(camera: Array, K: Array, w: int, h: int, near: float,
     return np.ascontiguousarray((projection @ rotation).T, dtype=np.float32)
 
 
-def view_volume(cameras: list[Array], K: Array, w: int, h: int, ground_m: float) -> View:
+def view_volume(cameras: list[Array], K: Array, w: int, h: int, ground_m: float) -> ViewVolume:
     """Return the view volume that holds those of all cameras of one kind."""
     camera = cameras[0]
     middle = np.mean([c[:3, 3] for c in cameras], axis=0)
@@ -43,7 +43,7 @@ def view_volume(cameras: list[Array], K: Array, w: int, h: int, ground_m: float)
         normals.append(-axis + forward * ((size - centre - 0.5) / focal))
     normals.append(forward)
     planes = np.array([[*(n / np.linalg.norm(n)), apart + 0.01] for n in normals])
-    return View(middle, planes, max(float(middle[2]) - ground_m, 0.0))
+    return ViewVolume(middle, planes, max(float(middle[2]) - ground_m, 0.0))
 
 
 def covered_rows(boxes: Array, camera: Array, K: Array, height: int,

@@ -26,17 +26,17 @@ from lunar_rover_sim.rendering import lamp as lamps
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context, set_uniform
 from lunar_rover_sim.rendering.frame import LAYERS, read_image, StereoFrame
-from lunar_rover_sim.rendering.frame_targets import attachment, Scene, Stage, Wanted, Window
+from lunar_rover_sim.rendering.frame_targets import attachment, FrameTargets, Scene, Wanted, Window
 from lunar_rover_sim.rendering.ground import Ground
 from lunar_rover_sim.rendering.imager import AutoExposure, Imager
 from lunar_rover_sim.rendering.lighting import lighting_constants
 from lunar_rover_sim.rendering.programs import GROUND_PASSES, load_programs
 from lunar_rover_sim.rendering.projection import clip_matrix, view_volume
-from lunar_rover_sim.rendering.rock_meshes import Boulders
+from lunar_rover_sim.rendering.rock_meshes import RockMeshes
 from lunar_rover_sim.rendering.rover_body import RoverBody
 from lunar_rover_sim.rendering.surface import Surface, TileMaker
-from lunar_rover_sim.rendering.terrain import View
-from lunar_rover_sim.rendering.view import Eye
+from lunar_rover_sim.rendering.terrain import ViewVolume
+from lunar_rover_sim.rendering.view import View
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.model import World
 
@@ -95,14 +95,14 @@ class Renderer:
         self._radiance = attachment(context, (width, 2 * height))
         self._depth = attachment(context, (width, 2 * height))
         self._lighting = context.framebuffer([self._radiance, self._depth])
-        self._stages = [Stage(context, self._radiance, self._depth) for _ in range(2)]
+        self._targets = [FrameTargets(context, self._radiance, self._depth) for _ in range(2)]
         self._ahead: Scene | None = None
 
         self._ground = Ground(context, self.world, config.detail)
-        self._lamp_eye = Eye(context)
+        self._lamp_eye = View(context)
         self._light_surface(tiles)
-        self._boulders = Boulders(context, self.world.rocks, self.world.rock_shapes,
-                                  self.sunlight.rock_light())
+        self._rocks = RockMeshes(context, self.world.rocks, self.world.rock_shapes,
+                                 self.sunlight.rock_light())
         self._rover = RoverBody(context, self.rover)
         self._lamp = lamps.Lamp(context, config.lamp) if config.lamp.power_w > 0.0 else None
         self._programs = load_programs(context, len(self.world.levels), self._lamp is not None)
@@ -128,7 +128,7 @@ class Renderer:
         with self._context:
             self._surface.release()
             self._light_surface(self._tiles.start(self.sun_direction))
-            self._boulders.relight(self.sunlight.rock_light())
+            self._rocks.relight(self.sunlight.rock_light())
             self._set_constants()
         if self._auto is None:
             self.exposure_s = first_exposure_s(self.sensor, self.config.sun,
@@ -193,8 +193,8 @@ class Renderer:
     def _begin(self, state: State, wanted: Wanted) -> Scene:
         """Choose what is in view and draw the geometry of the ground."""
         pose, joint_angle_rad = state
-        self._stages.reverse()
-        stage = self._stages[0]
+        self._targets.reverse()
+        targets = self._targets[0]
         legs = self._rover.poses(pose, joint_angle_rad)
         # Both cameras decide what is drawn: an image does not depend on what else is asked.
         cameras = [pose @ self.rig.T_base_left, pose @ self.rig.T_base_right]
@@ -205,17 +205,17 @@ class Renderer:
             self._draw_lamp_shadow(pose)
         windows = [(0, eye * h, w, h) for eye in range(len(cameras))]
         for eye in wanted.eyes:
-            stage.eyes[eye].place(cameras[eye], self._clip(cameras[eye], K, w, h), K, view,
-                                  window=windows[eye], size=stage.size)
-            stage.eyes[eye].bind()
-            _clear(stage.ground[eye], windows[eye])
+            targets.eyes[eye].place(cameras[eye], self._clip(cameras[eye], K, w, h), K, view,
+                                    window=windows[eye], size=targets.size)
+            targets.eyes[eye].bind()
+            _clear(targets.ground[eye], windows[eye])
             if eye == wanted.eyes[-1]:  # while the driver draws the other one
                 shadow = self._rover.cast_shadow(legs, self._sun_axes, view, _SHADOW_UNIT)
-                self._boulders.choose(view, self.rig.focal_px, self.config.detail.rock_min_px)
+                self._rocks.choose(view, self.rig.focal_px, self.config.detail.rock_min_px)
                 body = self._body_light(legs) if self._rover.seen(legs, view) else None
                 rows = self._ground.rows(chosen, cameras[0], K, h, self.config.camera.near_m)
             self._ground.draw(self._programs, chosen)
-        return Scene(pose, joint_angle_rad, wanted, stage, legs, cameras, windows, rows, shadow,
+        return Scene(pose, joint_angle_rad, wanted, targets, legs, cameras, windows, rows, shadow,
                      body)
 
     def _light(self, scene: Scene) -> None:
@@ -224,12 +224,12 @@ class Renderer:
             set_uniform(program, **scene.shadow)
         for draw in (self._light_ground, self._draw_objects):
             for eye in scene.wanted.eyes:
-                scene.stage.eyes[eye].bind()
+                scene.targets.eyes[eye].bind()
                 if self._lamp is not None:
                     self._place_lamp(scene.T_world_base, scene.cameras[eye])
                 draw(scene, eye)
         if scene.wanted.truth and 0 in scene.wanted.eyes:
-            scene.stage.eyes[0].bind()
+            scene.targets.eyes[0].bind()
             self._draw_truth(scene)
 
     def _draw_lamp_shadow(self, pose: Array) -> None:
@@ -249,8 +249,8 @@ class Renderer:
         lamp.object_target.viewport = window
         self._context.enable_only(self._context.DEPTH_TEST | self._context.CULL_FACE)
         self._surface.bind_rocks(self._programs['rock'])
-        self._boulders.choose(view, float(lamp.K[0, 0]), 2.0)
-        self._boulders.draw(self._programs['rock'])
+        self._rocks.choose(view, float(lamp.K[0, 0]), 2.0)
+        self._rocks.draw(self._programs['rock'])
 
     def _place_lamp(self, pose: Array, camera: Array) -> None:
         lamp = self._lamp
@@ -266,7 +266,7 @@ class Renderer:
         window = scene.windows[eye]
         _clear(self._lighting, window)
         self._context.enable_only(self._context.NOTHING)
-        scene.stage.ground_depth.use(5)
+        scene.targets.ground_depth.use(5)
         kind = '' if scene.wanted.lit else 'unlit '
         first, middle, last = scene.rows
         if first < middle:
@@ -298,13 +298,13 @@ class Renderer:
         """Draw rocks and the rover, if it is seen, over the lit ground; kind 'truth ' their truth.
         """
         context = self._context
-        target = scene.stage.truth if kind else scene.stage.objects[eye]
+        target = scene.targets.truth if kind else scene.targets.objects[eye]
         target.use()
         target.viewport = scene.windows[eye]
         context.enable_only(context.DEPTH_TEST | context.CULL_FACE)
         program = self._programs[kind + 'rock']
         self._surface.bind_rocks(program)
-        self._boulders.draw(program)
+        self._rocks.draw(program)
         context.enable_only(context.DEPTH_TEST)
         if scene.body is not None:
             program = self._programs[kind + 'rover']
@@ -315,10 +315,10 @@ class Renderer:
         """Draw normals and labels of the left eye over the depth that is there."""
         context = self._context
         # Only the colour is cleared: what is nearest is known already.
-        colour_only = context.framebuffer([scene.stage.truth.color_attachments[0]])
+        colour_only = context.framebuffer([scene.targets.truth.color_attachments[0]])
         _clear(colour_only, scene.windows[0])
         context.enable_only(context.NOTHING)
-        scene.stage.ground_depth.use(5)
+        scene.targets.ground_depth.use(5)
         program = self._programs['truth ground']
         self._surface.bind(program)
         set_uniform(program, u_depth=5)
@@ -330,7 +330,7 @@ class Renderer:
         finally:
             context.depth_func = '<'
 
-    def _view(self, cameras: list[Array], K: Array, w: int, h: int) -> View:
+    def _view(self, cameras: list[Array], K: Array, w: int, h: int) -> ViewVolume:
         middle = np.mean([c[:3, 3] for c in cameras], axis=0)
         ground = float(np.nan_to_num(self.world.height_at(middle[:2]), nan=middle[2]))
         return view_volume(cameras, K, w, h, ground)
@@ -353,7 +353,7 @@ class Renderer:
             if name in asked:
                 raw[name] = self._image_of(self._lighting, k, 0)
         if asked & _TRUTH_LAYERS:
-            raw['truth'] = self._image_of(scene.stage.truth, 0, 0, 4)
+            raw['truth'] = self._image_of(scene.targets.truth, 0, 0, 4)
         return raw
 
     def _finish(self, raw: dict[str, NDArray[Any]], asked: set[str],

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
-from lunar_rover_sim.rendering.terrain import View
+from lunar_rover_sim.rendering.terrain import ViewVolume
 from lunar_rover_sim.world.rocks import Rocks, RockShape
+from lunar_rover_sim.world.shapes import hull_faces
 
 if TYPE_CHECKING:
     import moderngl
@@ -25,7 +25,7 @@ _COARSE = ((14.0, 10), (4.0, 6))
 _LEVELS = 1 + len(_COARSE)
 
 
-class Boulders:
+class RockMeshes:
     """GL objects of all rocks."""
 
     def __init__(self, context: moderngl.Context, rocks: Rocks,
@@ -52,7 +52,7 @@ class Boulders:
         """Take (m, 4) clearance, distance [m] at the foot and at the top under another sun."""
         self._data[:, 12:16] = light
 
-    def choose(self, view: View, focal_px: float, least_px: float) -> None:
+    def choose(self, view: ViewVolume, focal_px: float, least_px: float) -> None:
         """Choose what `draw` draws: rocks that are in view and look larger than `least_px`."""
         visible = self.visible(view, focal_px, least_px)
         distance = np.linalg.norm(self.rocks.position_m[visible] - view.camera_m, axis=1)
@@ -81,7 +81,7 @@ class Boulders:
                               (self._instances[kind], _INSTANCE, *_NAMES)], skip_errors=True)
             self._arrays[key].render(instances=count)
 
-    def visible(self, view: View, focal_px: float, least_px: float) -> NDArray[np.int64]:
+    def visible(self, view: ViewVolume, focal_px: float, least_px: float) -> NDArray[np.int64]:
         """Return the indices of rocks to draw."""
         offset = self.rocks.position_m - view.camera_m
         distance = np.linalg.norm(offset, axis=1)
@@ -111,7 +111,7 @@ def coarse(shape: RockShape, vertices: int) -> RockShape:
         chosen.append(int(np.argmax(apart)))
         apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=1))
     kept = points[chosen]
-    faces = _hull(kept)
+    faces = _ordered(hull_faces(kept))
     kept *= np.sqrt(_surface(points, shape.faces) / _surface(kept, faces))
     return RockShape(shape.name, kept.astype(np.float32), faces.astype(np.int32))
 
@@ -122,21 +122,16 @@ def _surface(vertices: Array, faces: NDArray[np.integer[Any]]) -> float:
     return 0.5 * float(np.linalg.norm(sides, axis=1).sum())
 
 
-def _hull(points: Array) -> NDArray[np.int64]:
-    """Return (f, 3) outward faces of the convex hull of a dozen (n, 3) points.
+def _ordered(faces: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
+    """Return the same (f, 3) faces in an order that does not depend on Qhull's.
 
-    Every plane through three of them that has the others on one side. (SciPy's takes a third of a
-    second to import, more than all else that is done for the rocks.)
+    Normals are sums over faces, so that their last bits depend on the order.
     """
-    # In general position, so that four points of one plane give two faces.
-    points = points + np.random.default_rng(0).uniform(-1e-7, 1e-7, points.shape)
-    faces = np.array(list(itertools.combinations(range(len(points)), 3)))
-    corner = points[faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    side = (points[None] - corner[:, :1]) @ normal[..., None]
-    side[np.arange(len(faces))[:, None], faces] = 0.0
-    below, above = np.all(side <= 0.0, axis=(1, 2)), np.all(side >= 0.0, axis=(1, 2))
-    return np.concatenate([faces[below], faces[above][:, ::-1]])
+    a, b, c = faces.T
+    rising = (a - b) * (b - c) * (c - a) > 0        # the face is a rotation of its sorted corners
+    corners = np.sort(faces, axis=1)
+    order = np.lexsort((*corners.T[::-1], ~rising))
+    return np.where(rising[order, None], corners[order], corners[order, ::-1])
 
 
 def facets(shape: RockShape) -> F32:

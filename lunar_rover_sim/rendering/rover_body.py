@@ -12,9 +12,11 @@ from typing import Any, TYPE_CHECKING
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.terrain import View
+from lunar_rover_sim.rendering.terrain import ViewVolume
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
 
@@ -64,7 +66,7 @@ class RoverBody:
         local = link_poses(self._rover, joint_angle_rad)
         return np.stack([T_world_base @ local[link] for link in self._links])
 
-    def seen(self, poses: Array, view: View) -> bool:
+    def seen(self, poses: Array, view: ViewVolume) -> bool:
         """Return whether the box around any link may reach into the view volume."""
         corners = self._boxes @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
         within = (corners - view.camera_m) @ view.planes[:, :3].T + view.planes[:, 3] > 0.0
@@ -80,7 +82,8 @@ class RoverBody:
                            'a_link')], skip_errors=True)
         self._arrays[program.glo].render(vertices=self._count)
 
-    def cast_shadow(self, poses: Array, sun_axes: Array, view: View, unit: int) -> dict[str, Any]:
+    def cast_shadow(self, poses: Array, sun_axes: Array, view: ViewVolume,
+                    unit: int) -> dict[str, Any]:
         """Bind the map of the shadow; return where it is, by the names of uniforms.
 
         sun_axes: (3, 3) as `rock_shadow.sun_axes`
@@ -103,7 +106,7 @@ class RoverBody:
         self._map = self._context.texture((MAP, MAP), 2, silhouette, dtype='f4')
         self._map.repeat_x = self._map.repeat_y = False
 
-    def _may_shade(self, centre: Array, to_sun: Array, view: View) -> bool:
+    def _may_shade(self, centre: Array, to_sun: Array, view: ViewVolume) -> bool:
         """Return whether any place behind the map, as the sun sees it, may be in view."""
         normals = view.planes[:, :3]
         reach = normals @ (centre - view.camera_m) + np.sqrt(2.0) * self._half_m
@@ -176,14 +179,11 @@ def _pieces(part: VisualPart) -> list[tuple[Array, NDArray[np.int32]]]:
     places, index = np.unique(np.round(part.vertices.astype(float), 7), axis=0,
                               return_inverse=True)
     faces = index.reshape(-1)[part.faces]
-    # Each face takes the least number among its corners until none changes. (Importing SciPy for
-    # this would take a third of a second, more than all else that is done for the rover.)
-    label, before = np.arange(len(places)), np.empty(0, int)
-    while not np.array_equal(label, before):
-        before = label.copy()
-        np.minimum.at(label, faces, label[faces].min(axis=1, keepdims=True))
+    sides = faces[:, [0, 1, 1, 2]].reshape(-1, 2).T
+    graph = coo_array((np.ones(sides.shape[1]), sides), shape=(len(places), len(places)))
+    count, label = connected_components(graph, directed=False)
     result = []
-    for k in np.unique(label):
+    for k in range(count):
         members = np.flatnonzero(label == k)
         own = faces[label[faces[:, 0]] == k]
         result.append((places[members], np.searchsorted(members, own).astype(np.int32)))

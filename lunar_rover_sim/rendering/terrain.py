@@ -32,7 +32,7 @@ _LOWER = 256            # added to the column of a vertex at the lower rim of a 
 
 
 @dataclasses.dataclass(frozen=True)
-class View:
+class ViewVolume:
     """What decides which chunks are drawn.
 
     camera_m: (3,) position, world; planes: (p, 4) half-spaces, relative to the camera, that the
@@ -119,7 +119,7 @@ class ChunkTree:
         """Number of strides: 1, 2, 4 ..."""
         return len(self._floors)
 
-    def select(self, view: View, ranges_m: NDArray[np.float64]) -> Selection:
+    def select(self, view: ViewVolume, ranges_m: NDArray[np.float64]) -> Selection:
         """Choose chunks for a view.
 
         ranges_m: (depth,) distance up to which each stride is fine enough, increasing.
@@ -170,7 +170,7 @@ class ChunkTree:
         return Selection(np.concatenate(chunks)[order], np.concatenate(boxes)[order],
                          np.concatenate(skirts))
 
-    def _first_floor(self, view: View, ranges_m: NDArray[np.float64]) -> int:
+    def _first_floor(self, view: ViewVolume, ranges_m: NDArray[np.float64]) -> int:
         """Return the index of a floor above which no chunk could be kept."""
         half = 0.5 * (self.n - 1) * self.cell_m
         farthest = np.hypot(*(np.abs(view.camera_m[:2]) + half)) + view.above_m

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.terrain import View
+from lunar_rover_sim.rendering.terrain import ViewVolume
 
 if TYPE_CHECKING:
     import moderngl
 
-# The layout std140 of the block Eye in shaders/eye.glsl.
+# The layout std140 of the block View in shaders/view.glsl.
 _BLOCK = np.dtype([(name, kind, size) for name, kind, size in (
     ('clip', 'f4', 16), ('camera', 'f4', 3), ('above', 'f4', ()), ('axis', 'f4', 3),
     ('pixel', 'f4', ()), ('ray', 'f4', 3), ('first_row', 'f4', ()), ('ray_right', 'f4', 3),
@@ -21,13 +21,13 @@ _BLOCK = np.dtype([(name, kind, size) for name, kind, size in (
     ('middle', 'f4', 2))])
 
 
-class Eye:
+class View:
     """Owns the block of one camera."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._buffer = context.buffer(reserve=_BLOCK.itemsize, dynamic=True)
 
-    def place(self, camera: Array, clip: NDArray[np.float32], K: Array, view: View, *,
+    def place(self, camera: Array, clip: NDArray[np.float32], K: Array, view: ViewVolume, *,
               window: tuple[int, int, int, int], size: tuple[int, int]) -> None:
         """Say where the camera is.
 

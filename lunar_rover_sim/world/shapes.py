@@ -1,24 +1,26 @@
 """The library of rock shapes: convex, closed, of unit size; faceted ones and rounded ones.
 
-Fresh blocks are angular, and meteoroids round them with time; a mean axial ratio near 1 : 0.8 :
-0.6 is that of rocks broken by impacts (Fujiwara et al. 1978; Capaccioni et al. 1984).
+Fresh blocks are angular, and meteoroids round them with time. Rocks broken by impacts have a mean
+axial ratio near 1 : 0.8 : 0.6 (Fujiwara et al. 1978; Capaccioni et al. 1984).
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.world.rocks import RockShape
 
 FACETED, ROUNDED = 9, 7
-_SEED = 1969  # the library is the same in all worlds, so that meshes can be shared
+_SEED = 1969            # the library is the same in all worlds, so that meshes can be shared
 
 
 def library() -> tuple[RockShape, ...]:
-    """Return the shapes."""
+    """Return the shapes: the same 16 at every call."""
     rng = np.random.default_rng(_SEED)
     shapes = [hull(f'faceted_{i:02d}', _cut_block(rng, planes=9 + i)) for i in range(FACETED)]
     shapes += [hull(f'rounded_{i:02d}', _worn_block(rng)) for i in range(ROUNDED)]
@@ -26,15 +28,14 @@ def library() -> tuple[RockShape, ...]:
 
 
 def hull(name: str, points: NDArray[np.float64]) -> RockShape:
-    """Return the convex hull of (n, 3) points, its largest horizontal diameter scaled to 1."""
-    shell = ConvexHull(points)
-    used = np.unique(shell.simplices)
+    """Return the convex hull of (n, 3) points as a shape.
+
+    Its centroid is moved to the origin and its largest horizontal diameter is scaled to 1.
+    """
+    triangles = hull_faces(points)
+    used = np.unique(triangles)
     vertices = points[used]
-    faces = np.searchsorted(used, shell.simplices)
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum('ij,ij->i', normals, shell.equations[:, :3]) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
+    faces = np.searchsorted(used, triangles).astype(np.int32)
     # Signed tetrahedra from the origin give volume and centroid.
     corners = vertices[faces]
     volume = np.einsum('ij,ij->i', corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
@@ -43,19 +44,32 @@ def hull(name: str, points: NDArray[np.float64]) -> RockShape:
     flat = vertices[:, :2]
     diameter = np.linalg.norm(flat[:, None] - flat[None], axis=-1).max()
     vertices = (vertices / diameter).astype(np.float32)
-    faces = np.ascontiguousarray(faces, np.int32)
     vertices.setflags(write=False)
     faces.setflags(write=False)
     return RockShape(name, vertices, faces)
 
 
+def hull_faces(points: NDArray[np.float64]) -> NDArray[np.integer[Any]]:
+    """Return the (f, 3) triangles of the convex hull of (n, 3) points.
+
+    They index the points, counter-clockwise seen from outside.
+    """
+    shell = ConvexHull(points)
+    faces = shell.simplices.copy()
+    corners = points[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum('ij,ij->i', normals, shell.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    return faces
+
+
 def _axes(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the (3,) semi-axes of a block."""
     return np.array([1.0, rng.uniform(0.68, 0.95), rng.uniform(0.62, 0.85)])
 
 
 def _cut_block(rng: np.random.Generator, planes: int) -> NDArray[np.float64]:
-    """Return the corners of a block that planes in random directions have cut."""
-    from scipy.spatial import HalfspaceIntersection
+    """Return the (n, 3) corners of a block that is cut by planes in random directions."""
     normals = _spread(rng, planes)
     distance = rng.uniform(0.75, 1.1, planes)
     box = np.concatenate([np.eye(3), -np.eye(3)])
@@ -63,7 +77,7 @@ def _cut_block(rng: np.random.Generator, planes: int) -> NDArray[np.float64]:
                                  np.column_stack([box, np.full(6, -1.25)])])
     corners = HalfspaceIntersection(halfspaces, np.zeros(3)).intersections
     corners = corners[np.all(np.isfinite(corners), axis=1)]
-    # Corners chip: each is cut back a little, which gives small faces between the large ones.
+    # Corners are chipped: cutting each back a little gives small faces between the large ones.
     centre = corners.mean(axis=0)
     neighbours = corners + 0.12 * (np.roll(corners, 1, axis=0) - corners)
     chipped = np.concatenate([centre + 0.97 * (corners - centre), neighbours])
@@ -72,7 +86,7 @@ def _cut_block(rng: np.random.Generator, planes: int) -> NDArray[np.float64]:
 
 
 def _worn_block(rng: np.random.Generator, points: int = 72) -> NDArray[np.float64]:
-    """Return points on a rounded block: a superellipsoid between sphere and box, dented."""
+    """Return (n, 3) points on a dented superellipsoid, between a sphere and a box."""
     directions = _spread(rng, points, jitter=0.25)
     power = rng.uniform(2.2, 3.2)
     radius = np.sum(np.abs(directions) ** power, axis=1) ** (-1.0 / power)
@@ -86,7 +100,7 @@ def _worn_block(rng: np.random.Generator, points: int = 72) -> NDArray[np.float6
 
 
 def _spread(rng: np.random.Generator, count: int, jitter: float = 0.45) -> NDArray[np.float64]:
-    """Return (count, 3) unit vectors, evenly spread (a Fibonacci lattice), turned, jittered."""
+    """Return (count, 3) unit vectors: a Fibonacci lattice, randomly turned and jittered."""
     i = np.arange(count) + 0.5
     z = 1.0 - 2.0 * i / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * i

@@ -11,7 +11,7 @@ from lunar_rover_sim.illumination import rock_shadow
 from lunar_rover_sim.illumination.hapke import reflectance, SETS
 from lunar_rover_sim.illumination.horizon import (disc_fraction, shadow_levels, ShadowLevel,
                                                   SunGeometry)
-from lunar_rover_sim.illumination.indirect_light import one_bounce
+from lunar_rover_sim.illumination.indirect_light import indirect_light
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.world import fine_relief
 from lunar_rover_sim.world.grid import HeightGrid
@@ -255,7 +255,7 @@ def test_bounce_of_a_lit_slope():
     direction = np.array([-np.cos(0.1), 0.0, np.sin(0.1)])
     lit[:, 190:] = 0.0
     lit[:, :160] = 0.0
-    irradiance, _ = one_bounce(z, cell, lit, direction, 0.1)
+    irradiance, _ = indirect_light(z, cell, lit, direction, 0.1)
     exitance = 0.1 * np.sin(np.radians(45.0) + 0.1)
     for distance in (0.5, 1.5, 3.0):
         column = 160 - int(distance / cell)
@@ -263,7 +263,7 @@ def test_bounce_of_a_lit_slope():
         expected = exitance * 0.5 * (1.0 - np.cos(angle))
         # Distances in steps of 1.26 cut the dark edges of the slope off: a fifth or so.
         assert irradiance[128, column] == pytest.approx(expected, rel=0.25)
-    flat, _ = one_bounce(np.zeros((n, n), np.float32), cell, lit, direction, 0.1)
+    flat, _ = indirect_light(np.zeros((n, n), np.float32), cell, lit, direction, 0.1)
     assert flat.max() == 0.0
 
 

@@ -272,7 +272,7 @@ def test_no_pinholes_where_meshes_meet():
             renderer.render(pose, STILL, 0, ('left', 'right'))
             with renderer._context:
                 for eye in (0, 1):
-                    drawn = renderer._image_of(renderer._stages[0].ground[eye], 0, eye) > 0.0
+                    drawn = renderer._image_of(renderer._targets[0].ground[eye], 0, eye) > 0.0
                     around = [np.roll(drawn, (dv, du), (0, 1))[1:-1, 1:-1]
                               for dv in (-1, 0, 1) for du in (-1, 0, 1) if dv or du]
                     assert not np.any(~drawn[1:-1, 1:-1] & np.all(around, axis=0))

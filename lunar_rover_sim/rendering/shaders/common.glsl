@@ -1,6 +1,6 @@
 // What ground, rocks and rover share. Vectors are world axes; positions relative to the camera.
 #include "hapke.glsl"
-#include "eye.glsl"
+#include "view.glsl"
 
 uniform vec3 u_sun;             // unit vector to the sun
 uniform float u_irradiance;     // of the sun, normal [W/m2]

@@ -3,7 +3,7 @@ in vec3 a_position, a_normal;
 in vec3 i_position, i_x, i_y, i_z;
 in vec4 i_light;
 in vec2 i_matter;               // albedo factor, index
-#include "eye.glsl"
+#include "view.glsl"
 out vec3 v_relative, v_normal, v_local;
 out vec4 v_matter;              // clearance, occluder distance, albedo, height within the rock
 flat out float v_index;

@@ -1,7 +1,7 @@
 in vec3 a_position, a_normal;
 in float a_albedo, a_link;
 uniform mat4 u_links[5];
-#include "eye.glsl"
+#include "view.glsl"
 out vec3 v_relative, v_normal;
 out float v_albedo;
 

@@ -1,6 +1,6 @@
 // Geometry only: depth along the optical axis. The ground is lit once per pixel afterwards.
 in vec3 v_relative;
-#include "eye.glsl"
+#include "view.glsl"
 uniform float u_inner;          // half extent of the finer level inside this one [m]
 layout(location = 0) out float o_depth;
 

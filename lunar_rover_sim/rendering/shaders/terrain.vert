@@ -5,7 +5,7 @@ in vec4 i_chunk;                // first column, first row, stride (and side), r
 uniform sampler2D u_heights;
 uniform vec4 u_lattice;         // 1 / cell [1/m], half and last whole index of cells, 1 / samples
 uniform float u_cell;
-#include "eye.glsl"
+#include "view.glsl"
 out vec3 v_relative;
 
 float height(vec2 g) { return textureLod(u_heights, (g + 0.5) * u_lattice.w, 0.0).r; }

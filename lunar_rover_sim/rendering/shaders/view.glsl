@@ -1,5 +1,5 @@
-// One camera (eye.py). Vectors are world axes.
-layout(std140) uniform Eye {
+// One camera (view.py). Vectors are world axes.
+layout(std140) uniform View {
     mat4 u_clip;                // from positions relative to the camera to clip space
     vec3 u_camera;              // world position [m]
     float u_above;              // height of the middle of all eyes above the ground [m]
