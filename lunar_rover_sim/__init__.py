@@ -1,3 +1,50 @@
-"""A spoke-leg micro rover on the Moon: MuJoCo walk, photorealistic stereo, rosbag2 record."""
+"""A spoke-leg micro rover on the Moon: MuJoCo walk, photorealistic stereo, rosbag2 record.
+
+The names below are the way in for Python programs. Each is imported when it is first used, so that
+a program that reads a bag does not load a renderer.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.bag.reader import open_bag as open_bag
+    from lunar_rover_sim.errors import LunarRoverSimError as LunarRoverSimError
+    from lunar_rover_sim.gait.controller import GaitController as GaitController
+    from lunar_rover_sim.physics.simulation import Simulation as Simulation
+    from lunar_rover_sim.rendering.renderer import Renderer as Renderer
+    from lunar_rover_sim.run.recording import record as record
+    from lunar_rover_sim.run.recording import Recording as Recording
+    from lunar_rover_sim.run.scenario import Scenario as Scenario
+    from lunar_rover_sim.stereo.sgm import SgmMatcher as SgmMatcher
+    from lunar_rover_sim.world.model import World as World
 
 __version__ = '0.1.0'
+
+_HOMES = {
+    'GaitController': 'gait.controller',
+    'LunarRoverSimError': 'errors',
+    'open_bag': 'bag.reader',
+    'record': 'run.recording',
+    'Recording': 'run.recording',
+    'Renderer': 'rendering.renderer',
+    'Scenario': 'run.scenario',
+    'SgmMatcher': 'stereo.sgm',
+    'Simulation': 'physics.simulation',
+    'World': 'world.model',
+}
+
+__all__ = ['__version__', *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its home (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return getattr(importlib.import_module(f'{__name__}.{_HOMES[name]}'), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})
