@@ -1,4 +1,4 @@
-"""A ROS domain of one's own, so that graphs side by side do not hear each other."""
+"""A free ROS domain for each run, so that parallel runs do not receive each other's messages."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ _FIRST, _LAST = 1, 101
 class OwnDomain:
     """Holds a free ROS_DOMAIN_ID of this machine until closed; context manager.
 
-    Only runs of this package are kept apart by this; a domain that somebody else uses can be
-    avoided by naming one.
+    The lock is a file that other runs of this package respect. Other programs do not know it; name
+    a domain that they do not use.
+
+    id: the domain
     """
 
     def __init__(self, domain: int | None = None) -> None:
+        """Take `domain`, or any free one; raise GraphError if a run of this package holds it."""
         folder = Path(tempfile.gettempdir()) / f'lunar_rover_sim_domains_{os.getuid()}'
         folder.mkdir(mode=0o700, exist_ok=True)
-        # Spread, so that two users' runs seldom meet.
+        # Runs of two users, who do not share the folder, seldom start at the same domain.
         start = os.getpid()
         count = _LAST - _FIRST + 1
         candidates = [domain] if domain is not None else \

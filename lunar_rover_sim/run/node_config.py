@@ -1,4 +1,4 @@
-"""The parameters of each node: what every node has, and what its core classes take."""
+"""The parameters of each node: those that all nodes share, and those of its core classes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LOCKSTEP, REAL_TIME = 'lockstep', 'real_time'
 
 @dataclasses.dataclass(frozen=True)
 class NodeConfig(Parameters):
-    """What every node of the graph has."""
+    """Parameters that all nodes share."""
 
     seed: int = param(1, 'seed of everything random', low=0, high=2**31 - 1)
     world: str = param('', 'folder of a world made by `lunar_rover_sim world build`')
@@ -31,23 +31,27 @@ class NodeConfig(Parameters):
 
     @property
     def lockstep(self) -> bool:
-        """Whether time waits for answers."""
+        """Whether simulated time waits for the answers of other nodes."""
         return self.time_mode == LOCKSTEP
 
 
 @dataclasses.dataclass(frozen=True)
 class WaitConfig(Parameters):
-    """Whose answers time waits for in lockstep; in real time, whose publishers it starts with."""
+    """Topics whose answers time awaits in lockstep.
+
+    In real time, time starts when each of them has a publisher.
+    """
 
     topics: tuple[str, ...] = param((), 'topics whose stamps are awaited, besides those of the '
                                     'nodes of a run')
-    lags_s: tuple[float, ...] = param((), 'lag that each of them may have', unit='s', low=0.0)
+    lags_s: tuple[float, ...] = param((), 'largest lag of each of these topics', unit='s', low=0.0)
     silence_s: float = param(6.5, 'wall time after which a silent participant is an error',
                              unit='s', low=0.1)
-    start_s: float = param(60.0, 'the same before its first answer', unit='s', low=0.1)
+    start_s: float = param(60.0, 'wall time before the first answer after which a missing '
+                           'participant is an error', unit='s', low=0.1)
 
     def validate(self) -> None:
-        """Check that each topic has its lag."""
+        """Raise ConfigError unless each topic has one lag."""
         if len(self.topics) != len(self.lags_s):
             raise ConfigError(f'lags_s: {len(self.lags_s)} elements given for {len(self.topics)} '
                               'topics; valid is one lag per topic')
@@ -65,7 +69,7 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
                                'steps', unit='Hz', low=1, high=1000)
-    real_time_factor: float = param(1.0, 'simulated per wall time in real_time', low=0.01,
+    real_time_factor: float = param(1.0, 'simulated time per wall time in time_mode real_time', low=0.01,
                                     high=100.0)
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
                               unit='s', low=0.0)
@@ -82,7 +86,7 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
         return 1_000_000_000 // self.state_rate_hz
 
     def validate(self) -> None:
-        """Check that state messages fall on steps."""
+        """Raise ConfigError unless state messages fall on steps."""
         super().validate()
         if 1_000_000_000 % self.state_rate_hz or self.state_period_ns % self.step_ns:
             raise ConfigError(f'state_rate_hz: {self.state_rate_hz} is not valid; valid is a rate '
@@ -112,7 +116,7 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     sgm: SgmConfig = group(SgmConfig)
     frame_rate_hz: int = param(10, 'stereo pairs per second; its period is a whole number of '
                                'state periods', unit='Hz', low=1, high=200)
-    await_readers: tuple[str, ...] = param((), 'topics whose readers must be there before the '
+    await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
                                            'first frame is drawn in lockstep',
                                            choices=FRAME_TOPICS)
 
@@ -126,17 +130,17 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
 class RecorderNodeConfig(NodeConfig, RecorderConfig):
     """Parameters of recorder_node."""
 
-    scenario_file: str = param('', 'resolved scenario to put into the bag')
+    scenario_file: str = param('', 'file of the resolved scenario, which the bag stores')
     acknowledge: tuple[str, ...] = param((), 'topics whose newest written stamps make '
                                          'recorder/written')
 
 
 @dataclasses.dataclass(frozen=True)
 class TrajectoryRecorderNodeConfig(NodeConfig):
-    """Parameters of trajectory_recorder_node, which runs beside a graph, not in a scenario."""
+    """Parameters of trajectory_recorder_node, which runs beside a graph and in no scenario."""
 
     output: str = param('', 'TUM file to write; it must not exist')
-    type: str = param('', 'message type of the topic `pose`; empty takes that of its publisher',
+    type: str = param('', 'message type of the topic `pose`; empty: that of its publisher',
                       choices=('', 'geometry_msgs/msg/PoseStamped',
                                'geometry_msgs/msg/PoseWithCovarianceStamped',
                                'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path'))

@@ -1,6 +1,6 @@
-"""The graph of a run: which nodes, with which parameters, waiting for whom.
+"""The plan of a run: which nodes start, with which parameters, and which topics time waits for.
 
-Pure planning, without ROS: `lunar_rover_sim run` and the launch file both start what `plan` says.
+It needs no ROS: `record` and the launch file both start what `prepare` returns.
 """
 
 from __future__ import annotations
@@ -22,19 +22,24 @@ BAG_FOLDER = 'bag'
 WORLD_LINK = 'world'
 LOG_FOLDER = 'logs'
 
-# The order in which nodes are told to stop: the recorder last, since it takes what they say.
+# The order in which nodes are stopped: the recorder last, since it records the others.
 STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node',
               'recorder_node')
 
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
-# Of the silence that physics bears: what the gait controller bears.
-_GAIT_SILENCE = 0.8
+# The gait controller reports a silent drive_node after this share of the time that physics allows.
+# Otherwise physics would report the gait controller.
+_GAIT_SILENCE_SHARE = 0.8
 
 
 @dataclasses.dataclass(frozen=True)
 class NodePlan:
-    """One process: its console script, and the parameters that name places on this machine."""
+    """One node process.
+
+    name: of the node and of its console script
+    parameters: name → path on this machine
+    """
 
     name: str
     parameters: dict[str, str]
@@ -43,17 +48,17 @@ class NodePlan:
         """Return the arguments of the process."""
         arguments = ['--ros-args', '--params-file', str(params_file)]
         for name, value in self.parameters.items():
-            # With the node's name, since that of the file's section would win over `/**`; quoted,
-            # so that a path of digits stays text.
+            # The node's name is needed, since the node's section of the file wins over `/**`. The
+            # quotes keep a path of digits text.
             arguments += ['-p', f'{self.name}:{name}:="{value}"']
         return arguments
 
 
 def resolve(scenario: Scenario) -> Scenario:
-    """Return the scenario with everything spelled out that depends on the nodes of the run.
+    """Return the scenario with the parameters that depend on the nodes of the run.
 
-    The duration is rounded up to whole camera frames; in lockstep physics waits for the gait
-    controller, the renderer (one frame behind at most) and the recorder, and the gait controller
+    The duration is rounded up to whole camera frames. In lockstep physics waits for the gait
+    controller, the renderer (at most one frame behind) and the recorder; the gait controller waits
     for drive_node.
     """
     nodes = scenario.run.nodes
@@ -62,15 +67,14 @@ def resolve(scenario: Scenario) -> Scenario:
     duration_s = round(duration_s, 9)
     physics, gait = scenario.physics_node, scenario.gait_controller_node
     recorder, render = scenario.recorder_node, scenario.render_node
-    # In real time nobody is waited for, but time starts when those topics have publishers.
+    # In real time nothing is awaited, but time starts only when these topics have publishers.
     physics = dataclasses.replace(
         physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
     if scenario.shared.lockstep:
         if 'drive_node' in nodes and scenario.drive_node.mode != 'none':
             wait = _extended(
                 gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz})
-            # Who waits for drive_node speaks first: physics would name the messenger.
-            limit_s = round(physics.wait.silence_s * _GAIT_SILENCE, 3)
+            limit_s = round(physics.wait.silence_s * _GAIT_SILENCE_SHARE, 3)
             gait = dataclasses.replace(gait, wait=dataclasses.replace(
                 wait, silence_s=max(0.1, min(wait.silence_s, limit_s))))
         if not recorder.acknowledge:
@@ -85,7 +89,7 @@ def resolve(scenario: Scenario) -> Scenario:
 
 
 def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
-    """Return topic → lag [s] of the run's own nodes that physics waits for."""
+    """Return topic → lag [s] of the run's own nodes for which physics waits."""
     awaited = {}
     nodes = scenario.run.nodes
     if 'gait_controller_node' in nodes:
@@ -101,7 +105,7 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
 
 
 def _extended(wait: WaitConfig, lag_s_by_topic: dict[str, float]) -> WaitConfig:
-    """Return `wait` with what it does not name yet; what the scenario says stands."""
+    """Return `wait` with the topics that it lacks; the scenario's own entries stay."""
     new = {t: lag for t, lag in lag_s_by_topic.items() if t not in wait.topics}
     return dataclasses.replace(wait, topics=(*wait.topics, *new),
                                lags_s=(*wait.lags_s, *new.values()))
@@ -116,7 +120,7 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
         if topic.node not in scenario.run.nodes or not periodic:
             continue
         if topic == topics.TF:
-            continue  # not every machine has tf2_msgs
+            continue  # tf2_msgs may be missing
         listed = ALL in recorder.topics or topic.name in recorder.topics
         if listed and topic.name not in recorder.exclude:
             result.append(topic.name)
@@ -139,12 +143,12 @@ def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
         raise BagError(f'{folder}: cannot be made: {error.strerror}') from None
     (folder / SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
     save_rover(scenario.rover, folder / ROVER_FILE)
-    # So that those who look at the bag later find the ground it was recorded on.
+    # Tools that read the bag later find its world here.
     (folder / WORLD_LINK).symlink_to(world)
-    places = {'world': str(world), 'rover': str(folder / ROVER_FILE)}
+    paths = {'world': str(world), 'rover': str(folder / ROVER_FILE)}
     plans = []
     for name in scenario.run.nodes:
-        parameters = dict(places)
+        parameters = dict(paths)
         if name == 'recorder_node':
             parameters['output'] = str(folder / BAG_FOLDER)
             parameters['scenario_file'] = str(folder / SCENARIO_FILE)

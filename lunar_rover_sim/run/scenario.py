@@ -1,9 +1,9 @@
-"""Scenarios: one YAML file, itself a ROS 2 parameter file, that says all of a run.
+"""Scenarios: one YAML file, itself a ROS 2 parameter file, that describes a run completely.
 
-Sections are `/**` (shared by all nodes), one per node, and three that no node reads by itself:
-`world` (the recipe of the terrain), `rover` (deviations from config/rover.yaml) and `run`. Every
-section holds `ros__parameters`, so that `ros2 run … --params-file scenario.yaml` takes it as is.
-Defaults live in the dataclasses; a file only overrides.
+The sections are `/**` (parameters that all nodes share), one per node, and three that no node
+reads: `world` (the recipe of the terrain), `rover` (deviations from config/rover.yaml) and `run`.
+Each section holds `ros__parameters`, so that `ros2 run … --params-file scenario.yaml` accepts the
+file. Defaults live in the dataclasses; a file overrides them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAX_SCENARIO_BYTES = 1 << 18
 
 @dataclasses.dataclass(frozen=True)
 class RunConfig(Parameters):
-    """What `lunar_rover_sim run` starts and for how long."""
+    """The nodes of a run and its duration."""
 
     duration_s: float = param(20.0, 'simulated time, rounded up to whole camera frames', unit='s',
                               low=0.0, open_low=True)
@@ -101,7 +101,7 @@ class Scenario:
         return getattr(self, name)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the whole scenario as plain values, in the layout of its YAML file."""
+        """Return the scenario as plain values, in the layout of its YAML file."""
         shared = self.shared.to_mapping()
         result: dict[str, Any] = {SHARED: {ROS_KEY: shared}}
         for section in ('world', 'rover', 'run', *NODE_CONFIGS):
@@ -112,9 +112,9 @@ class Scenario:
         return result
 
     def to_yaml(self) -> str:
-        """Return the whole scenario as YAML; loading it gives an equal scenario.
+        """Return the scenario as YAML; loading it gives an equal scenario.
 
-        Empty lists are left out: they are defaults, and rcl's parser cannot type them.
+        Empty lists are left out: they are defaults, and rcl's parser cannot infer their type.
         """
         return yaml.safe_dump(_without_empty_lists(self.to_mapping()), sort_keys=False)
 
@@ -131,7 +131,7 @@ def load_scenario(name_or_path: str, overrides: Iterable[str] = (),
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return section → nested values of a scenario file, section names checked."""
+    """Return section → nested values of a scenario file; raise ConfigError for unknown sections."""
     document = parse_yaml(read_text(path, MAX_SCENARIO_BYTES), str(path))
     if document is None:
         document = {}
@@ -199,7 +199,7 @@ def _build(name: str, sections: Mapping[str, Any]) -> Scenario:
 
 
 def _check_rates(scenario: Scenario) -> None:
-    """Frames and commands must fall on state messages."""
+    """Raise ConfigError unless frames and commands fall on state messages."""
     state_hz = scenario.physics_node.state_rate_hz
     for name, rate_hz in (('render_node.frame_rate_hz', scenario.render_node.frame_rate_hz),
                           ('drive_node.rate_hz', scenario.drive_node.rate_hz)):
