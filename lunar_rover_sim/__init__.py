@@ -10,16 +10,15 @@ import importlib
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.bag.reader import open_bag as open_bag
-    from lunar_rover_sim.errors import LunarRoverSimError as LunarRoverSimError
-    from lunar_rover_sim.gait.controller import GaitController as GaitController
-    from lunar_rover_sim.physics.simulation import Simulation as Simulation
-    from lunar_rover_sim.rendering.renderer import Renderer as Renderer
-    from lunar_rover_sim.run.recording import record as record
-    from lunar_rover_sim.run.recording import Recording as Recording
-    from lunar_rover_sim.run.scenario import Scenario as Scenario
-    from lunar_rover_sim.stereo.sgm import SgmMatcher as SgmMatcher
-    from lunar_rover_sim.world.model import World as World
+    from lunar_rover_sim.bag.reader import open_bag
+    from lunar_rover_sim.errors import LunarRoverSimError
+    from lunar_rover_sim.gait.controller import GaitController
+    from lunar_rover_sim.physics.simulation import Simulation
+    from lunar_rover_sim.rendering.renderer import Renderer
+    from lunar_rover_sim.run.recording import record, Recording
+    from lunar_rover_sim.run.scenario import Scenario
+    from lunar_rover_sim.stereo.sgm import SgmMatcher
+    from lunar_rover_sim.world.model import World
 
 __version__ = '0.1.0'
 
@@ -36,7 +35,8 @@ _HOMES = {
     'World': 'world.model',
 }
 
-__all__ = ['__version__', *_HOMES]
+__all__ = ['GaitController', 'LunarRoverSimError', 'open_bag', 'record', 'Recording', 'Renderer',
+           'Scenario', 'SgmMatcher', 'Simulation', 'World']
 
 
 def __getattr__(name: str) -> Any:
@@ -47,4 +47,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *__all__})

@@ -69,8 +69,8 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
                                'steps', unit='Hz', low=1, high=1000)
-    real_time_factor: float = param(1.0, 'simulated time per wall time in time_mode real_time', low=0.01,
-                                    high=100.0)
+    real_time_factor: float = param(1.0, 'simulated time per wall time in time_mode real_time',
+                                    low=0.01, high=100.0)
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
                               unit='s', low=0.0)
     start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')

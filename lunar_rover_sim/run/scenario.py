@@ -131,7 +131,7 @@ def load_scenario(name_or_path: str, overrides: Iterable[str] = (),
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return section → nested values of a scenario file; raise ConfigError for unknown sections."""
+    """Return section → nested values of a scenario file; ConfigError for unknown sections."""
     document = parse_yaml(read_text(path, MAX_SCENARIO_BYTES), str(path))
     if document is None:
         document = {}
