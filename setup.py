@@ -47,7 +47,7 @@ setup(
         'PyYAML>=6',
         'rasterio>=1.4',
         'rich>=13',
-        'rosbags>=0.11,<0.12',
+        'rosbags>=0.11,<1',
         'scipy>=1.11',
         'trimesh>=4',
     ],

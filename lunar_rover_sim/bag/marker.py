@@ -1,13 +1,15 @@
 """The mark of a bag that is not finished: `incomplete.yaml` beside its data.
 
 It is there from the first moment of a recording until its clean end, and says why the recording
-ended where it did not end cleanly.
+ended where it did not end cleanly. While a recording runs, its process holds a lock on the mark.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
+import fcntl
 from pathlib import Path
+from typing import BinaryIO
 
 import yaml
 
@@ -15,17 +17,32 @@ MARKER_NAME = 'incomplete.yaml'
 METADATA_NAME = 'metadata.yaml'
 UNFINISHED = 'the recording was not finished'
 
-_SIZE = 512  # written whole at once, so that a reason fits in later without needing disk space
+# The mark is written at its full size at once: a reason fits in later, also on a full disk.
+_SIZE = 512
 
 
 def mark(bag: Path, reason: str = UNFINISHED) -> None:
     """Mark the bag folder as incomplete; a reason is cut to one line of 400 characters."""
     line = ' '.join(reason.split())[:400]
-    text = '# This bag has no clean end. Mend it with: lunar_rover_sim bag recover\n'
+    text = '# This bag has no clean end. Make it readable with: lunar_rover_sim bag recover\n'
     text += f'reason: {yaml.safe_dump(line, width=1000, default_style=chr(34)).strip()}\n'
     path = bag / MARKER_NAME
     with path.open('r+b' if path.exists() else 'wb') as file:
         file.write(text.encode('ascii', 'replace').ljust(_SIZE)[:_SIZE - 1] + b'\n')
+
+
+def lock(bag: Path) -> BinaryIO:
+    """Lock the mark of a bag for as long as the returned file is open and its process lives.
+
+    Raises BlockingIOError where another process records or recovers the bag.
+    """
+    file = (bag / MARKER_NAME).open('rb')
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        raise
+    return file
 
 
 def unmark(bag: Path) -> None:

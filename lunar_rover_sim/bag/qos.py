@@ -6,10 +6,12 @@ from typing import Any
 
 from rosbags.interfaces import (Qos, QosDurability, QosHistory, QosLiveliness, QosReliability,
                                 QosTime)
+import yaml
 
+from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.topics import CONTRACT, LATCHED
 
-_NS_PER_S = 1_000_000_000
 _FOREVER_NS = 2**63 - 1
 
 
@@ -32,7 +34,7 @@ def contract_qos(topic: str) -> Qos:
 def as_recorded(profile: Any, topic: str) -> Qos:
     """Return rosbags' profile for one of rclpy's (or one of rosbags' own, unchanged).
 
-    History and depth are not told by discovery; where they are unknown, those of the contract
+    Discovery does not transmit history and depth. Where they are unknown, those of the contract
     are written.
     """
     if isinstance(profile, Qos):
@@ -51,12 +53,32 @@ def as_recorded(profile: Any, topic: str) -> Qos:
                bool(profile.avoid_ros_namespace_conventions))
 
 
-def _member(kind: Any, value: Any, otherwise: Any) -> Any:
+def qos_of_text(text: str) -> list[Qos]:
+    """Return the profiles in the YAML text that a storage file holds for a topic.
+
+    Raises BagError where they cannot be read. Both layouts are read: names, as bags of version 9
+    have them, and the numbers of older versions.
+    """
     try:
-        return kind(int(value))
-    except ValueError:
+        return [Qos(_member(QosHistory, p['history'], QosHistory.UNKNOWN), int(p['depth']),
+                    _member(QosReliability, p['reliability'], QosReliability.UNKNOWN),
+                    _member(QosDurability, p['durability'], QosDurability.UNKNOWN),
+                    QosTime(**p['deadline']), QosTime(**p['lifespan']),
+                    _member(QosLiveliness, p['liveliness'], QosLiveliness.UNKNOWN),
+                    QosTime(**p['liveliness_lease_duration']),
+                    bool(p['avoid_ros_namespace_conventions']))
+                for p in yaml.safe_load(text) or []]
+    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        raise BagError(f'offered QoS profiles cannot be read: {error}') from None
+
+
+def _member(kind: Any, value: Any, otherwise: Any) -> Any:
+    """Return the member of an enumeration by its number or its name in any case."""
+    try:
+        return kind[value.upper()] if isinstance(value, str) else kind(int(value))
+    except (KeyError, ValueError):
         return otherwise
 
 
 def _time(nanoseconds: int) -> QosTime:
-    return QosTime(int(nanoseconds) // _NS_PER_S, int(nanoseconds) % _NS_PER_S)
+    return QosTime(int(nanoseconds) // NS_PER_S, int(nanoseconds) % NS_PER_S)

@@ -1,4 +1,4 @@
-"""Reading bags: complete ones, cut-off ones, MCAP and SQLite, of ours and of others."""
+"""Reading bags, MCAP and SQLite, recorded by this package or by other tools."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim import topics as contract
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.mcap_storage import PartialMcapReader
-from lunar_rover_sim.bag.sqlite_storage import PartialSqlite3Reader
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.parameters import nearest
@@ -31,12 +28,6 @@ class RawMessage(NamedTuple):
     msgtype: str
     time_ns: int
     data: bytes
-
-
-class _PartialReader(Reader):
-    """rosbags' reader over storages without an end."""
-
-    STORAGE_PLUGINS = {'.mcap': PartialMcapReader, '.db3': PartialSqlite3Reader}
 
 
 class Bag:
@@ -52,17 +43,14 @@ class Bag:
         if not self.path.exists():
             raise BagError(f'{self.path}: there is no such bag')
         self.incomplete = (marker.why_incomplete(self.path) if self.path.is_dir() else None)
-        finished = self.path.is_file() or (self.path / marker.METADATA_NAME).is_file()
-        self.storage_path = self.path if self.path.is_file() else _storage_file(self.path)
+        self.storage_path = self.path if self.path.is_file() else storage_file(self.path)
+        if self.path.is_dir() and not (self.path / marker.METADATA_NAME).is_file():
+            raise BagError(f'{self.path}: {self.incomplete}; make it readable with: '
+                           f'lunar_rover_sim bag recover {self.path}')
         try:
-            try:
-                self._reader = _open(self.path if finished else self.storage_path, not finished)
-            except (AnyReaderError, ReaderError) as error:
-                # A bare storage file that was cut off; a folder says so itself.
-                if not self.path.is_file():
-                    raise
-                self._reader = _open(self.path, partial=True)
-                self.incomplete = f'it has no end ({error})'
+            self._reader = AnyReader([self.path],
+                                     default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            self._reader.open()
         except Exception as error:  # whatever the parsers make of a file that is no bag
             raise BagError(f'{self.path}: cannot be read as a bag: {_words(error)}') from None
 
@@ -211,22 +199,15 @@ class Bag:
 
 
 def open_bag(path: Path | str) -> Bag:
-    """Open a bag folder, or a bare `.mcap` or `.db3` file; also one that was cut off.
+    """Open a bag folder, or a bare `.mcap` or `.db3` file.
 
-    Raises BagError where it is missing or no bag.
+    Raises BagError where it is missing, no bag, or was cut off and has not been recovered.
     """
     return Bag(Path(path))
 
 
-def _open(path: Path, partial: bool) -> AnyReader:
-    reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-    if partial:
-        reader.readers = [_PartialReader(path)]
-    reader.open()
-    return reader
-
-
-def _storage_file(path: Path) -> Path:
+def storage_file(path: Path) -> Path:
+    """Return the first storage file in a bag folder; BagError where there is none."""
     for suffix in ('.mcap', '.db3'):
         files = sorted(path.glob(f'*{suffix}'))
         if files:

@@ -1,38 +1,45 @@
-"""Finishing a bag whose recording was cut off."""
+"""Making a bag readable whose recording was cut off: by a kill, a full disk, a power cut.
+
+MCAP: the complete chunks of the cut file are written to a new file with an index; mcap's stream
+reader needs none. SQLite: the database rolls back what was not committed, and the `metadata.yaml`
+that is missing is made from its tables, as `ros2 bag reindex` does.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import contextlib
 from pathlib import Path
+import shutil
 import sqlite3
-from typing import Any
+from typing import Any, BinaryIO
 
-from rosbags.rosbag2 import (CompressionFormat, CompressionMode, ReaderError, StoragePlugin,
-                             Writer, WriterError)
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import breakup_chunk, StreamReader
+import yaml
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.mcap_storage import DurableMcapWriter
-from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.sqlite_storage import DurableSqlite3Writer
+from lunar_rover_sim.bag.qos import qos_of_text
+from lunar_rover_sim.bag.reader import open_bag, storage_file
+from lunar_rover_sim.bag.writer import BagWriter, DISK_ERRORS, in_words, VERSION
 from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.files.atomic import atomic_write
 
-METADATA_VERSION: Any = 9  # as ROS 2 Jazzy writes it
-PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-DISK_ERRORS = (OSError, sqlite3.Error)
-
-
-class DurableWriter(Writer):
-    """rosbags' writer over storages that can be flushed and resumed."""
-
-    STORAGE_PLUGINS = {StoragePlugin.MCAP: DurableMcapWriter,
-                       StoragePlugin.SQLITE3: DurableSqlite3Writer}
+_PARTIAL = '.recovered.partial'
+_MOST_BYTES = 1 << 30     # of a record; more is no record of a bag
+_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'     # RFC 8878, 3.1.1; CDR begins with a zero byte
 
 
-def recover(path: Path) -> int:
-    """Write what a cut-off bag lacks, its index and metadata; return its number of messages.
+def recover(path: Path | str, output: Path | str | None = None) -> int:
+    """Make a cut-off bag readable and return its number of messages.
+
+    path: the bag folder. Its storage file is replaced when the new one is complete.
+    output: new folder for the readable bag, on another disk for instance; `path` stays as it is.
 
     What lies behind the last complete chunk (MCAP) or the last commit (SQLite) is dropped. The
-    bag stays marked incomplete, since its recording was not finished, but every tool can read
-    it. Raises BagError where there is nothing to read or nothing to mend.
+    bag stays marked incomplete, since its recording was not finished. Raises BagError where there
+    is nothing to read or nothing to recover, where the bag is still being recorded, or where the
+    disk has no space for the new file.
     """
     path = Path(path)
     if not path.is_dir():
@@ -40,41 +47,144 @@ def recover(path: Path) -> int:
     reason = marker.why_incomplete(path)
     if reason is None:
         raise BagError(f'{path}: is complete; there is nothing to recover')
-    if (path / marker.METADATA_NAME).is_file():
-        with open_bag(path) as bag:  # already finished as far as it goes
-            return bag.message_count
-    with open_bag(path) as bag:
-        storage_path, start_ns, end_ns = bag.storage_path, bag.start_ns, bag.end_ns
-        connections = [c._replace(digest=bag.typestore.hash_rihs01(c.msgtype))
-                       for c in bag.connections]
-    writer = DurableWriter(path / 'unused', version=METADATA_VERSION,
-                           storage_plugin=PLUGINS[STORAGE_OF[storage_path.suffix]])
-    writer.path, writer.metapath = path, path / marker.METADATA_NAME
-    writer.connections = connections
-    writer.counts = {c.id: c.msgcount for c in connections}
-    writer.min_timestamp, writer.max_timestamp = start_ns, end_ns
-    writer.set_custom_data('incomplete', reason)
+    if output is not None and Path(output).exists():
+        raise BagError(f'{output}: exists already and is not overwritten; name another bag')
+    file = storage_file(path)
     try:
         marker.mark(path, reason)
-        storage: Any
-        if storage_path.suffix == '.mcap':
-            storage = DurableMcapWriter.resume(storage_path)
-        else:
-            storage = DurableSqlite3Writer.resume(storage_path)
-            if storage.holds_compressed():
-                writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
-        writer.storage = storage
-        writer.close()
-    except (*DISK_ERRORS, ReaderError, WriterError) as error:
+        with marker.lock(path):
+            if (path / marker.METADATA_NAME).is_file() and output is None:
+                return _count(path)     # its index was written before the recording failed
+            if file.suffix == '.mcap':
+                return _recover_mcap(file, None if output is None else Path(output), reason)
+            if output is not None:
+                _need_space(Path(output).parent, file)
+                shutil.copytree(path, output)
+            return _recover_sqlite(Path(output or path) / file.name, reason)
+    except BlockingIOError:
+        raise BagError(f'{path}: is still being recorded') from None
+    except DISK_ERRORS as error:
         raise BagError(f'{path}: cannot be recovered: {in_words(error)}') from None
-    return sum(c.msgcount for c in connections)
 
 
-STORAGE_OF = {'.mcap': 'mcap', '.db3': 'sqlite3'}
+def _count(path: Path) -> int:
+    with open_bag(path) as bag:
+        return bag.message_count
 
 
-def in_words(error: BaseException) -> str:
-    """Return the error on one line, without a path that the caller names anyway."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    return ' '.join(str(error).split()) or type(error).__name__
+def _recover_mcap(file: Path, output: Path | None, reason: str) -> int:
+    """Write a new bag from a cut-off file, in its place if there is no output."""
+    if output is not None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        _need_space(output.parent, file)
+        return _rewrite(file, output, reason)
+    _need_space(file.parent, file)
+    partial = file.parent / _PARTIAL
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        count = _rewrite(file, partial / file.stem, reason)
+        for name in (file.name, marker.METADATA_NAME):
+            (partial / file.stem / name).replace(file.parent / name)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return count
+
+
+def _need_space(folder: Path, file: Path) -> None:
+    needed, free = file.stat().st_size, shutil.disk_usage(folder).free
+    if needed > free:
+        raise BagError(f'{folder}: {needed / 1e6:.0f} MB are needed, {free / 1e6:.0f} MB are '
+                       'free; make space, or name a folder on another disk with --output')
+
+
+def _rewrite(file: Path, bag: Path, reason: str) -> int:
+    """Write what can be read of an MCAP file to a new bag; return the number of messages."""
+    schemas: dict[int, Schema] = {}
+    topics: dict[int, str] = {}
+    writer = None
+    with file.open('rb') as stream:
+        for record, compressed in _complete_records(stream):
+            if writer is None:
+                writer = BagWriter(bag, 'mcap', 'zstd' if compressed else 'none')
+            if isinstance(record, Message):
+                writer.write_at(topics[record.channel_id], record.log_time, record.data)
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                schema = schemas[record.schema_id]
+                profiles = qos_of_text(record.metadata.get('offered_qos_profiles', ''))
+                writer.add_topic(record.topic, schema.name, profiles[0] if profiles else None,
+                                 schema.data.decode())
+                topics[record.id] = record.topic
+    if writer is None or not any(writer.counts.values()):
+        raise BagError(f'{file.parent}: holds no complete chunk; there is nothing to recover')
+    writer.close(incomplete=reason)
+    return sum(writer.counts.values())
+
+
+def _complete_records(stream: BinaryIO) -> Iterator[tuple[McapRecord, bool]]:
+    """Yield (record, whether it was compressed) up to where the file breaks off.
+
+    mcap's reader returns what is left of a record that is cut off, so that the size of a chunk is
+    compared with the one in its head. A message outside of chunks is complete where another
+    record follows.
+    """
+    pending: Message | None = None
+    try:
+        for record in StreamReader(stream, emit_chunks=True,
+                                   record_size_limit=_MOST_BYTES).records:
+            if pending is not None:
+                yield pending, False
+                pending = None
+            if isinstance(record, Chunk):
+                if not record.compression and len(record.data) != record.uncompressed_size:
+                    return
+                for inner in breakup_chunk(record):
+                    yield inner, bool(record.compression)
+            elif isinstance(record, Message):
+                pending = record
+            elif isinstance(record, (Schema, Channel)):
+                yield record, False
+    except Exception:  # whatever mcap and its decompressors make of the broken end
+        return
+
+
+def _recover_sqlite(file: Path, reason: str) -> int:
+    """Roll back what was not committed and write metadata.yaml; return the number of messages."""
+    with contextlib.closing(sqlite3.connect(f'{file.resolve().as_uri()}?mode=rw',
+                                            uri=True)) as database:
+        information, count = _information(database, file.name, reason)
+        with database:
+            database.execute('INSERT INTO metadata(metadata_version, metadata) VALUES(?, ?)',
+                             (VERSION, yaml.safe_dump(information)))
+    atomic_write(file.parent / marker.METADATA_NAME,
+                 yaml.safe_dump({'rosbag2_bagfile_information': information}), BagError)
+    return count
+
+
+def _information(database: sqlite3.Connection, name: str,
+                 reason: str) -> tuple[dict[str, Any], int]:
+    """Return what metadata.yaml says of the storage file `name`, and its number of messages."""
+    sample = database.execute('SELECT data FROM messages LIMIT 1').fetchone()
+    if sample is None:
+        raise BagError(f'{name}: holds no message; there is nothing to recover')
+    compressed = sample[0][:4] == _ZSTD_MAGIC
+    counts = dict(database.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id'))
+    start_ns, end_ns = database.execute(
+        'SELECT min(timestamp), max(timestamp) FROM messages').fetchone()
+    span: dict[str, Any] = {'starting_time': {'nanoseconds_since_epoch': start_ns},
+                            'duration': {'nanoseconds': end_ns - start_ns},
+                            'message_count': sum(counts.values())}
+    topics = [{'topic_metadata': {'name': topic, 'type': msgtype, 'serialization_format': encoding,
+                                  'offered_qos_profiles': yaml.safe_load(qos) or [],
+                                  'type_description_hash': type_hash},
+               'message_count': counts.get(key, 0)}
+              for key, topic, msgtype, encoding, qos, type_hash in database.execute(
+                  'SELECT id, name, type, serialization_format, offered_qos_profiles, '
+                  'type_description_hash FROM topics ORDER BY id')]
+    return {'version': VERSION, 'storage_identifier': 'sqlite3', 'relative_file_paths': [name],
+            **span, 'topics_with_message_count': topics,
+            'compression_format': 'zstd' if compressed else '',
+            'compression_mode': 'message' if compressed else '',
+            'files': [{'path': name, **span}],
+            'custom_data': {'incomplete': reason}, 'ros_distro': 'rosbags'}, sum(counts.values())

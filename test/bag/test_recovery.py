@@ -1,0 +1,251 @@
+"""Recordings that are cut off: by a kill, a full disk, or anywhere in the file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+from rosbags.rosbag2 import Reader
+import synthetic_bag as synthetic
+import yaml
+
+from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS, STORAGES
+from lunar_rover_sim.errors import BagError
+
+VARIANTS = [(storage, compression) for storage in STORAGES for compression in COMPRESSIONS]
+CHUNK = 1 << 20
+
+# Writes a drive and then kills itself, or is stopped by a file size limit.
+RECORDER = """
+    import os, resource, signal, sys, time
+    sys.path.insert(0, {test_dir!r})
+    import synthetic_bag as synthetic
+    from lunar_rover_sim.bag.writer import BagWriter
+    from lunar_rover_sim.errors import BagError
+    if {limit}:
+        resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    writer = BagWriter({path!r}, storage={storage!r}, compression={compression!r})
+    try:
+        for item in synthetic.drive(2.2):
+            writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
+    except BagError as error:
+        print(error)
+        sys.exit(1)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def record(path: Path, storage: str, compression: str,
+           limit: int = 0) -> subprocess.CompletedProcess[str]:
+    code = textwrap.dedent(RECORDER).format(
+        test_dir=str(Path(__file__).parents[1]), path=str(path), storage=storage,
+        compression=compression, limit=limit)
+    return subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                          timeout=60)
+
+
+def everything(path: Path) -> list[tuple[str, str, int, bytes]]:
+    with open_bag(path) as bag:
+        return [tuple(message) for message in bag.raw()]
+
+
+def cut_copy(bag: Path, folder: Path, size: int) -> Path:
+    """Make a bag of the first `size` bytes of another one's MCAP file, without its metadata."""
+    folder.mkdir()
+    file = bag / f'{bag.name}.mcap'
+    (folder / file.name).write_bytes(file.read_bytes()[:size])
+    marker.mark(folder)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def items() -> list[synthetic.Item]:
+    return synthetic.drive(0.4)
+
+
+@pytest.fixture(scope='module')
+def finished(items, tmp_path_factory) -> Path:
+    return synthetic.write(tmp_path_factory.mktemp('finished') / 'bag', items)
+
+
+@pytest.fixture(scope='module')
+def whole() -> list[tuple[str, bytes]]:
+    """Topic and content of everything that RECORDER writes."""
+    return [(f'/{item.topic}', synthetic.serialise(item)) for item in synthetic.drive(2.2)]
+
+
+@pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
+def test_a_kill_loses_the_last_chunks_or_the_last_second(tmp_path, whole, storage, compression):
+    path = tmp_path / 'bag'
+    assert record(path, storage, compression).returncode == -signal.SIGKILL
+    with pytest.raises(BagError, match=f'not finished; make it readable with: .* {path}$'):
+        open_bag(path)
+    count = recover(path)
+    found = everything(path)
+    assert count == len(found)
+    assert recover(path) == count
+    with open_bag(path) as bag:
+        assert bag.incomplete == marker.UNFINISHED
+        assert bag.message_count == sum(bag.counts.values()) == count
+        stamps = [m.time_ns for m in bag.raw(['odom'])]
+        assert stamps == list(range(5_000_000, stamps[-1] + 1, 5_000_000))
+        assert bag.end_ns >= 1.2e9
+    if storage == 'mcap':
+        lost = sum(len(raw) for _, raw in whole) - sum(len(m[3]) for m in found)
+        assert 0 < lost <= 2 * (CHUNK + max(len(raw) for _, raw in whole))
+    assert {(m[0], m[3]) for m in found} <= set(whole)
+    with Reader(path) as reader:
+        assert len(list(reader.messages())) == count
+    assert sorted(p.suffix for p in path.iterdir()) == sorted(
+        ['.mcap' if storage == 'mcap' else '.db3', '.yaml', '.yaml'])
+    if storage == 'mcap':
+        make_reader = pytest.importorskip('mcap.reader').make_reader
+        with (path / 'bag.mcap').open('rb') as file:
+            assert len(list(make_reader(file).iter_messages())) == count
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_what_is_recovered_is_described_as_before(tmp_path, items, storage):
+    """Profiles, types and their hashes are those of the finished recording."""
+    path = synthetic.write(tmp_path / 'bag', items, storage=storage)
+    finished = yaml.safe_load((path / 'metadata.yaml').read_text())
+    digest = bag_hash(path)
+    (path / 'metadata.yaml').unlink()
+    assert recover(path) == len(items)
+    recovered = yaml.safe_load((path / 'metadata.yaml').read_text())
+    information = recovered['rosbag2_bagfile_information']
+    assert information.pop('custom_data') == {'incomplete': 'metadata.yaml is missing'}
+    finished['rosbag2_bagfile_information'].pop('custom_data')
+    assert recovered == finished
+    assert bag_hash(path) == digest
+    with open_bag(path) as bag:
+        assert bag.incomplete == 'metadata.yaml is missing'
+
+
+def test_types_that_ros_does_not_know_are_recovered(tmp_path, items):
+    raw = synthetic.STORE.serialize_cdr(synthetic.header(3, 'base'), 'std_msgs/msg/Header')
+    raw = bytes(raw).ljust(28, b'\0') + bytes(8)
+    path = tmp_path / 'bag'
+    with BagWriter(path) as writer:
+        writer.add_topic('/slip', 'my_msgs/msg/Slip',
+                         definition='std_msgs/Header header\nfloat64 slip\n')
+        writer.write('/slip', 'my_msgs/msg/Slip', raw, 0)
+    (path / 'metadata.yaml').unlink()
+    assert recover(path) == 1
+    with open_bag(path) as bag:
+        assert bag.first('/slip').slip == 0.0
+
+
+def test_bag_time_is_kept_where_it_is_not_the_stamp(tmp_path, items):
+    odom = next(i for i in items if i.topic == 'odom')
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.add_topic('/odom', odom.msgtype)
+        writer.write_at('/odom', 42, synthetic.serialise(odom))
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    recover(tmp_path / 'bag')
+    assert [m[2] for m in everything(tmp_path / 'bag')] == [42]
+
+
+def test_a_cut_anywhere_is_survived(tmp_path, finished):
+    """Cut at 16 places, the file recovers to a prefix of the recording, or holds no chunk."""
+    size = (finished / 'bag.mcap').stat().st_size
+    whole = everything(finished)
+    counts = []
+    for i in range(16):
+        cut = cut_copy(finished, tmp_path / f'cut{i}', 50 + (size - 51) * i // 15)
+        try:
+            counts.append(recover(cut))
+        except BagError as error:
+            assert 'holds no complete chunk' in str(error)
+            counts.append(0)
+            continue
+        found = everything(cut)
+        assert set(found) <= set(whole)
+        assert len(found) == counts[-1]
+    assert counts[0] == 0
+    assert counts == sorted(counts)
+    assert counts[-1] == len(whole)
+    assert len(set(counts)) >= 3
+
+
+def test_a_chunk_that_lacks_its_last_byte_is_dropped(tmp_path, finished):
+    """What mcap returns of it would be a message without its end."""
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
+    with (finished / 'bag.mcap').open('rb') as file:
+        first = next(r for r in StreamReader(file, emit_chunks=True).records
+                     if isinstance(r, Chunk))
+    start = (finished / 'bag.mcap').read_bytes().index(first.data)
+    end = start + len(first.data)
+    whole = recover(cut_copy(finished, tmp_path / 'whole', end))
+    assert whole > 100
+    with pytest.raises(BagError, match='holds no complete chunk'):
+        recover(cut_copy(finished, tmp_path / 'cut', end - 1))
+
+
+def test_the_readable_bag_may_be_written_elsewhere(tmp_path, finished):
+    size = (finished / 'bag.mcap').stat().st_size
+    cut = cut_copy(finished, tmp_path / 'cut', size - 1000)
+    before = {p: p.read_bytes() for p in cut.iterdir()}
+    count = recover(cut, tmp_path / 'elsewhere' / 'bag')
+    assert len(everything(tmp_path / 'elsewhere' / 'bag')) == count
+    assert {p: p.read_bytes() for p in cut.iterdir()} == before
+    with pytest.raises(BagError, match='exists already and is not overwritten'):
+        recover(cut, tmp_path / 'elsewhere' / 'bag')
+
+
+def test_a_disk_without_space_is_named_before_anything_is_written(tmp_path, finished,
+                                                                  monkeypatch):
+    size = (finished / 'bag.mcap').stat().st_size
+    cut = cut_copy(finished, tmp_path / 'cut', size - 1000)
+    monkeypatch.setattr(shutil, 'disk_usage', lambda _: shutil._ntuple_diskusage(9, 9, 1000))
+    with pytest.raises(BagError, match='MB are needed, 0 MB are free; make space, or name'):
+        recover(cut)
+    assert sorted(os.listdir(cut)) == ['bag.mcap', 'incomplete.yaml']
+
+
+@pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
+def test_a_full_disk_is_one_error_and_a_bag_to_recover(tmp_path, storage, compression):
+    limit = 5_000_000 if compression == 'none' else 2_000_000
+    done = record(tmp_path / 'bag', storage, compression, limit)
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.count('\n') == 1
+    assert 'cannot be written' in done.stdout and 'marked incomplete' in done.stdout
+    reason = marker.why_incomplete(tmp_path / 'bag')
+    assert reason in done.stdout
+    count = recover(tmp_path / 'bag')
+    with open_bag(tmp_path / 'bag') as bag:
+        assert bag.incomplete == reason
+        assert len(list(bag.raw())) == bag.message_count == count
+        assert bag.end_ns >= 0.9e9
+
+
+def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path, items):
+    with BagWriter(tmp_path / 'bag') as writer:
+        for item in items[:50]:
+            writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
+        with pytest.raises(BagError, match='is still being recorded'):
+            recover(tmp_path / 'bag')
+    assert len(everything(tmp_path / 'bag')) == 50
+
+
+def test_recover_says_when_there_is_nothing_to_do(tmp_path, items):
+    path = synthetic.write(tmp_path / 'bag', items[:20])
+    with pytest.raises(BagError, match='nothing to recover'):
+        recover(path)
+    with pytest.raises(BagError, match='not a bag folder'):
+        recover(tmp_path / 'none')
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(BagError, match='neither .mcap nor .db3'):
+        recover(tmp_path / 'empty')
