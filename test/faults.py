@@ -24,12 +24,15 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 
 import numpy as np
 import psutil
 
+from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.run.domain import OwnDomain
@@ -196,15 +199,23 @@ def must_end(fault: Fault, run: Run, causes: list[str]) -> None:
 
 
 def opens(fault: Fault, run: Run, complete: bool = False) -> None:
-    """The bag opens and holds odometry; where it was cut off, the bag check says so."""
+    """The bag holds odometry; where it was cut off, the bag check says so.
+
+    A bag without an end is recovered into another folder, since its disk may be full.
+    """
+    path = run.folder / 'bag'
     try:
-        with open_bag(run.folder / 'bag') as bag:
-            fault.messages = sum(1 for _ in bag.raw(['/odom']))
-            if bag.incomplete and complete:
-                fault.problems.append(f'the bag says: {bag.incomplete}')
-        if not complete and not {f.check for f in check(run.folder / 'bag').failed} & {
-                'complete', 'duration'}:
-            fault.problems.append('the bag check does not find that it was cut off')
+        with tempfile.TemporaryDirectory() as folder:
+            if not (path / marker.METADATA_NAME).exists():
+                recover(path, Path(folder) / 'bag')
+                path = Path(folder) / 'bag'
+            with open_bag(path) as bag:
+                fault.messages = sum(1 for _ in bag.raw(['/odom']))
+                if bag.incomplete and complete:
+                    fault.problems.append(f'the bag says: {bag.incomplete}')
+            if not complete and not {f.check for f in check(path).failed} & {
+                    'complete', 'duration'}:
+                fault.problems.append('the bag check does not find that it was cut off')
     except BagError as error:
         fault.problems.append(f'bag: {error}')
     if not fault.messages:

@@ -1,4 +1,4 @@
-"""`lunar_rover_sim bag`: look into, check, hash, mend and export recordings."""
+"""`lunar_rover_sim bag`: look into, check, hash, recover and export recordings."""
 
 from __future__ import annotations
 
@@ -27,8 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='folder of the pictures; by default BAG_preview beside the bag')
     command.add_argument('--world', type=Path, metavar='DIR',
                          help='the world that was driven on, where it is not in the cache')
-    _add(add_parser, 'recover', 'write what a cut-off bag lacks to be read by every tool',
-         _recover)
+    command = _add(add_parser, 'recover', 'make a bag readable whose recording was cut off',
+                   _recover)
+    command.add_argument('-o', '--output', type=Path, metavar='DIR',
+                         help='write the readable bag there, for instance where the disk of the '
+                              'other one is full; by default it takes its place')
     command = _add(add_parser, 'export', 'write the sequence for SLAM programs', _export)
     command.add_argument('-o', '--output', type=Path, metavar='DIR', required=True,
                          help='folder of the sequence; must not exist')
@@ -122,9 +125,9 @@ def _preview(args: argparse.Namespace) -> int:
 def _recover(args: argparse.Namespace) -> int:
     from lunar_rover_sim.bag.recovery import recover
 
-    count = recover(args.bag)
-    print(f'{args.bag}: {count} messages; every tool can read it now, and it stays marked '
-          'incomplete')
+    count = recover(args.bag, args.output)
+    print(f'{args.output or args.bag}: {count} messages; every tool can read it now, and it stays '
+          'marked incomplete')
     return 0
 
 

@@ -25,7 +25,7 @@ GROUPS = {'validate': 'hold a part of the simulator to its theory or to the pape
           'calibrate': 'measure a map that a node uses'}
 
 COMMANDS = {
-    'bag': Command('bag', 'look into, check, hash, mend and export recordings'),
+    'bag': Command('bag', 'look into, check, hash, recover and export recordings'),
     'benchmark': Command(
         'benchmark', 'simulate, run SLAM, and judge: a table over scenarios and sensors'),
     'calibrate gait': Command(
