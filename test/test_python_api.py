@@ -1,0 +1,123 @@
+"""The way in for Python programs: what a user types, without ROS and with it."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+
+from conftest import command, SMALL
+import pytest
+
+import lunar_rover_sim
+from lunar_rover_sim import LunarRoverSimError, open_bag, record, Scenario
+from lunar_rover_sim.bag.content_hash import bag_hash
+
+
+def test_every_name_is_there_and_documented() -> None:
+    """What `__all__` lists can be imported; an unknown name is an AttributeError."""
+    for name in lunar_rover_sim.__all__:
+        assert inspect.getdoc(getattr(lunar_rover_sim, name)), name
+        assert name in dir(lunar_rover_sim)
+    with pytest.raises(AttributeError, match='no attribute .Roover.'):
+        lunar_rover_sim.Roover
+
+
+def test_import_is_light() -> None:
+    """The package itself loads no physics, renderer or ROS."""
+    program = ('import sys, lunar_rover_sim; '
+               'print({"mujoco", "moderngl", "cv2", "rclpy", "numpy"} & set(sys.modules))')
+    printed = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                             check=True).stdout
+    assert printed == 'set()\n'
+
+
+def test_scenario_takes_overrides_as_text_or_mapping() -> None:
+    """Both spellings give the same scenario."""
+    text = Scenario.load('flat', ['render_node.camera.width=320', 'seed=3'], duration_s=2.0)
+    mapping = Scenario.load('flat', {'render_node.camera.width': 320}, seed=3, duration_s=2.0)
+    assert text == mapping
+    assert mapping.render_node.camera.width == 320
+    assert mapping.physics_node.seed == 3
+    assert mapping.run.duration_s == 2.0
+
+
+@pytest.mark.parametrize('name, arguments, options, message', [
+    ('flatt', {}, [], 'flatt: no such scenario; did you mean flat?'),
+    ('flat', {'seed': -1}, ['--seed', '-1'], '/**.seed: -1 is not valid; valid is >= 0'),
+    ('flat', {'duration_s': 0.0}, ['--duration', '0'],
+     'run.duration_s: 0.0 is not valid; valid is > 0'),
+    ('flat', {'overrides': ['render_node.camera.width=1']},
+     ['--set', 'render_node.camera.width=1'], 'render_node.camera.width: 1 is not valid'),
+    ('flat', {'overrides': ['render_nod.camera.width=1']},
+     ['--set', 'render_nod.camera.width=1'], 'no such section'),
+])
+def test_bad_input_reads_as_on_the_command_line(name: str, arguments: dict, options: list[str],
+                                                message: str, tmp_path: Path) -> None:
+    """The error of the API is the line of the command."""
+    with pytest.raises(LunarRoverSimError) as raised:
+        Scenario.load(name, **arguments)
+    assert message in str(raised.value)
+    finished = subprocess.run(command('run', name, '-o', str(tmp_path / 'run'), *options),
+                              capture_output=True, text=True)
+    assert finished.returncode == 1
+    assert finished.stderr.endswith(f'{raised.value}\n')
+
+
+def small_scenario(duration_s: float) -> Scenario:
+    """Return a small `baseline`."""
+    return Scenario.load('baseline', SMALL, duration_s=duration_s)
+
+
+@pytest.mark.ros
+def test_record(recorded_run: Path, tmp_path: Path) -> None:
+    """It records what the command records, and leaves the calling process as it was."""
+    before = dict(os.environ)
+    seen: list[int] = []
+    recording = record(small_scenario(2.0), tmp_path / 'run', on_progress=seen.append)
+    assert recording.bag == tmp_path / 'run' / 'bag'
+    assert bag_hash(recording.bag) == bag_hash(recorded_run / 'bag')
+    with open_bag(recording.bag) as bag:
+        assert recording.counts == dict(bag.counts)
+    assert recording.simulated_s == 2.0
+    assert recording.real_time_factor == 2.0 / recording.wall_s
+    assert set(recording.cpu_s) == set(recording.scenario.run.nodes)
+    assert not recording.interrupted
+    assert seen[-1] == 2_000_000_000
+    assert dict(os.environ) == before
+    with pytest.raises(LunarRoverSimError, match='exists already'):
+        record(small_scenario(2.0), tmp_path / 'run')
+
+
+@pytest.mark.ros
+def test_record_in_threads_and_stopped_early(tmp_path: Path) -> None:
+    """Two runs at once do not meet; a run that is stopped leaves a complete bag."""
+    stop = threading.Event()
+    results = {}
+
+    def work(name: str) -> None:
+        results[name] = record(
+            small_scenario(60.0), tmp_path / name, should_stop=stop.is_set,
+            on_progress=lambda now_ns: stop.set() if now_ns > 1_000_000_000 else None)
+
+    threads = [threading.Thread(target=work, args=[name]) for name in ('a', 'b')]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for name, recording in results.items():
+        assert recording.interrupted
+        with open_bag(tmp_path / name / 'bag') as bag:
+            assert not bag.incomplete
+    assert sorted(results) == ['a', 'b']
+    assert max(r.simulated_s for r in results.values()) > 1.0
+
+
+@pytest.mark.ros
+def test_record_gives_up_after_its_time(tmp_path: Path) -> None:
+    """A run that takes too long is an error that says so, and no process is left."""
+    with pytest.raises(LunarRoverSimError, match='not done within 3 s'):
+        record(small_scenario(600.0), tmp_path / 'run', timeout_s=3.0)
