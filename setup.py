@@ -59,9 +59,9 @@ setup(
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
         'test': ['evo>=1.30', 'pytest>=8', 'pytest-xdist>=3.5', 'flake8>=7', 'flake8-quotes>=3',
                  'import-linter>=2', 'isort>=5', 'mypy>=1.10', 'vulture>=2.11', 'types-PyYAML',
-                 'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100',
+                 'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100', 'setuptools>=70.1',
                  'distributed>=2024.4'],
-        'docs': ['furo>=2024.8', 'myst-nb>=1.1', 'sphinx>=7'],
+        'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],
     },
     entry_points={'console_scripts': [
         'lunar_rover_sim = lunar_rover_sim.cli.main:main',

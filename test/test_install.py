@@ -1,17 +1,18 @@
-"""What colcon, pip and ros2 need to know of the package: all of it said, and said alike."""
+"""What colcon, pip and ros2 need to know: a wheel is built and installed, and looked at."""
 
 from __future__ import annotations
 
 import ast
-import importlib
-from importlib import resources
+from configparser import ConfigParser
+from importlib import metadata
+import json
 import os
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
-from typing import Any
-from unittest import mock
+import venv
 import xml.etree.ElementTree as ET
 
 import pytest
@@ -19,8 +20,10 @@ import pytest
 import lunar_rover_sim
 
 ROOT = Path(__file__).resolve().parent.parent
-NODES = {'physics_node', 'gait_controller_node', 'render_node', 'recorder_node', 'drive_node'}
-# That catkin_pkg takes for an address; with any other colcon does not see a ROS package.
+PACKAGE = ROOT / 'lunar_rover_sim'
+SOURCES = ('config', 'lunar_rover_sim', 'resource', 'LICENSE', 'package.xml', 'pyproject.toml',
+           'README.md', 'setup.cfg', 'setup.py')
+# What catkin_pkg takes for an address; with any other, colcon does not see a ROS package.
 ADDRESS = re.compile(r'[-a-zA-Z0-9_%+]+(\.[-a-zA-Z0-9_%+]+)*'
                      r'@[-a-zA-Z0-9%]+(\.[-a-zA-Z0-9%]+)*\.[a-zA-Z]{2,}')
 ROS = ('rclpy', 'launch', 'launch_ros', 'rcl_interfaces', 'builtin_interfaces')
@@ -33,24 +36,48 @@ def manifest() -> ET.Element:
 
 
 @pytest.fixture(scope='module')
-def arguments() -> dict[str, Any]:
-    """Return what setup.py hands to setuptools."""
-    pytest.importorskip('setuptools')
-    folder = os.getcwd()
-    os.chdir(ROOT)
-    try:
-        with mock.patch('setuptools.setup') as setup:
-            exec(compile((ROOT / 'setup.py').read_text(encoding='utf-8'), 'setup.py', 'exec'),
-                 {'__name__': '__main__'})
-    finally:
-        os.chdir(folder)
-    return setup.call_args.kwargs
+def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a fresh environment with the wheel of this tree, and nothing else, installed."""
+    pytest.importorskip('setuptools', minversion='70.1')   # older ones build no wheel themselves
+    folder = tmp_path_factory.mktemp('wheel')
+    # A copy of the sources: a build leaves files beside them.
+    for name in SOURCES:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, folder / 'source' / name,
+                            ignore=shutil.ignore_patterns('__pycache__'))
+        else:
+            shutil.copy(ROOT / name, folder / 'source')
+    offline = ['--no-deps', '--no-index', '--disable-pip-version-check', '--quiet']
+    pip = [sys.executable, '-m', 'pip']
+    subprocess.run([*pip, 'wheel', *offline, '--no-build-isolation', '--wheel-dir', str(folder),
+                    str(folder / 'source')], check=True, timeout=120)
+    (wheel,) = folder.glob('*.whl')
+    environment = folder / 'environment'
+    venv.create(environment)
+    subprocess.run([*pip, '--python', str(environment / 'bin' / 'python'), 'install', *offline,
+                    str(wheel)], check=True, timeout=120)
+    return environment
 
 
-def installed_files(arguments: dict[str, Any]) -> dict[str, str]:
-    """Return data file below the prefix → its place in the source tree."""
-    return {f'{folder}/{Path(name).name}': name
-            for folder, names in arguments['data_files'] for name in names}
+def run_installed(prefix: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    """Run a program of the fresh environment; it finds our dependencies, but not this tree."""
+    paths = [path for path in sys.path if path and Path(path).resolve() != ROOT
+             and not Path(path).resolve().is_relative_to(ROOT / 'test')]
+    environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
+    return subprocess.run([str(prefix / 'bin' / command[0]), *command[1:]], cwd=prefix,
+                          capture_output=True, text=True, timeout=60, env=environment)
+
+
+def installed_package(prefix: Path) -> Path:
+    """Return the folder of the installed package."""
+    (folder,) = prefix.glob('lib/python*/site-packages/lunar_rover_sim')
+    return folder
+
+
+def distribution(prefix: Path) -> metadata.Distribution:
+    """Return the metadata of the installed package."""
+    (info,) = installed_package(prefix).parent.glob('lunar_rover_sim-*.dist-info')
+    return metadata.Distribution.at(info)
 
 
 def test_manifest(manifest: ET.Element) -> None:
@@ -71,7 +98,7 @@ def test_manifest_names_ros_dependencies(manifest: ET.Element) -> None:
     declared = {element.text for element in manifest.findall('exec_depend')}
     imported = set()
     for folder in ('nodes', 'launch'):
-        for path in (ROOT / 'lunar_rover_sim' / folder).glob('*.py'):
+        for path in (PACKAGE / folder).glob('*.py'):
             for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
                 if isinstance(node, ast.ImportFrom):
                     imported.add(str(node.module).partition('.')[0])
@@ -83,75 +110,114 @@ def test_manifest_names_ros_dependencies(manifest: ET.Element) -> None:
     assert needed <= declared
 
 
-def test_versions(manifest: ET.Element, arguments: dict[str, Any]) -> None:
-    """One version and one description, wherever they stand."""
-    assert manifest.findtext('version') == arguments['version'] == lunar_rover_sim.__version__
-    assert manifest.findtext('name') == arguments['name']
-    assert manifest.findtext('license') == arguments['license']
+def test_manifest_names_python_dependencies(manifest: ET.Element, prefix: Path) -> None:
+    """Every requirement of the wheel has a rosdep key, or is listed as one for pip."""
+    other_names = {'opencv-python-headless': 'opencv', 'pyyaml': 'yaml'}
+    declared = {str(element.text).removeprefix('python3-').removesuffix('-pip')
+                for element in manifest.findall('exec_depend')}
+    by_pip = re.search(r'install with pip: ([\w, ]+)\.', (ROOT / 'package.xml').read_text())
+    assert by_pip is not None
+    declared.update(by_pip[1].split(', '))
+    required = {re.split(r'[<>=;\[ ]', line)[0].lower()
+                for line in distribution(prefix).requires or [] if 'extra ==' not in line}
+    assert 'numpy' in required
+    assert {other_names.get(name, name) for name in required} <= declared
+
+
+def test_versions(manifest: ET.Element, prefix: Path) -> None:
+    """Version, name, licence and maintainer are the same in the wheel and in package.xml."""
+    wheel = distribution(prefix).metadata
+    assert manifest.findtext('version') == wheel['Version'] == lunar_rover_sim.__version__
+    assert manifest.findtext('name') == wheel['Name']
+    assert manifest.findtext('license') == wheel['License']
     maintainer = manifest.find('maintainer')
     assert maintainer is not None
-    assert maintainer.get('email') == arguments['maintainer_email']
-    assert maintainer.text == arguments['maintainer']
+    assert maintainer.get('email') == wheel['Maintainer-email']
+    assert maintainer.text == wheel['Maintainer']
 
 
-def test_data_files(arguments: dict[str, Any]) -> None:
-    """Marker, manifest, launch file and every file of config/ go where ros2 looks for them."""
-    installed = installed_files(arguments)
-    assert 'share/ament_index/resource_index/packages/lunar_rover_sim' in installed
-    assert installed['share/lunar_rover_sim/package.xml'] == 'package.xml'
-    assert 'share/lunar_rover_sim/launch/sim.launch.py' in installed
-    for path in (ROOT / 'config').rglob('*'):
-        if path.is_file():
-            name = path.relative_to(ROOT).as_posix()
-            assert installed.get(f'share/lunar_rover_sim/{name}') == name
-    for source in installed.values():
-        assert (ROOT / source).is_file()
+def test_citation_has_the_version() -> None:
+    """CITATION.cff names the version of the package."""
+    text = (ROOT / 'CITATION.cff').read_text(encoding='utf-8')
+    assert f'version: {lunar_rover_sim.__version__}\n' in text
 
 
-def test_package_data(arguments: dict[str, Any]) -> None:
-    """Everything in the package that is not Python is declared, or wheels come without it."""
-    package = ROOT / 'lunar_rover_sim'
-    declared = {path for pattern in arguments['package_data']['lunar_rover_sim']
-                for path in package.glob(pattern)}
-    others = {path for path in package.rglob('*')
-              if path.is_file() and path.suffix not in ('.py', '.pyc')}
-    assert others == {path for path in declared if path.is_file()}
-    assert resources.files('lunar_rover_sim.rendering').joinpath('shaders/common.glsl').is_file()
+def test_all_files_are_installed(prefix: Path) -> None:
+    """Modules, shaders, templates: everything in the package, byte by byte."""
+    folder = installed_package(prefix)
+    # Launch files are data: ros2 launch looks for them in share.
+    wanted = {path.relative_to(PACKAGE) for path in PACKAGE.rglob('*')
+              if path.is_file() and path.suffix != '.pyc' and path.parent.name != 'launch'}
+    installed = {path.relative_to(folder) for path in folder.rglob('*')
+                 if path.is_file() and path.suffix != '.pyc'}
+    assert installed == wanted
+    for path in wanted:
+        assert (folder / path).read_bytes() == (PACKAGE / path).read_bytes()
 
 
-def test_packages(arguments: dict[str, Any]) -> None:
-    """Every folder with modules is a package: setuptools leaves out what has no __init__.py."""
-    folders = {path.parent for path in (ROOT / 'lunar_rover_sim').rglob('*.py')}
-    names = {'.'.join(folder.relative_to(ROOT).parts) for folder in folders}
-    # The launch file is data, not a module.
-    assert set(arguments['packages']) == names - {'lunar_rover_sim.launch'}
+def test_data_files(prefix: Path) -> None:
+    """Marker, manifest, launch files and every file of config/ are where ros2 looks for them."""
+    share = prefix / 'share' / 'lunar_rover_sim'
+    assert (prefix / 'share/ament_index/resource_index/packages/lunar_rover_sim').is_file()
+    wanted = {Path('package.xml'): ROOT / 'package.xml',
+              **{Path('launch') / path.name: path for path in PACKAGE.glob('launch/*.launch.py')},
+              **{path.relative_to(ROOT): path for path in (ROOT / 'config').rglob('*')
+                 if path.is_file()}}
+    installed = {path.relative_to(share) for path in share.rglob('*')
+                 if path.is_file() and path.suffix != '.pyc'}
+    assert installed == set(wanted)
+    for name, source in wanted.items():
+        assert (share / name).read_bytes() == source.read_bytes()
 
 
-def test_console_scripts(arguments: dict[str, Any]) -> None:
+def test_installed_package_works(prefix: Path) -> None:
+    """It is imported from the environment, and finds its own configuration and shaders."""
+    script = """
+import json
+from importlib import resources
+import lunar_rover_sim
+from lunar_rover_sim.files.resources import config_path, packaged_names
+from lunar_rover_sim.run.scenario import load_scenario
+load_scenario('baseline')
+print(json.dumps([
+    lunar_rover_sim.__file__, str(config_path('rover.yaml')), packaged_names('campaign'),
+    resources.files('lunar_rover_sim.rendering').joinpath('shaders/common.glsl').is_file()]))
+"""
+    finished = run_installed(prefix, 'python', '-c', script)
+    assert finished.returncode == 0, finished.stderr
+    module, config, campaigns, has_shader = json.loads(finished.stdout)
+    assert Path(module).is_relative_to(prefix)
+    assert Path(config).is_relative_to(prefix)
+    assert campaigns == ['polar_suns']
+    assert has_shader
+
+
+def test_console_scripts(prefix: Path) -> None:
     """The command line and every node have a script, and each leads to a function."""
-    scripts = dict(re.split(r'\s*=\s*', line, maxsplit=1)
-                   for line in arguments['entry_points']['console_scripts'])
-    nodes = {path.stem for path in (ROOT / 'lunar_rover_sim' / 'nodes').glob('*_node.py')}
-    assert nodes >= NODES
-    assert set(scripts) == {'lunar_rover_sim', *nodes}
-    for target in scripts.values():
-        module, _, function = target.partition(':')
-        assert callable(getattr(importlib.import_module(module), function))
+    scripts = distribution(prefix).entry_points.select(group='console_scripts')
+    nodes = {path.stem for path in PACKAGE.glob('nodes/*_node.py')}
+    assert {script.name for script in scripts} == {'lunar_rover_sim', *nodes}
+    for script in scripts:
+        assert callable(script.load())
+        assert (prefix / 'bin' / script.name).is_file()
+    finished = run_installed(prefix, 'lunar_rover_sim', 'parameters', 'run')
+    assert finished.returncode == 0, finished.stderr
+    assert 'duration_s' in finished.stdout
+
+
+def test_extras(prefix: Path) -> None:
+    """The extras that README and bootstrap name exist; colcon runs pytest where `test` has it."""
+    wheel = distribution(prefix)
+    assert {'ros', 'cluster', 'test', 'docs'} <= set(wheel.metadata.get_all('Provides-Extra'))
+    assert any(line.startswith('pytest>') and 'test' in line for line in wheel.requires or [])
 
 
 def test_scripts_folder() -> None:
     """Ros2 run looks in lib/lunar_rover_sim, wherever colcon installs or links."""
-    from configparser import ConfigParser
-
     settings = ConfigParser()
     settings.read(ROOT / 'setup.cfg')
     assert settings['install']['install_scripts'] == '$base/lib/lunar_rover_sim'
     assert settings['develop']['script_dir'] == '$base/lib/lunar_rover_sim'
-
-
-def test_colcon_test_finds_pytest(arguments: dict[str, Any]) -> None:
-    """Colcon runs pytest only where the package says that it tests with it."""
-    assert any(line.startswith('pytest') for line in arguments['extras_require']['test'])
 
 
 def test_bootstrap_refuses_nonsense() -> None:
@@ -160,7 +226,7 @@ def test_bootstrap_refuses_nonsense() -> None:
     assert finished.returncode == 1
     assert finished.stdout == ''
     assert finished.stderr == \
-        "bootstrap: 'tset' is not valid; valid are: no argument, demo, test\n"
+        "bootstrap: 'tset' is not valid; valid are: no argument, demo, docs, test, test --quick\n"
 
 
 # Hides rclpy, as where no ROS 2 is installed; then runs a console script.

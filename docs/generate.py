@@ -1,0 +1,187 @@
+"""Writes the parts of the documentation that the code knows: nobody types them.
+
+    python docs/generate.py
+
+writes docs/_generated/: the table of topics, the tables of parameters, the command line, the
+public names, and the picture of the architecture. The Sphinx configuration calls it before every
+build.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+import re
+
+import rooms
+
+import lunar_rover_sim
+from lunar_rover_sim import topics
+from lunar_rover_sim.cli.main import parser
+from lunar_rover_sim.parameters import Parameters
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run.node_config import NODE_CONFIGS, NodeConfig, TrajectoryRecorderNodeConfig
+from lunar_rover_sim.run.scenario import RunConfig, Scenario, SHARED
+from lunar_rover_sim.world.config import WorldConfig
+
+SECTIONS: dict[str, type[Parameters]] = {
+    SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig, 'rover': RoverDescription,
+    **NODE_CONFIGS, 'trajectory_recorder_node': TrajectoryRecorderNodeConfig}
+
+
+def cell(text: str) -> str:
+    """Return text for a cell of a Markdown table: `code` stays code, the rest means itself."""
+    pieces = text.replace('|', r'\|').split('`')
+    return '`'.join(piece if k % 2 else re.sub(r'([*_<>$])', r'\\\1', piece)
+                    for k, piece in enumerate(pieces))
+
+
+def topic_table() -> str:
+    """Return one table of topics per node that publishes them."""
+    nodes = {name: cls() for name, cls in NODE_CONFIGS.items()}
+    rates = {topics.STATE: f'{nodes["physics_node"].state_rate_hz} Hz',  # type: ignore
+             topics.FRAME: f'{nodes["render_node"].frame_rate_hz} Hz'}   # type: ignore
+    parts = []
+    for node in nodes:
+        parts += [f'### Published by {node}', '', '| topic | type | rate | frame | notes |',
+                  '|---|---|---|---|---|']
+        for topic in topics.CONTRACT:
+            if topic.node != node:
+                continue
+            rate = rates.get(topic.rate, topic.rate)
+            if topic is topics.CMD_VEL:
+                rate = f'{nodes["drive_node"].rate_hz} Hz'               # type: ignore
+            frame = f'`{topic.frame_id}`' if topic.frame_id else ''
+            parts.append(f'| `{topic.name}` | {cell(topic.type.replace("/msg/", "/"))} | '
+                         f'{rate} | {frame} | {cell(topic.note)} |')
+        parts.append('')
+    return '\n'.join(parts)
+
+
+def parameter_tables() -> str:
+    """Return one table of parameters per section of a scenario."""
+    shared = {name for name, *_ in NodeConfig().flatten()}
+    parts = []
+    for section, cls in SECTIONS.items():
+        title = 'Shared by all nodes: `/**`' if section == SHARED else f'`{section}`'
+        parts += [f'## {title}', '', '| parameter | default | valid | meaning |',
+                  '|---|---|---|---|']
+        for name, value, info, _ in cls().flatten():
+            if name in shared and issubclass(cls, NodeConfig) and section != SHARED:
+                continue
+            live = ' (live)' if info.live else ''
+            parts.append(f'| `{name}` | `{plain(value)}` | {cell(info.valid())} | '
+                         f'{cell(info.doc)}{live} |')
+        parts.append('')
+    return '\n'.join(parts)
+
+
+def plain(value: object) -> str:
+    """Return a value as a YAML file would have it."""
+    if isinstance(value, tuple):
+        return '[' + ', '.join(map(plain, value)) + ']'
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "''" if value == '' else str(value)
+
+
+def command_pages() -> str:
+    """Return usage and arguments of every command."""
+    parts = []
+    for command in commands(parser()):
+        command.formatter_class = _Plain
+        usage = command.format_usage().removeprefix('usage: ').rstrip()
+        text = command.description or ''
+        parts += [f'## `{command.prog}`', '']
+        if text:
+            parts += [sentence(cell(' '.join(text.split()))), '']
+        parts += ['```text', usage, '```', '']
+        rows = [(words(action), help_of(action)) for action in command._actions
+                if not isinstance(action, argparse._HelpAction)]
+        if rows:
+            parts += ['| argument | meaning |', '|---|---|']
+            parts += [f'| {name} | {cell(meaning)} |' for name, meaning in rows]
+        parts.append('')
+    return '\n'.join(parts)
+
+
+class _Plain(argparse.HelpFormatter):
+    """Help of one width, whatever the terminal."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=92)
+
+
+def commands(root: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield the parsers of all commands that can be called, in the order of their names."""
+    groups = [action for action in root._actions
+              if isinstance(action, argparse._SubParsersAction)]
+    if not groups:
+        yield root
+    for group in groups:
+        for _, child in sorted(group.choices.items()):
+            yield from commands(child)
+
+
+def words(action: argparse.Action) -> str:
+    """Return how an argument is written."""
+    if not action.option_strings:
+        return f'`{action.metavar or action.dest}`'
+    names = ', '.join(f'`{name}`' for name in action.option_strings)
+    if action.nargs == 0:
+        return names
+    value = action.metavar or (
+        '{' + ','.join(map(str, action.choices)) + '}' if action.choices else action.dest.upper())
+    return f'{names} `{" ".join(value) if isinstance(value, tuple) else value}`'
+
+
+def help_of(action: argparse.Action) -> str:
+    """Return the help of an argument, its default filled in."""
+    text = (action.help or '') % {'default': action.default, 'prog': ''}
+    return ' '.join(text.split()) + (' (required)' if action.required and action.option_strings
+                                     else '')
+
+
+def public_names() -> str:
+    """Return autodoc's directives for everything that the package exports."""
+    parts = ['```{eval-rst}']
+    for name in lunar_rover_sim.__all__:
+        item = getattr(lunar_rover_sim, name)
+        kind = 'autoclass' if isinstance(item, type) else 'autofunction'
+        if isinstance(item, type) and issubclass(item, Exception):
+            continue            # with the other errors
+        parts += [f'.. {kind}:: {item.__module__}.{item.__qualname__}']
+        parts += ['   :members:', ''] if kind == 'autoclass' else ['']
+    return '\n'.join([*parts, '```', ''])
+
+
+def sentence(text: str) -> str:
+    """Return text with a capital and a full stop."""
+    return text[:1].upper() + text[1:] + ('' if text.endswith('.') else '.')
+
+
+def check_sections() -> None:
+    """Raise ValueError if a section of a scenario has no table."""
+    fields = set(Scenario.__dataclass_fields__) - {'name', 'shared'}
+    missing = fields - set(SECTIONS)
+    if missing:
+        raise ValueError(f'no table of parameters for {", ".join(sorted(missing))}')
+
+
+def write_all(docs: Path) -> None:
+    """Write all generated parts below docs/_generated; files that are right stay untouched."""
+    check_sections()
+    folder = docs / '_generated'
+    folder.mkdir(exist_ok=True)
+    for name, text in (('topics.md', topic_table()), ('parameters.md', parameter_tables()),
+                       ('commands.md', command_pages()), ('python.md', public_names()),
+                       ('rooms.svg', rooms.svg())):
+        path = folder / name
+        if not path.is_file() or path.read_text(encoding='utf-8') != text:
+            path.write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    write_all(Path(__file__).parent)
+    print(Path(__file__).parent / '_generated')

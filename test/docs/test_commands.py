@@ -1,0 +1,92 @@
+"""Command lines in README and documentation: each is one that the program takes."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+import re
+
+import pytest
+from snippets import commands, ROOT, snippets
+
+from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.files.resources import packaged_names
+from lunar_rover_sim.run.node_config import NODE_CONFIGS, TrajectoryRecorderNodeConfig
+from lunar_rover_sim.run.scenario import load_scenario
+
+NODES = {**NODE_CONFIGS, 'trajectory_recorder_node': TrajectoryRecorderNodeConfig}
+# Programs of others; ours are looked at word by word.
+FOREIGN = {'.', 'apt', 'cd', 'colcon', 'dask', 'git', 'pip', 'rviz2'}
+LINES = [pytest.param(words, id=f'{snippet.name} {" ".join(words)[:60]}')
+         for snippet in snippets('sh') for words in commands(snippet)]
+
+
+@pytest.mark.parametrize('words', LINES)
+def test_command_line(words: list[str]) -> None:
+    """The parser, the parameters, the launch file or the file system knows every word."""
+    if words[0] == 'lunar_rover_sim':
+        check_ours(words[1:])
+    elif words[:2] == ['ros2', 'run'] and words[2] == 'lunar_rover_sim':
+        check_node(words[3], words[4:])
+    elif words[:2] == ['ros2', 'launch']:
+        check_launch(words[2:])
+    elif words[:3] == ['ros2', 'param', 'set']:
+        node = words[3].removeprefix('/')
+        info = {name: info for name, _, info, _ in NODES[node]().flatten()}
+        assert info[words[4]].live
+    elif words[0] in ('python', 'pytest'):
+        check_python(words)
+    elif words[0] == './bootstrap':
+        assert ' '.join(words[1:]) in ('', 'demo', 'docs', 'test', 'test --quick')
+    elif words[0] == 'ros2':
+        assert words[1:3] in (['bag', 'play'], ['run', 'teleop_twist_keyboard'])
+    else:
+        assert words[0] in FOREIGN
+
+
+def check_ours(words: list[str]) -> None:
+    """Parse a command line of ours; load its scenario with what it sets."""
+    arguments = parse(words)
+    overrides = getattr(arguments, 'overrides', [])
+    scenario = getattr(arguments, 'scenario', None)
+    if scenario in packaged_names('scenario') and scenario != 'dem':
+        load_scenario(scenario, [text for text in overrides if not text.startswith('rover=')])
+
+
+def check_node(node: str, words: list[str]) -> None:
+    """Check names and values of parameters that are handed to a node."""
+    names = {name for name, *_ in NODES[node]().flatten()}
+    for flag, text in zip(words, words[1:]):
+        if flag == '-p':
+            assert text.partition(':=')[0] in names
+
+
+def check_launch(words: list[str]) -> None:
+    """Check the arguments of a launch file against those that it declares."""
+    package, file, *settings = words
+    assert package == 'lunar_rover_sim'
+    tree = ast.parse((ROOT / package / 'launch' / file).read_text(encoding='utf-8'))
+    declared = next(ast.literal_eval(node.value) for node in tree.body
+                    if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+                    and node.targets[0].id == '_ARGUMENTS')
+    assert {text.partition(':=')[0] for text in settings if ':=' in text} <= set(declared)
+
+
+def check_python(words: list[str]) -> None:
+    """Check that scripts and test files exist; those of the reader are named alone."""
+    for word in words[1:]:
+        if re.fullmatch(r'[\w/]+\.py', word) and '/' in word:
+            assert (ROOT / word).is_file()
+
+
+def test_inline_scripts_exist() -> None:
+    """Files that a page names in running text exist too."""
+    missing = []
+    for page in [*(ROOT / 'docs').rglob('*.md'), ROOT / 'README.md', ROOT / 'CONTRIBUTING.md']:
+        if '_build' in page.parts:
+            continue
+        for name in re.findall(r'`(?:python |pytest )?((?:test|config|docs|lunar_rover_sim)'
+                               r'/[\w/.]+\.\w+)', page.read_text(encoding='utf-8')):
+            if not Path(ROOT / name).exists():
+                missing.append(f'{page.name}: {name}')
+    assert not missing

@@ -1,0 +1,43 @@
+"""Python in README and documentation runs, page by page, in a folder with a small bag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import itertools
+import os
+from pathlib import Path
+
+import pytest
+from snippets import Snippet, snippets
+from synthetic_bag import drive, write
+
+PAGES = {page: list(blocks) for page, blocks in
+         itertools.groupby(snippets('python'), key=lambda snippet: snippet.page)}
+# A node, run as a program of its own by test_controller_tutorial.
+PROGRAMS = {'controller.md'}
+
+
+def needs_ros(blocks: list[Snippet]) -> bool:
+    """Return whether a page starts a graph."""
+    return any('record(' in block.text for block in blocks)
+
+
+@pytest.fixture()
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """Return a folder with a bag, which is the working directory."""
+    before = os.getcwd()
+    (tmp_path / 'runs' / 'a').mkdir(parents=True)
+    write(tmp_path / 'runs' / 'a' / 'bag', drive())
+    os.chdir(tmp_path)
+    yield tmp_path
+    os.chdir(before)
+
+
+@pytest.mark.parametrize('blocks', [
+    pytest.param(blocks, id=blocks[0].name) for page, blocks in PAGES.items()
+    if page.name not in PROGRAMS and not needs_ros(blocks)])
+def test_page(blocks: list[Snippet], folder: Path) -> None:
+    """The blocks of a page run one after the other."""
+    namespace: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block.text, block.name, 'exec'), namespace)
