@@ -1,7 +1,7 @@
 """The topic contract: name, type, rate class and frame of everything the graph publishes.
 
 Nodes, recorder, bag check and documentation all read this one table. Names are relative, so that
-a namespace or a remap moves them.
+namespaces and remappings apply.
 """
 
 from __future__ import annotations
@@ -15,12 +15,17 @@ LEGS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 STATE = 'state'      # every publishing period of physics, 200 Hz by default
 FRAME = 'frame'      # every camera frame, 10 Hz by default
 LATCHED = 'latched'  # once, and to every late joiner
-EVENT = 'event'      # whenever there is something to say
+EVENT = 'event'      # irregular
 
 
 @dataclasses.dataclass(frozen=True)
 class Topic:
-    """One line of the contract; `type` as ROS 2 writes it, `frame_id` of its header."""
+    """One line of the contract.
+
+    type: as ROS 2 writes it, `package/msg/Name`
+    rate: STATE, FRAME, LATCHED or EVENT
+    frame_id: that of the header; empty where the type has none
+    """
 
     name: str
     type: str

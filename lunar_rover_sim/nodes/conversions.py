@@ -1,20 +1,28 @@
-"""Between core classes and ROS 2 messages: the only place where wxyz becomes xyzw."""
+"""Conversions between core classes and ROS 2 messages: only this module knows their fields.
+
+Quaternions are wxyz in the core and xyzw in messages. The `fill_` functions write every field that
+they name, so a message object that is made once can be published for every state.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import AccelStamped, TransformStamped, WrenchStamped
+from geometry_msgs.msg import (AccelStamped, Point, Quaternion, TransformStamped, Twist,
+                               TwistStamped, Vector3, WrenchStamped)
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, Imu, JointState
+from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from lunar_rover_sim import frames
+from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.description import JOINT_NAMES
 
 if TYPE_CHECKING:
@@ -23,33 +31,39 @@ if TYPE_CHECKING:
     from lunar_rover_sim.physics.state import RoverState
     from lunar_rover_sim.stereo.sgm import DisparityMap
 
-NS = 1_000_000_000
-
 
 def time_msg(stamp_ns: int) -> Time:
-    """Return integer ns as a message."""
-    return Time(sec=stamp_ns // NS, nanosec=stamp_ns % NS)
+    """Return a stamp [ns] as a message."""
+    return Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
 
 
 def time_ns(stamp: Time) -> int:
-    """Return a stamp as integer ns."""
-    return stamp.sec * NS + stamp.nanosec
+    """Return the stamp of a message [ns]."""
+    return stamp.sec * NS_PER_S + stamp.nanosec
 
 
-def odometry(state: RoverState, stamp: Time) -> Odometry:
-    """Return true pose in `odom` and true twist in `base_link`; covariances are zero: exact."""
-    msg = Odometry()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frames.ODOM_FRAME
-    msg.child_frame_id = frames.BASE_FRAME
-    _vector(msg.pose.pose.position, state.position_m)
-    _quaternion(msg.pose.pose.orientation, state.orientation_wxyz)
-    _vector(msg.twist.twist.linear, state.linear_velocity_mps)
-    _vector(msg.twist.twist.angular, state.angular_velocity_radps)
+def fill_clock(msg: Clock, stamp: Time) -> Clock:
+    """Write simulated time into `msg` and return it."""
+    msg.clock = stamp
     return msg
 
 
-def pose_of(msg: Odometry) -> NDArray[np.float64]:
+def fill_odometry(msg: Odometry, state: RoverState, stamp: Time) -> Odometry:
+    """Write the true pose in `odom` and the true twist in `base_link` into `msg`; return it.
+
+    Covariances stay zero: the values are exact.
+    """
+    _set_header(msg.header, stamp, frames.ODOM_FRAME)
+    msg.child_frame_id = frames.BASE_FRAME
+    pose, twist = msg.pose.pose, msg.twist.twist
+    _set_vector(pose.position, state.position_m)
+    _set_quaternion(pose.orientation, state.orientation_wxyz)
+    _set_vector(twist.linear, state.linear_velocity_mps)
+    _set_vector(twist.angular, state.angular_velocity_radps)
+    return msg
+
+
+def pose_of(msg: Odometry) -> Array:
     """Return T_world_base (4, 4) of an odometry message; raise GraphError if it is not a pose."""
     p, q = msg.pose.pose.position, msg.pose.pose.orientation
     position, quat = np.array([p.x, p.y, p.z]), np.array([q.w, q.x, q.y, q.z])
@@ -60,26 +74,45 @@ def pose_of(msg: Odometry) -> NDArray[np.float64]:
     return frames.se3(frames.matrix_from_wxyz(quat / norm), position)
 
 
-def joint_state(stamp: Time, position: Sequence[float] | NDArray[np.float64],
-                velocity: Sequence[float] | NDArray[np.float64],
-                effort: Sequence[float] | NDArray[np.float64] = ()) -> JointState:
-    """Return the four legs' angles [rad], velocities [rad/s] and torques [N m]."""
-    msg = JointState()
-    msg.header.stamp = stamp
-    msg.name = list(JOINT_NAMES)
-    msg.position = np.asarray(position, float).tolist()
-    msg.velocity = np.asarray(velocity, float).tolist()
-    msg.effort = np.asarray(effort, float).tolist()
+def velocity_of(msg: Twist) -> tuple[float, float]:
+    """Return the forward velocity [m/s] and the yaw rate [rad/s] of a velocity command."""
+    return msg.linear.x, msg.angular.z
+
+
+def twist(forward_mps: float, yaw_rate_radps: float) -> Twist:
+    """Return a velocity command: forward velocity [m/s] and yaw rate [rad/s, left positive]."""
+    msg = Twist()
+    msg.linear.x, msg.angular.z = float(forward_mps), float(yaw_rate_radps)
     return msg
 
 
-def legs_of(msg: JointState, field: str) -> NDArray[np.float64]:
-    """Return (4,) values of `field` (position, velocity) in the order of the legs.
+def twist_stamped(forward_mps: float, yaw_rate_radps: float, stamp: Time) -> TwistStamped:
+    """Return the same with a stamp, in base_link."""
+    msg = TwistStamped(twist=twist(forward_mps, yaw_rate_radps))
+    _set_header(msg.header, stamp, frames.BASE_FRAME)
+    return msg
 
-    Joints may come in any order and among others; raise GraphError if one is missing.
+
+def fill_joint_state(msg: JointState, position: Array, velocity: Array, effort: Array | None,
+                     stamp: Time) -> JointState:
+    """Write (4,) angles [rad], velocities [rad/s] and torques [N m] of the legs into `msg`.
+
+    Returns `msg`. Without torques the effort is empty.
     """
-    values = getattr(msg, field)
-    names = list(msg.name)
+    msg.header.stamp = stamp
+    msg.name = list(JOINT_NAMES)
+    msg.position, msg.velocity = position.tolist(), velocity.tolist()
+    msg.effort = [] if effort is None else effort.tolist()
+    return msg
+
+
+def legs_of(msg: JointState, field: str) -> Array:
+    """Return (4,) values of `field` ('position' [rad] or 'velocity' [rad/s]) in leg order.
+
+    The message may name the joints in any order, and others too. Raises GraphError if a joint or
+    its value is missing.
+    """
+    names, values = list(msg.name), getattr(msg, field)
     try:
         return np.array([values[names.index(joint)] for joint in JOINT_NAMES], dtype=float)
     except (ValueError, IndexError):
@@ -87,13 +120,16 @@ def legs_of(msg: JointState, field: str) -> NDArray[np.float64]:
                          f'valid is one value each for {", ".join(JOINT_NAMES)}') from None
 
 
-def imu_raw(sample: ImuSample, accel_variance: float, gyro_variance: float, stamp: Time) -> Imu:
-    """Return the noisy signal: no orientation (REP-145), white-noise variances per sample."""
-    msg = Imu()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frames.IMU_FRAME
-    _vector(msg.linear_acceleration, sample.specific_force)
-    _vector(msg.angular_velocity, sample.rate)
+def fill_imu_raw(msg: Imu, sample: ImuSample, accel_variance: float, gyro_variance: float,
+                 stamp: Time) -> Imu:
+    """Write the noisy signal into `msg` and return it.
+
+    It has no orientation (REP-145). The variances [m^2/s^4, rad^2/s^2] are those of the white
+    noise of one sample.
+    """
+    _set_header(msg.header, stamp, frames.IMU_FRAME)
+    _set_vector(msg.linear_acceleration, sample.specific_force)
+    _set_vector(msg.angular_velocity, sample.rate)
     msg.orientation_covariance[0] = -1.0
     for k in (0, 4, 8):
         msg.linear_acceleration_covariance[k] = accel_variance
@@ -101,57 +137,51 @@ def imu_raw(sample: ImuSample, accel_variance: float, gyro_variance: float, stam
     return msg
 
 
-def imu_truth(state: RoverState, R_base_imu: NDArray[np.float64], stamp: Time) -> Imu:
-    """Return the noise-free signal with the true orientation of the IMU in `odom`."""
-    msg = Imu()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frames.IMU_FRAME
-    _vector(msg.linear_acceleration, state.specific_force_mps2)
-    _vector(msg.angular_velocity, state.imu_rate_radps)
-    rotation = frames.matrix_from_wxyz(state.orientation_wxyz) @ R_base_imu
-    _quaternion(msg.orientation, frames.wxyz_from_matrix(rotation))
+def fill_imu_truth(msg: Imu, state: RoverState, imu_wxyz: Array, stamp: Time) -> Imu:
+    """Write the noise-free signal and the orientation of the IMU in `odom` into `msg`; return it.
+
+    imu_wxyz: (4,) orientation of the IMU in base_link
+    """
+    _set_header(msg.header, stamp, frames.IMU_FRAME)
+    _set_vector(msg.linear_acceleration, state.specific_force_mps2)
+    _set_vector(msg.angular_velocity, state.imu_rate_radps)
+    wxyz = frames.product_wxyz(state.orientation_wxyz, imu_wxyz)
+    _set_quaternion(msg.orientation, wxyz if wxyz[0] >= 0.0 else -wxyz)
     return msg
 
 
-def imu_bias(sample: ImuSample, stamp: Time) -> AccelStamped:
-    """Return the true bias: accelerometer in `linear`, gyroscope in `angular`."""
-    msg = AccelStamped()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frames.IMU_FRAME
-    _vector(msg.accel.linear, sample.accel_bias)
-    _vector(msg.accel.angular, sample.gyro_bias)
+def fill_imu_bias(msg: AccelStamped, sample: ImuSample, stamp: Time) -> AccelStamped:
+    """Write the true bias into `msg`: accelerometer in `linear`, gyroscope in `angular`."""
+    _set_header(msg.header, stamp, frames.IMU_FRAME)
+    _set_vector(msg.accel.linear, sample.accel_bias)
+    _set_vector(msg.accel.angular, sample.gyro_bias)
     return msg
 
 
-def wrench(force_n: NDArray[np.float64], torque_nm: NDArray[np.float64],
-           stamp: Time) -> WrenchStamped:
-    """Return the ground reaction on one leg, world axes."""
-    msg = WrenchStamped()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frames.ODOM_FRAME
-    _vector(msg.wrench.force, force_n)
-    _vector(msg.wrench.torque, torque_nm)
+def fill_wrench(msg: WrenchStamped, force_n: Array, torque_nm: Array,
+                stamp: Time) -> WrenchStamped:
+    """Write the ground reaction on one leg, world axes, into `msg` and return it."""
+    _set_header(msg.header, stamp, frames.ODOM_FRAME)
+    _set_vector(msg.wrench.force, force_n)
+    _set_vector(msg.wrench.torque, torque_nm)
     return msg
 
 
-def transform(parent: str, child: str, T_parent_child: NDArray[np.float64],
-              stamp: Time) -> TransformStamped:
+def transform(parent: str, child: str, T_parent_child: Array, stamp: Time) -> TransformStamped:
     """Return a (4, 4) transform as a message."""
     msg = TransformStamped()
-    msg.header.stamp = stamp
-    msg.header.frame_id = parent
+    _set_header(msg.header, stamp, parent)
     msg.child_frame_id = child
-    _vector(msg.transform.translation, T_parent_child[:3, 3])
-    _quaternion(msg.transform.rotation, frames.wxyz_from_matrix(T_parent_child[:3, :3]))
+    _set_vector(msg.transform.translation, T_parent_child[:3, 3])
+    _set_quaternion(msg.transform.rotation, frames.wxyz_from_matrix(T_parent_child[:3, :3]))
     return msg
 
 
-def camera_info(rig: StereoRig, frame_id: str, projection: NDArray[np.float64],
+def camera_info(rig: StereoRig, frame_id: str, projection: Array,
                 stamp: Time) -> CameraInfo:
     """Return intrinsics, distortion and projection of one camera (REP-104)."""
     msg = CameraInfo()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frame_id
+    _set_header(msg.header, stamp, frame_id)
     msg.width, msg.height = rig.width, rig.height
     msg.distortion_model = 'plumb_bob'
     msg.d = [float(d) for d in rig.D]
@@ -168,8 +198,7 @@ _ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'rgb
 def image(pixels: NDArray, frame_id: str, stamp: Time) -> Image:
     """Return (h, w) uint8, uint16, float32 or (h, w, 3) uint8 pixels as a message."""
     msg = Image()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frame_id
+    _set_header(msg.header, stamp, frame_id)
     msg.height, msg.width = pixels.shape[:2]
     msg.encoding = _ENCODINGS[str(pixels.dtype), pixels.ndim]
     msg.step = pixels.strides[0] if pixels.flags.c_contiguous else pixels[0].nbytes
@@ -181,8 +210,7 @@ def disparity_image(disparity: DisparityMap, focal_px: float, baseline_m: float,
                     stamp: Time) -> DisparityImage:
     """Return a disparity map with what a reader needs to turn it into depth: Z = f T / d."""
     msg = DisparityImage()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frame_id
+    _set_header(msg.header, stamp, frame_id)
     msg.image = image(disparity.disparity_px, frame_id, stamp)
     msg.f, msg.t = float(focal_px), float(baseline_m)
     msg.min_disparity = float(disparity.min_disparity_px)
@@ -194,10 +222,14 @@ def disparity_image(disparity: DisparityMap, focal_px: float, baseline_m: float,
     return msg
 
 
-def _vector(msg: object, xyz: NDArray[np.float64]) -> None:
-    msg.x, msg.y, msg.z = float(xyz[0]), float(xyz[1]), float(xyz[2])  # type: ignore[attr-defined]
+def _set_header(header: Header, stamp: Time, frame_id: str) -> None:
+    header.stamp = stamp
+    header.frame_id = frame_id
 
 
-def _quaternion(msg: object, wxyz: NDArray[np.float64]) -> None:
-    msg.w = float(wxyz[0])  # type: ignore[attr-defined]
-    _vector(msg, wxyz[1:])
+def _set_vector(msg: Point | Vector3, xyz: Array) -> None:
+    msg.x, msg.y, msg.z = xyz.tolist()
+
+
+def _set_quaternion(msg: Quaternion, wxyz: Array) -> None:
+    msg.w, msg.x, msg.y, msg.z = wxyz.tolist()

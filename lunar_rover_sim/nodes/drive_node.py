@@ -24,7 +24,7 @@ class DriveNode(node_main.GraphNode):
         self._config = config = declare(self, DriveNodeConfig)
         half_extent_m = np.inf
         if config.world:
-            # Who draws and walks on it verifies it.
+            # physics_node and render_node verify the files of the world.
             half_extent_m = load_world(config.world, verify=False).ground.half_extent_m
         self._driver = Driver(config, half_extent_m)
         self._period_ns = 1_000_000_000 // config.rate_hz
@@ -36,6 +36,7 @@ class DriveNode(node_main.GraphNode):
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
 
+    # Raw: one message in ten is used, and deserialising odometry takes 50 us.
     def _odom_callback(self, raw: bytes) -> None:
         now_ns = stamp_ns(topics.ODOM.type, raw)
         if now_ns is None or now_ns // self._period_ns <= self._last_period:
@@ -49,16 +50,11 @@ class DriveNode(node_main.GraphNode):
             self._status = command.status
             self.get_logger().info(f'{command.status} at {now_ns / 1e9:.2f} s'
                                    + (f': {command.reason}' if command.reason else ''))
-        twist = Twist()
-        twist.linear.x = float(command.forward_mps)
-        twist.angular.z = float(command.yaw_rate_radps)
-        if not self._config.enable_stamped_cmd_vel:
-            self._publisher.publish(twist)
-            return
-        msg = TwistStamped(twist=twist)
-        msg.header.stamp = odom.header.stamp
-        msg.header.frame_id = frames.BASE_FRAME
-        self._publisher.publish(msg)
+        velocity = command.forward_mps, command.yaw_rate_radps
+        if self._config.enable_stamped_cmd_vel:
+            self._publisher.publish(conversions.twist_stamped(*velocity, odom.header.stamp))
+        else:
+            self._publisher.publish(conversions.twist(*velocity))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -5,18 +5,14 @@ from __future__ import annotations
 import collections
 
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.nodes import node_main
-from lunar_rover_sim.nodes import qos
-from lunar_rover_sim.nodes.joint_messages import command_template, JointReader
-from lunar_rover_sim.nodes.lockstep_listener import AnswerListener
+from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import GaitNodeConfig
@@ -25,8 +21,8 @@ from lunar_rover_sim.run.node_config import GaitNodeConfig
 class GaitControllerNode(node_main.GraphNode):
     """Answers every joint state with a joint command that bears its stamp.
 
-    In lockstep, where it waits for a stamped cmd_vel, it uses the newest one that is not younger
-    than the state it answers, whenever that arrived: the answer depends on stamps alone.
+    Where it waits for a stamped cmd_vel in lockstep, it uses the newest one whose stamp is not
+    later than that of the state. So the answer depends on stamps, not on the time of arrival.
     """
 
     def __init__(self) -> None:
@@ -36,77 +32,80 @@ class GaitControllerNode(node_main.GraphNode):
         self._controller = GaitController(config, GaitCalibration.load(
             config.calibration or config_path('gait_calibration.yaml')))
         self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
-        self._states: collections.deque[tuple[int, bytes]] = collections.deque()
-        self._commands: collections.deque[tuple[int, Twist]] = collections.deque()
+        self._states: collections.deque[JointState] = collections.deque()
+        self._velocities: collections.deque[TwistStamped] = collections.deque()
         self._refused = 0
+        self._now_ns = 0
 
-        self._reader = JointReader()
-        self._reply = command_template()
+        self._message = JointState()    # refilled for every answer
         self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
                                                 qos.offered(topics.JOINT_COMMANDS))
-        self._listener = AnswerListener(
-            self, config.wait, self._newest_ns, self._answer_while_open,
-            {topics.CMD_VEL.name: lambda raw, ns: self._commands.append(
-                (ns, deserialize_message(raw, TwistStamped).twist))})
+        self._listener = LockstepListener(self, config.wait, self._newest_ns,
+                                          self._answer_while_open,
+                                          {topics.CMD_VEL: self._velocities.append}
+                                          if self._waits else None)
         if not self._waits:
             stamped = config.enable_stamped_cmd_vel
             self.create_subscription(
                 TwistStamped if stamped else Twist, topics.CMD_VEL.name,
-                (lambda msg: self._command(msg.twist)) if stamped else self._command,
+                (lambda msg: self._set_velocity(msg.twist)) if stamped else self._set_velocity,
                 qos.requested(topics.CMD_VEL, lockstep=False))
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
-                                 qos.requested(topics.JOINT_STATES, config.lockstep), raw=True)
+                                 qos.requested(topics.JOINT_STATES, config.lockstep))
         on_change(self, config, self._controller.configure)
         self.create_timer(0.5, self._watch)
-        self._now_ns = 0
 
-    def _state_callback(self, raw: bytes) -> None:
-        stamp = stamp_ns(topics.JOINT_STATES.type, raw)
-        if stamp is None:
-            return
-        self._states.append((stamp, raw))
+    def _state_callback(self, msg: JointState) -> None:
+        self._states.append(msg)
         self._answer_while_open()
 
     def _newest_ns(self) -> int | None:
         if not self._states:
             return self._now_ns or None
-        return self._states[-1][0]
+        return conversions.time_ns(self._states[-1].header.stamp)
 
     def _answer_while_open(self) -> None:
         while self._states:
-            now_ns, raw = self._states[0]
+            state = self._states[0]
+            now_ns = conversions.time_ns(state.header.stamp)
             if self._waits:
                 if not self._listener.gate.is_open(now_ns):
                     return
-                while self._commands and self._commands[0][0] <= now_ns:
-                    command_ns, twist = self._commands.popleft()
-                    self._command(twist, command_ns)
+                self._use_velocities(now_ns)
             self._states.popleft()
             self._now_ns = now_ns
-            self._answer(raw)
-            self._listener.progress()
+            self._answer(state)
+            self._listener.note_progress()
 
-    def _answer(self, raw: bytes) -> None:
-        command = self._controller.update(self._now_ns, self._reader.read(raw, 'position'),
-                                          self._reader.read(raw, 'velocity'))
-        numbers = self._reply.numbers
-        numbers[:4], numbers[-4:] = command.angle_rad, command.velocity_radps
-        self._publisher.publish(self._reply.stamped(self._now_ns))
+    def _answer(self, state: JointState) -> None:
+        command = self._controller.update(self._now_ns, conversions.legs_of(state, 'position'),
+                                          conversions.legs_of(state, 'velocity'))
+        self._publisher.publish(conversions.fill_joint_state(
+            self._message, command.angle_rad, command.velocity_radps, None, state.header.stamp))
 
-    def _command(self, twist: Twist, command_ns: int | None = None) -> None:
-        # An unstamped command is as new as the state that is answered next.
+    def _use_velocities(self, now_ns: int) -> None:
+        """Hand the controller the velocity commands with stamps up to `now_ns`."""
+        while self._velocities:
+            stamp_ns = conversions.time_ns(self._velocities[0].header.stamp)
+            if stamp_ns > now_ns:
+                return
+            self._set_velocity(self._velocities.popleft().twist, stamp_ns)
+
+    def _set_velocity(self, twist: Twist, command_ns: int | None = None) -> None:
+        # Outside lockstep a command counts from the newest state.
         command_ns = self._now_ns if command_ns is None else command_ns
-        if not self._controller.set_velocity(twist.linear.x, twist.angular.z, command_ns):
+        forward_mps, yaw_rate_radps = conversions.velocity_of(twist)
+        if not self._controller.set_velocity(forward_mps, yaw_rate_radps, command_ns):
             self._refused += 1
             self.get_logger().warning(
-                f'cmd_vel: linear.x = {twist.linear.x}, angular.z = {twist.angular.z} refused '
+                f'cmd_vel: linear.x = {forward_mps}, angular.z = {yaw_rate_radps} refused '
                 f'({self._refused} so far); valid is finite', throttle_duration_sec=1.0)
         for report in self._controller.take_reports():
             self.get_logger().warning(report)
 
     def _watch(self) -> None:
         if self._waits and self._states:
-            self._listener.check_silence(self._states[0][0])
+            self._listener.check_silence(conversions.time_ns(self._states[0].header.stamp))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -3,83 +3,88 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import contextlib
-import ctypes
 import functools
+import signal
 import sys
-import time
+from types import FrameType
 from typing import Any
 
 import rclpy
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from lunar_rover_sim.errors import LunarRoverSimError
 
-_M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_THRESHOLD = -1, -2, -3   # of malloc.h
+_SPIN_S = 0.1   # the longest time until an idle node notices a signal
 
 
 class GraphNode(Node):
     """A node that can end by itself: finished, or because of an error in a callback.
 
-    Errors of this package in callbacks are kept for `run` to print as one line, where executors
-    would print a traceback.
+    finished: set to end the node successfully after the current callback
+    failure: the error of this package that a callback raised. `run` prints it as one line; the
+        executor would log a traceback.
     """
 
     def __init__(self, name: str) -> None:
         self.finished = False
         self.failure: LunarRoverSimError | None = None
-        self._served = 0        # callbacks so far
+        self._callbacks_run = 0
         self._woken = Future()
         super().__init__(name)
 
+    @property
+    def ending(self) -> bool:
+        """Whether the node is finished or has failed: no further callback is run."""
+        return self.finished or self.failure is not None
+
     def spin(self) -> None:
-        """Serve callbacks until the node is woken or ends, or for a while. For `run` alone."""
-        # One call for many messages: one for each, as spin_once, takes as long as the messages.
-        # With a limit: that of the events executor does not end with the context.
+        """Run callbacks until `wake` is called, for at most 0.1 s. Only `run` calls this."""
+        # One call of the executor runs many callbacks: spin_once for each message would take as
+        # long as the messages themselves. A signal handler cannot wake the executor: hence the
+        # time limit.
         if not self._woken.done() and self.executor is not None:
-            self.executor.spin_until_future_complete(self._woken, timeout_sec=0.2)
+            self.executor.spin_until_future_complete(self._woken, timeout_sec=_SPIN_S)
         self._woken = Future()
 
     def wake(self) -> None:
-        """Have `work` called as soon as this callback, or this call of it, returns."""
+        """Request a call of `work` after the current callback, or after the current `work`."""
         if not self._woken.done():
             self._woken.set_result(None)
 
     def serve(self) -> bool:
-        """Serve one callback if one is due; return whether one was. For `work` alone."""
-        before = self._served
+        """Run one callback if one is due; return whether one was. Only `work` calls this."""
+        before = self._callbacks_run
         if self.executor is not None:
-            with contextlib.suppress(ExternalShutdownException):    # the loop of `run` sees it too
-                self.executor.spin_once(timeout_sec=0.0)
-        return self._served != before
+            self.executor.spin_once(timeout_sec=0.0)
+        return self._callbacks_run != before
 
     def work(self) -> None:
-        """Do what takes long, after a call of `wake`."""
+        """Do what takes too long for a callback. Called after `wake`, and every 0.1 s or so."""
 
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
                             *args: Any, **kwargs: Any) -> Any:
-        """Create a subscription whose callback may raise our errors."""
+        """Create a subscription whose callback may raise errors of this package."""
         return super().create_subscription(msg_type, topic, self._guarded(callback), *args,
                                            **kwargs)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[..., None],
                      *args: Any, **kwargs: Any) -> Any:
-        """Create a timer whose callback may raise our errors."""
+        """Create a timer whose callback may raise errors of this package."""
         return super().create_timer(timer_period_sec, self._guarded(callback), *args, **kwargs)
 
     def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(callback)
         def guarded(*args: Any) -> None:
-            if self.finished or self.failure is not None:
-                return
-            self._served += 1
-            try:
-                callback(*args)
-            except LunarRoverSimError as error:
-                self.failure = error
-            if self.finished or self.failure is not None:
+            if not self.ending:
+                self._callbacks_run += 1
+                try:
+                    callback(*args)
+                except LunarRoverSimError as error:
+                    self.failure = error
+            if self.ending:
                 self.wake()
 
         return guarded
@@ -95,72 +100,50 @@ def executor() -> Executor:
 
 
 def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
-    """Run one node until it is finished or told to stop; return the exit status.
+    """Run one node until it is finished, fails, or receives SIGINT or SIGTERM.
 
-    0 after SIGINT, SIGTERM or when finished, 1 after an error, which is printed as one line.
+    Returns the exit status: 0, or 1 after an error of this package, which is printed as one line.
+    Any other exception is a defect and is raised.
     """
-    _keep_freed_memory()
-    rclpy.init(args=args)
-    failure: LunarRoverSimError | None = None
     node: GraphNode | None = None
-    spinner = executor()
+    failure: LunarRoverSimError | None = None
+    stopped = False
+
+    # rclpy's own handlers shut the context down while callbacks publish, which then fail with
+    # errors of many kinds. These let the current callback return first.
+    def stop(number: int, frame: FrameType | None) -> None:
+        nonlocal stopped
+        interrupts, stopped = node is None and not stopped, True
+        if interrupts:
+            raise KeyboardInterrupt
+        if node is not None:
+            node.finished = True
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
     try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        spinner = executor()
         node = factory()
         spinner.add_node(node)
-        while not node.finished and node.failure is None and rclpy.ok():
+        while not stopped and not node.ending:
             node.spin()
-            node.work()
+            if not node.ending:
+                node.work()
         failure = node.failure
-    except (KeyboardInterrupt, ExternalShutdownException):
-        failure = node.failure if node is not None else None
+    except KeyboardInterrupt:
+        pass    # stopped before the node existed
     except LunarRoverSimError as error:
         failure = error
-    except Exception:
-        # A signal ends the context under callbacks that publish, and where it meets rclpy's own
-        # code, that reports some other error in its stead.
-        if _goes_on():
-            raise
-        failure = node.failure if node is not None else None
     if failure is not None:
-        # Before the clean-up, which may take long: whoever started this node is waiting for it.
+        # Before the clean-up, which may take long.
         print(f'FATAL {failure}', file=sys.stderr, flush=True)
-    second = _destroy(node)
-    try:
-        rclpy.try_shutdown()
-    except KeyboardInterrupt:
-        pass
-    if failure is None and second is not None:
-        print(f'FATAL {second}', file=sys.stderr, flush=True)
-    return 0 if failure is None and second is None else 1
-
-
-def _goes_on() -> bool:
-    """Return whether the context is still valid a moment later: signals end it in a thread."""
-    time.sleep(0.1)
-    return bool(rclpy.ok())
-
-
-def _keep_freed_memory() -> None:
-    """Keep what is freed for the next message, up to 64 MiB; without glibc, do nothing.
-
-    Images are a megabyte each. Given back to the kernel, their memory would come again page by
-    page: half of the recorder's time.
-    """
-    mallopt = getattr(ctypes.CDLL(None), 'mallopt', None)
-    if mallopt is not None:
-        for parameter, value in ((_M_MMAP_THRESHOLD, 32 << 20), (_M_TRIM_THRESHOLD, 64 << 20),
-                                 (_M_TOP_PAD, 4 << 20)):
-            mallopt(parameter, value)
-
-
-def _destroy(node: GraphNode | None) -> LunarRoverSimError | None:
-    """Destroy the node; another SIGINT must not cut the clean-up short."""
-    while node is not None:
+    if node is not None:
         try:
             node.destroy_node()
-            return None
-        except (KeyboardInterrupt, ExternalShutdownException):
-            continue
         except LunarRoverSimError as error:
-            return error
-    return None
+            if failure is None:
+                failure = error
+                print(f'FATAL {failure}', file=sys.stderr, flush=True)
+    rclpy.try_shutdown()
+    return 0 if failure is None else 1

@@ -19,15 +19,15 @@ C = TypeVar('C', bound=NodeConfig)
 _ARRAY_TYPES = {'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
                 'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
                 'tuple[str, ...]': Parameter.Type.STRING_ARRAY}
-# Parameters that rclpy itself gives every node, and those of the shared section of a scenario.
+# Parameters that rclpy itself gives every node.
 _RESERVED = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 def declare(node: Node, cls: type[C]) -> C:
-    """Declare every parameter of `cls` on the node and return the set with its overrides.
+    """Declare every parameter of `cls` on the node and return `cls` with the node's overrides.
 
-    Raises ConfigError on an override of the wrong type or out of range, and on one of a name that
-    is not declared.
+    Raises ConfigError if an override has the wrong type, is out of range, or has a name that is
+    not declared.
     """
     defaults = cls()
     overrides: dict[str, Parameter] = node._parameter_overrides
@@ -49,9 +49,10 @@ def declare(node: Node, cls: type[C]) -> C:
 
 
 def on_change(node: Node, config: C, apply: Callable[[C], None]) -> None:
-    """Let live parameters change: check the new set, hand it to `apply`, refuse with the reason.
+    """Let live parameters change while the node runs.
 
-    Parameters that are not live are read-only by their descriptors.
+    A new set is checked and passed to `apply`; a ConfigError refuses it with its message. The
+    other parameters are read-only by their descriptors.
     """
     current = [config]
 

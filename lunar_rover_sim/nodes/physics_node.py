@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 
 import numpy as np
@@ -12,9 +11,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.nodes import node_main, qos
-from lunar_rover_sim.nodes.joint_messages import JointReader
-from lunar_rover_sim.nodes.lockstep_listener import AnswerListener
+from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
 from lunar_rover_sim.physics.imu import ImuNoise
@@ -25,6 +23,7 @@ from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.world.world_folder import load_world
 
+# Services are called in between.
 _MAX_STATES_PER_CALLBACK = 20
 
 
@@ -47,26 +46,25 @@ class PhysicsNode(node_main.GraphNode):
         self._paused = config.start_paused
 
         self._publisher = StatePublisher(self, rover, self._imu)
-        self._latched = [self._latch(topics.WORLD_HASH, world.hash),
-                         self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
+        self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
+                                    self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
 
-        self._reader = JointReader()
-        self._listener = AnswerListener(self, config.wait, lambda: self._now_ns,
-                                        self._advance_while_open,
-                                        {topics.JOINT_COMMANDS.name: self._command_callback})
+        self._listener = LockstepListener(self, config.wait, lambda: self._now_ns,
+                                          self._advance_while_open,
+                                          {topics.JOINT_COMMANDS: self._command_callback})
         if topics.JOINT_COMMANDS.name not in config.wait.topics:
             self.create_subscription(
                 JointState, topics.JOINT_COMMANDS.name, self._command_callback,
-                qos.requested(topics.JOINT_COMMANDS, lockstep=False), raw=True)
+                qos.requested(topics.JOINT_COMMANDS, lockstep=False))
         self.create_service(Trigger, '~/reset', self._reset_callback)
         self.create_service(SetBool, '~/pause', self._pause_callback)
         self.create_service(Trigger, '~/step', self._step_callback)
 
-        self._wall_start = time.monotonic()
+        self._wall_start_s = time.monotonic()
         self._wall_start_ns = self._now_ns = 0
         if config.lockstep:
-            # The first state needs no answer; later ones are triggered by the answers.
-            self.create_timer(0.005, self._advance_while_open)
+            # The first state needs no answer. The answers trigger the later ones.
+            self.wake()
         else:
             self.create_timer(config.state_period_ns / 1e9 / config.real_time_factor,
                               self._advance_by_wall_clock)
@@ -76,6 +74,10 @@ class PhysicsNode(node_main.GraphNode):
         """Release the simulation."""
         self._simulation.close()
         super().destroy_node()
+
+    def work(self) -> None:
+        """Publish the states that need no answer."""
+        self._advance_while_open()
 
     def _latch(self, topic: topics.Topic, text: str) -> object:
         publisher = self.create_publisher(String, topic.name, qos.offered(topic))
@@ -91,20 +93,22 @@ class PhysicsNode(node_main.GraphNode):
             if not self._listener.gate.is_open(self._now_ns) or self._at_end():
                 break
             self._advance()
+        else:
+            self.wake()
         if self._at_end() and not self._listener.gate.behind(self._now_ns):
             self._finish()
 
     def _advance_by_wall_clock(self) -> None:
-        if self._paused or not self._listener.found:
-            # Whoever is to see the start is still on the way.
+        if self._paused or not self._listener.has_all_publishers:
+            # Some awaited publishers have not been discovered yet.
             self._restart_wall_clock()
             return
-        wall_s = time.monotonic() - self._wall_start
+        wall_s = time.monotonic() - self._wall_start_s
         due_ns = self._wall_start_ns + round(wall_s * 1e9 * self._config.real_time_factor)
         period_ns = self._config.state_period_ns
         behind = (due_ns - self._now_ns) // period_ns
         if behind > _MAX_STATES_PER_CALLBACK:
-            # Too slow for this factor: go on from here instead of racing after the clock.
+            # Too slow for this factor: the lost time is not made up.
             self.get_logger().warning(
                 f'real_time_factor {self._config.real_time_factor:g} is not reached: '
                 f'{behind * period_ns / 1e9:.2f} s behind', throttle_duration_sec=5.0)
@@ -117,13 +121,13 @@ class PhysicsNode(node_main.GraphNode):
             self._advance()
 
     def _restart_wall_clock(self) -> None:
-        self._wall_start, self._wall_start_ns = time.monotonic(), self._now_ns
+        self._wall_start_s, self._wall_start_ns = time.monotonic(), self._now_ns
 
     def _advance(self) -> RoverState:
         state = self._simulation.advance(self._steps)
         self._now_ns += self._config.state_period_ns
         self._publisher.publish(state, self._now_ns)
-        self._listener.progress()
+        self._listener.note_progress()
         return state
 
     def _at_end(self) -> bool:
@@ -135,18 +139,18 @@ class PhysicsNode(node_main.GraphNode):
 
     def _watch(self) -> None:
         if self._paused:
-            self._listener.progress()
+            self._listener.note_progress()
         elif self._config.lockstep:
             self._listener.check_silence(self._now_ns)
         else:
-            self._listener.check_found()
+            self._listener.check_publishers()
 
     # Commands
 
-    def _command_callback(self, raw: bytes, stamp_ns: int = 0) -> None:
-        velocity = self._reader.read(raw, 'velocity')
-        if not all(map(math.isfinite, velocity)):   # np.isfinite takes ten times as long
-            self.get_logger().warning(f'joint_commands: velocity {list(velocity)} refused; '
+    def _command_callback(self, msg: JointState) -> None:
+        velocity = conversions.legs_of(msg, 'velocity')
+        if not np.isfinite(velocity).all():
+            self.get_logger().warning(f'joint_commands: velocity {velocity.tolist()} refused; '
                                       'valid is finite', throttle_duration_sec=1.0)
             return
         self._simulation.command(velocity)
@@ -163,7 +167,8 @@ class PhysicsNode(node_main.GraphNode):
                         response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
         self._restart_wall_clock()
-        self._listener.progress()
+        self._listener.note_progress()
+        self.wake()
         response.success = True
         response.message = ('paused' if self._paused else 'running') + \
             f' at {self._now_ns / 1e9:.3f} s'

@@ -1,8 +1,9 @@
 """Quality of service of every topic, in one place.
 
-Everything is RELIABLE and offered TRANSIENT_LOCAL with a history at least as long as any lag of
-lockstep, so that a participant that is discovered late still gets the first messages. Readers ask
-for that history in lockstep only: then publishers without it (a teleop, a script) fit as well.
+Publishers are RELIABLE and TRANSIENT_LOCAL, with a history at least as long as any lag of
+lockstep, so a participant that is discovered late still gets the first messages. Subscriptions
+request that history in lockstep only, so that in real time they also match publishers without it
+(a teleoperation, a script).
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ def depth(topic: Topic | None) -> int:
 
 
 def offered(topic: Topic) -> QoSProfile:
-    """Return what our publishers offer."""
+    """Return the profile of a publisher of this package."""
     return _profile(depth(topic), durable=True)
 
 
 def requested(topic: Topic, lockstep: bool) -> QoSProfile:
-    """Return what our subscriptions ask for; outside lockstep only the newest counts."""
+    """Return the profile of a subscription of this package; in real time the history is short."""
     if topic.rate == LATCHED:
         return _profile(1, durable=True)
     return _profile(depth(topic) if lockstep else COMMAND_DEPTH, durable=lockstep)
@@ -49,12 +50,12 @@ def newest(durable: bool = False) -> QoSProfile:
 
 
 def adapted(history: int, durable: bool) -> QoSProfile:
-    """Return a profile for a publisher that was discovered: its durability, our depth."""
+    """Return a profile for a discovered publisher: its durability, and a depth [messages]."""
     return _profile(history, durable)
 
 
 def best_effort(history: int) -> QoSProfile:
-    """Return a profile that also matches best-effort publishers, such as sensors' drivers."""
+    """Return a profile that also matches best-effort publishers, such as sensor drivers."""
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=history,
                       reliability=ReliabilityPolicy.BEST_EFFORT,
                       durability=DurabilityPolicy.VOLATILE)

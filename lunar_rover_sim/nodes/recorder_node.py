@@ -13,21 +13,20 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.nodes import conversions
-from lunar_rover_sim.nodes import node_main
-from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
 
-# What says something of a run, not of the Moon: wall time, log lines, our own acknowledgement.
-_NEVER = ('rosout', 'parameter_events')
-# Looking is dear (some milliseconds): often while the graph comes up, then seldom.
-_DISCOVERY_S, _SETTLED_S, _LATER_S = 0.05, 5.0, 0.5
+# Log lines and parameters bear wall time: with them no two runs would give the same bag.
+_NOT_RECORDED = ('rosout', 'parameter_events')
+# A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
+# done often while topics appear, and seldom when none has appeared for a while.
+_DISCOVERY_S, _SETTLED_S, _SETTLED_DISCOVERY_S = 0.05, 5.0, 0.5
 
 
 class RecorderNode(node_main.GraphNode):
-    """Subscribes to what is listed, or to everything, as it appears; writes raw messages."""
+    """Subscribes to the listed topics, or to all, as they appear; writes serialised messages."""
 
     def __init__(self) -> None:
         super().__init__('recorder_node')
@@ -35,35 +34,36 @@ class RecorderNode(node_main.GraphNode):
         if not config.output:
             raise ConfigError("output: '' is not valid; valid is a folder that does not exist")
         self._contract = {self.resolve_topic_name(t.name): t for t in topics.CONTRACT}
-        self._own = self.resolve_topic_name(topics.RECORDED.name)
         self._listed = None if ALL in config.topics else \
             {self.resolve_topic_name(name) for name in config.topics}
         self._excluded = {self.resolve_topic_name(name) for name in config.exclude}
-        self._excluded.add(self._own)
-        self._acknowledged = {self.resolve_topic_name(name): 0 for name in config.acknowledge}
-        self._subscribed: dict[str, str] = {}
-        self._written_ns = self._clock_ns = 0
+        self._excluded.add(self.resolve_topic_name(topics.RECORDED.name))
+        self._written_ns_by_topic = {self.resolve_topic_name(name): 0
+                                     for name in config.acknowledge}
+        self._subscribed: set[str] = set()
+        self._written_ns = self._newest_ns = 0
 
         self._writer = BagWriter(Path(config.output), config.storage, config.compression)
         if config.scenario_file:
-            self._scenario = self.create_publisher(String, topics.SCENARIO.name,
-                                                   qos.offered(topics.SCENARIO))
-            self._scenario.publish(String(data=_read(config.scenario_file)))
+            self._scenario_publisher = self.create_publisher(
+                String, topics.SCENARIO.name, qos.offered(topics.SCENARIO))
+            self._scenario_publisher.publish(String(data=_read(config.scenario_file)))
         self._publisher = self.create_publisher(Header, topics.RECORDED.name,
                                                 qos.offered(topics.RECORDED))
-        self._looked_s = self._found_s = time.monotonic()
+        self._last_discovery_s = self._last_new_topic_s = time.monotonic()
         self.create_timer(_DISCOVERY_S, self._discover)
 
     def destroy_node(self) -> None:
-        """Finish the bag; what was received is in it."""
+        """Finish the bag, which holds every message received."""
         self._writer.close()
         super().destroy_node()
 
     def _discover(self) -> None:
         now_s = time.monotonic()
-        if now_s - self._found_s > _SETTLED_S and now_s - self._looked_s < _LATER_S:
+        if (now_s - self._last_new_topic_s > _SETTLED_S
+                and now_s - self._last_discovery_s < _SETTLED_DISCOVERY_S):
             return
-        self._looked_s = now_s
+        self._last_discovery_s = now_s
         for name, types in self.get_topic_names_and_types():
             if name in self._subscribed or not self._is_wanted(name):
                 continue
@@ -74,11 +74,11 @@ class RecorderNode(node_main.GraphNode):
     def _is_wanted(self, name: str) -> bool:
         if self._listed is not None:
             return name in self._listed
-        return name not in self._excluded and name.rsplit('/', 1)[-1] not in _NEVER
+        return name not in self._excluded and name.rsplit('/', 1)[-1] not in _NOT_RECORDED
 
     def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
-        self._subscribed[name] = type_name
-        self._found_s = time.monotonic()
+        self._subscribed.add(name)
+        self._last_new_topic_s = time.monotonic()
         topic = self._contract.get(name)
         profiles = [info.qos_profile for info in infos]
         durable = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
@@ -94,18 +94,19 @@ class RecorderNode(node_main.GraphNode):
         latched = topic is not None and topic.rate == topics.LATCHED
 
         def callback(raw: bytes) -> None:
-            # What bears no stamp takes the newest clock; what is latched stands at the start.
-            stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._clock_ns)
-            self._take_note(name, stamp_ns)
+            # A message without a stamp gets the newest time, a latched one the start.
+            stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns)
+            self._acknowledge(name, stamp_ns)
 
         self.create_subscription(cls, name, callback, profile, raw=True)
 
-    def _take_note(self, name: str, stamp_ns: int) -> None:
-        self._clock_ns = max(self._clock_ns, stamp_ns)
-        if name not in self._acknowledged:
+    def _acknowledge(self, name: str, stamp_ns: int) -> None:
+        """Publish up to which stamp all acknowledged topics are written, when that advances."""
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+        if name not in self._written_ns_by_topic:
             return
-        self._acknowledged[name] = stamp_ns
-        written_ns = min(self._acknowledged.values())
+        self._written_ns_by_topic[name] = stamp_ns
+        written_ns = min(self._written_ns_by_topic.values())
         if written_ns > self._written_ns:
             self._written_ns = written_ns
             self._publisher.publish(Header(stamp=conversions.time_msg(written_ns)))

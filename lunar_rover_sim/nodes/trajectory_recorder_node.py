@@ -1,32 +1,27 @@
-"""trajectory_recorder_node: an estimator's poses to a TUM file, for `lunar_rover_sim evaluate`."""
+"""trajectory_recorder_node: the poses of an estimator to a TUM file for `evaluate`."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from lunar_rover_sim.bag.stamps import in_seconds
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.nodes import conversions
-from lunar_rover_sim.nodes import node_main
-from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.evaluation.trajectory_sources import POSES_OF
+from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.node_config import TrajectoryRecorderNodeConfig
 
 TOPIC = 'pose'
-# How to get (stamp, pose) pairs out of a message of each type.
-_POSES = {
-    'geometry_msgs/msg/PoseStamped': lambda m: [(m.header.stamp, m.pose)],
-    'geometry_msgs/msg/PoseWithCovarianceStamped': lambda m: [(m.header.stamp, m.pose.pose)],
-    'nav_msgs/msg/Odometry': lambda m: [(m.header.stamp, m.pose.pose)],
-    'nav_msgs/msg/Path': lambda m: [(p.header.stamp, p.pose) for p in m.poses],
-}
+_DISCOVERY_S = 0.1
 
 
 class TrajectoryRecorderNode(node_main.GraphNode):
-    """Writes each pose as it comes; of a Path, which repeats all poses, only the new ones."""
+    """Writes each pose on arrival. A Path repeats all poses: only the new ones are written."""
 
     def __init__(self) -> None:
         super().__init__('trajectory_recorder_node')
@@ -42,11 +37,12 @@ class TrajectoryRecorderNode(node_main.GraphNode):
             raise ConfigError(f'output: {config.output}: {error.strerror}') from None
         self._newest_ns = -1
         self._count = 0
-        self._timer = self.create_timer(0.1, self._discover)
+        # A timer: rclpy reports new publishers only to a subscription, whose type must be known.
+        self._timer = self.create_timer(_DISCOVERY_S, self._discover)
         self._discover()
 
     def destroy_node(self) -> None:
-        """Close the file; every pose received is in it."""
+        """Close the file, which holds every pose received."""
         self._file.close()
         self.get_logger().info(f'{self._count} poses written to {self._config.output}')
         super().destroy_node()
@@ -59,28 +55,27 @@ class TrajectoryRecorderNode(node_main.GraphNode):
         if not type_name:
             return
         self._timer.cancel()
-        if type_name not in _POSES:
+        if type_name not in POSES_OF:
             raise GraphError(f'{name}: type {type_name} holds no pose with a stamp; valid are '
-                             + ', '.join(_POSES))
+                             + ', '.join(POSES_OF))
         profiles = [info.qos_profile for info in infos]
         reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
         durable = bool(profiles) and all(
             p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
         profile = qos.adapted(qos.STATE_DEPTH, durable) if infos and reliable else \
             qos.best_effort(qos.STATE_DEPTH)
-        extract = _POSES[type_name]
+        poses_of = POSES_OF[type_name]
         self.create_subscription(message_class(type_name), TOPIC,
-                                 lambda msg: self._write(extract(msg)), profile)
+                                 lambda msg: self._write(poses_of(msg)), profile)
 
-    def _write(self, poses: list[tuple[Any, Any]]) -> None:
-        for stamp, pose in poses:
-            stamp_ns = conversions.time_ns(stamp)
+    def _write(self, poses: Iterable[tuple[int, Any, Any]]) -> None:
+        """Write (stamp [ns], position, orientation)."""
+        for stamp_ns, p, q in poses:
             if stamp_ns <= self._newest_ns:
                 continue
             self._newest_ns = stamp_ns
-            p, q = pose.position, pose.orientation
             numbers = ' '.join(repr(float(v)) for v in (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
-            self._file.write(f'{stamp.sec}.{stamp.nanosec:09d} {numbers}\n')
+            self._file.write(f'{in_seconds(stamp_ns)} {numbers}\n')
             self._count += 1
         self._file.flush()
 

@@ -1,8 +1,8 @@
-"""Time that waits: who must have answered which stamp before time may go on.
+"""Lockstep: simulated time waits until each awaited topic has answered.
 
-There is no private protocol. A participant answers by the stamps of its ordinary messages:
-`joint_commands` bears the stamp of the state it answers, `camera_info` that of the odometry it
-shows. A `StampGate` holds the newest stamp of each awaited topic and the lag each may have.
+There is no protocol of its own: participants answer by the stamps of ordinary messages.
+`joint_commands` has the stamp of the state that it answers, `camera_info` that of the odometry
+that it shows.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from collections.abc import Mapping
 
 
 class StampGate:
-    """The newest stamp of each awaited topic, against the lag it may have.
+    """The newest stamp of each awaited topic, and the lag that each may have.
 
-    lag_ns_by_topic: topic → lag [ns]. Time may go on from `now` when every topic has answered
-    `now` itself or a stamp younger than `now - lag`. So lag 0 awaits the answer to every state;
-    a topic of period T and lag T is awaited once a period, and with lag 2 T it may be one
-    message behind. Before its first message a topic counts as having answered time 0, so that
-    slow starters are waited for as soon as their lag is used up.
+    lag_ns_by_topic: topic → lag [ns]. Time may advance from `now` when every topic has answered
+    `now` itself or a stamp later than `now - lag`. So lag 0 awaits the answer to every state; a
+    topic of period T and lag T is awaited once a period, and with lag 2 T it may be one message
+    behind. Before its first message a topic counts as having answered time 0: time waits for a
+    slow starter as soon as its lag is used up.
     """
 
     def __init__(self, lag_ns_by_topic: Mapping[str, int]) -> None:
@@ -30,7 +30,7 @@ class StampGate:
         return tuple(self._lag_ns)
 
     def answer(self, topic: str, stamp_ns: int) -> None:
-        """Take note that `topic` has answered up to `stamp_ns`; older stamps change nothing."""
+        """Record that `topic` has answered up to `stamp_ns`; older stamps change nothing."""
         self._stamp_ns[topic] = max(self._stamp_ns[topic], stamp_ns)
 
     def has_answered(self, topic: str) -> bool:
@@ -38,7 +38,7 @@ class StampGate:
         return self._stamp_ns[topic] > 0
 
     def is_open(self, now_ns: int) -> bool:
-        """Return whether time may go on from `now_ns`."""
+        """Return whether time may advance from `now_ns`."""
         for topic, lag_ns in self._lag_ns.items():
             stamp_ns = self._stamp_ns[topic]
             if stamp_ns < now_ns and stamp_ns <= now_ns - lag_ns:
@@ -46,10 +46,10 @@ class StampGate:
         return True
 
     def missing(self, now_ns: int) -> dict[str, int]:
-        """Return topic → newest stamp [ns] of those that time waits for at `now_ns`."""
+        """Return topic → newest stamp [ns] of the topics that time waits for at `now_ns`."""
         return {t: s for t, s in self._stamp_ns.items()
                 if s < now_ns and s <= now_ns - self._lag_ns[t]}
 
     def behind(self, now_ns: int) -> dict[str, int]:
-        """Return topic → newest stamp [ns] of those that have not answered `now_ns` itself."""
+        """Return topic → newest stamp [ns] of the topics that have not answered `now_ns`."""
         return {t: s for t, s in self._stamp_ns.items() if s < now_ns}

@@ -1,8 +1,9 @@
-"""Messages made of states: quaternion order, frames, transforms."""
+"""Messages made from states: quaternion order, frames, transforms."""
 
 from __future__ import annotations
 
 import dataclasses
+import logging
 from typing import Any
 
 import numpy as np
@@ -10,29 +11,29 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from geometry_msgs.msg import AccelStamped, WrenchStamped  # noqa: E402  (needs rclpy)
+from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
-from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
-from lunar_rover_sim import frames, topics  # noqa: E402  (what follows needs rclpy)
+from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
-from lunar_rover_sim.nodes.joint_messages import command_template, JointReader  # noqa: E402
 from lunar_rover_sim.physics.config import ImuConfig  # noqa: E402
-from lunar_rover_sim.physics.imu import ImuNoise  # noqa: E402
+from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
 
+LEG_JOINTS = [f'{leg}_joint' for leg in topics.LEGS]
 YAW_90 = frames.wxyz_from_rpy(0, 0, np.pi / 2)
 
 
 @pytest.fixture()
 def state() -> RoverState:
     """A rover at (1, 2, 3), turned left by 90 degrees, rolling forward at 0.1 m/s."""
-    from dataclasses import fields
-    values: dict[str, Any] = {f.name: np.zeros(4) for f in fields(RoverState)}
+    values: dict[str, Any] = {f.name: np.zeros(4) for f in dataclasses.fields(RoverState)}
     values.update(time_ns=5_000_000, position_m=np.array([1.0, 2.0, 3.0]),
                   orientation_wxyz=YAW_90, linear_velocity_mps=np.array([0.1, 0.0, 0.0]),
                   angular_velocity_radps=np.zeros(3), contact_force_n=np.ones((4, 3)),
@@ -41,9 +42,21 @@ def state() -> RoverState:
     return RoverState(**values)
 
 
+def random_state(rng: np.random.Generator) -> RoverState:
+    """Return a state of random numbers, with a unit quaternion."""
+    shapes = {'contact_force_n': (4, 3), 'contact_torque_nm': (4, 3),
+              **dict.fromkeys(('joint_angle_rad', 'joint_velocity_radps', 'motor_torque_nm',
+                               'motor_current_a'), (4,))}
+    values: dict[str, Any] = {f.name: rng.standard_normal(shapes.get(f.name, (3,)))
+                              for f in dataclasses.fields(RoverState)}
+    quat = rng.standard_normal(4)
+    values.update(time_ns=0, orientation_wxyz=quat / np.linalg.norm(quat))
+    return RoverState(**values)
+
+
 def test_odometry(state: RoverState) -> None:
     """Pose in odom, twist in base_link; xyzw only in the message; and back."""
-    msg = conversions.odometry(state, conversions.time_msg(1_234_567_890))
+    msg = conversions.fill_odometry(Odometry(), state, conversions.time_msg(1_234_567_890))
     assert (msg.header.frame_id, msg.child_frame_id) == ('odom', 'base_link')
     assert (msg.header.stamp.sec, msg.header.stamp.nanosec) == (1, 234_567_890)
     assert msg.pose.pose.orientation.z == pytest.approx(np.sqrt(0.5))
@@ -53,52 +66,46 @@ def test_odometry(state: RoverState) -> None:
     assert np.allclose(T[:3, 0], [0, 1, 0])
 
 
-def test_a_pose_that_is_none_is_refused(state: RoverState) -> None:
-    """An all-zero quaternion, as in a message nobody filled, is named."""
-    msg = conversions.odometry(state, conversions.time_msg(0))
+def test_an_invalid_pose_is_refused(state: RoverState) -> None:
+    """An all-zero quaternion, as in a message that was never filled, is named."""
+    msg = conversions.fill_odometry(Odometry(), state, conversions.time_msg(0))
     msg.pose.pose.orientation.w = msg.pose.pose.orientation.z = 0.0
     with pytest.raises(GraphError, match='is not a pose'):
         conversions.pose_of(msg)
 
 
 def test_joints_in_any_order() -> None:
-    """Values are found by name, among others'."""
-    msg = conversions.joint_state(conversions.time_msg(0), [1, 2, 3, 4], [5, 6, 7, 8])
-    msg.name = ['arm', *reversed(msg.name)]
-    msg.position = [0.0, *reversed(msg.position)]
+    """Values are found by name, also among other joints."""
+    msg = JointState(name=['arm', *reversed(LEG_JOINTS)], position=[0.0, 4.0, 3.0, 2.0, 1.0])
     assert conversions.legs_of(msg, 'position').tolist() == [1, 2, 3, 4]
 
 
-def test_joints_read_from_bytes() -> None:
-    """The reader says what the message says, whoever made it, and when senders change."""
-    usual = conversions.joint_state(conversions.time_msg(5), [1, 2, 3, 4], [5, 6, 7, 8])
-    turned = conversions.joint_state(conversions.time_msg(6), [4, 3, 2, 1], [8, 7, 6, 5], [0.1])
-    turned.name = list(reversed(turned.name))
-    framed = conversions.joint_state(conversions.time_msg(7), [1, 2, 3, 4.5], [5, 6, 7, 8], [1, 2])
-    framed.header.frame_id = 'rover'
-    more = conversions.joint_state(conversions.time_msg(8), [0, 1, 2, 3, 4], [9, 5, 6, 7, 8])
-    more.name = ['arm', *more.name]
-    reader = JointReader()
-    for msg in (usual, usual, turned, usual, framed, framed, more, usual):
-        for field in ('position', 'velocity'):
-            assert list(reader.read(serialize_message(msg), field)) == \
-                conversions.legs_of(msg, field).tolist()
-    for name, velocity in ((usual.name, []), (usual.name, [5.0, 6.0]), (['leg'] * 4, [1.0] * 4)):
-        usual.name, usual.velocity = name, velocity
-        with pytest.raises(GraphError, match='not complete'):
-            reader.read(serialize_message(usual), 'velocity')
+def test_incomplete_joints_are_refused() -> None:
+    """A joint or a value that is missing is named."""
+    for name, velocity in ((LEG_JOINTS, []), (LEG_JOINTS, [5.0, 6.0]), (['leg'] * 4, [1.0] * 4)):
+        msg = JointState(name=name, velocity=velocity)
+        with pytest.raises(GraphError, match='velocity of joints .* not complete'):
+            conversions.legs_of(msg, 'velocity')
 
 
 class FakeNode:
-    """Takes what is published."""
+    """Keeps every published message as it is serialised."""
 
     def __init__(self) -> None:
         self.sent: dict[str, list[Any]] = {}
 
     def create_publisher(self, kind: Any, topic: str, profile: Any) -> Any:
-        """Return a publisher that keeps its messages."""
+        """Return a publisher that serialises; messages of the fake tf are kept as they are."""
         messages = self.sent.setdefault(topic, [])
-        return type('Publisher', (), {'publish': staticmethod(messages.append)})
+
+        def publish(message: Any) -> None:
+            messages.append(message if kind is FakeTFMessage else serialize_message(message))
+
+        return type('Publisher', (), {'publish': staticmethod(publish)})
+
+    def get_logger(self) -> Any:
+        """Return a logger."""
+        return logging.getLogger()
 
 
 class FakeTFMessage:
@@ -127,52 +134,66 @@ def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
         assert len(node.sent[name]) == 1
 
 
-def test_reply_of_the_gait_controller() -> None:
-    """The template that the node fills in is the message of a joint command."""
-    template = command_template()
-    template.numbers[:4], template.numbers[-4:] = [1, 2, 3, 4], [5, 6, 7, 8]
-    msg = conversions.joint_state(conversions.time_msg(3_000_000_007), [1, 2, 3, 4], [5, 6, 7, 8])
-    raw = template.stamped(3_000_000_007)
-    assert deserialize_message(raw, JointState) == msg
-    # To the byte: readers of bags refuse what stands behind the message.
-    assert get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(raw, topics.JOINT_COMMANDS.type)
-
-
-def test_filled_templates_are_the_messages(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is published byte by byte says what the messages made one by one would say."""
-    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
+def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of the state before is left in the messages of the next one."""
+    monkeypatch.setattr(state_publisher, 'TFMessage', None)
     rng = np.random.default_rng(3)
-    shapes = {'contact_force_n': (4, 3), 'contact_torque_nm': (4, 3),
-              **dict.fromkeys(('joint_angle_rad', 'joint_velocity_radps', 'motor_torque_nm',
-                               'motor_current_a'), (4,))}
-    quat = rng.standard_normal(4)
-    values: dict[str, Any] = {f.name: rng.standard_normal(shapes.get(f.name, (3,)))
-                              for f in dataclasses.fields(RoverState)}
-    values.update(time_ns=0, orientation_wxyz=-np.abs(quat) / np.linalg.norm(quat))
-    moved = RoverState(**values)
+    first, second = random_state(rng), random_state(rng)
     rover = RoverDescription()
     mount = dataclasses.replace(rover.imu, rpy_deg=(10.0, -20.0, 60.0))
     rover = dataclasses.replace(rover, imu=mount)
     noise, same = (ImuNoise(ImuConfig(), 200, np.random.default_rng(1)) for _ in range(2))
     node = FakeNode()
-    state_publisher.StatePublisher(node, rover, noise).publish(  # type: ignore[arg-type]
-        moved, 1_234_567_890_123)
+    publisher = state_publisher.StatePublisher(node, rover, noise)  # type: ignore[arg-type]
+    publisher.publish(first, 5_000_000)
+    publisher.publish(second, 1_234_567_890_123)
+    same.measure(first.specific_force_mps2, first.imu_rate_radps)
+    sample = same.measure(second.specific_force_mps2, second.imu_rate_radps)
     stamp = conversions.time_msg(1_234_567_890_123)
-    sample = same.measure(moved.specific_force_mps2, moved.imu_rate_radps)
+    imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
     expected = {
-        topics.CLOCK: Clock(clock=stamp), topics.ODOM: conversions.odometry(moved, stamp),
-        topics.JOINT_STATES: conversions.joint_state(
-            stamp, moved.joint_angle_rad, moved.joint_velocity_radps, moved.motor_torque_nm),
-        topics.IMU_RAW: conversions.imu_raw(sample, *same.white_noise_variances(), stamp),
-        topics.IMU_BIAS: conversions.imu_bias(sample, stamp),
-        **{topic: conversions.wrench(moved.contact_force_n[k], moved.contact_torque_nm[k], stamp)
+        topics.CLOCK: Clock(clock=stamp),
+        topics.ODOM: conversions.fill_odometry(Odometry(), second, stamp),
+        topics.JOINT_STATES: conversions.fill_joint_state(
+            JointState(), second.joint_angle_rad, second.joint_velocity_radps,
+            second.motor_torque_nm, stamp),
+        topics.IMU_RAW: conversions.fill_imu_raw(Imu(), sample, *same.white_noise_variances(),
+                                                 stamp),
+        topics.IMU_TRUTH: conversions.fill_imu_truth(Imu(), second, imu_wxyz, stamp),
+        topics.IMU_BIAS: conversions.fill_imu_bias(AccelStamped(), sample, stamp),
+        **{topic: conversions.fill_wrench(WrenchStamped(), second.contact_force_n[k],
+                                          second.contact_torque_nm[k], stamp)
            for k, topic in enumerate(topics.CONTACTS)}}
     for topic, message in expected.items():
-        assert deserialize_message(node.sent[topic.name][0], type(message)) == message, topic.name
-    truth = deserialize_message(node.sent[topics.IMU_TRUTH.name][0], Imu)
-    by_matrix = conversions.imu_truth(moved, imu_pose(rover)[:3, :3], stamp)
-    for axis in 'xyzw':
-        assert getattr(truth.orientation, axis) == pytest.approx(
-            getattr(by_matrix.orientation, axis), abs=1e-12)
-    truth.orientation = by_matrix.orientation
-    assert truth == by_matrix
+        # As sent: a message that is refilled is serialised before the next one.
+        assert deserialize_message(node.sent[topic.name][1], type(message)) == message, topic.name
+
+
+def test_imu_messages(state: RoverState) -> None:
+    """The truth has the orientation of the IMU, w positive; the noisy signal has none."""
+    R_base_imu = frames.matrix_from_wxyz(frames.wxyz_from_rpy(0.3, -0.2, 2.9))
+    stamp = conversions.time_msg(7)
+    for sign in (1.0, -1.0):
+        turned = dataclasses.replace(state, orientation_wxyz=sign * YAW_90)
+        truth = conversions.fill_imu_truth(Imu(), turned, frames.wxyz_from_matrix(R_base_imu),
+                                           stamp)
+        q = truth.orientation
+        expected = frames.wxyz_from_matrix(frames.matrix_from_wxyz(YAW_90) @ R_base_imu)
+        assert [q.w, q.x, q.y, q.z] == pytest.approx(expected.tolist(), abs=1e-12)
+    assert truth.linear_acceleration.z == 1.62
+    sample = ImuSample(*(np.full(3, float(k)) for k in range(1, 5)))
+    raw = conversions.fill_imu_raw(Imu(), sample, 0.25, 0.5, stamp)
+    assert raw.orientation_covariance[0] == -1.0
+    assert raw.linear_acceleration_covariance.tolist() == np.diag([0.25] * 3).ravel().tolist()
+    assert raw.angular_velocity_covariance.tolist() == np.diag([0.5] * 3).ravel().tolist()
+    assert raw.linear_acceleration.y == sample.specific_force[1]
+    assert raw.angular_velocity.y == sample.rate[1]
+
+
+def test_velocity_commands() -> None:
+    """A command reads back, with and without a stamp."""
+    assert conversions.velocity_of(conversions.twist(0.1, -0.2)) == (0.1, -0.2)
+    stamped = conversions.twist_stamped(0.1, -0.2, conversions.time_msg(3_000_000_007))
+    assert conversions.velocity_of(stamped.twist) == (0.1, -0.2)
+    assert conversions.time_ns(stamped.header.stamp) == 3_000_000_007
+    assert stamped.header.frame_id == 'base_link'
