@@ -1,4 +1,4 @@
-"""Frozen, validated parameter sets: what a YAML file and a ROS parameter may say.
+"""Frozen, validated parameter sets, for YAML files and ROS parameters.
 
 A parameter set is a frozen dataclass that derives from `Parameters` and declares its fields with
 `param` (a value with unit, range and meaning) and `group` (a nested set). One declaration serves
@@ -46,7 +46,7 @@ def brief(value: object) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class ParamInfo:
-    """What is known of one parameter: meaning, unit, valid range or choices.
+    """The declaration of one parameter: meaning, unit, valid range or choices.
 
     `low` and `high` are inclusive unless `open_low`, `open_high`; for lists they bound every
     element and `length` bounds their number. `live` parameters may change while a node runs.
@@ -100,14 +100,14 @@ class Parameters:
         self.validate()
 
     def validate(self) -> None:
-        """Check what ties several fields together; raise ConfigError."""
+        """Check conditions between several fields; raise ConfigError."""
 
     @classmethod
     def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str = '') -> T:
         """Build the set from nested plain values; `where` prefixes names in errors.
 
         Keys may be dotted (`imu.rate_hz`), as ROS 2 writes them. Raises ConfigError on an unknown
-        name (offering the nearest ones), a wrong type or a value out of range.
+        name (with the nearest valid ones), a wrong type or a value out of range.
         """
         if not isinstance(mapping, Mapping):
             raise ConfigError(f'{where or cls.__name__}: {brief(mapping)} is not a mapping of '
@@ -152,7 +152,10 @@ class Parameters:
 
 
 def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
-    """Return the mapping with dotted keys turned into nested mappings."""
+    """Return the mapping with dotted keys turned into nested mappings.
+
+    Raises ConfigError, in which `where` is the prefix of names, if a key is not text.
+    """
     result: dict[str, Any] = {}
     for key, value in mapping.items():
         if not isinstance(key, str):
@@ -169,7 +172,7 @@ def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` with the values of `over` laid on top, mapping by mapping."""
+    """Return `base` with its values replaced by those of `over`, mapping by mapping."""
     result = dict(base)
     for key, value in over.items():
         if isinstance(value, Mapping) and isinstance(result.get(key), Mapping):

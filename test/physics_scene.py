@@ -53,7 +53,7 @@ def trot(simulation: Simulation, duration_s: float, frequency_hz: float = 1.0, d
     pitch = simulation.rover.legs.spoke_pitch_rad
     phase = np.array([0.0, 0.5, 0.5, 0.0])
     steps = round(STATE_S / simulation.config.step_s)
-    state = simulation.state()
+    state = simulation.state
     for i in range(round(duration_s / STATE_S)):
         rate = frequency_hz * min(1.0, i * STATE_S / 0.5)
         cycle = phase % 1.0

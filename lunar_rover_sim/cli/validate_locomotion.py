@@ -44,7 +44,6 @@ def run(args: argparse.Namespace) -> int:
 
     from lunar_rover_sim.errors import ConfigError
     from lunar_rover_sim.files.folders import make_new
-    from lunar_rover_sim.files.resources import config_path
     from lunar_rover_sim.gait.calibration import GaitCalibration
     from lunar_rover_sim.run.scenario import load_scenario
     from lunar_rover_sim.studies import gait_measurement, locomotion, locomotion_report
@@ -57,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
                 raise ConfigError(f'{name}: {value:g} is not valid; valid is > {low:g}')
     scenario = load_scenario(args.scenario, args.overrides)
     gait, physics = scenario.gait_controller_node, scenario.physics_node
-    table = GaitCalibration.load(gait.calibration or config_path('gait_calibration.yaml'))
+    table = GaitCalibration.of(gait)
     overlays = [locomotion.read_curve(path) for path in args.overlay]
     make_new(args.output)
 

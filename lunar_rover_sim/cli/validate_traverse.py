@@ -36,7 +36,6 @@ def run(args: argparse.Namespace) -> int:
 
     from lunar_rover_sim.errors import ConfigError
     from lunar_rover_sim.files.folders import make_new
-    from lunar_rover_sim.files.resources import config_path
     from lunar_rover_sim.gait.calibration import GaitCalibration
     from lunar_rover_sim.run.scenario import load_scenario
     from lunar_rover_sim.studies import traverse, traverse_report
@@ -47,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
             raise ConfigError(f'{name}: {value:g} is not valid; valid is >= {low:g}')
     scenario = load_scenario(args.scenario, args.overrides)
     gait = scenario.gait_controller_node
-    table = GaitCalibration.load(gait.calibration or config_path('gait_calibration.yaml'))
+    table = GaitCalibration.of(gait)
     make_new(args.output)
 
     console = Console()

@@ -1,1 +1,1 @@
-"""Files as users write them and as commands leave them: YAML, packaged resources, whole files."""
+"""Files: YAML as users write it, packaged configuration, output folders, atomic writing."""

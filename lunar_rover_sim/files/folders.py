@@ -1,4 +1,4 @@
-"""Folders that commands write their results to: new ones only, so that nothing is lost."""
+"""Output folders of commands: always new ones, so that no result is overwritten."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lunar_rover_sim.errors import ConfigError
 
 
 def refuse_existing(folder: Path) -> None:
-    """Raise ConfigError if a folder, or a file, of that name exists."""
+    """Raise ConfigError if a folder or a file of that name exists."""
     if folder.exists():
         raise ConfigError(f'--output: {folder} exists; name a new folder')
 

@@ -1,4 +1,4 @@
-"""Where the package's own configuration files are, installed or in the source tree."""
+"""The configuration files of the package, installed or in the source tree."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def config_folder() -> Path:
-    """Return the folder `config/`: of the source tree, or share/lunar_rover_sim of the prefix."""
+    """Return the folder `config/` of the source tree, or that in share/ of the installation.
+
+    Raises ConfigError if there is none.
+    """
     source = _PACKAGE.parent / 'config'
     if (source / 'scenarios').is_dir() and (_PACKAGE.parent / 'package.xml').is_file():
         return source
-    # site-packages lies below the prefix that holds share/, in a venv as in a colcon install.
+    # In a venv and in a colcon install, site-packages is below the prefix that holds share/.
     for prefix in (*_PACKAGE.parents, Path(sys.prefix)):
         installed = prefix / 'share' / 'lunar_rover_sim' / 'config'
         if installed.is_dir():
@@ -26,7 +29,7 @@ def config_folder() -> Path:
 
 
 def config_path(name: str) -> Path:
-    """Return the path of a packaged configuration file such as `rover.yaml`."""
+    """Return the path of a packaged file such as `rover.yaml`; ConfigError if it is missing."""
     path = config_folder() / name
     if not path.exists():
         raise ConfigError(f'{name}: no such packaged configuration file in {path.parent}')
@@ -39,9 +42,9 @@ def packaged_names(kind: str) -> list[str]:
 
 
 def find_file(kind: str, name_or_path: str) -> Path:
-    """Return the file of a kind that a packaged name or a path means.
+    """Return the file of a kind, given by the name of a packaged one or by its path.
 
-    Raises ConfigError where there is none, offering the nearest names.
+    Raises ConfigError, which offers the nearest names, if there is none.
     """
     path = Path(name_or_path)
     if path.suffix in ('.yaml', '.yml') or '/' in name_or_path:

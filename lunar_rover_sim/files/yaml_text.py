@@ -1,7 +1,7 @@
 """YAML as users write it: plain values only, and `1e-3` is a number.
 
-Files are untrusted: no tags, no anchors and aliases (nine lines of which can stand for a billion
-values; ROS 2 does not read them either), bounded depth and size.
+Files are untrusted. Tags, anchors and aliases are refused (nine lines with aliases can stand for
+a billion values, and ROS 2 does not read them either); depth and size are bounded.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import yaml
 
 from lunar_rover_sim.errors import ConfigError
 
-_MOST_DEPTH = 32
+_MAX_DEPTH = 32
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML follows YAML 1.1, where 1e-3 and 1.0e6 would be text."""
+    """Loads plain values; reads 1e-3 and 1.0e6, which are text in YAML 1.1, as numbers."""
 
     _depth = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node, unless it is more than plain values."""
+        """Compose a node; raise ComposerError if it is more than plain values."""
         event = self.peek_event()
         if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
             raise yaml.composer.ComposerError(None, None, 'anchors and aliases are not valid here',
@@ -31,9 +31,9 @@ class _Loader(yaml.SafeLoader):
         if event.tag not in (None, '!'):
             raise yaml.composer.ComposerError(None, None, 'tags are not valid here',
                                               event.start_mark)
-        if self._depth >= _MOST_DEPTH:
+        if self._depth >= _MAX_DEPTH:
             raise yaml.composer.ComposerError(
-                None, None, f'nested deeper than {_MOST_DEPTH} levels', event.start_mark)
+                None, None, f'nested deeper than {_MAX_DEPTH} levels', event.start_mark)
         self._depth += 1
         try:
             return super().compose_node(parent, index)
@@ -48,7 +48,10 @@ _Loader.add_implicit_resolver(
 
 
 def parse_yaml(text: str, where: str) -> Any:
-    """Return the document as plain values; `where` names it in the ConfigError if it is broken."""
+    """Return the document as plain values.
+
+    Raises ConfigError, in which `where` names the document, if it is not valid.
+    """
     try:
         return yaml.load(text, _Loader)  # noqa: S506  (a safe loader)
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
@@ -56,7 +59,10 @@ def parse_yaml(text: str, where: str) -> Any:
 
 
 def read_text(path: Path, most_bytes: int) -> str:
-    """Return the text of a regular file; ConfigError where there is none, or it is too large."""
+    """Return the text of a regular file.
+
+    Raises ConfigError if it does not exist, is larger than most_bytes, or is not UTF-8.
+    """
     try:
         if not path.is_file():
             raise ConfigError(f'{path}: cannot be read: no such file')

@@ -1,1 +1,1 @@
-"""Leg phases: shaping function, phase generator and leg controller, as functions of state."""
+"""The gait: phases of the legs, their shaping function, the controller and its calibration."""

@@ -1,4 +1,4 @@
-"""The measured, invertible map from a commanded velocity to the stride that makes it."""
+"""The measured, invertible map from a commanded velocity to its stride."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, GaitError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
@@ -21,9 +23,9 @@ from lunar_rover_sim.parameters import nearest
 Array = NDArray[np.float64]
 
 _MOST_BYTES = 1 << 20
-DEAD_SPEED_MPS = 2e-4   # what is slower than this (forward, or at the feet by yaw) is standing
-# Paper and pencil: advance per cycle and half the track that a skidding turn seems to have, of
-# the default rover (0.3 m x 0.21 m between the feet, 8 cm spokes).
+DEAD_SPEED_MPS = 2e-4   # a slower command (forward, or at the feet by yaw) means to stand
+# Estimates for the default rover (0.3 m x 0.21 m between the feet, 8 cm spokes): advance per
+# cycle, and half of the effective track width in a turn, in which the feet slip.
 _ADVANCE_M, _HALF_TRACK_M = 0.14, 0.25
 _HEADER = """\
 # Map from velocity to gait, measured on flat ground: rows are phase rates, columns are turns
@@ -36,17 +38,17 @@ class GaitCalibration:
     """Forward speed and yaw rate over phase rate and turn, and their inverse.
 
     phase_rates_hz: (n,) increasing, > 0; turns: (m,) increasing from 0 to 1, see `Stride.turning`
-    forward_mps, yaw_rate_radps: (n, m) mean velocities that were measured, turning left
-    duty_factor, foot_width_deg: of the gait that was measured; another gait is scaled by the
-        ratio of its advance per cycle, 2 l sin(width / 2) / duty
-    conditions: what else held while it was measured, for the reader
+    forward_mps, yaw_rate_radps: (n, m) measured mean velocities, turning left
+    duty_factor, foot_width_deg: of the measured gait; another gait is scaled by the ratio of its
+        advance per cycle, 2 l sin(width / 2) / duty
+    conditions: the other conditions of the measurement, for the reader
 
-    Turning right is taken as turning left in a mirror, backward as forward in a mirror. In
-    between, with r the half track, a velocity (v, w) has the course c = atan2(w r, v) and the
-    speed s = hypot(v, w r). Along each row, the turn is a monotonic function of the course (what
-    was measured is made so: a stretch without effect is skipped, not divided by), and along each
-    course the speed is a monotonic function of the phase rate; both are inverted by linear
-    interpolation. Raises ConfigError where the table cannot be inverted.
+    Right turns mirror left turns, and backward motion mirrors forward motion. Between the rows and
+    columns, with r the half track, a velocity (v, w) has the course c = atan2(w r, v) and the
+    speed s = hypot(v, w r). Along each row the turn is a monotonic function of the course (the
+    measured values are made monotonic, so that a range without effect is skipped), and along each
+    course the speed is a monotonic function of the phase rate. Both are inverted by linear
+    interpolation. Raises ConfigError if the table cannot be inverted.
     """
 
     phase_rates_hz: tuple[float, ...]
@@ -75,7 +77,7 @@ class GaitCalibration:
                               ' the last one turn left (> 0)')
         half_track = float(np.median(forward[:, 0] / yaw_rate[:, -1]))
         course = np.arctan2(yaw_rate * half_track, forward)
-        # By symmetry straight on is straight on, and on the spot is on the spot.
+        # By symmetry the first column goes straight on and the last one turns on the spot.
         course[:, 0], course[:, -1] = 0.0, 0.5 * math.pi
         course = np.clip(_increasing(course), 0.0, 0.5 * math.pi)
         speed = np.hypot(forward, yaw_rate * half_track)
@@ -85,10 +87,11 @@ class GaitCalibration:
 
     @classmethod
     def default(cls) -> GaitCalibration:
-        """Return the analytic map of feet that stand still on the ground, until one is measured.
+        """Return the analytic map of feet that do not slip, for use before one is measured.
 
-        The speed of a side is advance per cycle times phase rate, times its sweep, by its share
-        of the duty factor; the trial that it rests on: 0.14 m/s at 1 Hz, duty 0.6, 60 deg.
+        The speed of a side is advance per cycle times phase rate times its sweep, multiplied by
+        the duty factor over that of the side. It rests on one trial: 0.14 m/s at 1 Hz, duty 0.6,
+        60 deg.
         """
         rates, turns, duty = (1.0, 2.5), tuple(k / 20.0 for k in range(21)), 0.6
         forward, yaw_rate = [], []
@@ -103,10 +106,15 @@ class GaitCalibration:
                    conditions={'source': 'analytic'})
 
     @classmethod
+    def of(cls, config: GaitConfig) -> GaitCalibration:
+        """Return the map that a gait names, or the packaged one; raise ConfigError as `load`."""
+        return cls.load(config.calibration or config_path('gait_calibration.yaml'))
+
+    @classmethod
     def load(cls, path: str | Path | None) -> GaitCalibration:
         """Read a table from YAML; None gives the analytic default.
 
-        Raises ConfigError that names the file where it is missing, unreadable or not a table.
+        Raises ConfigError, which names the file, if it is missing, unreadable or not a table.
         """
         if path is None:
             return cls.default()
@@ -138,7 +146,10 @@ class GaitCalibration:
             raise ConfigError(f'calibration: {path}: {error}') from None
 
     def save(self, path: str | Path) -> None:
-        """Write the table as YAML; an existing file is replaced at once or not at all."""
+        """Write the table as YAML, whole or not at all; an existing file is replaced.
+
+        Raises GaitError if it cannot be written.
+        """
         document: dict[str, Any] = {
             'conditions': dict(self.conditions), 'duty_factor': self.duty_factor,
             'foot_width_deg': self.foot_width_deg, 'phase_rates_hz': list(self.phase_rates_hz),
@@ -147,20 +158,14 @@ class GaitCalibration:
             document[name] = [[round(x, 5) for x in row] for row in getattr(self, name)]
         text = _HEADER + yaml.safe_dump(document, sort_keys=False, width=99,
                                         default_flow_style=None)
-        path = Path(path)
-        partial = path.with_name(path.name + '.part')
-        try:
-            partial.write_text(text, encoding='utf-8')
-            partial.replace(path)
-        except OSError as error:
-            raise ConfigError(f'calibration: {path} cannot be written: {error}') from None
+        atomic_write(path, text, GaitError)
 
     def stride(self, forward_mps: float, yaw_rate_radps: float,
                config: GaitConfig | None = None) -> tuple[Stride, float]:
-        """Return the stride that makes a velocity, and the factor (<= 1) it was scaled by.
+        """Return the stride for a velocity, and the factor (<= 1) by which it was scaled.
 
-        Beyond the phase rates of the table or `max_phase_rate_hz`, or beyond `max_yaw_rate_radps`,
-        both velocities are scaled by one factor, which keeps the curvature.
+        Beyond the phase rates of the table, `max_phase_rate_hz` or `max_yaw_rate_radps`, both
+        velocities are scaled by one factor, which keeps the curvature.
         """
         config = config or GaitConfig()
         scale = 1.0
@@ -186,7 +191,7 @@ class GaitCalibration:
                  config: GaitConfig | None = None) -> tuple[float, float]:
         """Return the velocity [m/s, rad/s] of `Stride.turning(phase_rate_hz, turn)`.
 
-        The inverse of `stride` within the table, for strides that go forward.
+        It is the inverse of `stride` within the table, for strides that go forward.
         """
         low, high = 0.0, 0.5 * math.pi
         for _ in range(60):
@@ -203,11 +208,11 @@ class GaitCalibration:
         return speed * math.cos(course), math.copysign(yaw_rate, turn)
 
     def _along(self, course: float) -> tuple[Array, Array, Array]:
-        """Return phase rates, turns and speeds along one course, from standing on."""
+        """Return phase rates, turns and speeds along one course, from rest upwards."""
         turns = np.array([np.interp(course, row, self.turns) for row in self._course])
         speeds = np.array([np.interp(turn, self.turns, row)
                            for turn, row in zip(turns, self._speed)])
-        # Below the first row speed is proportional to the rate, and the turn is that of the row.
+        # Below the first row the speed is proportional to the rate, at the turn of that row.
         return (np.r_[0.0, self.phase_rates_hz], np.r_[turns[0], turns],
                 _increasing(np.r_[0.0, speeds]))
 
@@ -228,9 +233,9 @@ def _table(name: str, rows: Sequence[Sequence[float]], shape: tuple[int, int]) -
 
 
 def _increasing(values: Array) -> Array:
-    """Return values made to increase along the last axis: the mean of the envelopes of both ends.
+    """Return values that increase along the last axis: the mean of the envelopes from both ends.
 
-    What increases already is unchanged but for a slope too small to matter.
+    Increasing values stay as they are, except for an added slope of 1e-9 per element.
     """
     up = np.maximum.accumulate(values, axis=-1)
     down = np.flip(np.minimum.accumulate(np.flip(values, -1), axis=-1), -1)

@@ -20,14 +20,15 @@ GAIT_ARRAYS: dict[str, tuple[float, float, float, float]] = {
 
 @dataclasses.dataclass(frozen=True)
 class GaitConfig(Parameters):
-    """How the legs move; all but the number of spokes may change while walking."""
+    """How the legs move; all but `spokes` and `calibration` may change while the rover walks."""
 
     spokes: int = param(3, 'spokes per leg: one cycle turns a leg by 360 / spokes', low=2, high=12)
     duty_factor: float = param(0.6, 'share of the cycle that a leg is in stance', low=0.0,
                                high=1.0, open_low=True, open_high=True, live=True)
     foot_width_deg: float = param(60.0, 'angle swept in stance, less than the spoke pitch',
                                   unit='deg', low=0.0, high=180.0, open_low=True, live=True)
-    # Feet that share the load must agree on a speed: uniform stances walk far more evenly.
+    # Feet that share the load should have one speed: with uniform stances the rover walks far more
+    # evenly.
     stance_smoothing: float = param(0.05, 'share of the stance with changing slope', low=0.0,
                                     high=1.0, live=True)
     flight_smoothing: float = param(1.0, 'share of the flight with changing slope', low=0.0,
@@ -37,34 +38,34 @@ class GaitConfig(Parameters):
     phase_offsets: tuple[float, ...] = param(
         (0.0, 0.5, 0.5, 0.0), 'offsets of front_left, front_right, rear_left, rear_right, used by'
         ' gait custom; below 1', unit='cycles', low=0.0, high=1.0, length=4, live=True)
-    phase_gain: float = param(2.0, 'how fast a leg finds its phase: rate per phase error',
+    phase_gain: float = param(2.0, 'phase rate of a leg per phase error',
                               unit='1/s', low=0.0, high=50.0, live=True)
-    position_gain: float = param(8.0, 'velocity per angle error', unit='1/s', low=0.0, high=100.0,
-                                 live=True)
-    velocity_gain: float = param(0.2, 'velocity per velocity error: feedback from the motor',
+    position_gain: float = param(8.0, 'velocity command per angle error', unit='1/s', low=0.0,
+                                 high=100.0, live=True)
+    velocity_gain: float = param(0.2, 'velocity command per velocity error of the motor',
                                  low=0.0, high=5.0, live=True)
-    max_angle_lead_deg: float = param(25.0, 'a reference waits for a leg that is blocked when it'
-                                      ' leads by this much', unit='deg', low=0.0, high=90.0,
+    max_angle_lead_deg: float = param(25.0, 'a reference that leads a blocked leg by this'
+                                      ' angle waits for it', unit='deg', low=0.0, high=90.0,
                                       open_low=True, live=True)
-    max_phase_rate_hz: float = param(2.2, 'most cycles per second', unit='Hz', low=0.0, high=10.0,
+    max_phase_rate_hz: float = param(2.2, 'greatest phase rate', unit='Hz', low=0.0, high=10.0,
                                      open_low=True, live=True)
-    max_yaw_rate_radps: float = param(0.6, 'most yaw rate; faster turns shake the rover',
+    max_yaw_rate_radps: float = param(0.6, 'greatest yaw rate; faster turns shake the rover',
                                       unit='rad/s', low=0.0, high=5.0, open_low=True, live=True)
-    phase_acceleration_hzps: float = param(2.0, 'most change of the phase rate', unit='Hz/s',
+    phase_acceleration_hzps: float = param(2.0, 'greatest change of the phase rate', unit='Hz/s',
                                            low=0.0, high=100.0, open_low=True, live=True)
-    settle_rate_hz: float = param(0.5, 'phase rate at which legs settle to their stand', unit='Hz',
-                                  low=0.0, high=5.0, open_low=True, live=True)
-    max_joint_velocity_radps: float = param(20.0, 'most velocity ever commanded', unit='rad/s',
+    settle_rate_hz: float = param(0.5, 'greatest phase rate of legs that come to a stand',
+                                  unit='Hz', low=0.0, high=5.0, open_low=True, live=True)
+    max_joint_velocity_radps: float = param(20.0, 'greatest velocity command', unit='rad/s',
                                             low=0.0, high=200.0, open_low=True, live=True)
-    blend_time_s: float = param(0.5, 'time in which changed parameters and turns take effect',
+    blend_time_s: float = param(0.5, 'time in which a change of parameters or turn takes effect',
                                 unit='s', low=0.0, high=10.0, open_low=True, live=True)
     cmd_timeout_s: float = param(0.5, 'a velocity command older than this stops the rover',
                                  unit='s', low=0.0, open_low=True, live=True)
-    calibration: str = param('', 'file with the measured map from velocity to gait; empty takes'
-                             ' the packaged one')
+    calibration: str = param('', 'file with the measured map from velocity to gait; empty: the'
+                             ' packaged one')
 
     def validate(self) -> None:
-        """Raise ConfigError where duty, foot width, smoothing or offsets do not fit together."""
+        """Raise ConfigError where duty, foot width, smoothing or offsets are not compatible."""
         self.shaping()
         for offset in self.phase_offsets:
             if offset >= 1.0:
@@ -82,7 +83,7 @@ class GaitConfig(Parameters):
         return GAIT_ARRAYS.get(self.gait, self.phase_offsets)
 
     def check_spokes(self, spokes: int) -> None:
-        """Raise ConfigError where the rover's legs have another number of spokes."""
+        """Raise ConfigError if the legs of the rover have another number of spokes."""
         if self.spokes != spokes:
             raise ConfigError(f'spokes: {self.spokes} is not valid for the gait; valid is '
                               f"{spokes}, as many as the rover's legs have")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,18 +15,20 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
+from lunar_rover_sim.parameters import brief
+from lunar_rover_sim.rover.description import RoverDescription
 
 Array = NDArray[np.float64]
 
 _SIDES = (0, 1, 0, 1)  # left or right, of front_left, front_right, rear_left, rear_right
 _MIN_DUTY, _MAX_DUTY = 0.1, 0.9
-_MIN_SWEEP = 0.05      # below this share of the foot width a stance is as good as still
+_MIN_SWEEP = 0.05      # least share of the foot width that a stance sweeps: hardly any motion
 _SHAPE_FIELDS = ('duty_factor', 'foot_width_deg', 'stance_smoothing', 'flight_smoothing')
 
 
 @dataclasses.dataclass(frozen=True)
 class LegCommand:
-    """What the four motors are told, in the order of `topics.LEGS`.
+    """The command to the four motors, in the order of `topics.LEGS`.
 
     velocity_radps: (4,) velocity command; angle_rad: (4,) reference angle, unwrapped to the
     present turn of each leg; phase: (4,) phase of each leg [cycles], 0 in the middle of stance.
@@ -34,6 +37,18 @@ class LegCommand:
     velocity_radps: Array
     angle_rad: Array
     phase: Array
+
+
+class WalkingScenario(Protocol):
+    """What a gait controller needs of a scenario."""
+
+    @property
+    def gait_controller_node(self) -> GaitConfig:
+        """The parameters of the gait."""
+
+    @property
+    def rover(self) -> RoverDescription:
+        """The rover."""
 
 
 class GaitController:
@@ -46,20 +61,29 @@ class GaitController:
     feedforward from the slope s of the shaping function at the phase p that advances with p',
     feedback of the angle error against the shaped angle a(p), and feedback of the velocity of the
     motor. A reference that leads its leg by `max_angle_lead_deg` waits for it, so that a blocked
-    leg is pushed by a bounded command; freed, it is drawn back to its phase (`LegPhases`).
+    leg is pushed by a bounded command. Once free, the leg returns to its phase (`LegPhases`).
 
-    A command of zero, none, or one older than `cmd_timeout_s` makes it stand: each leg goes to
-    its nearest spoke and holds it straight down.
+    Without a command, at a command of zero, or when the command is older than `cmd_timeout_s`, the
+    rover stands: each leg turns its nearest spoke straight down and holds it.
 
-    Nothing here reads a clock: the same calls give the same commands.
+    The controller reads no clock: the same calls give the same commands.
     """
 
     def __init__(self, config: GaitConfig | None = None,
                  calibration: GaitCalibration | None = None) -> None:
         self._config = config or GaitConfig()
         self._calibration = calibration or GaitCalibration.default()
-        self.refused = 0
         self.reset()
+
+    @classmethod
+    def from_scenario(cls, scenario: WalkingScenario) -> GaitController:
+        """Return the controller of a scenario.
+
+        Raises ConfigError if its gait does not fit its rover or its calibration cannot be read.
+        """
+        config = scenario.gait_controller_node
+        config.check_spokes(scenario.rover.legs.spokes)
+        return cls(config, GaitCalibration.of(config))
 
     @property
     def config(self) -> GaitConfig:
@@ -73,61 +97,66 @@ class GaitController:
 
     @property
     def stride(self) -> Stride:
-        """The stride that the legs are asked for now."""
+        """The stride in force."""
         return self._stride
 
     @property
     def saturated(self) -> bool:
-        """Whether the newest command was beyond reach and has been scaled down."""
+        """Whether the latest command was beyond reach and has been scaled down."""
         return self._saturated
 
     def reset(self) -> None:
         """Forget time, phases and command: the next update starts from the angles it is given."""
         self._last_ns: int | None = None
-        self._command_ns: int | None = None
+        self._command_ns: float = -math.inf
         self._velocity = (0.0, 0.0)
         self._stride = self._commanded = STAND
-        self._saturated = self._said_saturated = False
+        self._saturated = self._saturation_reported = False
         self._reports: list[str] = []
         self._phases = LegPhases()
         self._sweeps = [1.0, 1.0]         # left, right: share of the foot width
         self._duty_offset = 0.0
         self._shape = {name: getattr(self._config, name) for name in _SHAPE_FIELDS}
         self._shape_from = dict(self._shape)
-        self._blend_s = math.inf          # time since the parameters changed
+        self._blend_s = math.inf          # time since the last change of parameters
         self._settings: list[tuple[float, ...]] = []
         self._make_sides()
 
-    def set_velocity(self, forward_mps: float, yaw_rate_radps: float, stamp_ns: int) -> bool:
-        """Take a velocity command: forward [m/s] and yaw rate [rad/s, left positive].
+    def set_velocity(self, forward_mps: float, yaw_rate_radps: float,
+                     stamp_ns: int | None = None) -> None:
+        """Command a velocity: forward [m/s] and yaw rate [rad/s, left positive].
 
-        Returns False, and changes nothing but the count `refused`, where a value is not finite.
-        What is beyond reach is scaled down with its curvature kept, and reported once.
+        It holds until `cmd_timeout_s` after `stamp_ns`; without a stamp, until the next command.
+        A velocity beyond reach is scaled down with its curvature kept, and reported once.
+
+        Raises GaitError, and keeps the command in force, where a value is not finite.
         """
         if not (math.isfinite(forward_mps) and math.isfinite(yaw_rate_radps)):
-            self.refused += 1
-            return False
-        self._command_ns = stamp_ns
+            raise GaitError(f'velocity: {forward_mps} m/s and {yaw_rate_radps} rad/s is not valid;'
+                            ' valid is finite')
+        self._command_ns = math.inf if stamp_ns is None else stamp_ns
         if (forward_mps, yaw_rate_radps) != self._velocity:
             self._velocity = (forward_mps, yaw_rate_radps)
             self._look_up()
-        return True
 
-    def set_stride(self, stride: Stride, stamp_ns: int) -> None:
-        """Ask for a stride itself, past the calibration: what a calibration is made with."""
-        self._command_ns = stamp_ns
+    def set_stride(self, stride: Stride, stamp_ns: int | None = None) -> None:
+        """Command a stride itself, without the calibration, which is measured in this way.
+
+        `stamp_ns` as in `set_velocity`.
+        """
+        self._command_ns = math.inf if stamp_ns is None else stamp_ns
         self._velocity = (math.nan, math.nan)
         self._commanded, self._saturated = stride, False
 
     def take_reports(self) -> list[str]:
-        """Return what there is to say since the last call, one line each."""
+        """Return the reports since the last call, one line each."""
         reports, self._reports = self._reports, []
         return reports
 
     def configure(self, config: GaitConfig) -> None:
-        """Change the parameters; the shape blends over within the new `blend_time_s`.
+        """Change the parameters; the shape is blended within the new `blend_time_s`.
 
-        Raises ConfigError where the number of spokes differs: that is another rover.
+        Raises ConfigError if the number of spokes differs: that is another rover.
         """
         if config.spokes != self._config.spokes:
             raise ConfigError(f'spokes: {config.spokes} is not valid while running; valid is'
@@ -140,11 +169,11 @@ class GaitController:
 
     def update(self, stamp_ns: int, joint_angle_rad: ArrayLike,
                joint_velocity_radps: ArrayLike) -> LegCommand:
-        """Return the command that answers the joint state of `stamp_ns`.
+        """Return the command for the joint state at `stamp_ns`.
 
-        joint_angle_rad, joint_velocity_radps: (4,) as measured, angles unwrapped. Time that goes
-        backward starts the controller anew. Raises GaitError where the state is not four finite
-        angles and velocities.
+        joint_angle_rad, joint_velocity_radps: (4,) as measured, angles unwrapped. If time goes
+        backward, the controller is reset. Raises GaitError if angles or velocities are not four
+        finite numbers.
         """
         angle, velocity = _legs('angle', joint_angle_rad), _legs('velocity', joint_velocity_radps)
         if self._last_ns is not None and stamp_ns < self._last_ns:
@@ -165,19 +194,18 @@ class GaitController:
         """Find the stride of the commanded velocity."""
         self._commanded, scale = self._calibration.stride(*self._velocity, self._config)
         self._saturated = scale < 1.0
-        if self._saturated and not self._said_saturated:
-            self._said_saturated = True
+        if self._saturated and not self._saturation_reported:
+            self._saturation_reported = True
             forward, yaw_rate = self._velocity
             self._reports.append(
                 f'velocity command {forward:.3f} m/s, {yaw_rate:.3f} rad/s is beyond reach: scaled'
-                f' by {scale:.2f}, curvature kept (said once)')
+                f' by {scale:.2f}, curvature kept (reported once)')
 
     def _is_fresh(self, stamp_ns: int) -> bool:
-        return (self._command_ns is not None
-                and stamp_ns - self._command_ns <= self._config.cmd_timeout_s * 1e9)
+        return stamp_ns - self._command_ns <= self._config.cmd_timeout_s * 1e9
 
     def _blend(self, dt: float) -> None:
-        """Move shape, sweeps and duty offset towards what is asked for."""
+        """Move shape, sweeps and duty offset towards the parameters and the stride in force."""
         self._blend_s += dt
         x = min(self._blend_s / self._config.blend_time_s, 1.0)
         x = x * x * (3.0 - 2.0 * x)
@@ -192,7 +220,7 @@ class GaitController:
         self._make_sides()
 
     def _make_sides(self) -> None:
-        """Make the shaping functions of left and right, where anything has changed."""
+        """Make the shaping functions of both sides, if anything has changed."""
         duty, width, *smoothing = (self._shape[name] for name in _SHAPE_FIELDS)
         settings = [(min(max(duty + sign * self._duty_offset, _MIN_DUTY), _MAX_DUTY),
                      math.radians(width) * max(sweep, _MIN_SWEEP), *smoothing,
@@ -203,10 +231,10 @@ class GaitController:
             self._sides = [ShapingFunction(*values) for values in settings]
 
     def _follow(self, dt: float, angle: list[float]) -> None:
-        """Advance the phases, as far as the legs can follow."""
+        """Advance the phases as far as the legs can follow."""
         config, phases = self._config, self._phases
         for leg, side in enumerate(_SIDES):
-            # A leg that was turned by hand: the nearest spoke is as good.
+            # All spokes are alike: a leg that was turned by hand goes on with its nearest spoke.
             lead = self._sides[side].angle_at(phases.phase[leg]) - angle[leg]
             phases.phase[leg] -= round(lead / config.pitch_rad)
         held = list(phases.phase)
@@ -233,9 +261,12 @@ class GaitController:
 
 
 def _legs(name: str, values: ArrayLike) -> list[float]:
-    array = np.asarray(values, dtype=float)
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
     if array.shape != (4,) or not np.isfinite(array).all():
-        raise GaitError(f'joint {name}: {array.tolist()} is not valid; valid are four finite'
+        raise GaitError(f'joint {name}: {brief(values)} is not valid; valid are four finite'
                         ' numbers')
     return array.tolist()
 

@@ -1,4 +1,4 @@
-"""The phases of the four legs, drawn to one clock and to the offsets of the gait array."""
+"""The phases of the four legs, which follow one clock at the offsets of the gait."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import Stride
 
 SETTLE_GAIN = 3.0   # phase rate per phase error when standing [1/s]
-_AGILITY = 4.0      # legs may change their rate faster than the clock by this factor
-# Bounds on the rate that draws a leg to its phase: back and ahead, as shares of the clock's rate,
-# and ahead in Hz. A leg that is early slows down but never turns back.
+_AGILITY = 4.0      # factor by which legs may change their rate faster than the clock
+# Bounds on the rate that corrects the phase of a leg: back and ahead, as shares of the clock's
+# rate, and ahead in Hz. A leg that is early slows down but never turns back.
 _BACK, _AHEAD, _AHEAD_HZ = 0.75, 0.5, 0.2
 
 
 class LegPhases:
     """One phase per leg [cycles, unwrapped], each with a rate of its own.
 
-    While walking, leg i is drawn to direction * (clock + offset i), the nearest such phase, at a
-    bounded rate: from any start, after a block or a change of gait it slides into its place.
-    While standing, it is drawn to the nearest whole phase, where a spoke points straight down.
-    Phases never jump, and rates change with bounded acceleration.
+    While walking, leg i converges to the nearest phase equal to direction * (clock + offset i)
+    modulo 1, at a bounded rate, from any start, after a block and after a change of gait. While
+    standing, it converges to the nearest whole phase, where a spoke points straight down. Phases
+    never jump, and rates change with bounded acceleration.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class LegPhases:
         self.phase = list(phase)
 
     def advance(self, dt: float, config: GaitConfig, stride: Stride) -> None:
-        """Advance by dt [s] at the rate and in the directions of a stride."""
+        """Advance by dt [s] with the rate and the directions of a stride."""
         step = config.phase_acceleration_hzps * dt
         self._clock_rate += _clip(stride.phase_rate_hz - self._clock_rate, -step, step)
         direction = [math.copysign(1.0, sweep)
@@ -62,12 +62,12 @@ class LegPhases:
             self.phase[leg] += self.rate[leg] * dt
 
     def _nearest_clock(self, direction: Sequence[float], offsets: Sequence[float]) -> float:
-        """Return the clock [cycles] that asks least of the legs as they stand."""
-        def asked(clock: float) -> float:
+        """Return the clock [cycles] with the least sum of squared phase errors of the legs."""
+        def error(clock: float) -> float:
             return sum(_wrap(sign * (clock + offset) - phase) ** 2
                        for sign, offset, phase in zip(direction, offsets, self.phase))
 
-        return min((k / 64.0 for k in range(64)), key=asked)
+        return min((k / 64.0 for k in range(64)), key=error)
 
 
 def _wrap(phase: float) -> float:

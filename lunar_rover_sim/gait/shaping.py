@@ -18,17 +18,17 @@ class ShapingFunction:
 
     Phase 0 is the middle of stance: a spoke points straight down (angle 0). Stance is
     |phase| <= duty / 2, where the angle runs from -foot_width / 2 to +foot_width / 2; flight is
-    the rest of the cycle and brings the next spoke into the same place. The function is odd, so
+    the rest of the cycle and brings the next spoke to the same place. The function is odd, so
     walking backward is the same motion in reverse, and angle(phase + 1) = angle(phase) + pitch.
 
     The slope is a trapezium with raised-cosine flanks in each segment. `stance_smoothing` and
     `flight_smoothing` (0 to 1) are the shares of the segment taken by its flanks; all flanks meet
-    at one slope, so angle and slope are continuous everywhere. With no stance smoothing the foot
-    moves uniformly through the whole stance, and flight alone changes speed. The slope is positive
-    everywhere: the leg never turns back while its phase grows.
+    at one slope, so angle and slope are continuous everywhere. Without stance smoothing the leg
+    turns uniformly through the whole stance, and only flight changes its speed. The slope is
+    positive everywhere: the leg never turns back while its phase grows.
 
-    Raises ConfigError where duty is not inside (0, 1), the foot width not inside (0, pitch), a
-    smoothing outside [0, 1], or both smoothings zero (the slope would jump).
+    Raises ConfigError where duty is not inside (0, 1), the foot width is not inside (0, pitch), a
+    smoothing is outside [0, 1], or both smoothings are zero (the slope would jump).
     """
 
     def __init__(self, duty: float, foot_width_rad: float, stance_smoothing: float,
@@ -56,25 +56,15 @@ class ShapingFunction:
         self._flight_flank = b = flight_smoothing * half_flight
         stance_mean = 0.5 * foot_width_rad / h
         flight_mean = 0.5 * (pitch_rad - foot_width_rad) / half_flight
-        # The slope at touch-down and lift-off leans towards the segment that smooths less; below
-        # these bounds at least a quarter of each mean slope is left for the plateaus.
+        # The slope at touch-down and lift-off is near that of the segment with less smoothing; its
+        # bounds leave the plateaus at least a quarter of the mean slope.
         m = stance_mean + (flight_mean - stance_mean) * a / (a + b)
         for mean, half, flank in ((stance_mean, h, a), (flight_mean, half_flight, b)):
             m = min(m, 1.5 * mean * half / flank) if flank > 0.0 else m
         self._edge = m
-        # Plateaus so that each segment keeps its sweep: half a flank averages (plateau + m) / 2.
+        # The plateaus keep the sweep of each segment: a flank averages (plateau + m) / 2.
         self._stance_plateau = (stance_mean * h - 0.5 * a * m) / (h - 0.5 * a)
         self._flight_plateau = (flight_mean * half_flight - 0.5 * b * m) / (half_flight - 0.5 * b)
-
-    @property
-    def stance_slope(self) -> float:
-        """Slope in the middle of stance [rad/cycle]."""
-        return self._stance_plateau
-
-    def is_stance(self, phase: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether (...) phases [cycles] lie in stance."""
-        phase = np.asarray(phase, dtype=float)
-        return np.abs(phase - np.round(phase)) <= self._half_stance
 
     def angle(self, phase: ArrayLike) -> Array:
         """Return the leg angle [rad] at (...) phases [cycles], unwrapped as the phase is."""

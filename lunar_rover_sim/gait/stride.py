@@ -1,12 +1,12 @@
-"""A stride: what the four legs are asked to do, as a calibration answers a velocity."""
+"""Strides: the settings of the gait into which a calibration maps a velocity."""
 
 from __future__ import annotations
 
 import dataclasses
 
 MAX_DUTY_OFFSET = 0.2
-_OFFSET_ALONE = 0.4   # up to this turn the duty offset turns alone
-_OFFSET_HELD = 0.6    # and it is held up to this share of the rest, past the reversal of the sweep
+_OFFSET_ALONE = 0.4   # up to this turn, the duty offset alone turns the rover
+_OFFSET_HELD = 0.6    # it is held up to this share of the rest, past the reversal of the sweep
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Stride:
     def turning(cls, phase_rate_hz: float, turn: float) -> Stride:
         """Return the forward stride of one turn: 0 straight on, 1 left on the spot, -1 right.
 
-        Wide curves are made by the duty offset alone, up to `MAX_DUTY_OFFSET`. For tighter ones
-        the inner side shortens its sweep and then reverses it, and at last the offset goes back
-        to 0: on the spot both sides do the same in opposite directions.
+        The duty offset alone, up to `MAX_DUTY_OFFSET`, makes wide curves. In tighter ones the
+        inner side shortens its sweep and then reverses it, and at last the offset returns to 0:
+        on the spot both sides do the same in opposite directions.
         """
         amount = abs(turn)
         beyond = max(0.0, (amount - _OFFSET_ALONE) / (1.0 - _OFFSET_ALONE))
@@ -44,13 +44,13 @@ class Stride:
 
     @property
     def stands(self) -> bool:
-        """Whether nothing moves."""
+        """Whether no leg moves."""
         return self.phase_rate_hz == 0.0
 
     def reversed(self) -> Stride:
-        """Return the same motion backward: as seen in a mirror across the rover.
+        """Return the same motion backward.
 
-        Speed changes its sign and, since the same side still moves less, so does the yaw rate.
+        The speed changes its sign and, since the same side still moves less, so does the yaw rate.
         """
         return dataclasses.replace(self, left_sweep=-self.left_sweep,
                                    right_sweep=-self.right_sweep)

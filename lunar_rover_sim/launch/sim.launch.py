@@ -1,7 +1,7 @@
 """The graph of a scenario: `ros2 launch lunar_rover_sim sim.launch.py scenario:=baseline output:=DIR`.
 
-The same plan as `lunar_rover_sim run`, under ros2 launch: its domain is that of the shell. The run
-ends when physics_node has finished; a node that dies ends it with an error and a non-zero status.
+The plan is that of `lunar_rover_sim run`, in the ROS domain of the shell. The run ends when
+physics_node has finished. A node that dies ends it with an error and a non-zero status.
 """  # noqa: E501
 
 from pathlib import Path

@@ -8,7 +8,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.errors import GaitError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.nodes import conversions, node_main, qos
@@ -29,8 +29,7 @@ class GaitControllerNode(node_main.GraphNode):
         super().__init__('gait_controller_node')
         self._config = config = declare(self, GaitNodeConfig)
         config.check_spokes(load_rover(config.rover or None).legs.spokes)
-        self._controller = GaitController(config, GaitCalibration.load(
-            config.calibration or config_path('gait_calibration.yaml')))
+        self._controller = GaitController(config, GaitCalibration.of(config))
         self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
         self._states: collections.deque[JointState] = collections.deque()
         self._velocities: collections.deque[TwistStamped] = collections.deque()
@@ -95,7 +94,9 @@ class GaitControllerNode(node_main.GraphNode):
         # Outside lockstep a command counts from the newest state.
         command_ns = self._now_ns if command_ns is None else command_ns
         forward_mps, yaw_rate_radps = conversions.velocity_of(twist)
-        if not self._controller.set_velocity(forward_mps, yaw_rate_radps, command_ns):
+        try:
+            self._controller.set_velocity(forward_mps, yaw_rate_radps, command_ns)
+        except GaitError:
             self._refused += 1
             self.get_logger().warning(
                 f'cmd_vel: linear.x = {forward_mps}, angular.z = {yaw_rate_radps} refused '

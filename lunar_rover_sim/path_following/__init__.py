@@ -1,1 +1,1 @@
-"""Where to go: routes, velocity profiles, pure pursuit, and the reasons to stop."""
+"""Path following: routes, velocity profiles, pure pursuit, and the reasons to stop."""

@@ -17,13 +17,13 @@ from lunar_rover_sim.path_following.route import make_route
 
 WAITING, DRIVING, DONE, STOPPED = 'waiting', 'driving', 'done', 'stopped'
 
-_HISTORY_NS = 100_000_000   # progress is looked at ten times a second
-_METRES_PER_RADIAN = 0.3    # progress in heading, for turns in place
+_HISTORY_NS = 100_000_000   # progress is checked ten times per second
+_METRES_PER_RADIAN = 0.3    # weight of progress in heading, for turns in place
 
 
 @dataclasses.dataclass(frozen=True)
 class DriveCommand:
-    """Velocities to command, and how the drive goes.
+    """The commanded velocity and the status of the drive.
 
     status: waiting, driving, done or stopped; reason: one line when done or stopped, else ''.
     """
@@ -35,26 +35,21 @@ class DriveCommand:
 
 
 class Driver:
-    """Drives by configuration, and stops when tilted, stuck or out of the world.
+    """Drives a velocity profile or a route, and stops when tilted, stuck or near the world's edge.
 
-    It avoids nothing. What has stopped stays stopped until `reset`. Nothing here reads a clock:
+    It does not avoid obstacles. After a stop it stays stopped until `reset`. It reads no clock:
     the same calls give the same commands.
     """
 
     def __init__(self, config: DriveConfig, half_extent_m: float | None = None) -> None:
-        """Make a driver for a world that reaches to +-half_extent_m; None has no edge."""
+        """Make a driver for a world that extends to +-half_extent_m [m]; None has no edge."""
         self._config = config
         self._half_extent_m = math.inf if half_extent_m is None else half_extent_m
         self._profile = VelocityProfile(config)
         self.reset()
 
-    @property
-    def pursuit(self) -> PurePursuit | None:
-        """The follower of the route, once the drive has begun."""
-        return self._pursuit
-
     def reset(self) -> None:
-        """Start anew with the next update."""
+        """Start again with the next update."""
         self._start_ns: int | None = None
         self._last_ns = 0
         self._pursuit: PurePursuit | None = None
@@ -67,7 +62,7 @@ class Driver:
                orientation_wxyz: ArrayLike) -> DriveCommand:
         """Return the command at a pose: position (3,) [m], orientation (4,), odom frame.
 
-        Time that goes backward starts the drive anew.
+        If time goes backward, the drive starts again. A pose that is not finite stops it.
         """
         if self._start_ns is not None and stamp_ns < self._last_ns:
             self.reset()
@@ -116,10 +111,10 @@ class Driver:
         if steering.done:
             return DriveCommand(0.0, 0.0, DONE,
                                 f'the route of {self._pursuit.route.length_m:.2f} m is at its end')
-        # Along the route is progress, towards it too, and so is turning to it.
+        # Progress is made along the route, towards the route, and by turning towards it.
         progress = (steering.along_m - steering.across_m
                     - _METRES_PER_RADIAN * abs(steering.heading_error_rad))
-        if self._look(stamp_ns) and self._remember(stamp_ns, progress):
+        if self._check_is_due(stamp_ns) and self._record(stamp_ns, progress):
             gain = self._history[-1][1] - min(p for _, p in self._history)
             if gain < config.stuck_distance_m:
                 return _stopped(f'stuck at {_at(position)}: {gain:.3f} m of progress in'
@@ -128,33 +123,33 @@ class Driver:
 
     def _stuck_on_profile(self, stamp_ns: int, position: np.ndarray, heading: float,
                           forward: float, yaw_rate: float) -> DriveCommand | None:
-        """Without a route, progress is how far the pose has moved, against what was asked."""
+        """Return a stop if the pose has moved much less than commanded, else None."""
         config = self._config
         if forward == 0.0 and yaw_rate == 0.0:
             self._history.clear()
             return None
-        if not self._look(stamp_ns):
+        if not self._check_is_due(stamp_ns):
             return None
         if self._heading is not None:
             self._turned += math.remainder(heading - self._heading, 2.0 * math.pi)
         self._heading = heading
-        asked = (abs(forward) + _METRES_PER_RADIAN * abs(yaw_rate)) * config.stuck_time_s
-        if self._remember(stamp_ns, (position[0], position[1], self._turned)):
+        commanded = (abs(forward) + _METRES_PER_RADIAN * abs(yaw_rate)) * config.stuck_time_s
+        if self._record(stamp_ns, (position[0], position[1], self._turned)):
             x, y, angle = self._history[-1][1]
             moved = max(math.hypot(x - px, y - py) + _METRES_PER_RADIAN * abs(angle - a)
                         for _, (px, py, a) in self._history)
-            if moved < min(config.stuck_distance_m, 0.3 * asked):
+            if moved < min(config.stuck_distance_m, 0.3 * commanded):
                 return _stopped(f'stuck at {_at(position)}: moved {moved:.3f} m in'
                                 f' {config.stuck_time_s:g} s')
         return None
 
-    def _look(self, stamp_ns: int) -> bool:
-        """Return whether it is time to look at the progress again."""
+    def _check_is_due(self, stamp_ns: int) -> bool:
+        """Return whether the next check of the progress is due."""
         return (self._config.stuck_time_s > 0.0
                 and (not self._history or stamp_ns - self._history[-1][0] >= _HISTORY_NS))
 
-    def _remember(self, stamp_ns: int, progress: object) -> bool:
-        """Note the progress; return whether the history spans the whole stuck time."""
+    def _record(self, stamp_ns: int, progress: object) -> bool:
+        """Record the progress; return whether the history spans the whole stuck time."""
         span_ns = self._config.stuck_time_s * 1e9
         self._history.append((stamp_ns, progress))
         full = stamp_ns - self._history[0][0] >= span_ns

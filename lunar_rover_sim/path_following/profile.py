@@ -1,4 +1,4 @@
-"""A list of timed velocities."""
+"""Velocity profiles: timed velocities."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lunar_rover_sim.path_following.config import DriveConfig
 class VelocityProfile:
     """Velocities that begin at their times and hold, or ramp, until the next; the last holds.
 
-    It is done when the last velocity is zero and its time has come.
+    The profile is done at the time of its last velocity, if that is zero.
     """
 
     def __init__(self, config: DriveConfig) -> None:
@@ -31,5 +31,5 @@ class VelocityProfile:
         return forward, yaw
 
     def done(self, time_s: float) -> bool:
-        """Return whether nothing but standing is left."""
+        """Return whether the rover only stands from this time on."""
         return self._velocities[-1] == (0.0, 0.0) and time_s >= self._times_s[-1]

@@ -14,9 +14,11 @@ from lunar_rover_sim.path_following.route import Route
 
 @dataclasses.dataclass(frozen=True)
 class Steering:
-    """What pursuit says: velocities, and where the rover is along the route.
+    """The commanded velocity, and the position of the rover relative to the route.
 
-    heading_error_rad: angle from the rover's heading to the point that it steers for.
+    along_m: arc length of the nearest point of the route; across_m: distance from it;
+    heading_error_rad: angle from the rover's heading to the point that it steers towards;
+    done: whether the end of the route is reached.
     """
 
     forward_mps: float
@@ -28,12 +30,13 @@ class Steering:
 
 
 class PurePursuit:
-    """Follows a route: an arc to the point at the lookahead distance (Coulter, 1992).
+    """Follows a route: an arc to the point at the lookahead distance.
 
-    Curvature is 2 y / d^2 for a point at lateral offset y and distance d. The yaw rate is bounded,
-    and speed gives way so that the curvature stays; a point far off the heading is turned to
-    first. The position along the route only ever advances, and is searched near by, so that a
-    figure-eight is followed through its crossing.
+    The source is Coulter, Implementation of the pure pursuit path tracking algorithm, CMU-RI-TR-
+    92-01, 1992. The curvature is 2 y / d^2 for a point at lateral offset y and distance d. The yaw
+    rate is bounded, and the speed is lowered to keep the curvature. If the point is far off the
+    heading, the rover turns in place first. The position along the route only advances, and only
+    a part of the route ahead is searched, so that a figure-eight is followed through its crossing.
     """
 
     def __init__(self, config: DriveConfig, route: Route) -> None:

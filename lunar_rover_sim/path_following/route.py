@@ -1,4 +1,4 @@
-"""Routes: polylines through waypoints, smooth ones, and the shapes that SLAM likes."""
+"""Routes: polylines and splines through waypoints, and shapes that revisit places for SLAM."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import distance_along
 from lunar_rover_sim.path_following.config import DriveConfig
 
 Array = NDArray[np.float64]
@@ -18,8 +19,10 @@ SAMPLE_M = 0.02
 class Route:
     """A polyline with its arc length.
 
-    points_m: (n, 2) vertices, n >= 2, neighbours distinct. closed: the last vertex joins the
-    first; arc length then goes on round and round, `laps` times.
+    points_m: (n, 2) vertices, of which at least two differ; equal neighbours are merged.
+    closed: the last vertex joins the first, and the arc length runs through `laps` laps.
+
+    Raises ConfigError if all vertices are at one place.
     """
 
     def __init__(self, points_m: ArrayLike, closed: bool = False, laps: int = 1) -> None:
@@ -29,15 +32,15 @@ class Route:
             points = np.vstack([points, points[:1]])
         if len(points) < 2:
             raise ConfigError('waypoints: all lie on one spot; valid is two or more that differ,'
-                              ' the start included')
+                              ' including the start')
         self.closed = closed
         self.points_m = points
-        self._s = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        self._s = distance_along(points)
         self._lap_m = float(self._s[-1])
         self.length_m = self._lap_m * (laps if closed else 1)
 
     def at(self, s_m: ArrayLike) -> Array:
-        """Return (..., 2) points at (...) arc lengths [m]; beyond an end, that end."""
+        """Return the (..., 2) points at (...) arc lengths [m]; beyond an end, that end."""
         s = np.clip(np.asarray(s_m, dtype=float), 0.0, self.length_m)
         if self.closed:
             s = np.where(s >= self.length_m, self._lap_m, s % self._lap_m)
@@ -46,7 +49,8 @@ class Route:
     def nearest(self, position_m: ArrayLike, from_m: float, to_m: float) -> tuple[float, float]:
         """Return arc length [m] and distance [m] of the nearest point between two arc lengths.
 
-        The search samples every 2 cm, so that crossing parts of the route are told apart.
+        The search is limited to that part, so that another part that crosses it is not taken; it
+        samples every 2 cm.
         """
         n = max(2, math.ceil((to_m - from_m) / SAMPLE_M) + 1)
         s = np.linspace(from_m, min(to_m, self.length_m), n)
@@ -56,7 +60,10 @@ class Route:
 
 
 def make_route(config: DriveConfig, start_xy_m: ArrayLike, heading_rad: float) -> Route:
-    """Return the route of a configuration for a rover that starts at a pose (odom frame)."""
+    """Return the route of a configuration for a rover that starts at a pose in the odom frame.
+
+    Raises ConfigError if all waypoints are at one place.
+    """
     start = np.asarray(start_xy_m, dtype=float)[:2]
     if config.shape != 'none':
         points, closed = shape_points(config.shape, config.shape_size_m)
@@ -89,7 +96,7 @@ def shape_points(shape: str, size_m: float) -> tuple[Array, bool]:
         loop = 0.5 * size_m * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=-1)
         return np.vstack([loop, loop * [1.0, -1.0]]), True
     if shape == 'out_and_back':
-        # A drop-shaped loop at the far end, so that the way back is driven without a stop.
+        # A drop-shaped loop at the far end lets the rover turn back without a stop.
         turn = min(0.2 * size_m, 0.7)
         far = size_m - 1.8 * turn
         drop = far + turn * np.array([0.0, 0.8, 1.8, 0.8, 0.0])

@@ -1,1 +1,1 @@
-"""The walk: MuJoCo model, contact, simulation, and the IMU with its noise."""
+"""Physics: the MuJoCo model, contact with the ground, the simulation, and the IMU."""

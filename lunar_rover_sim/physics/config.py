@@ -1,4 +1,4 @@
-"""Parameters of the simulation: step, gravity, start pose, and what the ground does to a foot."""
+"""Parameters of the simulation: time step, gravity, start pose, contact, and errors of the IMU."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ INTEGRATORS = ('discrete', 'implicitfast', 'euler')
 class ContactConfig(Parameters):
     """The ground under a spoke tip: Coulomb friction and a spring-damper that stands for regolith.
 
-    Each contact point pushes with stiffness times sinkage plus damping times sinkage rate, never
-    pulls, and holds tangentially up to the friction cone. Sources and the mapping to the solver's
-    parameters: `physics/contact.py`.
+    Each contact point pushes with stiffness times penetration plus damping times penetration rate,
+    never pulls, and holds tangentially up to the friction cone. `physics/contact.py` gives the
+    sources and the mapping to the parameters of the solver.
     """
 
     sliding_friction: float = param(
@@ -29,9 +29,9 @@ class ContactConfig(Parameters):
         ' patch', unit='m', low=0.0, open_low=True)
     rolling_friction_m: float = param(
         0.0005, 'torque against rolling per normal force', unit='m', low=0.0, open_low=True)
-    stiffness_npm: float = param(2000.0, 'normal force per sinkage of one contact point',
+    stiffness_npm: float = param(2000.0, 'normal force per penetration of one contact point',
                                  unit='N/m', low=0.0, open_low=True)
-    damping_nspm: float = param(60.0, 'normal force per sinkage rate of one contact point',
+    damping_nspm: float = param(60.0, 'normal force per penetration rate of one contact point',
                                 unit='N s/m', low=0.0, open_low=True)
     shear_damping_nspm: float = param(
         30000.0, 'tangential force per creep rate inside the friction cone', unit='N s/m', low=0.0,
@@ -42,21 +42,21 @@ class ContactConfig(Parameters):
 class StartPose(Parameters):
     """Where the rover starts; height and tilt follow from the ground."""
 
-    x_m: float = param(0.0, 'world frame', unit='m')
-    y_m: float = param(0.0, 'world frame', unit='m')
+    x_m: float = param(0.0, 'x in the world frame', unit='m')
+    y_m: float = param(0.0, 'y in the world frame', unit='m')
     yaw_deg: float = param(0.0, 'heading, from x (east) towards y (north)', unit='deg')
     joint_angle_rad: tuple[float, ...] = param((0.0, 0.0, 0.0, 0.0), 'leg angles', unit='rad',
                                                length=4)
-    settle_s: float = param(1.0, 'time the rover is given to come to rest before time 0',
+    settle_s: float = param(1.0, 'simulated time for the rover to come to rest before time 0',
                             unit='s', low=0.0, high=60.0)
 
 
 @dataclasses.dataclass(frozen=True)
 class PhysicsConfig(Parameters):
-    """The simulation; `step_s` is made of whole nanoseconds."""
+    """The simulation; `step_s` is rounded to whole nanoseconds."""
 
     step_s: float = param(0.001, 'time step', unit='s', low=1e-5, high=0.005)
-    gravity_mps2: float = param(1.62, 'along -z; the Moon 1.62, the Earth 9.81', unit='m/s^2',
+    gravity_mps2: float = param(1.62, 'acceleration along -z: Moon 1.62, Earth 9.81', unit='m/s^2',
                                 low=0.0, high=30.0)
     integrator: str = param('discrete', 'numerical integration in MuJoCo',
                             choices=INTEGRATORS)
@@ -76,12 +76,12 @@ FROM_PRESET = -1.0
 class ImuConfig(Parameters):
     """Errors of the IMU; densities and random walks in continuous-time units.
 
-    The four noise parameters come from the preset unless they are given (>= 0). Presets and their
-    sources: `physics/imu.py`. With `enabled` false the signal is the truth.
+    The four noise parameters come from the preset unless they are given (>= 0). `physics/imu.py`
+    holds the presets and their sources. With `enabled` false the true signal is published.
     """
 
     enabled: bool = param(True, 'false publishes the true signal')
-    preset: str = param('adis16448', 'part that the noise parameters are taken from',
+    preset: str = param('adis16448', 'IMU model whose noise parameters are used',
                         choices=('none', 'adis16448', 'bmi160'))
     accel_noise_density: float = param(
         FROM_PRESET, 'white noise of the accelerometer; -1: from the preset',
@@ -121,7 +121,7 @@ class ImuConfig(Parameters):
                                          low=0.0)
 
     def validate(self) -> None:
-        """Check that a noise parameter is either given or left to the preset."""
+        """Raise ConfigError if a noise parameter is negative, other than -1 for the preset."""
         for name in ('accel_noise_density', 'gyro_noise_density', 'accel_bias_random_walk',
                      'gyro_bias_random_walk'):
             value = getattr(self, name)

@@ -1,6 +1,6 @@
-"""What MuJoCo warns of, and which body a diverging simulation went wrong in.
+"""MuJoCo's warnings, and the diagnosis of a simulation that has diverged.
 
-By itself MuJoCo writes its warnings to the terminal and to a file MUJOCO_LOG.TXT in the working
+By default MuJoCo writes its warnings to the terminal and to a file MUJOCO_LOG.TXT in the working
 directory. Here they go to the log, and the newest are kept for the error message.
 """
 
@@ -19,16 +19,16 @@ _texts: collections.deque[str] = collections.deque(maxlen=16)
 
 
 def catch_warnings() -> None:
-    """Take over MuJoCo's warnings in this process, if nobody else has, and forget old ones."""
+    """Send MuJoCo's warnings to the log, unless a handler is set already, and forget old ones."""
     if mujoco.get_mju_user_warning() is None:
         mujoco.set_mju_user_warning(_take)
     _texts.clear()
 
 
 def diagnosis(model: mujoco.MjModel, data: mujoco.MjData, time_s: float) -> str:
-    """Return one line that names time and body of a diverged simulation.
+    """Return one line that names the time and the body at which a simulation diverged.
 
-    MuJoCo's first warning tells where it began; without one it is the fastest body.
+    They are those of MuJoCo's first warning; without a warning, the body is the fastest one.
     """
     text = _texts[0] if _texts else ''
     found = re.search(r'DOF (\d+).*Time = (\d+\.\d+)', text)

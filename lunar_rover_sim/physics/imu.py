@@ -1,4 +1,4 @@
-"""IMU errors: what a real part would have measured of the true signals.
+"""IMU errors: the signals that a real IMU would measure, from the true ones.
 
 Per sensor, with true signal s (specific force or angular rate, IMU axes):
 
@@ -21,14 +21,14 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.physics.config import FROM_PRESET, ImuConfig
 
 
 @dataclasses.dataclass(frozen=True)
 class ImuNoiseParameters:
-    """Continuous-time noise of one part.
+    """Continuous-time noise of one IMU.
 
     accel_noise_density [m/s^2/sqrt(Hz)], gyro_noise_density [rad/s/sqrt(Hz)],
     accel_bias_random_walk [m/s^3/sqrt(Hz)], gyro_bias_random_walk [rad/s^2/sqrt(Hz)]
@@ -65,7 +65,7 @@ class ImuSample:
 
 
 def noise_parameters(config: ImuConfig) -> ImuNoiseParameters:
-    """Return the preset's noise with the values that the configuration gives itself."""
+    """Return the noise of the preset, replaced where the configuration gives a value."""
     preset = dataclasses.asdict(PRESETS[config.preset])
     own = {name: getattr(config, name) for name in preset}
     return ImuNoiseParameters(**{name: preset[name] if value == FROM_PRESET else value
@@ -73,9 +73,9 @@ def noise_parameters(config: ImuConfig) -> ImuNoiseParameters:
 
 
 class ImuNoise:
-    """Turns true into measured signals, sample by sample; the bias walks on with each.
+    """Adds the errors of an IMU to true signals; each sample advances the random walk of the bias.
 
-    rate_hz: sampling rate [Hz]; rng: where the randomness comes from.
+    rate_hz: sampling rate [Hz]; rng: generator of the noise.
     """
 
     def __init__(self, config: ImuConfig, rate_hz: float, rng: np.random.Generator) -> None:
@@ -111,8 +111,14 @@ class ImuNoise:
         return float(variance[0]), float(variance[3])
 
     def measure(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:
-        """Return the measurement of one true (3,) specific force and (3,) rate."""
+        """Return the measurement of one true (3,) specific force and (3,) rate.
+
+        Raises PhysicsError if they have other shapes.
+        """
         true = np.concatenate([specific_force, rate])
+        if true.shape != (6,):
+            raise PhysicsError(f'imu: signals of {np.shape(specific_force)} and {np.shape(rate)}'
+                               ' elements are not valid; valid is (3,) and (3,)')
         if not self._enabled:
             return ImuSample(true[:3], true[3:], np.zeros(3), np.zeros(3))
         draws = self._rng.standard_normal(12)
@@ -124,7 +130,7 @@ class ImuNoise:
     def measure_many(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:
         """Return the measurements of (n, 3) true signals, one sampling interval apart.
 
-        The same as n calls of `measure`.
+        They equal those of n calls of `measure`.
         """
         true = np.concatenate([np.asarray(specific_force, float), np.asarray(rate, float)], axis=1)
         if not self._enabled:
@@ -150,7 +156,10 @@ class ImuNoise:
 
 
 def _axes(scale_error: tuple[float, ...], misalignment_deg: tuple[float, ...]) -> Array:
-    """Return the (3, 3) matrix from true signals, IMU axes, to what the three sensors feel."""
+    """Return the (3, 3) matrix from true signals in IMU axes to those along the sensor axes.
+
+    The misalignment is a rotation vector, made a matrix by Rodrigues' formula.
+    """
     vector = np.radians(misalignment_deg)
     angle = float(np.linalg.norm(vector))
     rotation = np.eye(3)

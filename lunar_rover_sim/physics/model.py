@@ -13,7 +13,6 @@ from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 
 WORLD_PREFIX = 'world_'
-GROUND_GEOM = WORLD_PREFIX + 'ground'
 BASE_THICKNESS_M = 1.0
 
 _INTEGRATORS = {
@@ -26,7 +25,7 @@ _INTEGRATORS = {
 def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) -> mujoco.MjModel:
     """Return the model of the rover on the finest level of the world, with its rocks.
 
-    The height field is the very grid of the world: its samples, its two triangles per cell.
+    The height field has the samples of the world's grid, and the same two triangles per cell.
     """
     spec = rover_spec(rover)
     option = spec.option
@@ -35,12 +34,13 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     option.integrator = _INTEGRATORS[config.integrator]
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    # With this flag the poses of static geoms, thousands of rocks, are computed only once. The
+    # With this flag MuJoCo computes the poses of static geoms, thousands of rocks, only once. The
     # rover itself never sleeps.
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     _add_ground(spec, world.ground)
     _add_rocks(spec, world)
-    # Not read: because of it each step fills `cfrc_ext`, the sums of the contact forces.
+    # Nothing reads this sensor. MuJoCo computes `cfrc_ext`, the contact force on each body, only
+    # for a model that has such a one.
     spec.add_sensor(name='acceleration', type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
                     objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU_SITE)
     model = spec.compile()
@@ -53,8 +53,8 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
 def _add_ground(spec: mujoco.MjSpec, grid: HeightGrid) -> None:
     """Add a height field without data.
 
-    Written as XML: there a field may be left without data, so that hundreds of millions of
-    samples need not pass through the compiler.
+    It is written as XML because only there a field may lack data. So its samples, up to hundreds
+    of millions, do not pass through the compiler.
     """
     low, elevation = _height_range(grid)
     half = grid.half_extent_m
@@ -87,7 +87,7 @@ def _height_range(grid: HeightGrid) -> tuple[float, float]:
 
 
 def _add_rocks(spec: mujoco.MjSpec, world: World) -> None:
-    """Add the rocks, one mesh per shape and size class that occurs."""
+    """Add the rocks, with one mesh for each shape and size class that occurs."""
     rocks = world.rocks
     known: set[str] = set()
     for i in range(len(rocks)):

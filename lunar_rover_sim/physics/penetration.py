@@ -1,4 +1,4 @@
-"""How deep the spoke tips are in what they touch."""
+"""How deep the spoke tips penetrate what they touch."""
 
 from __future__ import annotations
 
@@ -11,19 +11,15 @@ from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.rover.mjcf import tip_geom
 from lunar_rover_sim.world.grid import HeightGrid
 
-# No tip of the default rover sinks deeper under lunar gravity, save after a fall by over 0.3 m.
-# At rest it is 0.5 mm, at a tip radius of 8 mm the ground is nearly rigid, and from about 10 mm on
-# a tip would be caught in it (`physics/contact.py`).
-SINKAGE_BOUND_M = 0.0095
-
 _STENCIL = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
-class TipSinkage:
-    """Looks at the tips of one simulation as it stands after its last step.
+class TipPenetration:
+    """Measures the penetration of the tips in the present state of one simulation.
 
-    MuJoCo's own contact depth holds for a tip whose middle is above the surface. Of a deeper one
-    it is the way out of one prism of the height field, to the side; there the ground is asked.
+    MuJoCo's contact depth is valid for a tip whose centre is above the surface. For a deeper one
+    it is the distance to the side of one prism of the height field; the depth is then computed
+    from the height of the ground.
     """
 
     def __init__(self, simulation: Simulation, ground: HeightGrid) -> None:
@@ -38,9 +34,9 @@ class TipSinkage:
         self._is_tip[self._tips] = True
 
     def deepest_m(self) -> float:
-        """Return the depth [m], along the normal, of the tip that is deepest in ground or rock.
+        """Return the greatest penetration [m] of a tip into ground or rock, along the normal.
 
-        0 where none touches.
+        It is 0 where no tip touches anything.
         """
         contact = self._simulation.data.contact
         distance = contact.dist[self._is_tip[contact.geom].any(axis=1)]
@@ -50,7 +46,7 @@ class TipSinkage:
         return max(0.0, float(np.max(self._in_ground_m())), self._in_rocks_m())
 
     def _in_ground_m(self) -> Array:
-        """Return the depth of each tip in the ground, negative above it."""
+        """Return the (n,) depth [m] of each tip in the ground, negative above it."""
         centre = self._simulation.data.geom_xpos[self._tips]
         around = centre[:, None, :2] + self._radius_m * _STENCIL
         height = self._ground.height_at(around)
@@ -61,6 +57,7 @@ class TipSinkage:
         return np.nan_to_num(depth)
 
     def _in_rocks_m(self) -> float:
+        """Return the greatest depth of a tip in a rock, 0 where none touches one."""
         contact, model = self._simulation.data.contact, self._simulation.model
         geoms = contact.geom
         rock = (model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH).any(axis=1)

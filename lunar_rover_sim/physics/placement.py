@@ -1,4 +1,4 @@
-"""Where the rover stands at the start: just above the ground, tilted as the ground is."""
+"""The start pose of the rover: just above the ground, tilted as the ground is."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.grid import HeightGrid
 
 CLEARANCE_M = 0.001
-MARGIN_M = 1.0  # the start keeps this distance from the border of the ground
-RAISE_M = 0.005
+MARGIN_M = 1.0   # least distance of the start from the border of the ground
+RAISE_M = 0.005  # step by which the rover is raised until it touches nothing
 
 
 def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover: RoverDescription,
           start: StartPose) -> None:
-    """Put the rover at the start pose, free of the ground and of rocks; writes `data.qpos`.
+    """Put the rover at the start pose, clear of the ground and of rocks; writes `data.qpos`.
 
-    Raises ConfigError if the start is not on the ground.
+    Raises ConfigError if the start is not on the ground, or if there is no room for the rover.
     """
     limit = ground.half_extent_m - MARGIN_M
     for name, value in (('start.x_m', start.x_m), ('start.y_m', start.y_m)):
@@ -37,7 +37,7 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover:
     spheres = geoms[model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_SPHERE]
     centres = data.geom_xpos[spheres]
     lowest = centres[:, 2] - model.geom_size[spheres, 0]
-    # Steep ground touches a sphere beside its lowest point.
+    # Steep ground touches a sphere beside its lowest point: look at a disc below each.
     offsets = model.geom_size[spheres, 0].max() * _DISC
     under = ground.height_at(centres[:, None, :2] + offsets)
     data.qpos[2] = np.max(under.max(axis=1) - lowest) + CLEARANCE_M

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import numbers
 from types import TracebackType
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, wxyz_from_rpy
+from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.model import build_model
@@ -22,23 +25,43 @@ from lunar_rover_sim.world.model import World
 
 MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unless it diverges
 MAX_COMMAND_RADPS = 1e6
-MAX_START_TILT_DEG = 60.0  # settled beyond this, the rover lies on its side or against a rock
+MAX_START_TILT_DEG = 60.0  # settled at more, the rover lies on its side or leans on a rock
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-# (a @ _CROSS).reshape(3, 3) @ b is the cross product of a and b.
+# The cross product a x b is (a @ _CROSS).reshape(3, 3) @ b.
 _CROSS = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
                    [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
                    [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
 _FULL = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
 
 
-class Simulation:
-    """MuJoCo with this rover on this world; starts settled, at time 0.
+class SimulatedScenario(Protocol):
+    """What a simulation needs of a scenario."""
 
-    Commands hold until the next one. The same commands give the same states, bit by bit, on one
-    machine. Use it as a context manager, or call `close`.
+    @property
+    def physics_node(self) -> PhysicsConfig:
+        """The parameters of the simulation."""
+
+    @property
+    def rover(self) -> RoverDescription:
+        """The rover."""
+
+    def load_world(self) -> World:
+        """Return the world of the scenario."""
+
+
+class Simulation:
+    """A rover on a world in MuJoCo; it starts at rest, at time 0.
+
+    A command holds until the next one. The same commands give the same states, bit by bit, on one
+    machine. Use the simulation as a context manager, or call `close`.
     """
 
     def __init__(self, world: World, rover: RoverDescription, config: PhysicsConfig) -> None:
+        """Place the rover at its start and let it settle.
+
+        Raises ConfigError where it cannot stand there, or where the time step is too long for the
+        contact.
+        """
         catch_warnings()
         self.rover = rover
         self.config = config
@@ -51,7 +74,7 @@ class Simulation:
         legs = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, leg) for leg in LEG_NAMES]
         base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
         if legs != list(range(legs[0], legs[0] + 4)):
-            raise PhysicsError('the legs are not neighbours in the model')
+            raise PhysicsError('the bodies of the legs do not follow each other in the model')
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
         self._leg_wrench = data.cfrc_ext[legs[0]:legs[0] + 4]
         self._motor = data.qfrc_actuator[6:10]
@@ -62,6 +85,7 @@ class Simulation:
         self._R_base_imu = matrix_from_wxyz(wxyz_from_rpy(*np.radians(rover.imu.rpy_deg)))
         self._gravity = np.array([0.0, 0.0, -config.gravity_mps2])
         self._steps = 0
+        self._state: RoverState
         place(model, data, world.ground, rover, config.start)
         self._last_quat = self._qpos[3:7].copy()
         self._last_imu_velocity = np.zeros(3)
@@ -71,6 +95,13 @@ class Simulation:
         self._start_state = self._state
         self._start_motion = self._last_quat, self._last_imu_velocity
 
+    @classmethod
+    def from_scenario(cls, scenario: SimulatedScenario, world: World | None = None) -> Simulation:
+        """Return the simulation of a scenario, on another world if one is given."""
+        if world is None:
+            world = scenario.load_world()
+        return cls(world, scenario.rover, scenario.physics_node)
+
     def __enter__(self) -> Simulation:
         return self
 
@@ -79,19 +110,19 @@ class Simulation:
         self.close()
 
     def close(self) -> None:
-        """Release the model; the simulation cannot be used after."""
+        """Release the model. The simulation cannot be used afterwards."""
         self._model = self._data = None
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The compiled MuJoCo model, for looking at; raises PhysicsError after close."""
+        """The compiled MuJoCo model, to be read; raises PhysicsError after `close`."""
         if self._model is None:
             raise PhysicsError('the simulation is closed')
         return self._model
 
     @property
     def data(self) -> mujoco.MjData:
-        """MuJoCo's data, for looking at; raises PhysicsError after close."""
+        """MuJoCo's data, to be read; raises PhysicsError after `close`."""
         if self._data is None:
             raise PhysicsError('the simulation is closed')
         return self._data
@@ -101,31 +132,36 @@ class Simulation:
         """Time since the start [ns]."""
         return self._steps * self.config.step_ns
 
-    def command(self, velocity_radps: ArrayLike, angle_rad: ArrayLike | None = None) -> None:
-        """Set the motors' velocity setpoints (4,) [rad/s].
+    def command(self, velocity_radps: ArrayLike) -> None:
+        """Set the velocity setpoints of the motors, (4,) [rad/s] in the order of LEG_NAMES.
 
-        The motors are velocity-controlled: `angle_rad`, the reference angle (4,), is the business
-        of the gait controller and is not used. Raises PhysicsError on values that are not finite.
+        Raises PhysicsError if they are not four finite numbers.
         """
-        velocity = np.asarray(velocity_radps, dtype=float)
+        try:
+            velocity = np.asarray(velocity_radps, dtype=float)
+        except (TypeError, ValueError):
+            velocity = np.empty(0)
         if velocity.shape != (4,) or not np.isfinite(velocity).all():
-            raise PhysicsError(f'command: {velocity_radps!r} is not valid; valid is four finite'
-                               ' velocities [rad/s]')
-        # Far beyond what asks for full torque, and short of what MuJoCo takes for nonsense and 0.
+            raise PhysicsError(f'command: {brief(velocity_radps)} is not valid; valid is four'
+                               ' finite velocities [rad/s]')
+        # The bound is far above what gives full torque, and below 1e10, from where on MuJoCo
+        # takes a control for an error and sets it to 0.
         velocity = np.minimum(np.maximum(velocity, -MAX_COMMAND_RADPS), MAX_COMMAND_RADPS)
         self._ctrl[:] = velocity * self._gear
 
+    @property
     def state(self) -> RoverState:
-        """Return the present state."""
+        """The present state."""
         return self._state
 
     def advance(self, n_steps: int) -> RoverState:
-        """Make n >= 1 steps and return the state at their end.
+        """Make n >= 1 steps of `config.step_s` and return the state at their end.
 
-        Raises PhysicsError if the motion diverges or the rover has left the ground.
+        Raises PhysicsError if the motion diverges or the rover leaves the ground.
         """
-        if n_steps < 1:
-            raise PhysicsError(f'advance: {n_steps} steps asked for; valid is >= 1')
+        if not isinstance(n_steps, numbers.Integral) or n_steps < 1:
+            raise PhysicsError(f'advance: {brief(n_steps)} is not valid; valid is a whole number'
+                               ' of steps >= 1')
         model, data = self.model, self.data
         step, step_wrench, step_torque = mujoco.mj_step, self._leg_wrench, self._motor
         wrench, torque = np.zeros((4, 6)), np.zeros(4)
@@ -141,7 +177,7 @@ class Simulation:
         return self._state
 
     def reset(self) -> RoverState:
-        """Go back to the settled start, at time 0."""
+        """Go back to the settled start, at time 0, and return its state."""
         catch_warnings()
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, self._start, _STATE)
@@ -151,14 +187,14 @@ class Simulation:
         return self._state
 
     def _settle(self) -> None:
-        """Let the rover come to rest with its motors braked, then set the clock to 0."""
+        """Let the rover come to rest with its legs held, then set the clock to 0."""
         steps = max(1, round(self.config.start.settle_s / self.config.step_s))
         if steps > 1:
             self.advance(steps - 1)
         self.advance(1)
         self.data.time = 0.0
         self._steps = 0
-        self._state = dataclasses.replace(self._state, time_ns=0)
+        self._state = dataclasses.replace(self._state, stamp_ns=0)
         _, x, y, _ = self._state.orientation_wxyz
         tilt_deg = float(np.degrees(np.arccos(1.0 - 2.0 * (x * x + y * y))))
         if tilt_deg > MAX_START_TILT_DEG:
@@ -168,10 +204,11 @@ class Simulation:
                               ' another place')
 
     def _observe(self, wrench: Array, torque: Array, interval_s: float) -> RoverState:
-        """Return the state now; IMU signals from the motion since the state before.
+        """Return the state now, with the IMU signals of the motion since the previous state.
 
-        The rate is the constant rate that turns the one attitude into the other. The specific
-        force is the mean acceleration of the IMU less gravity, in the axes halfway between.
+        The rate is the constant rate that turns the previous attitude into the present one. The
+        specific force is the mean acceleration of the IMU minus gravity, in the axes halfway
+        between both attitudes.
         """
         # ndarray.dot and MuJoCo's functions take a third of the time of @ and np.cross here.
         qpos, qvel = self._qpos, self._qvel
@@ -196,7 +233,7 @@ class Simulation:
         turn = np.matmul(lever, pull[:, :, None])[:, :, 0]
         turn += wrench[:, :3]
         return RoverState(
-            time_ns=self.time_ns,
+            stamp_ns=self.time_ns,
             position_m=qpos[:3].copy(),
             orientation_wxyz=quat,
             linear_velocity_mps=velocity.dot(R_world_base),
@@ -216,7 +253,7 @@ class Simulation:
         return bool(contacts.number or constraints.number)
 
     def _check(self) -> None:
-        """Raise PhysicsError if the state is no longer that of a rover on the ground."""
+        """Raise PhysicsError if the motion has diverged or the rover has left the ground."""
         if not self._qvel.dot(self._qvel) < MAX_SPEED ** 2 or self._is_full():
             raise PhysicsError(diagnosis(self.model, self.data, self.time_ns * 1e-9))
         x, y, _ = self._qpos[:3].tolist()

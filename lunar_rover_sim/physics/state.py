@@ -1,4 +1,4 @@
-"""The state of the rover that physics hands out."""
+"""The state of the rover after a physics step."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class RoverState:
     """Pose, motion and forces at one stamp.
 
     Kinematic values hold at the stamp. Forces, torques, currents and the IMU signals are means
-    over the interval since the state before, which ends at the stamp: so their sums over time are
-    exact impulses, and contact spikes do not alias.
+    over the interval from the previous state to the stamp: their sums over time are exact
+    impulses, and contact spikes do not alias.
 
-    time_ns: steps since the start times the step [ns]
+    stamp_ns: simulated time since the start [ns]
     position_m: (3,) origin of base_link, world frame
     orientation_wxyz: (4,) base_link in the world frame
     linear_velocity_mps: (3,) of the origin of base_link, base axes
@@ -30,7 +30,7 @@ class RoverState:
     imu_rate_radps: (3,) IMU axes
     """
 
-    time_ns: int
+    stamp_ns: int
     position_m: Array
     orientation_wxyz: Array
     linear_velocity_mps: Array

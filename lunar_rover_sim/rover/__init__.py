@@ -1,1 +1,1 @@
-"""What the rover is: one description that makes MJCF, URDF, meshes and sensor mounts."""
+"""The rover: one description, from which MJCF, URDF, meshes and sensor mounts are made."""

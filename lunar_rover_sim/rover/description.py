@@ -6,8 +6,9 @@ to base +y; the joint `<leg>_joint` turns positively about +y, so that a positiv
 forward (the lower spoke tip moves backward).
 
 At joint angle 0 spoke 0 points straight down. Spoke k of n stands at the angle a = q + k 2 pi / n
-from straight down, q being the joint angle: it points along (-sin a, 0, -cos a) in base axes. So
-a > 0 is behind the axle, a < 0 in front of it, and a stance goes from negative to positive a.
+from straight down, where q is the joint angle, and points along (-sin a, 0, -cos a) in base axes.
+So a > 0 is behind the axle, a < 0 is in front of it, and a goes from negative to positive in
+stance.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ JOINT_NAMES = tuple(f'{leg}_joint' for leg in LEG_NAMES)
 
 @dataclasses.dataclass(frozen=True)
 class Chassis(Parameters):
-    """The box that carries everything."""
+    """The chassis: a solid box."""
 
     mass_kg: float = param(2.0, 'mass without legs', unit='kg', low=0.0, open_low=True)
-    length_m: float = param(0.30, 'along x', unit='m', low=0.0, open_low=True)
-    width_m: float = param(0.16, 'along y', unit='m', low=0.0, open_low=True)
-    height_m: float = param(0.08, 'along z', unit='m', low=0.0, open_low=True)
+    length_m: float = param(0.30, 'length along x', unit='m', low=0.0, open_low=True)
+    width_m: float = param(0.16, 'width along y', unit='m', low=0.0, open_low=True)
+    height_m: float = param(0.08, 'height along z', unit='m', low=0.0, open_low=True)
     com_m: tuple[float, ...] = param((0.0, 0.0, -0.01), 'centre of mass in base_link', unit='m',
                                      length=3)
 
@@ -41,18 +42,18 @@ class Legs(Parameters):
     """Four equal legs of rigid spokes; positions are those of the axles in base_link."""
 
     spokes: int = param(3, 'spokes per leg', low=2, high=12)
-    spoke_length_m: float = param(0.08, 'axle to the end of the tip', unit='m', low=0.0,
-                                  open_low=True)
+    spoke_length_m: float = param(0.08, 'distance from the axle to the end of the tip', unit='m',
+                                  low=0.0, open_low=True)
     spoke_radius_m: float = param(0.005, 'radius of the rod', unit='m', low=0.0, open_low=True)
     tip_radius_m: float = param(0.008, 'radius of the rounded tip', unit='m', low=0.0,
                                 open_low=True)
     mass_kg: float = param(0.06, 'mass of one leg', unit='kg', low=0.0, open_low=True)
-    axle_x_m: float = param(0.115, 'axles at +x and -x', unit='m', low=0.0, open_low=True)
-    axle_y_m: float = param(0.105, 'leg planes at +y and -y', unit='m', low=0.0, open_low=True)
+    axle_x_m: float = param(0.115, 'axles are at +x and -x', unit='m', low=0.0, open_low=True)
+    axle_y_m: float = param(0.105, 'leg planes are at +y and -y', unit='m', low=0.0, open_low=True)
     axle_z_m: float = param(-0.02, 'axle height', unit='m')
 
     def validate(self) -> None:
-        """Check that the tip ends the spoke."""
+        """Raise ConfigError if the tip is larger than the spoke is long."""
         if self.tip_radius_m >= self.spoke_length_m:
             raise ConfigError(f'tip_radius_m: {self.tip_radius_m} is not valid; valid is less than'
                               f' spoke_length_m = {self.spoke_length_m} [m]')
@@ -82,16 +83,18 @@ class Motor(Parameters):
     84:1 planetary gear: 13.1 rad/s and at most 1.3 N m at the leg.
     """
 
-    supply_voltage_v: float = param(12.0, 'supply', unit='V', low=0.0, open_low=True)
-    stall_torque_nm: float = param(0.042, 'of the bare motor at the supply voltage', unit='N m',
-                                   low=0.0, open_low=True)
-    no_load_speed_radps: float = param(1100.0, 'of the bare motor at the supply voltage',
-                                       unit='rad/s', low=0.0, open_low=True)
+    supply_voltage_v: float = param(12.0, 'voltage of the supply', unit='V', low=0.0,
+                                    open_low=True)
+    stall_torque_nm: float = param(0.042, 'stall torque of the bare motor at the supply voltage',
+                                   unit='N m', low=0.0, open_low=True)
+    no_load_speed_radps: float = param(1100.0, 'no-load speed of the bare motor at the supply'
+                                       ' voltage', unit='rad/s', low=0.0, open_low=True)
     gear_ratio: float = param(84.0, 'turns of the motor per turn of the leg', low=0.0,
                               open_low=True)
-    rotor_inertia_kgm2: float = param(1.2e-7, 'of rotor and first gear stage', unit='kg m^2',
-                                      low=0.0, open_low=True)
-    current_limit_a: float = param(1.4, 'of the driver', unit='A', low=0.0, open_low=True)
+    rotor_inertia_kgm2: float = param(1.2e-7, 'inertia of rotor and first gear stage',
+                                      unit='kg m^2', low=0.0, open_low=True)
+    current_limit_a: float = param(1.4, 'current limit of the driver', unit='A', low=0.0,
+                                   open_low=True)
     coulomb_friction_nm: float = param(0.03, 'dry friction of the gear, at the leg', unit='N m',
                                        low=0.0)
     viscous_friction_nms: float = param(0.002, 'viscous friction of the gear, at the leg',
@@ -110,13 +113,8 @@ class Motor(Parameters):
         return self.motor_constant * self.supply_voltage_v / self.stall_torque_nm
 
     @property
-    def reflected_inertia_kgm2(self) -> float:
-        """Rotor inertia as the leg feels it [kg m^2]."""
-        return self.rotor_inertia_kgm2 * self.gear_ratio ** 2
-
-    @property
     def leg_stall_torque_nm(self) -> float:
-        """Most torque at the leg, by current limit or winding [N m]."""
+        """Greatest torque at the leg, set by the current limit or the winding [N m]."""
         return self.gear_ratio * min(self.stall_torque_nm,
                                      self.motor_constant * self.current_limit_a)
 
@@ -126,7 +124,7 @@ class Motor(Parameters):
         return self.no_load_speed_radps / self.gear_ratio
 
     def current_a(self, leg_torque_nm: Any) -> Any:
-        """Return the winding current [A] that makes the electric torque at the leg [N m]."""
+        """Return the winding current [A] for an electric torque at the leg [N m]."""
         return leg_torque_nm / (self.gear_ratio * self.motor_constant)
 
     def electric_power_w(self, leg_torque_nm: Any, leg_speed_radps: Any) -> Any:
@@ -134,21 +132,10 @@ class Motor(Parameters):
         current = self.current_a(leg_torque_nm)
         return current ** 2 * self.resistance_ohm + leg_torque_nm * leg_speed_radps
 
-    def is_stalled(self, leg_torque_nm: Any, leg_speed_radps: Any) -> Any:
-        """Return whether a leg is blocked: full torque, yet hardly any speed."""
-        return ((abs(leg_torque_nm) > 0.95 * self.leg_stall_torque_nm)
-                & (abs(leg_speed_radps) < 0.02 * self.leg_no_load_speed_radps))
-
-    def torque_limit_nm(self, leg_speed_radps: float) -> float:
-        """Return the most driving torque at the leg [N m] at a speed >= 0 [rad/s]."""
-        voltage_bound = self.gear_ratio * self.stall_torque_nm * (
-            1.0 - leg_speed_radps / self.leg_no_load_speed_radps)
-        return max(0.0, min(self.leg_stall_torque_nm, voltage_bound))
-
 
 @dataclasses.dataclass(frozen=True)
 class StereoMount(Parameters):
-    """Where the stereo camera sits: the midpoint between both lenses, and where it looks."""
+    """The mount of the stereo camera: the midpoint between the lenses and the line of sight."""
 
     position_m: tuple[float, ...] = param((0.12, 0.0, 0.18), 'midpoint of the lenses in base_link',
                                           unit='m', length=3)
@@ -160,7 +147,7 @@ class StereoMount(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class ImuMount(Parameters):
-    """Where the IMU sits; its axes are those of base_link turned by rpy."""
+    """The mount of the IMU; its axes are those of base_link, turned by rpy."""
 
     position_m: tuple[float, ...] = param((0.0, 0.0, 0.0), 'origin in base_link', unit='m',
                                           length=3)
@@ -170,7 +157,7 @@ class ImuMount(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class RoverDescription(Parameters):
-    """Everything that makes this rover this rover; MJCF and URDF are made from it."""
+    """The complete rover; MJCF and URDF are made from it."""
 
     chassis: Chassis = group(Chassis)
     legs: Legs = group(Legs)
@@ -180,5 +167,5 @@ class RoverDescription(Parameters):
 
     @property
     def total_mass_kg(self) -> float:
-        """Chassis and four legs [kg]."""
+        """Mass of chassis and four legs [kg]."""
         return self.chassis.mass_kg + 4.0 * self.legs.mass_kg

@@ -23,6 +23,6 @@ def leg_inertia(legs: Legs) -> Array:
     inertia = np.zeros((3, 3))
     for direction in np.array(legs.spoke_directions()):
         inertia += rod * (np.eye(3) - np.outer(direction, direction))
-    # A rod of radius r also turns about its own axis; it keeps the matrix positive definite.
+    # The inertia of a rod about its own axis keeps the matrix positive definite.
     own = 0.5 * legs.mass_kg / legs.spokes * legs.spoke_radius_m ** 2
     return inertia + own * np.eye(3)

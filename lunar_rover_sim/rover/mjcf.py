@@ -5,8 +5,8 @@ Bodies: `base_link` on the free joint `base_free`, one body per leg named as the
 `<leg>_motor`, velocity setpoint in rad/s of the motor shaft (leg velocity times gear ratio).
 Site: `imu`.
 
-Contact classes (bit masks): ground and rocks are put into the world by `physics`. Tips and
-chassis touch both; rods touch rocks only, since on the ground the tip always comes first.
+Contact classes (bit masks): `physics` adds ground and rocks. Tips and chassis touch both. Rods
+touch rocks only, since on the ground the tip always makes contact first.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from lunar_rover_sim.rover.mounts import MAST_RADIUS_M
 
 GROUND_BIT = 1
 ROCK_BIT = 2
-ROVER_PRIORITY = 1  # the rover's contact parameters hold on ground and rocks alike
+ROVER_PRIORITY = 1  # the contact parameters of the rover apply on ground and rocks alike
 
 BASE_BODY = 'base_link'
 FREE_JOINT = 'base_free'
 CHASSIS_GEOM = 'chassis'
 MAST_GEOM = 'mast'
 IMU_SITE = 'imu'
-# As firm as the solver has it: with MuJoCo's defaults a joint held by dry friction creeps.
+# As stiff as the solver allows: with MuJoCo's defaults a joint held by dry friction creeps.
 _DRY_SOLREF = [0.002, 1.0]
 _DRY_SOLIMP = [0.999, 0.999, 0.001, 0.5, 2.0]
 
@@ -36,7 +36,7 @@ _DRY_SOLIMP = [0.999, 0.999, 0.001, 0.5, 2.0]
 def rover_spec(rover: RoverDescription) -> mujoco.MjSpec:
     """Return the rover alone, at the origin with all joint angles 0.
 
-    Contact stiffness and friction are not set here: they belong to the ground (`physics`).
+    Contact stiffness and friction belong to the ground; `physics` sets them.
     """
     spec = mujoco.MjSpec()
     spec.modelname = 'lunar_rover'

@@ -1,4 +1,4 @@
-"""Where the sensors are: poses in base_link."""
+"""The mounts of the sensors: their poses in base_link."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def imu_pose(rover: RoverDescription) -> Array:
 
 
 def camera_poses(rover: RoverDescription) -> tuple[Array, Array]:
-    """Return T_base_camera (4, 4) of left and right camera, x along the optical axis, z up."""
+    """Return T_base_camera (4, 4) of left and right camera: x along the optical axis, y left."""
     tilt = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(rover.stereo.pitch_deg), 0.0))
     centre = np.array(rover.stereo.position_m)
     half = 0.5 * rover.stereo.baseline_m * tilt[:, 1]
@@ -25,7 +25,7 @@ def camera_poses(rover: RoverDescription) -> tuple[Array, Array]:
 
 
 def optical_poses(rover: RoverDescription) -> tuple[Array, Array]:
-    """Return T_base_optical (4, 4) of left and right camera, z along the optical axis."""
+    """Return T_base_optical (4, 4) of left and right camera: z along the optical axis, x right."""
     left, right = camera_poses(rover)
     turn = se3(R_BODY_OPTICAL, np.zeros(3))
     return left @ turn, right @ turn

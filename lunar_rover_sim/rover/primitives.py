@@ -1,7 +1,7 @@
 """Closed triangle meshes of simple solids: (vertices (v, 3) [m], faces (f, 3)).
 
-Faces are counter-clockwise seen from outside. Flat faces have vertices of their own where a sharp
-edge is wanted; normals are left to whoever draws.
+Faces are counter-clockwise seen from outside. Flat faces have their own vertices at sharp edges.
+The meshes have no normals; the renderer computes them.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from pathlib import Path
 import yaml
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.rover.description import RoverDescription
@@ -15,9 +16,9 @@ _MOST_BYTES = 1 << 18
 
 
 def load_rover(path: str | Path | None = None) -> RoverDescription:
-    """Return the rover of a YAML file, or of the packaged `rover.yaml` where no file is given.
+    """Return the rover of a YAML file, or that of the packaged `rover.yaml` if none is given.
 
-    Raises ConfigError if the file cannot be read or says something invalid.
+    Raises ConfigError if the file cannot be read or is not valid.
     """
     path = Path(path) if path is not None else config_path('rover.yaml')
     content = parse_yaml(read_text(path, _MOST_BYTES), str(path))
@@ -28,5 +29,5 @@ def load_rover(path: str | Path | None = None) -> RoverDescription:
 
 
 def save_rover(rover: RoverDescription, path: str | Path) -> None:
-    """Write the rover to a YAML file that `load_rover` reads back."""
-    Path(path).write_text(yaml.safe_dump(rover.to_mapping(), sort_keys=False), encoding='utf-8')
+    """Write the rover to a YAML file for `load_rover`; raise ConfigError if that fails."""
+    atomic_write(path, yaml.safe_dump(rover.to_mapping(), sort_keys=False), ConfigError)

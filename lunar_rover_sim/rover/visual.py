@@ -1,8 +1,8 @@
 """The rover as triangle meshes, for the renderer.
 
-A micro rover of a body in gold foil with a slanted deck of solar cells, a mast with the stereo
-head, an antenna, motor housings at the axles, and spoke legs with dark round tips. Geometry
-follows the description: what touches the ground is drawn where it touches.
+The rover has a body in gold foil, a deck of solar cells, a mast with the stereo head, an antenna,
+motor housings at the axles, and spoke legs with dark round tips. The geometry follows the
+description: legs and tips are drawn where they collide.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ RUBBER = (0.06, 0.06, 0.065)
 
 
 class VisualPart(NamedTuple):
-    """One piece of one colour.
+    """One part of one colour.
 
     link: base_link or the name of a leg; vertices: (v, 3) float32 in that link's frame [m], leg
     frames at the axle with joint angle 0; faces: (f, 3) int32, counter-clockwise seen from
@@ -66,7 +66,7 @@ def _base(rover: RoverDescription) -> list[tuple[Mesh, tuple[float, float, float
     top = height / 2
     bevel = 0.15 * height
     body = box((length, width, height), bevel=bevel)
-    # The deck overhangs a little and leaves room for the mast in front.
+    # The deck overhangs the body a little and leaves room for the mast in front.
     mast = np.array(rover.stereo.position_m)
     front = min(mast[0] - 3.0 * MAST_RADIUS_M, length / 2)
     rear = -length / 2 - 0.01
@@ -99,7 +99,7 @@ def _base(rover: RoverDescription) -> list[tuple[Mesh, tuple[float, float, float
 
 
 def _mast(rover: RoverDescription, top: float) -> list[tuple[Mesh, tuple[float, float, float]]]:
-    """Return mast and stereo head; lenses stand at the camera poses, the housing behind them."""
+    """Return mast and stereo head; the lenses are at the camera poses, the housing behind them."""
     x, y, z = rover.stereo.position_m
     left, right = camera_poses(rover)
     depth, head_height = 0.028, 0.036

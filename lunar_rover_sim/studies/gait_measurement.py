@@ -95,11 +95,11 @@ def walk(simulation: Simulation, controller: GaitController, duration_s: float,
     controller.reset()
     rows: list[tuple] = []
     for _ in range(round(duration_s / (steps * simulation.config.step_s))):
-        command(controller, state.time_ns)
-        legs = controller.update(state.time_ns, state.joint_angle_rad, state.joint_velocity_radps)
-        simulation.command(legs.velocity_radps, legs.angle_rad)
+        command(controller, state.stamp_ns)
+        legs = controller.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
+        simulation.command(legs.velocity_radps)
         state = simulation.advance(steps)
-        rows.append((state.time_ns * 1e-9, state.position_m,
+        rows.append((state.stamp_ns * 1e-9, state.position_m,
                      rpy_from_wxyz(state.orientation_wxyz), state.joint_angle_rad,
                      state.joint_velocity_radps, state.motor_torque_nm, state.contact_force_n,
                      legs.angle_rad, legs.phase))

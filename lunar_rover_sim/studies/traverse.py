@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.errors import EvaluationError, PhysicsError
+from lunar_rover_sim.frames import path_length
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.physics.penetration import TipSinkage
+from lunar_rover_sim.physics.penetration import TipPenetration
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.studies.gait_measurement import STATE_PERIOD_S
@@ -217,9 +218,9 @@ class _Run:
         self._tilts: list[float] = []
         self._path: list[Array] = []
         self._reference: list[float] | None = None
-        self._tips = TipSinkage(simulation, ground)
+        self._tips = TipPenetration(simulation, ground)
         self._sinkage_m = 0.0
-        self._state = simulation.state()
+        self._state = simulation.state
         self._waypoints = plan(self._state.position_m[:2])
         self._driver = self._make_driver()
 
@@ -246,7 +247,7 @@ class _Run:
                         back_up, velocity = self._back_up_periods, (BACK_UP_MPS, 0.0)
                 elif k % DRIVE_PERIOD == 0:
                     state = self._state
-                    command = self._driver.update(state.time_ns, state.position_m,
+                    command = self._driver.update(state.stamp_ns, state.position_m,
                                                   state.orientation_wxyz)
                     velocity = (command.forward_mps, command.yaw_rate_radps)
                     if command.status == DONE:
@@ -289,24 +290,22 @@ class _Run:
 
     def _step(self, velocity: tuple[float, float]) -> None:
         state = self._state
-        self._controller.set_velocity(*velocity, state.time_ns)
-        legs = self._controller.update(state.time_ns, state.joint_angle_rad,
+        self._controller.set_velocity(*velocity, state.stamp_ns)
+        legs = self._controller.update(state.stamp_ns, state.joint_angle_rad,
                                        state.joint_velocity_radps)
-        self._simulation.command(legs.velocity_radps, legs.angle_rad)
+        self._simulation.command(legs.velocity_radps)
         self._state = self._simulation.advance(self._steps)
         self._note(legs)
 
     def _note(self, legs: LegCommand) -> None:
         # Plain floats: on four numbers they take a third of the time of arrays.
         state, dt = self._state, self._period_s
-        resistance_ohm = self._simulation.rover.motor.resistance_ohm
+        motor = self._simulation.rover.motor
         self._tilts.append(self._tilt_deg())
-        for torque, current, speed in zip(state.motor_torque_nm.tolist(),
-                                          state.motor_current_a.tolist(),
-                                          state.joint_velocity_radps.tolist()):
-            power = torque * speed
-            self._mechanical_j += max(power, 0.0) * dt
-            self._electric_j += max(power + current ** 2 * resistance_ohm, 0.0) * dt
+        for torque, speed in zip(state.motor_torque_nm.tolist(),
+                                 state.joint_velocity_radps.tolist()):
+            self._mechanical_j += max(torque * speed, 0.0) * dt
+            self._electric_j += max(motor.electric_power_w(torque, speed), 0.0) * dt
         self._sinkage_m = max(self._sinkage_m, self._tips.deepest_m())
         reference = legs.angle_rad.tolist()
         if self._reference is not None:
@@ -332,15 +331,14 @@ class _Run:
 
     def _result(self, outcome: str) -> Traverse:
         path = np.array(self._path).reshape(-1, 3)
-        distance = float(np.sum(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)))
-        rover = self._simulation.rover
-        mass = rover.chassis.mass_kg + 4.0 * rover.legs.mass_kg
+        distance = path_length(path[:, :2])
+        mass = self._simulation.rover.total_mass_kg
         weight = max(mass * self._simulation.config.gravity_mps2, 1e-9)
         tilts = np.array(self._tilts or [0.0])
         if outcome == DRIVEN and is_stranded(path):
             outcome = STRANDED
         return Traverse(
-            self._seed, outcome, self._state.time_ns * 1e-9, distance, self._reached,
+            self._seed, outcome, self._state.stamp_ns * 1e-9, distance, self._reached,
             self._stuck, self._tilted,
             1.0 - self._true_m / self._asked_m if self._asked_m else math.nan,
             self._mechanical_j / (weight * distance) if distance else math.nan,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.resources import config_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
@@ -112,6 +112,18 @@ def test_written_and_read_again(tmp_path):
     assert again.turns == table.turns and dict(again.conditions) == dict(table.conditions)
     assert list(tmp_path.iterdir()) == [tmp_path / 'table.yaml']
     assert GaitCalibration.load(None) == table
+
+
+def test_a_gait_names_its_map_or_has_the_packaged_one(tmp_path):
+    GaitCalibration.default().save(tmp_path / 'table.yaml')
+    own = GaitCalibration.of(GaitConfig(calibration=str(tmp_path / 'table.yaml')))
+    assert own.turns == GaitCalibration.default().turns
+    assert GaitCalibration.of(GaitConfig()) == GaitCalibration.load(PACKAGED)
+
+
+def test_a_map_that_cannot_be_written_is_an_error(tmp_path):
+    with pytest.raises(GaitError, match=r'table.yaml: cannot be written: No such file'):
+        GaitCalibration.default().save(tmp_path / 'none' / 'table.yaml')
 
 
 @pytest.mark.parametrize(('text', 'message'), [

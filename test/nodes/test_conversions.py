@@ -34,7 +34,7 @@ YAW_90 = frames.wxyz_from_rpy(0, 0, np.pi / 2)
 def state() -> RoverState:
     """A rover at (1, 2, 3), turned left by 90 degrees, rolling forward at 0.1 m/s."""
     values: dict[str, Any] = {f.name: np.zeros(4) for f in dataclasses.fields(RoverState)}
-    values.update(time_ns=5_000_000, position_m=np.array([1.0, 2.0, 3.0]),
+    values.update(stamp_ns=5_000_000, position_m=np.array([1.0, 2.0, 3.0]),
                   orientation_wxyz=YAW_90, linear_velocity_mps=np.array([0.1, 0.0, 0.0]),
                   angular_velocity_radps=np.zeros(3), contact_force_n=np.ones((4, 3)),
                   contact_torque_nm=np.zeros((4, 3)),
@@ -50,7 +50,7 @@ def random_state(rng: np.random.Generator) -> RoverState:
     values: dict[str, Any] = {f.name: rng.standard_normal(shapes.get(f.name, (3,)))
                               for f in dataclasses.fields(RoverState)}
     quat = rng.standard_normal(4)
-    values.update(time_ns=0, orientation_wxyz=quat / np.linalg.norm(quat))
+    values.update(stamp_ns=0, orientation_wxyz=quat / np.linalg.norm(quat))
     return RoverState(**values)
 
 
@@ -121,7 +121,7 @@ def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
     node = FakeNode()
     noise = ImuNoise(ImuConfig(), 200, np.random.default_rng(1))
     publisher = state_publisher.StatePublisher(node, RoverDescription(), noise)  # type: ignore
-    publisher.publish(state, state.time_ns)
+    publisher.publish(state, state.stamp_ns)
     moving = {t.child_frame_id: t for t in node.sent[topics.TF.name][0].transforms}
     assert set(moving) == {'base_link', *topics.LEGS}
     assert moving['base_link'].header.frame_id == 'odom'

@@ -9,6 +9,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import wxyz_from_rpy
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.path_following.driver import DONE, Driver, DRIVING, STOPPED, WAITING
+from lunar_rover_sim.path_following.route import make_route
 
 DT_NS = 50_000_000
 DT = DT_NS * 1e-9
@@ -100,10 +101,11 @@ def test_pursuit_converges_on_a_circle(radius):
 @pytest.mark.parametrize('shape', ['square', 'figure_eight', 'out_and_back'])
 @pytest.mark.parametrize('mode', ['waypoints', 'spline'])
 def test_every_shape_is_driven_to_its_end(shape, mode):
-    rover = Unicycle(Driver(DriveConfig(mode=mode, shape=shape), 100.0), heading=-2.0)
+    config = DriveConfig(mode=mode, shape=shape)
+    rover = Unicycle(Driver(config, 100.0), heading=-2.0)
     command = rover.run(400.0)
     assert command.status == DONE
-    route = rover.driver.pursuit.route
+    route = make_route(config, (0.0, 0.0), -2.0)
     # Corners are cut at the lookahead distance, no more.
     assert far_from(route, rover.path).max() < 0.3
     reached = [np.min(np.linalg.norm(np.array(rover.path) - p, axis=1)) for p in route.points_m]

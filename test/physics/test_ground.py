@@ -120,7 +120,7 @@ def test_a_rock_in_the_way_lifts_a_leg_and_is_not_walked_through():
     world = make_world(rocks=rocks, shapes=(octahedron(),))
     start = StartPose(x_m=-0.115, settle_s=3.0)
     with simulate(world, start=start) as simulation:
-        state = simulation.state()
+        state = simulation.state
         assert all(touch.dist > -0.01 for touch in simulation.data.contact)
     # The front left leg stands on the rock's top, so the rover leans back and to the right.
     assert state.position_m[2] > 0.1
@@ -155,6 +155,16 @@ def test_commands_must_be_finite(value):
             simulation.command([0.0, value, 0.0, 0.0])
         with pytest.raises(PhysicsError, match='valid is four finite velocities'):
             simulation.command([0.0, 1.0])
+        with pytest.raises(PhysicsError, match="command: 'fast' is not valid"):
+            simulation.command('fast')
+
+
+@pytest.mark.parametrize('steps', [0, -1, 2.5, 'five'])
+def test_the_number_of_steps_is_a_whole_one(steps):
+    with simulate() as simulation:
+        with pytest.raises(PhysicsError, match=f'advance: {steps!r} is not valid; valid is a w'):
+            simulation.advance(steps)
+        assert simulation.advance(np.int64(1)).stamp_ns == simulation.config.step_ns
 
 
 @pytest.mark.parametrize('value', [np.nan, 1e9])

@@ -39,7 +39,7 @@ def test_halving_the_step_hardly_changes_the_distance(frequency_hz):
 
 def test_the_same_commands_give_the_same_states():
     def states(simulation):
-        record = [simulation.state()]
+        record = [simulation.state]
         trot(simulation, 2.0, observe=record.append)
         return np.array([np.concatenate([np.ravel(v) for v in vars(s).values()])
                          for s in record])
@@ -57,10 +57,10 @@ def test_the_same_commands_give_the_same_states():
 
 def test_time_is_whole_steps():
     with simulate(step_s=0.0005) as simulation:
-        assert simulation.state().time_ns == 0
-        assert simulation.advance(7).time_ns == 3_500_000
-        assert simulation.advance(1).time_ns == 4_000_000
-        assert simulation.reset().time_ns == 0
+        assert simulation.state.stamp_ns == 0
+        assert simulation.advance(7).stamp_ns == 3_500_000
+        assert simulation.advance(1).stamp_ns == 4_000_000
+        assert simulation.reset().stamp_ns == 0
 
 
 def test_imu_at_rest_feels_gravity_upwards():
