@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,3 +43,8 @@ class RoverState:
     contact_torque_nm: Array
     specific_force_mps2: Array
     imu_rate_radps: Array
+
+    @property
+    def T_world_base(self) -> Array:
+        """The pose of base_link in the world frame, (4, 4)."""
+        return se3(matrix_from_wxyz(self.orientation_wxyz), self.position_m)

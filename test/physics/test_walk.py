@@ -122,3 +122,10 @@ def test_velocity_is_that_of_the_origin_in_base_axes():
     world = (second.position_m - first.position_m) / 0.001
     own = matrix_from_wxyz(second.orientation_wxyz).T @ world
     np.testing.assert_allclose(second.linear_velocity_mps, own, atol=1e-9)
+
+
+def test_the_pose_maps_points_of_the_base_to_the_world():
+    with simulate(start=StartPose(x_m=1.0, y_m=-2.0, yaw_deg=90.0)) as simulation:
+        T = simulation.state.T_world_base
+    ahead = T @ [1.0, 0.0, 0.0, 1.0]
+    np.testing.assert_allclose(ahead[:2], [1.0, -1.0], atol=0.02)
