@@ -18,7 +18,7 @@ import sys
 import grimp
 
 PACKAGE = 'lunar_rover_sim'
-BOX_W, BOX_H, GAP_X, GAP_Y, MARGIN = 148, 46, 18, 44, 16
+BOX_W, BOX_H, BEND_W, GAP_X, GAP_Y, MARGIN = 132, 46, 22, 14, 40, 16
 
 
 def imports() -> dict[str, set[str]]:
@@ -90,20 +90,75 @@ def lines_of(room: str) -> int:
     return sum(len(path.read_text(encoding='utf-8').splitlines()) for path in files)
 
 
-def placed(rows: list[list[str]], arrows: dict[str, set[str]]) -> dict[str, tuple[float, float]]:
-    """Return room → centre of its box [px]; rows are ordered by where their arrows lead."""
-    width = max(map(len, rows)) * (BOX_W + GAP_X)
+def with_bends(rows: list[list[str]], arrows: dict[str, set[str]]) \
+        -> tuple[list[list[str]], dict[str, set[str]]]:
+    """Return rows and arrows with a bend on every floor that an arrow passes.
+
+    A bend is named `room>target@floor`. All arrows of the result lead one floor down.
+    """
+    level = {room: k for k, row in enumerate(rows) for room in row}
+    rows = [list(row) for row in rows]
+    steps: dict[str, set[str]] = {room: set() for room in arrows}
+    for room, targets in sorted(arrows.items()):
+        for target in sorted(targets):
+            above = room
+            for floor in range(level[room] - 1, level[target], -1):
+                bend = f'{room}>{target}@{floor}'
+                rows[floor].append(bend)
+                steps[above].add(bend)
+                steps[bend] = set()
+                above = bend
+            steps[above].add(target)
+    return rows, steps
+
+
+def ordered(rows: list[list[str]], steps: dict[str, set[str]]) -> list[list[str]]:
+    """Return the rows in an order with few crossings: sweeps of barycentres (Sugiyama, 1981)."""
+    above: dict[str, set[str]] = {item: set() for row in rows for item in row}
+    for item, targets in steps.items():
+        for target in targets:
+            above[target].add(item)
+    for sweep in range(24):
+        neighbours, order = (steps, rows) if sweep % 2 == 0 else (above, rows[::-1])
+        place: dict[str, float] = {}
+        for row in order:
+            means = {}
+            for k, item in enumerate(row):
+                ends = [place[end] for end in neighbours[item] if end in place]
+                means[item] = sum(ends) / len(ends) if ends else (k + 0.5) / len(row)
+            row.sort(key=means.__getitem__)
+            place.update({item: (k + 0.5) / len(row) for k, item in enumerate(row)})
+    return rows
+
+
+def placed(rows: list[list[str]]) -> tuple[dict[str, tuple[float, float]], float]:
+    """Return item → centre of its box or bend [px], and the width of the picture."""
+    widths = [sum(BEND_W if '>' in item else BOX_W + GAP_X for item in row) for row in rows]
     place: dict[str, tuple[float, float]] = {}
     for level, row in enumerate(rows):
-        def mean(room: str) -> float:
-            ends = [place[target][0] for target in arrows[room]]
-            return sum(ends) / len(ends) if ends else width / 2
-
         y = MARGIN + (len(rows) - 1 - level) * (BOX_H + GAP_Y) + BOX_H / 2
-        start = MARGIN + (width - len(row) * (BOX_W + GAP_X)) / 2
-        for k, room in enumerate(sorted(row, key=mean)):
-            place[room] = (start + (k + 0.5) * (BOX_W + GAP_X), y)
-    return place
+        x = MARGIN + (max(widths) - widths[level]) / 2
+        for item in row:
+            width = BEND_W if '>' in item else BOX_W + GAP_X
+            place[item] = (x + width / 2, y)
+            x += width
+    return place, max(widths) + 2 * MARGIN
+
+
+def arrow(points: list[tuple[float, float]]) -> str:
+    """Return a smooth line down through points, from the foot of a box to the head of another."""
+    (x, y), *rest = points
+    y += BOX_H / 2
+    path = f'M{x:.0f},{y:.0f}'
+    for k, (x1, y1) in enumerate(rest):
+        top, bottom = y1 - BOX_H / 2, y1 + BOX_H / 2
+        bend = (top - y) / 2
+        path += f' C{x:.0f},{y + bend:.0f} {x1:.0f},{top - bend:.0f} {x1:.0f},{top:.0f}'
+        if k < len(rest) - 1:
+            path += f' L{x1:.0f},{bottom:.0f}'
+        x, y = x1, bottom
+    return (f'<path d="{path}" fill="none" stroke="#6b7280" stroke-width="1.3" '
+            'marker-end="url(#tip)"/>')
 
 
 def svg() -> str:
@@ -112,10 +167,9 @@ def svg() -> str:
     everything = imports()
     arrows = {room: {target for target in targets if order[target] < order[room]}
               for room, targets in everything.items()}
-    rows = floors(arrows)
     drawn = reduced(arrows)
-    place = placed(rows, drawn)
-    width = 2 * MARGIN + max(map(len, rows)) * (BOX_W + GAP_X)
+    rows, steps = with_bends(floors(arrows), drawn)
+    place, width = placed(ordered(rows, steps))
     height = 2 * MARGIN + len(rows) * BOX_H + (len(rows) - 1) * GAP_Y
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
@@ -125,20 +179,17 @@ def svg() -> str:
         '</defs>',
         f'<rect width="{width}" height="{height}" fill="#ffffff"/>']
     for room, targets in sorted(drawn.items()):
-        x0, y0 = place[room]
         for target in sorted(targets):
-            x1, y1 = place[target]
-            start, end = y0 + BOX_H / 2, y1 - BOX_H / 2
-            bend = (end - start) / 2
-            parts.append(f'<path d="M{x0:.0f},{start:.0f} C{x0:.0f},{start + bend:.0f} '
-                         f'{x1:.0f},{end - bend:.0f} {x1:.0f},{end:.0f}" fill="none" '
-                         'stroke="#6b7280" stroke-width="1.3" marker-end="url(#tip)"/>')
+            bends = [place[item] for row in reversed(rows) for item in row
+                     if item.startswith(f'{room}>{target}@')]
+            parts.append(arrow([place[room], *bends, place[target]]))
     for room, targets in sorted(everything.items()):
         for target in sorted(targets - arrows[room]):
             (x0, y0), (x1, y1) = place[room], place[target]
             parts.append(f'<path d="M{x0:.0f},{y0:.0f} L{x1:.0f},{y1:.0f}" fill="none" '
                          'stroke="#dc2626" stroke-width="2"/>')
-    for room, (x, y) in place.items():
+    for room in sorted(everything):
+        x, y = place[room]
         parts.append(
             f'<rect x="{x - BOX_W / 2:.0f}" y="{y - BOX_H / 2:.0f}" width="{BOX_W}" '
             f'height="{BOX_H}" rx="6" fill="#eef2f7" stroke="#374151"/>'

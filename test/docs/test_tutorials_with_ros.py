@@ -1,0 +1,61 @@
+"""Parts of the documentation that need a running graph: they do what their text says."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from conftest import SMALL, simulate
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.scenario import Scenario
+from snippets import ROOT, Snippet, snippets
+
+pytestmark = pytest.mark.ros
+TUTORIALS = ROOT / 'docs' / 'tutorials'
+
+
+def blocks(page: str, language: str) -> list[Snippet]:
+    """Return the code blocks of one tutorial."""
+    return [snippet for snippet in snippets(language) if snippet.page == TUTORIALS / page]
+
+
+def test_own_controller(tmp_path: Path) -> None:
+    """The node of the tutorial drives in lockstep: one command per period, none missing."""
+    (program,), (scenario,) = blocks('controller.md', 'python'), blocks('controller.md', 'yaml')
+    (tmp_path / 'wiggle.py').write_text(program.text, encoding='utf-8')
+    (tmp_path / 'wiggle.yaml').write_text(scenario.text, encoding='utf-8')
+    with OwnDomain() as own:
+        free = str(own.id)
+    with subprocess.Popen([sys.executable, str(tmp_path / 'wiggle.py')],
+                          env={**os.environ, 'ROS_DOMAIN_ID': free}) as node:
+        finished = simulate(tmp_path / 'run', '--duration', '2', '--domain', free,
+                            scenario=str(tmp_path / 'wiggle.yaml'))
+        node.terminate()
+    assert finished.returncode == 0, finished.stdout + finished.stderr
+    with open_bag(tmp_path / 'run' / 'bag') as bag:
+        turns = [message.twist.angular.z for _, _, message in bag.messages(['cmd_vel'])]
+        assert turns == 39 * [-0.2] + [0.2]
+
+
+def test_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                capsys: pytest.CaptureFixture[str]) -> None:
+    """The last block of the page on Python records a bag; here a smaller and shorter one."""
+    load = Scenario.load
+
+    def load_small(name: str, **options: Any) -> Scenario:
+        return load(name, SMALL, **{**options, 'duration_s': 1.0})
+
+    (block,) = blocks('python.md', 'python')
+    monkeypatch.setattr(Scenario, 'load', load_small)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block.text, block.name, 'exec'), {})
+    bag, odometry, factor = capsys.readouterr().out.split()
+    assert Path(bag) == Path(os.getcwd()) / 'runs' / 'b' / 'bag'
+    assert int(odometry) == 200
+    assert float(factor) > 0.0
