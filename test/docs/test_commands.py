@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 import re
 
 import pytest
@@ -87,6 +86,6 @@ def test_inline_scripts_exist() -> None:
             continue
         for name in re.findall(r'`(?:python |pytest )?((?:test|config|docs|lunar_rover_sim)'
                                r'/[\w/.]+\.\w+)', page.read_text(encoding='utf-8')):
-            if not Path(ROOT / name).exists():
+            if 'NAME' not in name and not (ROOT / name).exists():
                 missing.append(f'{page.name}: {name}')
     assert not missing

@@ -8,13 +8,13 @@ import subprocess
 import sys
 from typing import Any
 
+from conftest import simulate, SMALL
 import pytest
+from snippets import ROOT, Snippet, snippets
 
-from conftest import SMALL, simulate
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
-from snippets import ROOT, Snippet, snippets
 
 pytestmark = pytest.mark.ros
 TUTORIALS = ROOT / 'docs' / 'tutorials'

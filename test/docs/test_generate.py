@@ -1,0 +1,71 @@
+"""What writes the generated parts of the documentation: pictures, tables, docstrings."""
+
+from __future__ import annotations
+
+import importlib.util
+from types import ModuleType
+
+import pytest
+from snippets import ROOT
+
+from lunar_rover_sim.run.node_config import NODE_CONFIGS, RenderNodeConfig
+from lunar_rover_sim.topics import CONTRACT
+
+pytest.importorskip('grimp')
+
+
+def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Import a script of docs/."""
+    monkeypatch.syspath_prepend(str(ROOT / 'docs'))
+    spec = importlib.util.spec_from_file_location(name, ROOT / 'docs' / f'{name}.py')
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_reduction_and_floors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arrow that a chain implies is left out; a floor is the longest way down."""
+    rooms = script('rooms', monkeypatch)
+    arrows: dict[str, set[str]] = {'a': {'b', 'c', 'd'}, 'b': {'c'}, 'c': set(), 'd': set()}
+    assert rooms.reduced(arrows) == {'a': {'b', 'd'}, 'b': {'c'}, 'c': set(), 'd': set()}
+    rows = rooms.floors(arrows)
+    assert rows == [['c', 'd'], ['b'], ['a']]
+    bent, steps = rooms.with_bends(rows, rooms.reduced(arrows))
+    assert steps['a'] == {'b', 'a>d@1'}
+    assert steps['a>d@1'] == {'d'}
+    assert bent == [['c', 'd'], ['b', 'a>d@1'], ['a']]
+
+
+def test_every_room_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rooms that are found are those of the contract; the lowest imports nothing."""
+    rooms = script('rooms', monkeypatch)
+    found = rooms.imports()
+    assert set(found) == set(rooms.contract())
+    assert found['errors'] == set()
+    picture = rooms.svg()
+    assert all(f'>{room}</text>' in picture for room in found)
+
+
+def test_tables_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every topic, parameter and command has its line."""
+    generate = script('generate', monkeypatch)
+    text = generate.topic_table()
+    assert all(text.count(f'\n| `{topic.name}` |') == 1 for topic in CONTRACT)
+    text = generate.parameter_tables()
+    assert all(f'## `{node}`' in text for node in NODE_CONFIGS)
+    assert all(f'| `{name}` |' in text for name, *_ in RenderNodeConfig().flatten())
+    text = generate.command_pages()
+    assert '## `lunar_rover_sim bag hash`' in text
+    assert '| `--duration` `S` | simulated time [s] |' in text
+
+
+@pytest.mark.parametrize(('lines', 'expected'), [
+    (['Return |x| of `path` as rpe_*.'], [r'Return \|x\| of \ ``path``\  as rpe\_\*.']),
+    (['x: first [m]', '   and more', 'y, z: rest'],
+     ['- ``x``: first [m] and more', '- ``y, z``: rest']),
+    (['    a = b * c'], ['::', '', '        a = b * c'])])
+def test_docstrings(lines: list[str], expected: list[str],
+                    monkeypatch: pytest.MonkeyPatch) -> None:
+    """Docstrings mean themselves: no markup by accident, names become a list."""
+    assert script('docstrings', monkeypatch).paragraph(lines) == expected
