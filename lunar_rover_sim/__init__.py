@@ -12,6 +12,8 @@ from typing import Any, TYPE_CHECKING
 if TYPE_CHECKING:
     from lunar_rover_sim.bag.reader import open_bag
     from lunar_rover_sim.errors import LunarRoverSimError
+    from lunar_rover_sim.evaluation.trajectory import Trajectory
+    from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
     from lunar_rover_sim.gait.controller import GaitController
     from lunar_rover_sim.physics.simulation import Simulation
     from lunar_rover_sim.rendering.renderer import Renderer
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _HOMES = {
+    'evaluate': 'evaluation.trajectory_evaluation',
     'GaitController': 'gait.controller',
     'LunarRoverSimError': 'errors',
     'open_bag': 'bag.reader',
@@ -32,11 +35,12 @@ _HOMES = {
     'Scenario': 'run.scenario',
     'SgmMatcher': 'stereo.sgm',
     'Simulation': 'physics.simulation',
+    'Trajectory': 'evaluation.trajectory',
     'World': 'world.model',
 }
 
-__all__ = ['GaitController', 'LunarRoverSimError', 'open_bag', 'record', 'Recording', 'Renderer',
-           'Scenario', 'SgmMatcher', 'Simulation', 'World']
+__all__ = ['evaluate', 'GaitController', 'LunarRoverSimError', 'open_bag', 'record', 'Recording',
+           'Renderer', 'Scenario', 'SgmMatcher', 'Simulation', 'Trajectory', 'World']
 
 
 def __getattr__(name: str) -> Any:

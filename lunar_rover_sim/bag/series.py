@@ -1,8 +1,8 @@
-"""Topics of a bag as numpy arrays, and images one by one."""
+"""Topics of a bag as numpy arrays; images and calibrations from messages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import message_validity
+from lunar_rover_sim.bag.messages import header_ns, imu_row, odometry_row
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
 
@@ -46,15 +47,6 @@ class Picture(NamedTuple):
     pixels: NDArray[Any]
 
 
-class Disparity(NamedTuple):
-    """Disparity (h, w) [px], NaN where nothing was matched; depth is focal_px baseline_m / d."""
-
-    stamp_ns: int
-    disparity_px: NDArray[np.float32]
-    focal_px: float
-    baseline_m: float
-
-
 class CameraCalibration(NamedTuple):
     """Calibration of one camera as sensor_msgs/CameraInfo has it, and its frame."""
 
@@ -75,20 +67,14 @@ class CameraCalibration(NamedTuple):
 
 def read_odometry(bag: Bag, topic: str = topics.ODOM.name) -> Odometry:
     """Return a whole nav_msgs/Odometry topic."""
-    stamps, rows = _rows(bag, topic, _odometry_row, 13)
+    stamps, rows = _rows(bag, topic, odometry_row, 13)
     return Odometry(stamps, rows[:, 0:3], rows[:, 3:7], rows[:, 7:13])
 
 
 def read_imu(bag: Bag, topic: str = topics.IMU_RAW.name) -> ImuSeries:
     """Return a whole sensor_msgs/Imu topic."""
-    stamps, rows = _rows(bag, topic, _imu_row, 6)
+    stamps, rows = _rows(bag, topic, imu_row, 6)
     return ImuSeries(stamps, rows[:, 0:3], rows[:, 3:6])
-
-
-def read_images(bag: Bag, topic: str) -> Iterator[Picture]:
-    """Yield the images of a topic one by one; BagError where one is not of its declared size."""
-    for _, _, message in bag.messages([topic]):
-        yield picture(bag, message)
 
 
 def picture(bag: Bag, message: Any) -> Picture:
@@ -100,24 +86,6 @@ def picture(bag: Bag, message: Any) -> Picture:
     return Picture(stamp_ns, message.encoding, message_validity.pixels(message))
 
 
-def read_depth(bag: Bag, topic: str = topics.TRUE_DEPTH.name) -> Iterator[Picture]:
-    """Yield depth images [m], float32; NaN where unknown, +Inf for the sky."""
-    for image in read_images(bag, topic):
-        if image.encoding == '16UC1':  # mm, 0 where unknown (REP-118)
-            depth = np.where(image.pixels > 0, image.pixels * np.float32(1e-3), np.nan)
-            image = Picture(image.stamp_ns, '32FC1', depth.astype(np.float32))
-        yield image
-
-
-def read_disparity(bag: Bag, topic: str = topics.DISPARITY.name) -> Iterator[Disparity]:
-    """Yield disparity images; what was not matched is NaN."""
-    for _, _, message in bag.messages([topic]):
-        pixels = picture(bag, message.image).pixels
-        valid = (pixels >= message.min_disparity) & (pixels > 0.0)
-        yield Disparity(header_ns(message), np.where(valid, pixels, np.nan).astype(np.float32),
-                        float(message.f), float(message.t))
-
-
 def read_calibration(bag: Bag, topic: str) -> CameraCalibration:
     """Return the first sensor_msgs/CameraInfo of a topic."""
     m = bag.first(topic)
@@ -126,26 +94,11 @@ def read_calibration(bag: Bag, topic: str) -> CameraCalibration:
                              m.header.frame_id)
 
 
-def header_ns(message: Any) -> int:
-    """Return the stamp of a message with a header [ns]."""
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
-
-
-def _rows(bag: Bag, topic: str, row: Any, width: int) -> tuple[Stamps, Array]:
+def _rows(bag: Bag, topic: str, row: Callable[[Any], tuple[float, ...]],
+          width: int) -> tuple[Stamps, Array]:
     stamps, rows = [], []
     for _, _, message in bag.messages([topic]):
         stamps.append(header_ns(message))
         rows.append(row(message))
     return (np.array(stamps, dtype=np.int64),
             np.array(rows, dtype=float).reshape(len(rows), width))
-
-
-def _odometry_row(m: Any) -> tuple[float, ...]:
-    p, q, t = m.pose.pose.position, m.pose.pose.orientation, m.twist.twist
-    return (p.x, p.y, p.z, q.w, q.x, q.y, q.z, t.linear.x, t.linear.y, t.linear.z,
-            t.angular.x, t.angular.y, t.angular.z)
-
-
-def _imu_row(m: Any) -> tuple[float, ...]:
-    w, f = m.angular_velocity, m.linear_acceleration
-    return (w.x, w.y, w.z, f.x, f.y, f.z)

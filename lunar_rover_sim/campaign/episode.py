@@ -17,7 +17,7 @@ from lunar_rover_sim.campaign.episode_plans import EpisodePlan
 from lunar_rover_sim.campaign.layout import (EPISODES, ERROR_FILE, FAILED, LOG_FILE, PARTIAL,
                                              PLAN_FILE, TASK_FILE, TOKEN_FILE)
 from lunar_rover_sim.campaign.manifest import read_json, sync_folder, why_unfinished, write_json
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import BagError, LunarRoverSimError
 from lunar_rover_sim.run.plan import LOG_FOLDER, SCENARIO_FILE
 
 _START_S = 300.0       # world, nodes
@@ -72,7 +72,7 @@ def make_episode(task: EpisodeTask, dataset: str | Path,
             frames = _install(task, attempt, dataset)
             return Outcome(name, '', time.monotonic() - start, frames)
         _bury(name, attempt, dataset, error)
-    except (OSError, BagError) as problem:
+    except (OSError, LunarRoverSimError) as problem:
         error = f'{type(problem).__name__}: {problem}' if isinstance(problem, OSError) \
             else str(problem)
     finally:

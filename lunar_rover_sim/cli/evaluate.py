@@ -46,18 +46,13 @@ def run(args: argparse.Namespace) -> int:
     from rich.text import Text
 
     from lunar_rover_sim.errors import EvaluationError
-    from lunar_rover_sim.evaluation import trajectory_sources as sources
-    from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate, EvaluationOptions
-    from lunar_rover_sim.frames import inverse
+    from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
+    from lunar_rover_sim.evaluation.trajectory_sources import bag_of
+    from lunar_rover_sim.files.atomic import atomic_write
 
-    truth = sources.load(args.truth, args.times)
-    estimate = sources.load(args.estimate, args.times)
-    if args.truth_frame != args.estimate_frame:
-        T_base_truth = sources.frame_on_rover(args.truth, args.truth_frame)
-        T_base_estimate = sources.frame_on_rover(args.truth, args.estimate_frame)
-        truth = truth.of_frame(inverse(T_base_truth) @ T_base_estimate)
-    options = EvaluationOptions(args.align, args.tolerance, args.distance, args.time)
-    result = evaluate(truth, estimate, options, sources.image_stamps_ns(args.truth))
+    result = evaluate(args.truth, args.estimate, align=args.align, truth_frame=args.truth_frame,
+                      estimate_frame=args.estimate_frame, tolerance_s=args.tolerance,
+                      distance_m=args.distance, time_s=args.time, times=args.times)
 
     console = Console()
     table = Table(box=None, pad_edge=False)
@@ -83,14 +78,9 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 
-        path, _ = sources.split(args.truth)
-        try:
-            paths = save_plots(result, args.output, path if sources.is_bag(path) else None)
-            json_path = args.output / 'evaluation.json'
-            json_path.write_text(json.dumps(result.to_mapping(), indent=2) + '\n',
-                                 encoding='utf-8')
-        except OSError as error:
-            raise EvaluationError(f'{args.output}: cannot be written: {error.strerror}') from None
+        json_path = args.output / 'evaluation.json'
+        paths = save_plots(result, args.output, bag_of(args.truth))
+        atomic_write(json_path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
         for written in (json_path, *paths):
             console.print(str(written), highlight=False, markup=False, soft_wrap=True)
     return 0

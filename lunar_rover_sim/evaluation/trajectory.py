@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from lunar_rover_sim.bag.driven_distance import driven_distance_m
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import Array, distance_along
 
 Stamps = NDArray[np.int64]
 
@@ -21,7 +22,7 @@ class Trajectory:
     stamps_ns: (n,) int64, strictly increasing
     positions_m: (n, 3)
     orientations_wxyz: (n, 4), normalised on construction
-    name: what errors and plots call it, a file for instance
+    name: how errors and plots name it, for instance a file
 
     Raises EvaluationError where shapes differ, stamps do not increase, or a number is not finite.
     """
@@ -62,7 +63,7 @@ class Trajectory:
 
     @property
     def rotations(self) -> Rotation:
-        """Orientations as scipy has them."""
+        """Orientations as a SciPy Rotation of length n."""
         return Rotation.from_quat(self.orientations_wxyz[:, [1, 2, 3, 0]])
 
     @property
@@ -72,15 +73,13 @@ class Trajectory:
 
     @property
     def distances_m(self) -> Array:
-        """(n,) length of the path up to each pose [m]."""
-        distances: Array = np.zeros(len(self))
-        distances[1:] = np.cumsum(np.linalg.norm(np.diff(self.positions_m, axis=0), axis=1))
-        return distances
+        """(n,) length of the path in space through all poses, up to each one [m]."""
+        return distance_along(self.positions_m)
 
     @property
     def length_m(self) -> float:
-        """Length of the path [m]."""
-        return float(self.distances_m[-1]) if len(self) else 0.0
+        """Distance driven [m]: horizontal, in steps of 0.1 s; see `bag.driven_distance`."""
+        return driven_distance_m(zip(self.stamps_ns.tolist(), self.positions_m.tolist()))
 
     def select(self, keep: ArrayLike) -> Trajectory:
         """Return the poses of an index or boolean array."""
@@ -106,5 +105,5 @@ class Trajectory:
 
 
 def wxyz(rotations: Rotation) -> Array:
-    """Return the (n, 4) quaternions of scipy's rotations."""
+    """Return the (n, 4) quaternions of SciPy rotations."""
     return np.atleast_2d(rotations.as_quat())[:, [3, 0, 1, 2]]

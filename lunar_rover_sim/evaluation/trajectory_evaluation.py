@@ -1,27 +1,31 @@
-"""An estimate judged against the truth: associate, align, measure."""
+"""Evaluation of an estimated trajectory against the truth: associate, align, measure."""
 
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import metrics
-from lunar_rover_sim.evaluation.alignment import align, Alignment
+from lunar_rover_sim.evaluation.alignment import align as align_trajectories
+from lunar_rover_sim.evaluation.alignment import Alignment
 from lunar_rover_sim.evaluation.association import associate, DEFAULT_TOLERANCE_S
 from lunar_rover_sim.evaluation.metrics import Statistics
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.evaluation.trajectory_sources import (frame_on_rover, image_stamps_ns, load,
+                                                           Source)
+from lunar_rover_sim.frames import Array, inverse
 
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationOptions:
-    """How to judge.
+    """How the trajectories were compared.
 
-    align: se3, sim3, yaw, origin or none; tolerance_s of the association [s];
-    distance_m, time_s: how far the poses of a pair are apart in the relative errors.
+    align: se3, sim3, yaw, origin or none; tolerance_s: of the association [s]
+    distance_m, time_s: between the poses of a pair in the relative errors [m], [s]
     """
 
     align: str = 'se3'
@@ -32,16 +36,17 @@ class EvaluationOptions:
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """What came out.
+    """Errors of an estimated trajectory.
 
-    truth, estimate: associated poses, the estimate aligned; alignment: what aligned it
+    truth, estimate: associated poses, the estimate aligned; alignment: the transform that did it
     ate_m, ate_deg: absolute errors; rpe_distance_*, rpe_time_*: relative ones
     scale: factor that a Sim(3) alignment finds (truth = scale x estimate), NaN where the path
         does not determine it
     drift_percent: mean translation error of the pairs by distance, in % of their distance
-    end_drift_percent: error of the last pose if the first ones agree, in % of the path
-    length_m: of the true path where it was tracked
+    end_drift_percent: error of the last pose if the first ones agree, in % of the tracked path
+    length_m: distance driven along the whole truth, in the frame it is given in
     tracked_share: share of the frames (of the images, if they are known) with a pose
+    unmatched: poses of the estimate without a true one
     """
 
     truth: Trajectory
@@ -68,7 +73,7 @@ class Evaluation:
 
     @property
     def turned_deg(self) -> float | None:
-        """Angle [deg] by which all orientations are off alike, as of a wrong moving frame.
+        """Angle [deg] that all orientations are off by, as with a wrong moving frame.
 
         None where it is below 5 degrees, or the errors differ by more than a fifth of it.
         """
@@ -92,21 +97,48 @@ class Evaluation:
         return result
 
 
-def evaluate(truth: Trajectory, estimate: Trajectory,
-             options: EvaluationOptions = EvaluationOptions(),
+def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame: str = 'base',
+             estimate_frame: str = 'base', tolerance_s: float = DEFAULT_TOLERANCE_S,
+             distance_m: float = 1.0, time_s: float = 1.0, times: str | Path | None = None,
              frame_stamps_ns: Stamps | None = None) -> Evaluation:
-    """Judge an estimate; both trajectories are of the same moving frame.
+    """Compare an estimated trajectory with the truth.
 
-    frame_stamps_ns: stamps of the images the estimator was given; without them the share tracked
-        is that of the truth's time, at the estimate's median rate.
+    truth, estimate: a Trajectory, a file (TUM, EuRoC, KITTI), a bag (its odometry) or
+        'BAG:TOPIC'.
+    align: how the estimate is brought onto the truth: se3, sim3, yaw, origin or none.
+    truth_frame, estimate_frame: what of the rover each trajectory is of: base, imu, left or right
+        (camera). Where they differ, the mounts are those of the recorded rover if the truth is a
+        bag, else of the packaged one.
+    tolerance_s: largest distance in time between an estimated and a true pose [s].
+    distance_m, time_s: between the poses of a pair in the relative errors [m], [s].
+    times: file with the stamps of KITTI files, one a line.
+    frame_stamps_ns: stamps of the images that the estimator was given, by default those in the
+        bag of the truth; without either the share tracked is that of the truth's time, at the
+        estimate's median rate.
 
-    Raises EvaluationError where the two cannot be associated or aligned.
+    Raises EvaluationError or BagError where a source cannot be read, EvaluationError where the two
+    cannot be associated or aligned, or an option is not valid, ConfigError on an unknown frame.
     """
+    options = EvaluationOptions(align, tolerance_s, distance_m, time_s)
     for name in ('distance_m', 'time_s'):
         if not getattr(options, name) > 0.0:
             raise EvaluationError(f'{name}: {getattr(options, name)} is not valid; valid is > 0')
+    true, estimated = load(truth, times), load(estimate, times)
+    of_estimate = true
+    if truth_frame != estimate_frame:
+        of_estimate = true.of_frame(inverse(frame_on_rover(truth, truth_frame))
+                                    @ frame_on_rover(truth, estimate_frame))
+    if frame_stamps_ns is None:
+        frame_stamps_ns = image_stamps_ns(truth)
+    result = _compare(of_estimate, estimated, options, frame_stamps_ns)
+    return dataclasses.replace(result, length_m=true.length_m)
+
+
+def _compare(truth: Trajectory, estimate: Trajectory, options: EvaluationOptions,
+             frame_stamps_ns: Stamps | None) -> Evaluation:
+    """Compare two trajectories of one moving frame."""
     pair = associate(truth, estimate, options.tolerance_s)
-    alignment = align(pair.estimate, pair.truth, options.align)
+    alignment = align_trajectories(pair.estimate, pair.truth, options.align)
     aligned = alignment.apply(pair.estimate)
     by_distance = metrics.pairs_by_distance(pair.truth, options.distance_m)
     by_time = metrics.pairs_by_time(pair.truth, options.time_s)
@@ -124,23 +156,23 @@ def evaluate(truth: Trajectory, estimate: Trajectory,
         rpe_distance_deg=Statistics.of(np.degrees(distance_rad)),
         rpe_time_m=Statistics.of(time_m), rpe_time_deg=Statistics.of(np.degrees(time_rad)),
         scale=_scale(pair.estimate, pair.truth), drift_percent=drift,
-        end_drift_percent=_end_drift(pair.truth, aligned), length_m=pair.truth.length_m,
+        end_drift_percent=_end_drift(pair.truth, aligned), length_m=truth.length_m,
         tracked_share=_tracked(truth, pair.estimate, options.tolerance_s, frame_stamps_ns),
         unmatched=pair.unmatched)
 
 
 def _scale(estimate: Trajectory, truth: Trajectory) -> float:
     try:
-        return align(estimate, truth, 'sim3').scale
+        return align_trajectories(estimate, truth, 'sim3').scale
     except EvaluationError:
         return float('nan')
 
 
 def _end_drift(truth: Trajectory, estimate: Trajectory) -> float:
-    """Return how far the last pose is off in % of the path, once the first ones agree."""
+    """Return the error of the last pose in % of the path, once the first poses agree."""
     if not truth.length_m > 0.0:
         return float('nan')
-    moved = align(estimate, truth, 'origin').apply(estimate)
+    moved = align_trajectories(estimate, truth, 'origin').apply(estimate)
     error = np.linalg.norm(moved.positions_m[-1] - truth.positions_m[-1])
     return 100.0 * float(error) / truth.length_m
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import metrics
 from lunar_rover_sim.evaluation.trajectory_evaluation import Evaluation
 from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
@@ -16,16 +17,19 @@ from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
 def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> list[Path]:
     """Write top_view.png, error.png and scale.png into `output` and return their paths.
 
-    bag: whose world is drawn below the top view.
+    bag: the world it was recorded on is drawn below the top view, where it is still there.
+
+    Raises EvaluationError where the files cannot be written.
     """
-    output.mkdir(parents=True, exist_ok=True)
     figures = {'top_view.png': _top_view(result, bag), 'error.png': _error(result),
                'scale.png': _scale(result)}
-    paths = []
-    for name, figure in figures.items():
-        paths.append(output / name)
-        figure.savefig(paths[-1], dpi=110)
-    return paths
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        for name, figure in figures.items():
+            figure.savefig(output / name, dpi=110)
+    except OSError as error:
+        raise EvaluationError(f'{output}: cannot be written: {error.strerror}') from None
+    return [output / name for name in figures]
 
 
 def _top_view(result: Evaluation, bag: Path | None) -> Figure:

@@ -1,22 +1,26 @@
-"""Trajectories from wherever they are: files, or topics of a bag."""
+"""Loading trajectories from files and from topics of bags."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Union
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import header_ns, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.series import header_ns
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.evaluation.trajectory_files import read_trajectory
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sequences.extrinsics import recorded_frame, rover_frame
+
+# A trajectory, or where it is: FILE, BAG or BAG:TOPIC.
+Source = Union[Trajectory, str, Path]
 
 _Pose = tuple[int, Any, Any]
 
@@ -66,8 +70,8 @@ def trajectory_of_topic(bag: Bag, topic: str = topics.ODOM.name) -> Trajectory:
     if not poses:
         raise EvaluationError(f'{bag.path}: topic {name} holds no poses')
     return Trajectory(np.array([ns for ns, _, _ in poses], dtype=np.int64),
-                      np.array([(p.x, p.y, p.z) for _, p, _ in poses]),
-                      np.array([(q.w, q.x, q.y, q.z) for _, _, q in poses]),
+                      np.array([xyz(position) for _, position, _ in poses]),
+                      np.array([wxyz(orientation) for _, _, orientation in poses]),
                       f'{bag.path}:{name}')
 
 
@@ -76,12 +80,15 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or path.suffix in ('.mcap', '.db3')
 
 
-def load(source: str | Path, times: str | Path | None = None,
+def load(source: Source, times: str | Path | None = None,
          default_topic: str = topics.ODOM.name) -> Trajectory:
-    """Load `FILE`, `BAG` or `BAG:TOPIC`; times: file with the stamps of a KITTI file.
+    """Return a Trajectory as it is, or load `FILE`, `BAG` or `BAG:TOPIC`.
 
-    Raises EvaluationError or BagError that names the file and the reason.
+    times: file with the stamps of a KITTI file. Raises EvaluationError or BagError that names the
+    file and the reason.
     """
+    if isinstance(source, Trajectory):
+        return source
     path, topic = split(source, default_topic)
     if not path.exists():
         raise EvaluationError(f'{path}: there is no such file or bag')
@@ -100,22 +107,31 @@ def split(source: str | Path, default_topic: str = topics.ODOM.name) -> tuple[Pa
     return Path(text), default_topic
 
 
-def frame_on_rover(source: str | Path, frame: str) -> Array:
+def bag_of(source: Source) -> Path | None:
+    """Return the bag that a source names; None for a file or a Trajectory."""
+    if isinstance(source, Trajectory):
+        return None
+    path, _ = split(source)
+    return path if path.exists() and is_bag(path) else None
+
+
+def frame_on_rover(source: Source, frame: str) -> Array:
     """Return T_base_frame (4, 4): of the recorded rover if `source` is a bag, else the packaged.
 
-    frame: base, imu, left or right (camera).
+    frame: base, imu, left or right (camera). Raises ConfigError on another name, BagError where
+    the bag does not say where the frame is.
     """
-    path, _ = split(source)
-    if path.exists() and is_bag(path):
+    path = bag_of(source)
+    if path is not None:
         with open_bag(path) as bag:
             return recorded_frame(bag, frame)
     return rover_frame(load_rover(None), frame)
 
 
-def image_stamps_ns(source: str | Path) -> np.ndarray | None:
-    """Return the stamps [ns] of the left images of a bag: what a tracker was given."""
-    path, _ = split(source)
-    if not (path.exists() and is_bag(path)):
+def image_stamps_ns(source: Source) -> NDArray[np.int64] | None:
+    """Return the stamps [ns] of the left images of a bag, of which a tracker gets each one."""
+    path = bag_of(source)
+    if path is None:
         return None
     with open_bag(path) as bag:
         if not bag.has(topics.LEFT_IMAGE.name):

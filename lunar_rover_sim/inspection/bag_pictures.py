@@ -14,6 +14,7 @@ import numpy as np
 
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag import series
+from lunar_rover_sim.bag.driven_distance import driven_distance_m
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, WorldError
@@ -123,7 +124,7 @@ def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
     axes.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half),
              xlabel='x, east [m]', ylabel='y, north [m]', aspect='equal')
     axes.legend(loc='upper right')
-    length = float(np.linalg.norm(np.diff(xy[::20], axis=0), axis=1).sum())
+    length = driven_distance_m(zip(odometry.stamps_ns.tolist(), xy.tolist()))
     axes.set_title(f'{length:.2f} m in {odometry.stamps_ns[-1] * 1e-9:.1f} s', fontsize=9)
     save(figure, 'trajectory.png')
 

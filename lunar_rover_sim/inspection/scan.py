@@ -10,6 +10,7 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import message_validity
+from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.matching import frame_error, FrameError, is_matched, is_textured
@@ -65,24 +66,16 @@ class Scan:
                 np.array([row for _, row in rows], dtype=float))
 
 
-def _odometry(m: Any) -> tuple[float, ...]:
-    p, q, t = m.pose.pose.position, m.pose.pose.orientation, m.twist.twist
-    return (p.x, p.y, p.z, q.w, q.x, q.y, q.z, t.linear.x, t.linear.y, t.linear.z, t.angular.x,
-            t.angular.y, t.angular.z)
-
-
 def _imu(m: Any) -> tuple[float, ...]:
-    w, f, q = m.angular_velocity, m.linear_acceleration, m.orientation
-    return (w.x, w.y, w.z, f.x, f.y, f.z, q.w, q.x, q.y, q.z)
+    return *imu_row(m), *wxyz(m.orientation)
 
 
 def _accel(m: Any) -> tuple[float, ...]:
-    w, f = m.accel.angular, m.accel.linear
-    return (w.x, w.y, w.z, f.x, f.y, f.z)
+    return *xyz(m.accel.angular), *xyz(m.accel.linear)
 
 
 _SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
-    topics.ODOM.name: _odometry, topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
+    topics.ODOM.name: odometry_row, topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
     topics.IMU_BIAS.name: _accel}
 
 

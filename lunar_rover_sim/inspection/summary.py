@@ -1,17 +1,15 @@
-"""What a recording came to, in a few lines."""
+"""Summary of a recording: counts, duration, distance, size, hash."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
+from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.bag.reader import Bag, open_bag
-
-# Of odometry; 0.1 s or so: the bounce of the gait is no distance travelled.
-_STEP = 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,15 +42,11 @@ def summarise(path: Path) -> Summary:
 
 
 def _distance_m(bag: Bag) -> float:
-    """Return the length of the path, in memory that does not grow with the bag."""
+    """Return the distance driven; of the odometry only what it needs is held in memory."""
     if not bag.has(topics.ODOM.name):
         return 0.0
-    total, last = 0.0, None
-    for n, message in enumerate(bag.raw([topics.ODOM.name])):
-        if n % _STEP:
-            continue
-        point = bag.decode(message.data, message.msgtype).pose.pose.position
-        if last is not None:
-            total += math.hypot(point.x - last[0], point.y - last[1])
-        last = (point.x, point.y)
-    return total
+    stamped = ((message.time_ns, message) for message in bag.raw([topics.ODOM.name]))
+    decoded = ((stamp_ns, bag.decode(message.data, message.msgtype))
+               for stamp_ns, message in every_step(stamped))
+    return driven_distance_m((stamp_ns, xyz(odometry.pose.pose.position))
+                             for stamp_ns, odometry in decoded)

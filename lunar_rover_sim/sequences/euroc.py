@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import imu_row, pose_matrix, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.frames import Array, wxyz_from_matrix
-from lunar_rover_sim.sequences.sequence import numbers, PngWriter, pose_of, Sequence
+from lunar_rover_sim.sequences.sequence import numbers, PngWriter, Sequence
 
 _CAMERAS = {topics.LEFT_IMAGE.name: 'cam0', topics.RIGHT_IMAGE.name: 'cam1'}
 _IMU = 'mav0/imu0/data.csv'
@@ -29,7 +30,7 @@ _TRUTH_TITLE = ('#timestamp,p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_R
 
 
 class EurocSequence(Sequence):
-    """Writes an EuRoC sequence; without a right camera or IMU these folders are missing."""
+    """Writes an EuRoC sequence; without a right camera or an IMU, their folders are missing."""
 
     needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name)
     uses = (topics.RIGHT_IMAGE.name, topics.IMU_RAW.name, topics.IMU_BIAS.name, topics.ODOM.name)
@@ -66,16 +67,14 @@ class EurocSequence(Sequence):
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Write IMU samples as they come, truth once its bias is there."""
         if topic == topics.IMU_RAW.name:
-            w, a = message.angular_velocity, message.linear_acceleration
-            self.line(_IMU, f'{stamp_ns},'
-                      + numbers([w.x, w.y, w.z, a.x, a.y, a.z], separator=','))
+            self.line(_IMU, f'{stamp_ns},' + numbers(imu_row(message), separator=','))
         elif topic == topics.ODOM.name:
             self._odometry[stamp_ns] = message
             if not self._has_bias:
                 self._truth(stamp_ns, np.zeros(6))
         else:
-            w, a = message.accel.angular, message.accel.linear
-            self._bias[stamp_ns] = np.array([w.x, w.y, w.z, a.x, a.y, a.z])
+            self._bias[stamp_ns] = np.array([*xyz(message.accel.angular),
+                                             *xyz(message.accel.linear)])
         if stamp_ns in self._odometry and stamp_ns in self._bias:
             self._truth(stamp_ns, self._bias.pop(stamp_ns))
         for waiting in (self._odometry, self._bias):
@@ -83,7 +82,7 @@ class EurocSequence(Sequence):
                 del waiting[min(waiting)]
 
     def notes(self) -> list[str]:
-        """Tell what of the format is missing."""
+        """Return what of the format is missing."""
         notes = []
         if not (self.folder / _IMU).exists():
             notes.append('no IMU in the bag: images are not trimmed, imu0 is missing')
@@ -93,12 +92,11 @@ class EurocSequence(Sequence):
 
     def _truth(self, stamp_ns: int, bias: Array) -> None:
         message = self._odometry.pop(stamp_ns)
-        T_odom_base = pose_of(message)
+        T_odom_base = pose_matrix(message)
         T = T_odom_base @ self.suite.T_base_imu
-        v, w = message.twist.twist.linear, message.twist.twist.angular
+        twist = message.twist.twist
         lever = self.suite.T_base_imu[:3, 3]
-        velocity = T_odom_base[:3, :3] @ (np.array([v.x, v.y, v.z])
-                                          + np.cross([w.x, w.y, w.z], lever))
+        velocity = T_odom_base[:3, :3] @ (xyz(twist.linear) + np.cross(xyz(twist.angular), lever))
         self.line(_TRUTH, f'{stamp_ns},' + numbers(T[:3, 3], wxyz_from_matrix(T[:3, :3]), velocity,
                                                    bias, separator=','))
 

@@ -1,4 +1,4 @@
-"""Sequences for SLAM programs from bags: EuRoC, TUM RGB-D, KITTI odometry, TartanAir.
+"""Export of a bag to a sequence that SLAM programs read.
 
 The bag is read once, in the order of time; images are compressed by a few threads with a bounded
 queue, so that memory does not grow with the bag. The sequence appears under its name only when it
@@ -14,38 +14,36 @@ import shutil
 from typing import Any
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.series import header_ns, picture
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.bag.series import picture
+from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.parameters import nearest
-from lunar_rover_sim.sequences.euroc import EurocSequence
-from lunar_rover_sim.sequences.kitti import KittiSequence
+from lunar_rover_sim.sequences.formats import FORMATS
 from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE, calibration_yaml
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
-from lunar_rover_sim.sequences.tartanair import TartanAirSequence
-from lunar_rover_sim.sequences.tum import TumSequence
 
-FORMATS: dict[str, type[Sequence]] = {'euroc': EurocSequence, 'tum': TumSequence,
-                                      'kitti': KittiSequence, 'tartanair': TartanAirSequence}
-_IMAGES = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.TRUE_DEPTH.name,
-           topics.DEPTH.name)
-_DATA = (topics.IMU_RAW.name, topics.IMU_BIAS.name, topics.ODOM.name)
+_TYPES = {topic.name: topic.type for topic in topics.CONTRACT}
+_IMAGE = 'sensor_msgs/msg/Image'
+_CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 
 
 def export(path: Path | str, output: Path | str, kind: str = 'euroc',
            progress: Callable[[], None] | None = None) -> list[str]:
-    """Write a sequence into the new folder `output`; return what is worth knowing, in sentences.
+    """Write a sequence into the new folder `output`; return sentences about it for the user.
 
-    kind: euroc, tum, kitti or tartanair; progress is called once a message.
-    Images that no IMU sample encloses are left out where there is an IMU: ORB-SLAM3 reads past
-    its samples otherwise.
-    Raises BagError where the bag lacks what the format needs, or the folder cannot be written.
+    kind: a name in `formats.FORMATS`; progress is called once per message.
+    Where there is an IMU, images without an IMU sample before and after them are left out:
+    ORB-SLAM3 would read past the end of its samples.
+    Raises BagError where the bag cannot be read, SequenceError where it lacks what the format
+    needs, or the folder cannot be written.
     """
     if kind not in FORMATS:
-        raise BagError(f'format: {kind!r} is not valid; {nearest(kind, FORMATS)}')
+        raise SequenceError(f'format: {kind!r} is not valid; {nearest(kind, FORMATS)}')
     output = Path(output)
     if output.exists():
-        raise BagError(f'{output}: exists already and is not overwritten; name another folder')
+        raise SequenceError(f'{output}: exists already and is not overwritten; name another '
+                            'folder')
     partial = output.with_name(f'.{output.name}.{os.getpid()}.partial')
     try:
         with open_bag(path) as bag:
@@ -53,27 +51,27 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
             with PngWriter() as images, FORMATS[kind](bag, partial, images) as sequence:
                 notes = _stream(bag, sequence, progress)
                 (partial / CALIBRATION_FILE).write_text(
-                    calibration_yaml(sequence.suite, kind), encoding='utf-8')
+                    calibration_yaml(sequence.suite, kind, sequence.depth), encoding='utf-8')
             partial.rename(output)
     except OSError as error:
-        raise BagError(f'{output}: cannot be written: {error.strerror or error}') from None
+        raise SequenceError(f'{output}: cannot be written: {error.strerror or error}') from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return [f'{output}: {notes[0]}', *notes[1:]]
 
 
 def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -> list[str]:
-    wanted = [name for name in (*_IMAGES, *_DATA)
-              if name in sequence.needs + sequence.uses and bag.has(name)]
+    wanted = [name for name in sequence.needs + sequence.uses
+              if bag.has(name) and _TYPES[name] != _CAMERA_INFO]
     names = {bag.resolve(name): name for name in wanted}
-    waits = topics.IMU_RAW.name in wanted
-    sets = _Sets(bag, sequence, [n for n in wanted if n in _IMAGES], waits)
+    images = [name for name in wanted if _TYPES[name] == _IMAGE]
+    sets = _ImageSets(bag, sequence, images, topics.IMU_RAW.name in wanted)
     for message in bag.raw(names):
         if progress is not None:
             progress()
         name = names[message.topic]
         decoded = bag.decode(message.data, message.msgtype)
-        if name in _IMAGES:
+        if name in images:
             sets.take(name, decoded)
             continue
         sequence.data(name, header_ns(decoded), decoded)
@@ -82,7 +80,7 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
     return sets.finish()
 
 
-class _Sets:
+class _ImageSets:
     """Puts images of one stamp together and holds them until an IMU sample follows."""
 
     def __init__(self, bag: Bag, sequence: Sequence, names: list[str],
@@ -122,12 +120,12 @@ class _Sets:
 
     def finish(self) -> list[str]:
         if not self._written:
-            raise BagError(f'{self._bag.path}: holds no complete set of '
-                           f'{", ".join(sorted(self._names))}; there is nothing to export')
+            raise SequenceError(f'{self._bag.path}: holds no complete set of '
+                                f'{", ".join(sorted(self._names))}; there is nothing to export')
         notes = [f'{self._written} image sets']
         trimmed = self._before + len(self._held)
         if trimmed:
-            notes.append(f'{trimmed} image sets left out ({self._before} at the begin, '
+            notes.append(f'{trimmed} image sets left out ({self._before} at the beginning, '
                          f'{len(self._held)} at the end): no IMU sample before or after them')
         incomplete = self._incomplete + len(self._open)
         if incomplete:

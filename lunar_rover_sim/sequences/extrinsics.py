@@ -1,4 +1,4 @@
-"""Where the sensors of a recorded rover sit: from the bag's tf_static, else from its scenario."""
+"""Poses of the sensors on a recorded rover: from the bag's tf_static, else from its scenario."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import transform_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import (Array, BASE_FRAME, IMU_FRAME, LEFT_OPTICAL_FRAME,
-                                    matrix_from_wxyz, RIGHT_OPTICAL_FRAME, se3)
+                                    RIGHT_OPTICAL_FRAME)
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
@@ -21,9 +22,8 @@ FRAMES = {'base': BASE_FRAME, 'imu': IMU_FRAME, 'left': LEFT_OPTICAL_FRAME,
 
 
 def rover_frame(rover: RoverDescription, frame: str) -> Array:
-    """Return T_base_frame (4, 4) of one of `FRAMES` on a rover."""
-    if frame not in FRAMES:
-        raise ConfigError(f'frame: {frame!r} is not valid; {nearest(frame, FRAMES)}')
+    """Return T_base_frame (4, 4) of one of `FRAMES` on a rover; ConfigError on another name."""
+    _check(frame)
     left, right = optical_poses(rover)
     return {'base': np.eye(4), 'imu': imu_pose(rover), 'left': left, 'right': right}[frame]
 
@@ -31,10 +31,9 @@ def rover_frame(rover: RoverDescription, frame: str) -> Array:
 def recorded_frame(bag: Bag, frame: str) -> Array:
     """Return T_base_frame (4, 4) of one of `FRAMES` on the recorded rover.
 
-    Raises BagError where the bag tells nothing of it.
+    Raises ConfigError on another name, BagError where the bag does not say where the frame is.
     """
-    if frame not in FRAMES:
-        raise BagError(f'frame: {frame!r} is not valid; {nearest(frame, FRAMES)}')
+    _check(frame)
     if frame == 'base':
         return np.eye(4)
     found = _from_tf(bag, FRAMES[frame])
@@ -43,11 +42,16 @@ def recorded_frame(bag: Bag, frame: str) -> Array:
     values: Any = recorded_scenario(bag).sections.get('rover')
     if not values:
         raise BagError(f'{bag.path}: holds neither tf_static nor a scenario; where '
-                       f'{FRAMES[frame]} sits is not known')
+                       f'{FRAMES[frame]} is on the rover is not known')
     try:
         return rover_frame(RoverDescription.from_mapping(values, 'rover'), frame)
     except ConfigError as error:
         raise BagError(f'{bag.path}: its scenario is not of this version: {error}') from None
+
+
+def _check(frame: str) -> None:
+    if frame not in FRAMES:
+        raise ConfigError(f'frame: {frame!r} is not valid; {nearest(frame, FRAMES)}')
 
 
 def _from_tf(bag: Bag, child: str) -> Array | None:
@@ -56,10 +60,8 @@ def _from_tf(bag: Bag, child: str) -> Array | None:
     parents: dict[str, tuple[str, Array]] = {}
     for _, _, message in bag.messages([topics.TF_STATIC.name]):
         for transform in message.transforms:
-            t, q = transform.transform.translation, transform.transform.rotation
-            parents[transform.child_frame_id] = (
-                transform.header.frame_id,
-                se3(matrix_from_wxyz([q.w, q.x, q.y, q.z]), [t.x, t.y, t.z]))
+            parents[transform.child_frame_id] = (transform.header.frame_id,
+                                                 transform_matrix(transform))
     T = np.eye(4)
     for _ in range(len(parents)):
         if child not in parents:

@@ -1,4 +1,4 @@
-"""Sequences with one pose a stereo pair: images and odometry wait for each other."""
+"""Sequences with one pose per stereo pair: images and odometry wait for each other."""
 
 from __future__ import annotations
 
@@ -6,19 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.stamps import in_seconds
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.sequences.sequence import PngWriter, pose_of, Sequence
+from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 
 _MOST_WAITING = 2000    # poses in memory
 
 
 class PosedSequence(Sequence):
-    """Numbers the images and hands over the pose of each, in order, as soon as it is known.
+    """Numbers the images and passes the pose of each to `write_pose`, in order, once it is known.
 
-    POSES: name of the file of poses, for messages. Formats override what follows.
+    POSES: name of the file of poses, for messages.
     """
 
     POSES = ''
@@ -46,16 +47,16 @@ class PosedSequence(Sequence):
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Keep the pose until its image comes."""
-        self._poses[stamp_ns] = pose_of(message)
+        self._poses[stamp_ns] = pose_matrix(message)
         if len(self._poses) > _MOST_WAITING:
             del self._poses[min(self._poses)]
         self._settle()
 
     def notes(self) -> list[str]:
-        """Tell whether there are poses; BagError where an image has none."""
+        """Return whether poses are missing; SequenceError where a single image has none."""
         if self._waiting:
-            raise BagError(f'{self._path}: no odometry at the stamp of the image at '
-                           f'{in_seconds(self._waiting[0])} s, which {self.POSES} needs')
+            raise SequenceError(f'{self._path}: no odometry at the stamp of the image at '
+                                f'{in_seconds(self._waiting[0])} s, which {self.POSES} needs')
         return [] if self._has_truth else [f'no odometry in the bag: {self.POSES} is missing']
 
     def _settle(self) -> None:

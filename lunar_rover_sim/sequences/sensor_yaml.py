@@ -1,7 +1,8 @@
-"""The calibration of an exported sequence, in words that no format has of its own."""
+"""calibration.yaml of an exported sequence: what the formats themselves do not hold."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,19 +12,13 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.sequences.sensors import SensorSuite
 
 CALIBRATION_FILE = 'calibration.yaml'
-_DEPTH = {
-    'euroc': {},
-    'kitti': {},
-    'tum': {'depth': {'png_counts_per_m': 5000.0, 'along': 'optical axis', 'missing': 0}},
-    'tartanair': {'depth_left': {'npy_unit': 'm', 'along': 'optical axis', 'sky_m': 10000.0},
-                  'depth_left_mm': {'png_counts_per_m': 1000.0, 'along': 'optical axis',
-                                    'missing': 0}},
-}
 
 
-def calibration_yaml(suite: SensorSuite, kind: str) -> str:
+def calibration_yaml(suite: SensorSuite, kind: str,
+                     depth: Mapping[str, Mapping[str, Any]]) -> str:
     """Return cameras, mounts, IMU and depth units of a sequence as YAML.
 
+    kind: name of the format; depth: its depth images and their units.
     Pixels are counted from the centre of the first one; T_a_b maps points of b to a; optical
     frames are x right, y down, z forward; noise is in continuous time.
     """
@@ -44,7 +39,7 @@ def calibration_yaml(suite: SensorSuite, kind: str) -> str:
                 'accel_bias_random_walk': noise.accel_bias_random_walk,
                 'gyro_noise_density': noise.gyro_noise_density,
                 'gyro_bias_random_walk': noise.gyro_bias_random_walk},
-        **_DEPTH[kind]}
+        **{name: dict(units) for name, units in depth.items()}}
     return '# T_a_b maps points of b to a; rows of 4. Units: m, s, rad, px.\n' + yaml.safe_dump(
         document, sort_keys=False, default_flow_style=None, width=99)
 

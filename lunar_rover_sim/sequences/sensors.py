@@ -1,4 +1,4 @@
-"""What a SLAM program must be told of the sensors: calibration, mounts, noise, rates."""
+"""The sensors as a SLAM program needs them: calibration, mounts, noise, rates."""
 
 from __future__ import annotations
 
@@ -11,22 +11,27 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import read_calibration
 from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.parameters import Parameters
 from lunar_rover_sim.physics.config import ImuConfig
 from lunar_rover_sim.physics.imu import ImuNoiseParameters, noise_parameters
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.sequences.extrinsics import recorded_frame, rover_frame
+from lunar_rover_sim.rover.mounts import imu_pose
+from lunar_rover_sim.sequences.extrinsics import recorded_frame
 
 
 @dataclasses.dataclass(frozen=True)
 class SensorSuite:
-    """A stereo camera of two equal cameras and an IMU.
+    """Two equal cameras and an IMU.
 
-    width, height [px]; focal_px (2,) fx, fy; centre_px (2,) cx, cy; distortion (5,) k1, k2, p1,
-    p2, k3 of the raw images; T_imu_left, T_imu_right (4, 4) optical frames in the IMU's frame;
-    T_base_imu (4, 4); frame_rate_hz, imu_rate_hz; noise in continuous-time units.
+    width, height: of the images [px]
+    focal_px, centre_px: fx, fy and cx, cy [px]
+    distortion: k1, k2, p1, p2, k3 of the raw images (Brown-Conrady)
+    T_imu_left, T_imu_right: (4, 4) optical frames in the IMU's frame; T_base_imu: (4, 4)
+    frame_rate_hz, imu_rate_hz: 0 where there are no messages to measure them
+    noise: in continuous-time units
     """
 
     width: int
@@ -43,7 +48,7 @@ class SensorSuite:
 
     @property
     def baseline_m(self) -> float:
-        """Distance between the lenses."""
+        """Distance between the optical centres [m]."""
         return float(np.linalg.norm(self.T_imu_left[:3, 3] - self.T_imu_right[:3, 3]))
 
     @property
@@ -55,13 +60,13 @@ class SensorSuite:
 def described_sensors(rover: RoverDescription, camera: CameraConfig, imu: ImuConfig,
                       frame_rate_hz: float, imu_rate_hz: float) -> SensorSuite:
     """Return the sensors of a description."""
-    T_base_imu = rover_frame(rover, 'imu')
+    rig = StereoRig(rover, camera)
+    T_base_imu = imu_pose(rover)
     return SensorSuite(
-        camera.width, camera.height, (camera.focal_px, camera.focal_px),
-        (0.5 * (camera.width - 1), 0.5 * (camera.height - 1)), tuple(camera.distortion),
-        inverse(T_base_imu) @ rover_frame(rover, 'left'),
-        inverse(T_base_imu) @ rover_frame(rover, 'right'), T_base_imu, frame_rate_hz, imu_rate_hz,
-        noise_parameters(imu))
+        rig.width, rig.height, (rig.focal_px, rig.focal_px),
+        (float(rig.K[0, 2]), float(rig.K[1, 2])), tuple(camera.distortion),
+        inverse(T_base_imu) @ rig.T_base_left, inverse(T_base_imu) @ rig.T_base_right, T_base_imu,
+        frame_rate_hz, imu_rate_hz, noise_parameters(imu))
 
 
 def recorded_sensors(bag: Bag) -> SensorSuite:

@@ -1,20 +1,20 @@
-"""What every exported sequence format shares: PNG files from threads, text files, poses."""
+"""What every exported sequence format shares: PNG files from threads, text files, sensors."""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO, TypeVar
+from typing import Any, ClassVar, TextIO, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
+from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.sequences.sensors import recorded_sensors, SensorSuite
 
 _THREADS = 2
@@ -64,18 +64,21 @@ def _write_png(path: Path, pixels: NDArray[Any]) -> None:
 
 
 class Sequence:
-    """A sequence being written into a folder; formats override what follows.
+    """A sequence that is written into a folder. A format sets the attributes and overrides
+    `images`, `data` and, where it has something to say, `notes`.
 
-    needs, uses: topics of the contract that must, or may, be in the bag.
+    needs, uses: topics of the contract that must, or may, be in the bag
+    depth: units of the depth images, as they are written to calibration.yaml
     """
 
-    needs: tuple[str, ...] = ()
-    uses: tuple[str, ...] = ()
+    needs: ClassVar[tuple[str, ...]] = ()
+    uses: ClassVar[tuple[str, ...]] = ()
+    depth: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         for name in self.needs:
             if not bag.has(name):
-                raise BagError(f'{bag.path}: lacks {name}, which this format needs')
+                raise SequenceError(f'{bag.path}: lacks {name}, which this format needs')
         self.folder = folder
         self.png = png
         self.suite: SensorSuite = recorded_sensors(bag)
@@ -86,11 +89,11 @@ class Sequence:
         raise NotImplementedError
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
-        """Take a message that is no image."""
+        """Take a message that is not an image."""
         raise NotImplementedError
 
     def notes(self) -> list[str]:
-        """Return what is worth knowing about the sequence."""
+        """Return sentences for the user about the sequence."""
         return []
 
     def line(self, name: str, text: str) -> None:
@@ -112,12 +115,6 @@ class Sequence:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self.close()
-
-
-def pose_of(odometry: Any) -> Array:
-    """Return T_odom_base (4, 4) of a nav_msgs/Odometry."""
-    p, q = odometry.pose.pose.position, odometry.pose.pose.orientation
-    return se3(matrix_from_wxyz([q.w, q.x, q.y, q.z]), [p.x, p.y, p.z])
 
 
 def numbers(*values: Any, separator: str = ' ') -> str:

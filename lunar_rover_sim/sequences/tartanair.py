@@ -35,6 +35,9 @@ class TartanAirSequence(PosedSequence):
     """Writes a TartanAir sequence; optical flow and segmentation are not in it."""
 
     POSES = 'pose_left.txt'
+    depth = {'depth_left': {'npy_unit': 'm', 'along': 'optical axis', 'sky_m': SKY_M},
+             'depth_left_mm': {'png_counts_per_m': _MM_PER_M, 'along': 'optical axis',
+                               'missing': 0}}
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name,
              topics.TRUE_DEPTH.name)
 
@@ -60,7 +63,7 @@ class TartanAirSequence(PosedSequence):
         self.taken(stamp_ns)
 
     def notes(self) -> list[str]:
-        """Tell what is not in it; BagError where an image has no pose."""
+        """Return what is missing; SequenceError where an image has no pose."""
         return ['optical flow and segmentation are not written', *super().notes()]
 
     def write_pose(self, T_odom_base: Array) -> None:

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.stamps import in_seconds
 from lunar_rover_sim.frames import wxyz_from_matrix
 from lunar_rover_sim.sequences.orbslam3_settings import DEPTH_FACTOR
-from lunar_rover_sim.sequences.sequence import numbers, PngWriter, pose_of, Sequence
+from lunar_rover_sim.sequences.sequence import numbers, PngWriter, Sequence
 
 _FARTHEST = 65535
 
@@ -28,6 +29,7 @@ class TumSequence(Sequence):
 
     needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name, topics.TRUE_DEPTH.name)
     uses = (topics.ODOM.name,)
+    depth = {'depth': {'png_counts_per_m': DEPTH_FACTOR, 'along': 'optical axis', 'missing': 0}}
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
@@ -53,11 +55,11 @@ class TumSequence(Sequence):
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Write the pose of the left camera."""
-        T = pose_of(message) @ self._T_base_left
+        T = pose_matrix(message) @ self._T_base_left
         w, x, y, z = wxyz_from_matrix(T[:3, :3])
         self.line('groundtruth.txt', f'{in_seconds(stamp_ns)} {numbers(T[:3, 3], [x, y, z, w])}')
 
     def notes(self) -> list[str]:
-        """Tell the depth factor."""
+        """Return the depth factor."""
         return [f'depth: {DEPTH_FACTOR:g} counts a metre, 0 beyond '
                 f'{_FARTHEST / DEPTH_FACTOR:.1f} m']

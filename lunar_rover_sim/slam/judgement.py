@@ -13,14 +13,12 @@ import numpy as np
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.trajectory_evaluation import (evaluate, Evaluation,
-                                                              EvaluationOptions)
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.sequences.extrinsics import recorded_frame
 from lunar_rover_sim.sequences.sensors import recorded_sensors
-from lunar_rover_sim.slam.estimators import Estimate, Estimator
+from lunar_rover_sim.slam.estimators import Estimator
 from lunar_rover_sim.slam.runners import Echo
 
 Step = Callable[[str], None]
@@ -32,7 +30,7 @@ class SlamResult:
 
     reason: why there is no result, or what went wrong beside it; empty if all went well
     scale: true over estimated size of the path, by Sim(3); ate_m: rms after Sim(3) for mono, else
-    after SE(3); distance_m: horizontal, in steps of 0.1 s, over the whole recording
+    after SE(3); distance_m: driven over the whole recording
     """
 
     system: str
@@ -78,9 +76,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
     with open_bag(bag) as opened:
         truth = trajectory_of_topic(opened)
         suite = recorded_sensors(opened)
-        T_base_frame = recorded_frame(opened, estimator.poses_of)
-    coarse = truth.positions_m[::max(1, round(len(truth) * 0.1 / max(_span_s(truth), 0.1))), :2]
-    distance_m = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
+    distance_m = truth.length_m
     step('exporting')
     export(bag, sequence, estimator.format)
     try:
@@ -96,7 +92,9 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         return known
     write_tum(folder / 'estimate.txt', outcome.trajectory)
     try:
-        judged = _judge(truth.of_frame(T_base_frame), outcome, estimator.sensor)
+        judged = evaluate(bag, outcome.trajectory,
+                          align='sim3' if estimator.sensor == 'mono' else 'se3',
+                          estimate_frame=estimator.poses_of, frame_stamps_ns=outcome.frames_ns)
     except EvaluationError as error:
         reason = '; '.join(filter(None, (outcome.reason, str(error))))
         return dataclasses.replace(known, reason=reason, tracked_share=len(outcome.trajectory)
@@ -109,12 +107,6 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         known, tracked_share=judged.tracked_share, ate_m=judged.ate_m.rmse, scale=judged.scale,
         ate_percent=100.0 * judged.ate_m.rmse / distance_m if distance_m else float('nan'),
         rpe_m=judged.rpe_distance_m.rmse, drift_percent=judged.drift_percent)
-
-
-def _judge(truth: Any, outcome: Estimate, sensor: str) -> Evaluation:
-    assert outcome.trajectory is not None
-    return evaluate(truth, outcome.trajectory,
-                    EvaluationOptions('sim3' if sensor == 'mono' else 'se3'), outcome.frames_ns)
 
 
 def _span_s(trajectory: Any) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -11,14 +12,15 @@ from scipy.spatial.transform import Rotation
 import synthetic_bag as synthetic
 
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import ConfigError, EvaluationError
 from lunar_rover_sim.evaluation import metrics, trajectory_files
 from lunar_rover_sim.evaluation import trajectory_sources as sources
 from lunar_rover_sim.evaluation.alignment import align, MODES
 from lunar_rover_sim.evaluation.association import associate
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
-from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate, EvaluationOptions
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.frames import inverse, se3
+from lunar_rover_sim.inspection.summary import summarise
 
 
 def wander(n: int, seed: int, period_ns: int = 50_000_000) -> Trajectory:
@@ -53,7 +55,7 @@ def test_a_moved_copy_has_no_error(mode):
     turn = Rotation.from_rotvec([0.0, 0.0, 0.7] if mode == 'yaw' else [0.3, -0.2, 0.9])
     scale = 3.0 if mode == 'sim3' else 1.0
     copy = truth if mode == 'none' else truth.moved(turn.as_matrix(), [1.0, 2.0, 3.0], scale)
-    result = evaluate(truth, copy, EvaluationOptions(align=mode))
+    result = evaluate(truth, copy, align=mode)
     assert result.ate_m.max < 1e-12
     assert result.ate_deg.max < 1e-5
     assert result.rpe_distance_m.max < 1e-12 and result.rpe_time_m.max < 1e-12
@@ -107,7 +109,7 @@ def test_equal_to_evo(seed, scale):
             found_scale = None
         else:
             _, _, found_scale = other.align(reference, correct_scale=mode == 'sim3')
-        result = evaluate(truth, estimate, EvaluationOptions(align=mode))
+        result = evaluate(truth, estimate, align=mode)
         if mode == 'sim3':
             assert result.scale == pytest.approx(found_scale, abs=1e-9)
         for relation, mine in ((evo_metrics.PoseRelation.translation_part, result.ate_m),
@@ -133,7 +135,7 @@ def test_relative_errors_over_time_are_evos_over_frames():
     estimate = Trajectory(truth.stamps_ns,
                           truth.positions_m + 0.01 * rng.standard_normal((300, 3)),
                           truth.orientations_wxyz, 'estimate')
-    result = evaluate(truth, estimate, EvaluationOptions(align='none'))
+    result = evaluate(truth, estimate, align='none')
     pair = tuple(evo_trajectory.PoseTrajectory3D(t.positions_m, t.orientations_wxyz,
                                                  t.stamps_ns * 1e-9) for t in (truth, estimate))
     rpe = evo_metrics.RPE(evo_metrics.PoseRelation.translation_part, delta=20,
@@ -157,7 +159,7 @@ def test_truth_is_interpolated():
     s = between * 1e-9
     estimate = Trajectory(between, np.stack([0.1 * s, 0.02 * s, 0 * s], axis=1),
                           wxyz(Rotation.from_rotvec(np.stack([0 * s, 0 * s, 0.2 * s], axis=1))))
-    result = evaluate(truth, estimate, EvaluationOptions(align='none', tolerance_s=0.1))
+    result = evaluate(truth, estimate, align='none', tolerance_s=0.1)
     assert result.ate_m.max < 1e-12
     assert result.ate_deg.max < 1e-6
     with pytest.raises(EvaluationError, match='0 of 99 poses'):
@@ -247,15 +249,15 @@ def test_more_bad_input(tmp_path):
                       truth.orientations_wxyz, 'line.txt')
     for mode in ('se3', 'sim3'):
         with pytest.raises(EvaluationError, match='line.txt: the estimate moves on a straight'):
-            evaluate(truth, line, EvaluationOptions(align=mode))
-    assert evaluate(line, line, EvaluationOptions(align='yaw')).ate_m.max < 1e-12
+            evaluate(truth, line, align=mode)
+    assert evaluate(line, line, align='yaw').ate_m.max < 1e-12
     still = Trajectory(truth.stamps_ns, np.zeros((100, 3)), truth.orientations_wxyz, 'still')
     with pytest.raises(EvaluationError, match='does not move'):
         evaluate(truth, still)
     with pytest.raises(EvaluationError, match='no horizontal motion'):
-        evaluate(truth, still, EvaluationOptions(align='yaw'))
+        evaluate(truth, still, align='yaw')
     with pytest.raises(EvaluationError, match='did you mean sim3'):
-        evaluate(truth, truth, EvaluationOptions(align='sim'))
+        evaluate(truth, truth, align='sim')
     with pytest.raises(EvaluationError, match='stamps do not increase: pose 1'):
         Trajectory([2, 1], np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)))
 
@@ -283,3 +285,54 @@ def test_the_command_judges_a_bag(tmp_path, capsys):
     assert {p.name for p in Path(output).iterdir()} == {'evaluation.json', 'top_view.png',
                                                         'error.png', 'scale.png'}
     assert 'tracked 80.0 %' in capsys.readouterr().out
+
+
+def test_files_bags_and_trajectories_are_judged_alike(tmp_path):
+    """A path, its text and what was loaded from it give the same result, in frozen form."""
+    bag = synthetic.write(tmp_path / 'bag', synthetic.drive(1.0))
+    truth = sources.load(bag)
+    estimate = truth.of_frame(sources.frame_on_rover(bag, 'left')).select(np.arange(0, 200, 7))
+    file = tmp_path / 'estimate.txt'
+    trajectory_files.write_tum(file, estimate)
+    results = [evaluate(a, b, align='none', estimate_frame='left', distance_m=0.05)
+               for a, b in ((bag, file), (str(bag), str(file)), (f'{bag}:odom', estimate))]
+    for result in results:
+        assert result.ate_m.max < 1e-12
+        assert result.rpe_distance_m.count > 5 and result.rpe_distance_m.max < 1e-12
+        assert result.length_m == truth.length_m
+        assert result.tracked_share == results[0].tracked_share
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            result.scale = 2.0
+    assert evaluate(bag, file, align='none').ate_m.mean > 0.1
+
+
+def test_the_length_of_the_path_is_that_of_the_recording(tmp_path):
+    """Whatever was tracked, and by which sensor: that of the summary."""
+    bag = synthetic.write(tmp_path / 'bag', synthetic.drive(1.5))
+    truth = sources.load(bag)
+    driven = summarise(bag).distance_m
+    assert driven == pytest.approx(synthetic.SPEED * 1.495, rel=1e-3)
+    assert truth.length_m == driven
+    first_half = truth.select(np.arange(len(truth) // 2))
+    assert evaluate(bag, first_half).length_m == driven
+    camera = truth.of_frame(sources.frame_on_rover(bag, 'left'))
+    assert evaluate(bag, camera, estimate_frame='left').length_m == driven
+
+
+@pytest.mark.parametrize(('options', 'error', 'words'), [
+    ({'align': 'sim'}, EvaluationError, 'did you mean sim3'),
+    ({'estimate_frame': 'lefd'}, ConfigError, 'did you mean left'),
+    ({'distance_m': 0.0}, EvaluationError, 'distance_m: 0.0 is not valid; valid is > 0'),
+    ({'time_s': float('nan')}, EvaluationError, 'time_s: nan is not valid; valid is > 0'),
+    ({'tolerance_s': -1.0}, EvaluationError, 'tolerance: -1.0 is not valid; valid is >= 0')])
+def test_bad_options_are_one_line(options, error, words):
+    truth = wander(100, 12)
+    with pytest.raises(error, match=words) as caught:
+        evaluate(truth, truth, **options)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('name', ['missing', 'missing/bag:odom'])
+def test_a_missing_truth_is_named(tmp_path, name):
+    with pytest.raises(EvaluationError, match='there is no such file or bag'):
+        evaluate(tmp_path / name, wander(100, 12))

@@ -10,11 +10,11 @@ import pytest
 import synthetic_bag as synthetic
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag import message_validity, series
+from lunar_rover_sim.bag import message_validity, messages
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.errors import ConfigError, SequenceError
 from lunar_rover_sim.evaluation import trajectory_files
 from lunar_rover_sim.evaluation.trajectory_sources import load
 from lunar_rover_sim.frames import inverse
@@ -36,7 +36,7 @@ def bag(items, tmp_path_factory):
 
 
 def images_of(items: list[synthetic.Item], topic: topics.Topic) -> dict[int, np.ndarray]:
-    return {series.header_ns(i.message): message_validity.pixels(i.message) for i in items
+    return {messages.header_ns(i.message): message_validity.pixels(i.message) for i in items
             if i.topic == topic.name}
 
 
@@ -121,23 +121,24 @@ def test_kitti(tmp_path, bag):
 
 
 def test_bad_export(tmp_path, items, bag):
-    with pytest.raises(BagError, match='did you mean euroc'):
+    with pytest.raises(SequenceError, match='did you mean euroc'):
         export(bag, tmp_path / 'seq', 'eurok')
     (tmp_path / 'there').mkdir()
-    with pytest.raises(BagError, match='exists already'):
+    with pytest.raises(SequenceError, match='exists already'):
         export(bag, tmp_path / 'there')
-    with pytest.raises(BagError, match='cannot be written: Not a directory'):
+    with pytest.raises(SequenceError, match='cannot be written: Not a directory'):
         (tmp_path / 'file').touch()
         export(bag, tmp_path / 'file' / 'seq')
     poor = synthetic.write(tmp_path / 'poor', [i for i in items if 'image' not in i.topic])
     for kind in ('euroc', 'tum', 'kitti'):
-        with pytest.raises(BagError, match='lacks stereo/left/image_raw'):
+        with pytest.raises(SequenceError, match='lacks stereo/left/image_raw'):
             export(poor, tmp_path / 'seq', kind)
     blind = synthetic.write(tmp_path / 'blind', [i for i in items if i.topic != 'odom'])
     assert any('ground truth is missing' in note for note in export(blind, tmp_path / 'seq'))
     ended = synthetic.write(tmp_path / 'short', [
-        i for i in items if i.topic != 'imu/data_raw' or series.header_ns(i.message) < 90_000_000])
-    with pytest.raises(BagError, match='nothing to export'):
+        i for i in items
+        if i.topic != 'imu/data_raw' or messages.header_ns(i.message) < 90_000_000])
+    with pytest.raises(SequenceError, match='nothing to export'):
         export(ended, tmp_path / 'seq2')
     assert not [p for p in tmp_path.iterdir() if 'partial' in p.name or p.name == 'seq2']
 

@@ -12,7 +12,7 @@ import synthetic_bag
 import yaml
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import R_BODY_OPTICAL, se3
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.tartanair import millimetres, ned_pose
@@ -105,7 +105,7 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     """Without true depth there is no such sequence; nothing is left behind."""
     items = [i for i in synthetic_bag.drive(0.3) if i.topic != topics.TRUE_DEPTH.name]
     bag = synthetic_bag.write(tmp_path / 'bag', items)
-    with pytest.raises(BagError, match='ground_truth/depth/image'):
+    with pytest.raises(SequenceError, match='ground_truth/depth/image'):
         export(bag, tmp_path / 'out', 'tartanair')
     assert sorted(p.name for p in tmp_path.iterdir()) == ['bag']
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
-from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate, EvaluationOptions
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.frames import inverse, R_BODY_OPTICAL, se3
 from lunar_rover_sim.slam.estimator_input import Camera, Frame
 from lunar_rover_sim.slam.reference.bundle import Problem, residuals
@@ -95,7 +95,7 @@ def test_mono_has_its_own_scale(drive) -> None:
     located = [odometry.add(frame) for frame in frames]
     # It starts once parallax allows, and is not lost then.
     assert all(located[located.index(True):]) and sum(located) > 15
-    result = evaluate(truth, odometry.trajectory(), EvaluationOptions('sim3'))
+    result = evaluate(truth, odometry.trajectory(), align='sim3')
     assert result.ate_m.rmse < 0.01 * truth.length_m
 
 

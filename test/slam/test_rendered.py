@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import worlds
 
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
-from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate, EvaluationOptions
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.frames import se3
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
@@ -69,5 +69,5 @@ def test_mono_shape(drive) -> None:
     odometry = Odometry(dataclasses.replace(camera, baseline_m=0.0))
     located = [odometry.add(frame) for frame in frames]
     assert all(located[located.index(True):])
-    result = evaluate(truth, odometry.trajectory(), EvaluationOptions('sim3'))
+    result = evaluate(truth, odometry.trajectory(), align='sim3')
     assert result.ate_m.rmse < 0.005 * truth.length_m

@@ -1,0 +1,57 @@
+"""Stamps, vectors and poses of deserialised messages as numbers.
+
+The functions read attributes only, so that messages of rosbags and of rclpy are both taken.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
+
+
+def time_ns(stamp: Any) -> int:
+    """Return a builtin_interfaces/Time in ns."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def header_ns(message: Any) -> int:
+    """Return the stamp [ns] of a message with a header."""
+    return time_ns(message.header.stamp)
+
+
+def xyz(vector: Any) -> tuple[float, float, float]:
+    """Return a geometry_msgs/Vector3 or Point."""
+    return vector.x, vector.y, vector.z
+
+
+def wxyz(quaternion: Any) -> tuple[float, float, float, float]:
+    """Return a geometry_msgs/Quaternion, w first."""
+    return quaternion.w, quaternion.x, quaternion.y, quaternion.z
+
+
+def pose_matrix(odometry: Any) -> Array:
+    """Return the (4, 4) pose of the child frame in the header's frame of a nav_msgs/Odometry."""
+    pose = odometry.pose.pose
+    return se3(matrix_from_wxyz(wxyz(pose.orientation)), xyz(pose.position))
+
+
+def transform_matrix(stamped: Any) -> Array:
+    """Return T_parent_child (4, 4) of a geometry_msgs/TransformStamped."""
+    transform = stamped.transform
+    return se3(matrix_from_wxyz(wxyz(transform.rotation)), xyz(transform.translation))
+
+
+def odometry_row(odometry: Any) -> tuple[float, ...]:
+    """Return the 13 numbers of a nav_msgs/Odometry.
+
+    Position x, y, z; orientation w, x, y, z; linear, then angular velocity in the child frame.
+    """
+    pose, twist = odometry.pose.pose, odometry.twist.twist
+    return (*xyz(pose.position), *wxyz(pose.orientation), *xyz(twist.linear), *xyz(twist.angular))
+
+
+def imu_row(imu: Any) -> tuple[float, ...]:
+    """Return the 6 numbers of a sensor_msgs/Imu: angular velocity, then specific force."""
+    return *xyz(imu.angular_velocity), *xyz(imu.linear_acceleration)
