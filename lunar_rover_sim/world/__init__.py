@@ -1,1 +1,1 @@
-"""What the Moon is: relief, craters, rocks and albedo, in one folder for physics and camera."""
+"""The world: relief, craters, rocks and albedo, in one folder for physics and camera."""

@@ -1,4 +1,4 @@
-"""Making a world from its parameters."""
+"""Building a world from its parameters."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ logger = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 
-# Cells along the diameter of the smallest crater that a level shows, by itself and at all.
+# Cells along the diameter of a crater: the least that a level makes itself; below the second
+# number a crater is left to the finer level; the least on the finest level.
 _RESOLVED_CELLS, _FULL_CELLS, _LEAST_CELLS = 8.0, 24.0, 6.0
 
 
 def build_world(config: WorldConfig, seed: int = 0, progress: Progress | None = None) -> World:
     """Return the world that the parameters describe.
 
-    seed: used where `config.seed` is negative; the world's config then bears it. The same
-    parameters and seed give the same world on one machine.
-    progress: called with what is being done and the fraction done so far.
+    seed: used if `config.seed` is -1; the config of the world then has it. The same parameters and
+    seed give the same world on one machine.
+    progress: called with the name of the present step and the fraction done so far.
 
     Raises ConfigError if the seed is not valid, WorldError if the source cannot be read or used.
     """
@@ -70,7 +71,7 @@ def _open(config: WorldConfig) -> measured.Source | None:
 
 
 class _Builder:
-    """Builds levels from the coarsest to the finest, then seals the seams."""
+    """Builds the levels from the coarsest to the finest, then closes the seams."""
 
     def __init__(self, config: WorldConfig, source: measured.Source | None,
                  tell: Progress) -> None:
@@ -83,7 +84,7 @@ class _Builder:
         self.report: dict = dict(source.report) if source is not None else {}
 
     def rng(self, purpose: str) -> np.random.Generator:
-        """Return a generator that depends on the seed and the purpose alone."""
+        """Return a generator that depends on the seed and the purpose only."""
         return np.random.default_rng([self.config.seed, *purpose.encode()])
 
     def levels(self) -> tuple[HeightGrid, ...]:
@@ -102,7 +103,7 @@ class _Builder:
         return self._sealed(finished[::-1])
 
     def _level(self, k: int, parent: HeightGrid | None, craters: Craters) -> NDArray[np.float32]:
-        """Return the heights of one level: large shape, craters, relief, what was measured."""
+        """Return the heights of one level: large shape, craters, relief, measured terrain."""
         n, cell = self.plan[k]
         keep = 0.5 * self.config.size_m
         detail = relief.synthesise(self.spectrum, n, cell, parent.cell_m if parent else None,
@@ -113,12 +114,12 @@ class _Builder:
         if tile is not None and refined and not self._refined(k + 1):
             measured.lay(heights, cell, tile, keep)
         stamping.stamp(heights, cell, craters, self.config.craters, self.rng(f'outlines {k}'))
-        # The relief of the largest scales is older than the craters, that of the others is what
-        # has become of the soil since: it lies on top.
+        # The relief of the largest scales is older than the craters. That of the others has formed
+        # in the soil since, and lies on top.
         if parent is not None:
             heights += detail
         elif tile is not None and refined:
-            # What lies below the scale of the measured terrain, which has replaced the rest.
+            # Relief below the scale of the measured terrain, which has replaced the rest.
             heights += relief.synthesise(self.spectrum, n, cell,
                                          2.0 * tile.pixel_m / relief.SPLIT_CELLS, k == 0,
                                          self.rng('relief below the source'))
@@ -131,7 +132,7 @@ class _Builder:
         return heights
 
     def _refined(self, k: int) -> bool:
-        """Return whether a level adds detail to measured heights, rather than averages them."""
+        """Return whether a level adds detail to measured heights instead of averaging them."""
         return (self.source is not None and k < len(self.plan)
                 and self.plan[k][1] < measured.REFINED_BELOW * self.source.pixel_m)
 
@@ -139,7 +140,7 @@ class _Builder:
         """Return the craters drawn on level k, and those left to the next finer level.
 
         Each level makes the sizes that it resolves and its parent does not. A crater that would
-        be coarse here and lies within the finer level as a whole is left to that one.
+        be coarse here and lies completely within the finer level is left to that one.
         """
         n, cell = self.plan[k]
         config = self.config.craters
@@ -163,7 +164,7 @@ class _Builder:
         return made.select(~finer), dataclasses.replace(left, level=left.level - 1)
 
     def _sealed(self, arrays: list[tuple[NDArray[np.float32], float]]) -> tuple[HeightGrid, ...]:
-        """Shift the origin to height zero and give coarse levels what lies within them."""
+        """Shift the origin to height 0, close the seams, and embed each level in the next one."""
         offset = float(HeightGrid(*arrays[0]).height_at((0.0, 0.0)))
         reference = self.source.reference_m if self.source is not None else 0.0
         self.report['origin_height_m'] = reference + offset
@@ -184,7 +185,7 @@ def _albedo(config: WorldConfig, craters: Craters,
     n, cell = config.samples, config.cell_m
     variation = np.zeros((n, n), np.float32)
     if config.albedo.variation > 0.0:
-        # Patches from 3 decimetres to some metres, each octave fainter towards the small.
+        # Patches from 3 dm to several metres; smaller ones are fainter.
         for wavelength, part in ((6.4, 0.75), (1.6, 0.55), (0.4, 0.35)):
             sigma = min(wavelength / 4.0 / cell, n / 8.0)
             coarse = max(int(sigma / 2.0), 1)

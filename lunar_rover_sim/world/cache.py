@@ -1,4 +1,4 @@
-"""The cache of built worlds: one folder for each recipe, built when it is first asked for."""
+"""The cache of built worlds: one folder for each recipe, built when it is first needed."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lunar_rover_sim.world.world_folder import FORMAT, load_world, save_world
 
 logger = logging.getLogger(__name__)
 
-BUILDER = 4  # raise when the same parameters come to give another world: it empties the cache
+BUILDER = 4  # raise it when the same parameters give another world: cached worlds become invalid
 
 
 def cache_folder() -> pathlib.Path:
-    """Return where built worlds are kept: $LUNAR_ROVER_SIM_CACHE or the user's cache."""
+    """Return the folder of built worlds, in $LUNAR_ROVER_SIM_CACHE or the cache of the user."""
     named = os.environ.get('LUNAR_ROVER_SIM_CACHE')
     root = pathlib.Path(named) if named else pathlib.Path.home() / '.cache' / 'lunar_rover_sim'
     return root / 'worlds'
@@ -46,10 +46,10 @@ def cache_key(config: WorldConfig, seed: int) -> str:
 
 
 def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.Path:
-    """Return the folder of the world, built now if it is not in the cache.
+    """Return the folder of the world, which is built if the cache lacks it.
 
-    Two processes may ask for the same world at once: whoever is first puts it in place.
-    progress: as for `build.build`.
+    Two processes may build the same world at once; the first to finish puts it in place.
+    progress: as for `build_world`. Raises ConfigError or WorldError if it cannot be built.
     """
     folder = cache_folder() / cache_key(config, seed)
     if (folder / 'world.yaml').is_file():

@@ -1,7 +1,7 @@
-"""What a recipe says about a world: its source, relief, craters, rocks, albedo, surroundings.
+"""The recipe of a world: its source, relief, craters, rocks, albedo and surroundings.
 
-The defaults are the `baseline` world: a smooth highland site, cratered, with a rover's share of
-rocks. Each default that is a property of the Moon names where it comes from.
+The defaults are the `baseline` world: a smooth, cratered highland site with few large rocks. The
+source of each default that is a property of the Moon is cited.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ LEVEL_RATIO = 8
 
 @dataclasses.dataclass(frozen=True)
 class DemConfig(Parameters):
-    """Which part of an elevation model is used, and how it is read."""
+    """The window of an elevation model, and how the file is read."""
 
     center_mode: str = param(
         'offset', 'meaning of `center`: metres east and north of the middle of the file, '
         'coordinates of its CRS, longitude and latitude in degrees, or column and row in pixels',
         choices=('offset', 'crs', 'lonlat', 'pixel'))
     center: tuple[float, ...] = param(
-        (0.0, 0.0), 'middle of the world in the file, as `center_mode` says', length=2)
+        (0.0, 0.0), 'centre of the world in the file, as `center_mode` says', length=2)
     band: int = param(1, 'raster band', low=1)
     height_scale: float = param(1.0, 'metres per unit of height', unit='m')
-    pixel_m: float = param(0.0, 'pixel size where the file states none; 0: the file states it',
+    pixel_m: float = param(0.0, 'pixel size, for a file that states none; 0: from the file',
                            unit='m', low=0.0)
-    nodata: str = param('refuse', 'what to do with pixels without data under the ground; in '
-                        'the surroundings they are always filled', choices=('refuse', 'fill'))
+    nodata: str = param('refuse', 'refuse or fill pixels without data under the ground; in the '
+                        'surroundings they are always filled', choices=('refuse', 'fill'))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,12 +45,12 @@ class MeshConfig(Parameters):
                          'else z', choices=('auto', 'x', 'y', 'z'))
     scale: float = param(1.0, 'metres per unit of length', unit='m', low=0.0, open_low=True)
     center: tuple[float, ...] = param(
-        (0.0, 0.0), 'middle of the world: metres east and north of the middle of the mesh',
+        (0.0, 0.0), 'centre of the world: metres east and north of the middle of the mesh',
         unit='m', length=2)
     resolution_m: float = param(
-        0.0, 'spacing at which the mesh is sampled; below it, relief and craters are added; 0: '
-        'the cell of the world, nothing is added', unit='m', low=0.0)
-    holes: str = param('refuse', 'what to do where the ground has no mesh below it',
+        0.0, 'spacing at which the mesh is sampled; relief and craters are added below it; 0: '
+        'the cell of the world, and nothing is added', unit='m', low=0.0)
+    holes: str = param('refuse', 'refuse or fill parts of the ground without mesh',
                        choices=('refuse', 'fill'))
 
 
@@ -58,12 +58,12 @@ class MeshConfig(Parameters):
 class ReliefConfig(Parameters):
     """Self-affine relief: RMS deviation ~ baseline^hurst (Shepard et al. 2001).
 
-    The regolith's own part acts at all scales. Helfenstein & Shepard (1999) measured Hurst
-    exponents of 0.5 to 0.7 on undisturbed regolith in Apollo stereo close-ups, whose RMS slope
-    has fallen to a few degrees at decimetres. The far part carries the terrain: Rosenburg et al.
-    (2011) found, with LOLA, median slopes at 17 m of 7.5 deg in highlands and 2.0 deg in maria,
-    with median Hurst exponents of 0.95 and 0.76. The default far slope lies between, as at a site
-    that one would land on; craters add their own slopes to both.
+    The relief of the regolith acts at all scales. Helfenstein & Shepard (1999) measured Hurst
+    exponents of 0.5 to 0.7 on undisturbed regolith in Apollo stereo close-ups; the RMS slope falls
+    to a few degrees at decimetres. The relief of the terrain acts at large scales: Rosenburg et
+    al. (2011) found, with LOLA, median slopes at 17 m of 7.5 deg in highlands and 2.0 deg in
+    maria, with median Hurst exponents of 0.95 and 0.76. The default lies between, as at a landing
+    site; craters add their own slopes to both.
     """
 
     hurst: float = param(0.65, 'Hurst exponent of the regolith', low=0.05, high=0.99)
@@ -76,7 +76,7 @@ class ReliefConfig(Parameters):
                                      unit='deg', low=0.0, high=45.0)
     far_baseline_m: float = param(17.0, 'baseline of `far_rms_slope_deg`; the terrain has no '
                                   'wavelength below it', unit='m', low=0.0, open_low=True)
-    longest_wavelength_m: float = param(1000.0, 'relief ends at this wavelength', unit='m',
+    longest_wavelength_m: float = param(1000.0, 'longest wavelength of the relief', unit='m',
                                         low=1.0)
 
 
@@ -85,10 +85,10 @@ class CraterConfig(Parameters):
     """A population of craters in equilibrium.
 
     N(>D) = density 1.54 D0^-2 (D / D0)^-slope per m2 with D0 = 10 m. 1.54 D^-2 is geometric
-    saturation (Gault 1970); small lunar craters stand in equilibrium at a few per cent of it with
+    saturation (Gault 1970); small lunar craters are in equilibrium at a few per cent of it with
     a slope near 2 (Gault 1970; Xiao & Werner 2015; Minton et al. 2019). Fresh depth and rim
-    height are those of Pike (1977) for simple craters, which age by diffusion (Fassett &
-    Thomson 2014) until their depth is the oldest that is still counted.
+    height are those of Pike (1977) for simple craters. Diffusion degrades them (Fassett & Thomson
+    2014) to the depth of the oldest crater that is still counted.
     """
 
     density: float = param(0.03, 'fraction of geometric saturation; 0: no craters', low=0.0,
@@ -103,7 +103,8 @@ class CraterConfig(Parameters):
     oldest_depth: float = param(0.03, 'depth of the oldest crater, in diameters', low=0.005,
                                 high=0.2)
     age_exponent: float = param(1.0, 'age = u^(1/age_exponent) of the lifetime, u uniform: 1 is '
-                                'equilibrium, more makes more old craters', low=0.1, high=10.0)
+                                'equilibrium, a larger value makes more old craters', low=0.1,
+                                high=10.0)
     irregularity: float = param(0.05, 'RMS deviation of the outline from a circle, in radii',
                                 low=0.0, high=0.15)
 
@@ -113,9 +114,9 @@ class RockConfig(Parameters):
     """Rocks on the ground.
 
     Cumulative fractional area F(>D) = k exp(-q D), the form of Golombek & Rapp (1997), with
-    q(k) = 0.5648 + 0.01258 / k as fitted to the Moon by Li & Wu (2018); k = 0.0125 is what Di et
-    al. (2016) counted at the Chang'e-3 site. They stand out of the ground by about 0.6 of their
-    diameter or less (Demidov & Basilevsky 2014).
+    q(k) = 0.5648 + 0.01258 / k as fitted to the Moon by Li & Wu (2018); Di et al. (2016) counted
+    k = 0.0125 at the Chang'e-3 site. Rocks rise above the ground by about 0.6 of their diameter or
+    less (Demidov & Basilevsky 2014).
     """
 
     abundance: float = param(0.0125, 'k: area covered by rocks of all sizes; 0: no rocks',
@@ -123,12 +124,13 @@ class RockConfig(Parameters):
     decay_per_m: float = param(0.0, 'q; 0: follows from the abundance', unit='1/m', low=0.0)
     min_diameter_m: float = param(0.03, 'smallest rock', unit='m', low=0.005, high=2.0)
     max_diameter_m: float = param(2.0, 'largest rock', unit='m', low=0.005, high=20.0)
-    max_number: int = param(20000, 'if there were more, the smallest are left out', low=0,
-                            high=200000)
-    size_classes: int = param(28, 'sizes come in this many logarithmic classes', low=1, high=64)
-    burial: float = param(0.3, 'mean part of the height that is below ground', low=0.02, high=0.9)
-    near_craters: float = param(4.0, 'density around the rim of a fresh crater over that of the '
-                                'plain, minus 1', low=0.0, high=100.0)
+    max_number: int = param(20000, 'greatest number of rocks; beyond it the smallest are left out',
+                            low=0, high=200000)
+    size_classes: int = param(28, 'number of logarithmic classes of size', low=1, high=64)
+    burial: float = param(0.3, 'mean fraction of the height that is below ground', low=0.02,
+                          high=0.9)
+    near_craters: float = param(4.0, 'density around the rim of a fresh crater, relative to that '
+                                'of the plain, minus 1', low=0.0, high=100.0)
     tilt_deg: float = param(8.0, 'RMS tilt against the ground', unit='deg', low=0.0, high=90.0)
     albedo_variation: float = param(0.06, 'RMS variation of the albedo factor among rocks',
                                     low=0.0, high=0.3)
@@ -138,8 +140,8 @@ class RockConfig(Parameters):
 class AlbedoConfig(Parameters):
     """Variation of the albedo factor over the ground; its mean is 1.
 
-    How bright the ground is as a whole belongs to the reflectance. Fresh craters excavate
-    brighter, immature soil (e.g. Lucey et al. 2000).
+    The mean albedo of the ground belongs to the reflectance of the rendering. Fresh craters
+    excavate brighter, immature soil (e.g. Lucey et al. 2000).
     """
 
     variation: float = param(0.035, 'RMS of patches from decimetres to metres', low=0.0, high=0.3)
@@ -152,22 +154,22 @@ class AlbedoConfig(Parameters):
 class SurroundingsConfig(Parameters):
     """Coarse levels around the ground."""
 
-    extent_m: float = param(1000.0, 'reach at least so far from the middle in x and in y',
+    extent_m: float = param(1000.0, 'least distance from the origin that they cover in x and in y',
                             unit='m', low=0.0, high=20000.0)
     samples: int = param(2049, 'samples along a side of a coarse level', low=65, high=4097)
 
 
 @dataclasses.dataclass(frozen=True)
 class WorldConfig(Parameters):
-    """One world, complete."""
+    """The complete recipe of one world."""
 
-    source: str = param(PROCEDURAL, 'where the large shape comes from',
+    source: str = param(PROCEDURAL, 'source of the large-scale shape',
                         choices=(PROCEDURAL, DEM, MESH))
     path: str = param('', 'GeoTIFF, folder with dem.npy and dem.yaml, or mesh file')
     seed: int = param(-1, 'seed of everything random; -1: that of the scenario', low=-1)
-    size_m: float = param(51.2, 'side of the fine ground', unit='m', low=0.0, open_low=True,
+    size_m: float = param(51.2, 'side length of the fine ground', unit='m', low=0.0, open_low=True,
                           high=1000.0)
-    cell_m: float = param(0.025, 'cell of the fine ground', unit='m', low=0.001, high=10.0)
+    cell_m: float = param(0.025, 'cell size of the fine ground', unit='m', low=0.001, high=10.0)
     clear_radius_m: float = param(0.6, 'no rocks and no steep crater within this distance of the '
                                   'origin', unit='m', low=0.0)
     dem: DemConfig = group(DemConfig)
@@ -179,7 +181,7 @@ class WorldConfig(Parameters):
     surroundings: SurroundingsConfig = group(SurroundingsConfig)
 
     def validate(self) -> None:
-        """Check sizes against each other and the source against its path."""
+        """Raise ConfigError if sizes do not fit together or the source has no path."""
         step = 2 * LEVEL_RATIO
         cells = self.size_m / self.cell_m
         if abs(cells - round(cells)) > 1e-6 or round(cells) % step or not 0 < cells <= 8192:
@@ -214,7 +216,7 @@ class WorldConfig(Parameters):
         return round(self.size_m / self.cell_m) + 1
 
 
-# A flat world has nothing on it, to the horizon.
+# The worlds of the packaged scenarios. The flat one is an empty plane to the horizon.
 PRESETS: dict[str, dict[str, Any]] = {
     'baseline': {},
     'feature_sparse': {

@@ -16,7 +16,7 @@ _MAX_CRATERS = 500_000       # on one level
 
 
 def density_per_m2(config: CraterConfig, diameter_m: float) -> float:
-    """Return the cumulative number N(>D) per m2 of the endless power law."""
+    """Return the cumulative number N(>D) per m2 of the power law without an upper limit."""
     d0 = REFERENCE_DIAMETER_M
     return config.density * GEOMETRIC_SATURATION / d0 ** 2 * (diameter_m / d0) ** -config.slope
 
@@ -25,8 +25,8 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
              level: int, rng: np.random.Generator) -> Craters:
     """Return craters with diameters in [low, high) whose centres lie in [-h, h]^2.
 
-    A uniform age, from 0 to the end of the lifetime, is what equilibrium means: formation and
-    erasure are in balance at every size. Raises WorldError if there would be too many.
+    In equilibrium, where formation balances erasure at every size, ages are uniform from 0 to the
+    end of the lifetime. Raises WorldError if there would be too many craters.
     """
     low_m, high_m = max(low_m, config.min_diameter_m), min(high_m, config.max_diameter_m)
     if low_m >= high_m or config.density == 0.0:

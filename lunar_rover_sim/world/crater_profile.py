@@ -51,9 +51,10 @@ def fresh_profile(config: CraterConfig) -> Array:
 
 @functools.lru_cache(maxsize=8)
 def profile_table(config: CraterConfig) -> ProfileTable:
-    """Return the profiles of a fresh crater as it diffuses until it has its oldest depth.
+    """Return the profiles of a crater from fresh to its oldest depth, to which it diffuses.
 
-    dh/dt = kappa (h'' + h' / r), in units of the radius, solved implicitly; volume is conserved.
+    dh/dt = kappa (h'' + h' / r), in units of the radius (Fassett & Thomson 2014), solved by
+    implicit finite volumes, which conserve volume.
     """
     step = RADII[1]
     n = len(RADII)
@@ -82,7 +83,7 @@ def profile_table(config: CraterConfig) -> ProfileTable:
     table = np.array(heights)
     at = _AGES * times[-1]
     ages = np.array([np.interp(at, times, column) for column in table.T]).T
-    # Past its reach a crater ends, without a step.
+    # The profile fades to zero at the reach of the crater.
     ages *= np.clip((REACH - RADII) / (0.3 * REACH), 0.0, 1.0) ** 2
     steepest = 2.0 * np.abs(np.gradient(ages, step, axis=1)).max(axis=1)
     rim = ages.max(axis=1)

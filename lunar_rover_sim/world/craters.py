@@ -13,11 +13,11 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Craters:
-    """A catalogue; arrays of equal length m, read-only.
+    """A catalogue of craters: arrays of equal length m, read-only.
 
-    position_m: (m, 2) centre; diameter_m: (m,) from rim to rim when it was fresh;
-    age: (m,) fraction of the crater's lifetime, 0 = fresh; level: (m,) the height level that it
-    is drawn on (finer levels show it too).
+    position_m: (m, 2) centre; diameter_m: (m,) from rim to rim when the crater was fresh;
+    age: (m,) fraction of the crater's lifetime, 0 = fresh; level: (m,) index of the height level
+    on which it is drawn (finer levels show it too).
     """
 
     position_m: Array
@@ -37,7 +37,7 @@ class Craters:
         return self.age * self.diameter_m ** 2
 
     def select(self, chosen: NDArray) -> Craters:
-        """Return the craters at the chosen indices or where the mask is true."""
+        """Return the craters at the chosen indices, or where a mask is true."""
         return Craters(self.position_m[chosen], self.diameter_m[chosen], self.age[chosen],
                        self.level[chosen])
 

@@ -16,7 +16,7 @@ from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 
 FORMATS = ('.glb', '.obj', '.ply')
-_MOST_SAMPLES = 513  # along a side, unless a stride is asked for
+_MAX_SAMPLES = 513  # along a side, unless a stride is asked for
 
 # glTF: y up, x right, z towards the viewer; OBJ and PLY are written z up, as the world is.
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0],
@@ -27,10 +27,10 @@ def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool =
           surroundings: bool = False) -> pathlib.Path:
     """Write the ground and, as geometry of their own, rocks and surroundings to a mesh file.
 
-    stride: keep every `stride`-th sample of the ground; 0 chooses one that keeps 513 along a side
-    or less. Vertices bear the albedo as a grey colour. A PLY file holds one mesh only: there all
-    is joined. Raises WorldError on an unknown format, a stride that does not divide the ground, or
-    a file that cannot be written.
+    stride: keep every `stride`-th sample of the ground; 0 chooses one that keeps at most 513 along
+    a side. Vertices have the albedo as a grey colour. A PLY file holds only one mesh, in which all
+    parts are joined. Raises WorldError on an unknown format, a stride that does not divide the
+    ground, or a file that cannot be written.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
@@ -57,7 +57,7 @@ def to_scene(world: World, stride: int = 0, rocks: bool = True,
     cells = world.ground.n - 1
     if stride == 0:
         stride = next(s for s in range(1, cells + 1)
-                      if cells % s == 0 and (cells // s < _MOST_SAMPLES or s == cells))
+                      if cells % s == 0 and (cells // s < _MAX_SAMPLES or s == cells))
     if stride < 1 or cells % stride:
         valid = ', '.join(str(s) for s in range(1, 65) if cells % s == 0)
         raise WorldError(f'stride: {stride} does not divide the {cells} cells of the ground; valid'
@@ -69,7 +69,7 @@ def to_scene(world: World, stride: int = 0, rocks: bool = True,
     if surroundings:
         for index, level in enumerate(world.levels[1:], 1):
             step = next(s for s in range(1, level.n) if (level.n - 1) % s == 0
-                        and (level.n - 1) // s < _MOST_SAMPLES)
+                        and (level.n - 1) // s < _MAX_SAMPLES)
             vertices, faces = surface(level, step)
             # The inner level has its own mesh.
             hole = world.levels[index - 1].half_extent_m

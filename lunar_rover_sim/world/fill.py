@@ -1,4 +1,8 @@
-"""Filling gaps in grids of heights."""
+"""Filling gaps in grids of heights.
+
+Both solvers relax from coarse to fine grids. A direct sparse solver is not used: its result
+depends on the linear algebra library and its threads, and so would the hash of the world.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,10 @@ from numpy.typing import NDArray
 
 def harmonic_fill(values: NDArray[np.float32], known: NDArray[np.bool_],
                   sweeps: int = 12) -> NDArray[np.float32]:
-    """Return the values with the unknown ones filled: smooth, and continuous with the known.
+    """Return the values with the unknown ones filled: smooth, and continuous with the known ones.
 
-    Laplace's equation, solved from coarse to fine: each grid starts from the one of half its
-    resolution and is relaxed a few times.
+    The filling approximates the solution of Laplace's equation: each grid starts from that of half
+    its resolution and is relaxed `sweeps` times or more.
     """
     if known.all() or not known.any():
         return np.where(known, values, 0).astype(np.float32)
@@ -43,8 +47,10 @@ def plate_fill(values: NDArray[np.float32], known: NDArray[np.bool_],
                tension: float, sweeps: int = 200) -> NDArray[np.float32]:
     """Return the values with the unknown ones filled by a thin plate under tension.
 
-    Solves (L - tension) L u = 0 (Smith & Wessel 1990), L being the discrete Laplacian; tension is
-    (cell / length)^2, length being that over which the plate settles. Coarse grids come first.
+    It approximates (L - tension) L u = 0 (Smith & Wessel, Gridding with continuous curvature
+    splines in tension, Geophysics 55 (3), 1990) from coarse to fine grids. L is the discrete
+    Laplacian, and tension is (cell / length)^2, where length is the distance over which the plate
+    settles.
     """
     if known.all() or not known.any():
         return harmonic_fill(values, known)

@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 
-_TANGENTS = 9  # sweeps over the range of the horizon
-
 
 @dataclasses.dataclass(frozen=True)
 class TileRecipe:
-    """What a tile is made of.
+    """The recipe of a tile.
 
     n: texels along a side; period_m: side length [m]; rms_slope: of its fractal relief, between
     wavelengths of two texels and `longest_m`; pits and pebbles: share of the area under craters
@@ -97,7 +95,7 @@ def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[n
             k = np.minimum(np.maximum(dark, 1), len(tangents) - 1)
             high = k * n + columns
             low, high = lift.take(high - n), lift.take(high)
-            # Zero extrapolated from below, where what is far away limits the view (see `horizon`).
+            # Extrapolate the zero from below, where distant relief limits the view.
             before = lift.take(np.maximum(k - 2, 0) * n + columns)
             rise = np.where(dark > 1, low - before, high - low)
             part = np.minimum(np.maximum(-low / np.maximum(rise, 1e-9), 0.0), 1.0)
@@ -147,11 +145,11 @@ def _fractal(recipe: TileRecipe, rng: np.random.Generator) -> F32:
     square = frequency[:, None]**2 + frequency[None, :n // 2 + 1]**2
     square[0, 0] = 1.0
     amplitude = square**np.float32(-0.5 - 0.5 * recipe.hurst)
-    # Soft at the long end, where the relief of the grid takes over.
+    # The spectrum falls softly at the long end, where the relief of the grid takes over.
     soft = (square * np.float32(recipe.longest_m**2))**2
     amplitude *= soft / (1.0 + soft)
     amplitude[0, 0] = 0.0
-    # White noise is white in the spectrum too: draw it there.
+    # The spectrum of white noise is white noise: draw it there.
     noise = rng.standard_normal((n, n // 2 + 1, 2), dtype=np.float32).view(np.complex64)[..., 0]
     noise *= amplitude
     height = np.fft.irfft2(noise, s=(n, n)).astype(np.float32)
@@ -182,14 +180,14 @@ def _window(n: int, texel: float, x: float, y: float, radius: float) -> tuple[An
     dx = ((ix - cx) * texel).astype(np.float32)
     dy = ((iy - cy) * texel).astype(np.float32)
     if min(left, low) >= 0 and max(left, low) + side <= n:
-        at: Any = slice(low, low + side), slice(left, left + side)     # much the faster index
+        at: Any = slice(low, low + side), slice(left, left + side)     # a faster index
     else:
         at = iy[:, None] % n, ix % n
     return at, dx[None, :], dy[:, None]
 
 
 def _pit(height: F32, texel: float, x: float, y: float, diameter: float, fresh: float) -> None:
-    """Add a small crater: a bowl with a raised rim, the softer the older."""
+    """Add a small crater: a bowl with a raised rim, softer with age."""
     radius = 0.5 * diameter
     at, dx, dy = _window(height.shape[0], texel, x, y, 2.2 * radius)
     r = np.hypot(dx, dy) / radius
@@ -201,7 +199,7 @@ def _pit(height: F32, texel: float, x: float, y: float, diameter: float, fresh: 
 
 def _pebble(top: F32, texel: float, x: float, y: float, diameter: float,
             rng: np.random.Generator) -> None:
-    """Raise a stone: cut by planes in random directions, partly buried, never round."""
+    """Add a pebble: a stone cut by planes in random directions, partly buried."""
     radius = 0.5 * diameter
     at, dx, dy = _window(top.shape[0], texel, x, y, radius)
     turn = rng.uniform(0.0, 2.0 * np.pi)

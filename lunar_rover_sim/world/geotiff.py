@@ -103,7 +103,7 @@ class GeoRaster(Raster):
         return float((a - grid.c) / grid.a), float((b - grid.f) / grid.e)
 
     def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
-        """Return a window through rasterio; overviews are used where the file has them."""
+        """Return a window; overviews are used if the file has them."""
         band = self.config.dem.band
         window = Window(columns.start, rows.start, columns.stop - columns.start,
                         rows.stop - rows.start)

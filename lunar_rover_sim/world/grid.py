@@ -1,4 +1,4 @@
-"""A square height grid, centred on the world's origin, with the triangles that MuJoCo uses."""
+"""A square height grid, centred on the origin of the world, with the triangles of MuJoCo."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class HeightGrid:
     cell_m: distance between neighbouring samples [m].
 
     The surface is made of two triangles per cell, split along the diagonal from (ix, iy) to
-    (ix + 1, iy + 1): what MuJoCo's height field collides with, and what is drawn.
+    (ix + 1, iy + 1). MuJoCo's height field collides with them, and the renderer draws them.
     """
 
     heights_m: NDArray[np.float32]

@@ -44,8 +44,8 @@ def spline(y_m: NDArray, x_m: NDArray, values: NDArray, y_at: NDArray,
     """Return the bicubic spline through values (y, x) at the grid of y_at and x_at.
 
     y_m and x_m ascend in even steps; beyond their ends the surface is extrapolated as constant,
-    and towards them it runs straight. Written without linear algebra libraries, whose results
-    depend on the number of threads.
+    and at the ends its curvature is zero. Linear algebra libraries are not used, because their
+    results depend on the number of threads.
     """
     padded = np.pad(np.asarray(values, np.float64), _PAD, mode='reflect', reflect_type='odd')
     coefficients = scipy.ndimage.spline_filter(padded, order=3, mode='mirror').astype(np.float32)

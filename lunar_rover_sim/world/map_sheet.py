@@ -16,7 +16,7 @@ from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.world import crater_population, rockfield, shade
 from lunar_rover_sim.world.model import World
 
-_MOST_PIXELS = 1025  # along a side of a map
+_MAX_PIXELS = 1025  # along a side of a map
 _LARGE_M = 0.15      # rocks from this size are marked
 
 Views = Sequence[tuple[str, NDArray[Any]]]
@@ -27,8 +27,8 @@ def sheet(world: World, azimuth_deg: float = 60.0, elevation_deg: float = 6.0,
     """Return a matplotlib figure: shaded ground, heights, slope, albedo and rocks, surroundings,
     horizon, and the size distributions of craters and rocks; below them up to four views.
 
-    The sun stands at azimuth (from east towards north) and elevation [deg]. views: titles and
-    (h, w) images.
+    The sun is at azimuth (from east towards north) and elevation [deg]. views: titles and (h, w)
+    images.
     """
     rows = 3 if views else 2
     figure = Figure(figsize=(20, 5.2 * rows - 0.9 * (rows == 3)), constrained_layout=True)
@@ -58,7 +58,7 @@ def write(world: World, path: str | pathlib.Path, azimuth_deg: float = 60.0,
 
 
 def _stride(n: int) -> int:
-    return max(-(-n // _MOST_PIXELS), 1)
+    return max(-(-n // _MAX_PIXELS), 1)
 
 
 def _map(figure: Any, axis: Any, values: Any, half_m: float, title: str, label: str = '',

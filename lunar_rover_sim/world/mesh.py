@@ -1,4 +1,4 @@
-"""Triangle meshes as terrain: a height field by exact vertical ray casting."""
+"""Triangle meshes as terrain: a height field from exact vertical ray casting."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Hits:
     """Where vertical rays met a mesh.
 
     top_m: (ny, nx) highest hit, NaN where there is none; layers: (ny, nx) number of separate
-    upward faces on the ray, where they were counted: more than one is an overhang.
+    upward faces on the ray, 0 if they were not counted; more than one means an overhang.
     """
 
     top_m: NDArray[np.float64]
@@ -82,7 +82,7 @@ def cast(triangles_m: NDArray[np.float64], x_m: NDArray[np.float64], y_m: NDArra
         start = stop
     layers = np.zeros(nx * ny, np.int32)
     if upward:
-        # Neighbouring triangles meet a ray on their common edge twice: count separate heights.
+        # A ray through a common edge hits both triangles: count separate heights.
         place = np.concatenate([p for p, _ in upward])
         z = np.concatenate([h for _, h in upward])
         order = np.lexsort((z, place))
@@ -137,7 +137,7 @@ class MeshSource:
                            self.path, overhangs, rays)
 
     def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
-        """Return what the mesh knows of [-h, h]^2, sampled at its resolution or the cell's."""
+        """Return the heights within [-h, h]^2, sampled at `resolution_m` or the cell if larger."""
         spacing = max(self.pixel_m, cell_m)
         grid, hits = self._cast(half_extent_m + 3 * spacing, spacing, self.area_m)
         if grid is None:
@@ -178,7 +178,7 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
         loaded: Any = trimesh.load(path, process=False)
         if isinstance(loaded, trimesh.Scene):
             loaded = loaded.to_mesh()
-    except Exception as error:  # a damaged file raises whatever its parser stumbles over
+    except Exception as error:  # the parsers raise errors of any class on a damaged file
         text = ' '.join(str(error).split()) or type(error).__name__
         raise WorldError(f'{path}: cannot be read as a mesh: {text}') from None
     faces = getattr(loaded, 'faces', None)
@@ -200,6 +200,6 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     if total == 0.0 or np.abs(flat).sum() < 1e-6 * total:
         raise WorldError(f'{path}: seen from above it has no area; choose another mesh.up_axis')
     if flat.sum() < -1e-6 * np.abs(flat).sum():
-        # An open surface wound the other way round: turn its faces, so that they look up.
+        # The faces of an open surface are wound the other way round: turn them to look up.
         triangles = triangles[:, ::-1]
     return triangles

@@ -1,4 +1,4 @@
-"""The world as physics and camera see it."""
+"""The world, as physics and camera use it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 @dataclasses.dataclass(frozen=True)
 class World:
-    """One piece of Moon.
+    """One site on the Moon.
 
     levels: nested height grids, finest first, all centred on the origin. levels[0] is the ground
         that the rover walks on (2.5 cm cells, 51.2 m wide by default); each further level is
@@ -27,9 +27,9 @@ class World:
         about 1; outside levels[0] the factor is 1
     rocks, rock_shapes: instances and the library they index
     config: the parameters it was built from
-    hash: hexadecimal content hash of everything above
+    hash: hexadecimal content hash of everything else except the report
     craters: those that were drawn
-    report: what is worth knowing of the source: the height of the origin there, gaps, overhangs
+    report: facts about the source: the height of the origin there, gaps, overhangs
     """
 
     levels: tuple[HeightGrid, ...]
@@ -43,7 +43,7 @@ class World:
 
     @property
     def ground(self) -> HeightGrid:
-        """The finest level: what is collided with."""
+        """The finest level, with which the rover collides."""
         return self.levels[0]
 
     def height_at(self, xy_m: ArrayLike) -> NDArray[np.float64]:

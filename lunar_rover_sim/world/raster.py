@@ -36,7 +36,7 @@ class Raster(abc.ABC):
 
     @abc.abstractmethod
     def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
-        """Return heights [m] and whether they are data, averaged over factor x factor pixels."""
+        """Return heights [m] averaged over factor x factor pixels, and where there are data."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -49,7 +49,7 @@ class Raster(abc.ABC):
 
     @property
     def area_m(self) -> tuple[float, float, float, float]:
-        """x low, x high, y low, y high of the file's pixels, world frame."""
+        """The area of the file in the world frame: x low, x high, y low, y high [m]."""
         south, north = self.row0 - self.height, self.row0
         if self.south_up:
             south, north = -self.row0, self.height - self.row0
@@ -66,7 +66,10 @@ class Raster(abc.ABC):
                 self.height / 2.0 + sign * b / self.pixel_y_m)
 
     def check_ground(self) -> None:
-        """Check that the ground lies in the file and has data; set the reference height."""
+        """Set the reference height.
+
+        Raises WorldError if the ground is not within the file or lacks data.
+        """
         half = 0.5 * self.config.size_m
         area = self.area_m
         names = ('west', 'east', 'south', 'north')
@@ -95,7 +98,7 @@ class Raster(abc.ABC):
         self.report['pixel_m'] = [self.pixel_x_m, self.pixel_y_m]
 
     def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
-        """Return what the file knows of [-h, h]^2, averaged to about a cell."""
+        """Return the heights in [-h, h]^2, averaged to about a cell; None if there are none."""
         heights, known, x, y = self._window(half_extent_m, cell_m)
         if min(heights.shape) < 2 or not known.any():
             return None

@@ -29,7 +29,7 @@ def smoothstep(x: ArrayLike) -> NDArray[np.float64]:
 
 
 def high_pass(k: NDArray[np.float64], wavelength_m: float) -> NDArray[np.float64]:
-    """Return the power weight that lets pass what is shorter than a wavelength, over an octave."""
+    """Return the power weight that passes wavelengths below one, with a flank of an octave."""
     return smoothstep(0.5 + np.log2(np.maximum(k, 1e-12) * wavelength_m / (2.0 * np.pi)))
 
 
@@ -71,9 +71,9 @@ def synthesise(S: Spectrum, n: int, cell_m: float, parent_cell_m: float | None, 
                rng: np.random.Generator) -> NDArray[np.float32]:
     """Return (n, n) heights [m] with the part of S(k) that belongs to a level.
 
-    That is what is shorter than the split with its parent (the next coarser level, whose cell is
-    `parent_cell_m`; None: there is none and no such limit) and longer than the split with its
-    child. The finest level has no child: its shortest wavelengths fade out from 4 to 2 cells.
+    These are the wavelengths below the split with its parent (the next coarser level, whose cell
+    is `parent_cell_m`; None if there is none, which sets no limit) and above the split with its
+    child. The finest level has no child: its wavelengths fade out from 4 to 2 cells.
     """
     # The transform is periodic: a margin of the longest wavelength keeps opposite edges apart.
     margin = 8 if parent_cell_m is not None else n // 4

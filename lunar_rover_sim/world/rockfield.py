@@ -1,4 +1,4 @@
-"""The population of rocks: how many of each size, where they lie, how deep they sit."""
+"""The population of rocks: how many of each size, where they lie, and how deep."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def scatter(config: RockConfig, ground: HeightGrid, shapes: tuple[RockShape, ...
             craters: Craters, clear_radius_m: float, rng: np.random.Generator) -> Rocks:
     """Return rocks laid on the ground.
 
-    The number and the sizes follow the distribution; places are denser around the rims of fresh
-    craters. Larger rocks choose their place first, and smaller ones that would overlap them move
-    or, at last, go. Near the origin lies nothing that a rover would stand on.
+    The number and the sizes follow the distribution; rocks are denser around the rims of fresh
+    craters. Larger rocks are placed first; a smaller one that would overlap them is moved, and
+    left out after 12 attempts. No rock lies near the origin, where the rover starts.
     """
     if config.abundance == 0.0 or config.max_number == 0:
         return no_rocks(config)
@@ -71,7 +71,7 @@ def scatter(config: RockConfig, ground: HeightGrid, shapes: tuple[RockShape, ...
     xy, size, diameter = xy[kept], size[kept], diameter[kept]
     count = len(size)
     shape = rng.integers(0, len(shapes), count)
-    # Beta with this shape: most rocks are shallowly buried, some up to the crown.
+    # With this beta distribution most rocks are buried shallowly, and some up to the crown.
     buried = rng.beta(2.4, 2.4 * (1.0 - config.burial) / config.burial, count)
     position, orientation = _settle(ground, shapes, shape, diameter, xy, buried,
                                     np.radians(config.tilt_deg), rng)
@@ -116,7 +116,7 @@ def _density(config: RockConfig, ground: HeightGrid, craters: Craters) -> tuple[
 
 def _places(diameter: Array, cumulative: tuple[Array, int], ground: HeightGrid,
             clear_radius_m: float, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-    """Return (m, 2) positions for rocks in descending order of size, and which found one."""
+    """Return (m, 2) positions for rocks in descending order of size, and which are valid."""
     total, n = cumulative
     cell = 2.0 * ground.half_extent_m / n
     xy = np.empty((len(diameter), 2))
@@ -143,7 +143,7 @@ def _misplaced(xy: Array, diameter: Array, ground: HeightGrid,
     tree = cKDTree(xy)
     start = 0
     while start < len(diameter):
-        # Rocks of like size ask together: their reach bounds that of the smaller ones.
+        # One query for rocks of similar size; the reach of the largest bounds that of the others.
         stop = int(np.searchsorted(-diameter, -0.6 * diameter[start], side='right'))
         for i, near in zip(range(start, stop),
                            tree.query_ball_point(xy[start:stop], 0.9 * diameter[start])):
@@ -166,7 +166,7 @@ def _settle(ground: HeightGrid, shapes: tuple[RockShape, ...], shape: NDArray, d
     rim = ground.height_at(xy[:, None] + reach)
     slope = np.einsum('mi,ik->mk', rim, around) / (4.0 * 0.45 * diameter[:, None])
     height = np.minimum(ground.height_at(xy), rim.mean(axis=1))
-    # Tilted with the ground, then by chance, about a horizontal axis; turned at random before.
+    # Each rock is turned about the vertical at random, then tilted with the ground and at random.
     lean = np.clip(-slope, -1.0, 1.0) + tilt_rad / np.sqrt(2.0) * rng.standard_normal((count, 2))
     angle = np.linalg.norm(lean, axis=1)
     axis = np.column_stack([-lean[:, 1], lean[:, 0]]) / np.maximum(angle, 1e-12)[:, None]
@@ -183,7 +183,7 @@ def _settle(ground: HeightGrid, shapes: tuple[RockShape, ...], shape: NDArray, d
         z = np.einsum('mi,vi->mv', up[chosen], kind.vertices.astype(float))
         low[chosen], high[chosen] = z.min(axis=1, initial=0.0), z.max(axis=1, initial=0.0)
     foot = height - buried * (high - low) * diameter
-    # On a wall or in a pit the ground falls away under the rock: it sinks until its foot is in.
+    # On a wall or in a pit the ground falls away under the rock, which sinks until its foot is in.
     beneath = ground.height_at(xy[:, None] + 0.65 * reach).min(axis=1) - 0.03 * diameter
     sunk = np.minimum(foot, beneath)
     crown = height - 0.85 * (high - low) * diameter

@@ -1,4 +1,4 @@
-"""Rocks: where they lie, and the library of convex shapes they are instances of."""
+"""Rocks: their places, and the convex shapes of which they are instances."""
 
 from __future__ import annotations
 

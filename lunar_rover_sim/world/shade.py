@@ -1,4 +1,4 @@
-"""Pictures of height grids: sunlight with cast shadows, slope, horizon. For maps, not cameras."""
+"""Shading of height grids for maps: sunlight with cast shadows, slope, horizon."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def shaded(heights_m: NDArray[np.float32], cell_m: float, azimuth_deg: float,
            elevation_deg: float) -> NDArray[np.float32]:
     """Return brightness 0..1 of a height grid seen from above, row 0 south.
 
-    Lommel-Seeliger reflectance, which is what makes a full Moon flat, and shadows of a point sun.
-    Slopes that face the sun at twice its elevation are white.
+    The reflectance is Lommel-Seeliger, and a point sun casts the shadows. Slopes that face the sun
+    at twice its elevation are white.
     """
     sun = sun_direction(azimuth_deg, elevation_deg)
     dy, dx = np.gradient(heights_m, cell_m)
@@ -30,9 +30,9 @@ def shaded(heights_m: NDArray[np.float32], cell_m: float, azimuth_deg: float,
 
 def shadow(heights_m: NDArray[np.float32], cell_m: float, azimuth_deg: float,
            elevation_deg: float) -> NDArray[np.bool_]:
-    """Return where something on the grid hides a point sun.
+    """Return where the relief hides a point sun.
 
-    The highest sight line towards the sun over ever longer stretches, doubled each time.
+    The highest line of sight towards the sun is found over distances that double each time.
     """
     azimuth, rise = np.radians(azimuth_deg), np.tan(np.radians(elevation_deg)) * cell_m
     towards = np.array([np.sin(azimuth), np.cos(azimuth)])  # rows north, columns east
@@ -83,11 +83,15 @@ def with_rocks(world: World, stride: int = 1) -> NDArray[np.float32]:
     return heights
 
 
-def horizon_deg(world: World, azimuth_deg: ArrayLike, eye_m: float = 0.3) -> NDArray[np.float64]:
-    """Return the elevation [deg] of the horizon seen from above the origin, rocks left out."""
+def horizon_deg(world: World, azimuth_deg: ArrayLike,
+                height_m: float = 0.3) -> NDArray[np.float64]:
+    """Return the elevation [deg] of the horizon, without rocks, seen from above the origin.
+
+    azimuth_deg: (n,) from east towards north; height_m: of the viewpoint above the ground.
+    """
     azimuth = np.radians(np.atleast_1d(np.asarray(azimuth_deg, float)))
     distance = np.geomspace(0.5, world.levels[-1].half_extent_m, 1500)
     along = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
     height = world.height_at(along[:, None] * distance[:, None])
-    eye = float(world.height_at((0.0, 0.0))) + eye_m
-    return np.degrees(np.arctan(np.max((height - eye) / distance, axis=1)))
+    viewpoint = float(world.height_at((0.0, 0.0))) + height_m
+    return np.degrees(np.arctan(np.max((height - viewpoint) / distance, axis=1)))

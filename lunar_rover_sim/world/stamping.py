@@ -10,14 +10,14 @@ from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.relief import smoothstep
 
-# A crater erases what lies within its rim, and no more beyond this radius.
+# A crater erases the relief up to the first radius and leaves it unchanged from the second on.
 _ERASED, _UNTOUCHED = 0.85, 1.45
 # Below this radius [cells] the ground under a crater is smooth anyway.
 _LEAST_FLATTENED = 5.0
 
 
 def window_of(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice] | None:
-    """Return the rows and columns within reach of a centre, all in cells; None: there are none."""
+    """Return the rows and columns within reach of a centre, in cells; None if fewer than two."""
     left, right = max(int(np.ceil(x0 - reach)), 0), min(int(np.floor(x0 + reach)) + 1, n)
     low, high = max(int(np.ceil(y0 - reach)), 0), min(int(np.floor(y0 + reach)) + 1, n)
     if right - left < 2 or high - low < 2:
@@ -29,13 +29,13 @@ def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config:
           rng: np.random.Generator) -> None:
     """Draw craters into heights [m] (row 0 south, centred on the origin), in order of time.
 
-    Within its rim a crater takes away what was there: the ground is drawn towards the plane that
-    fits it best, which keeps the large-scale slope, and the profile of its age is laid upon it.
-    The older the crater, the more the ground has got its own relief back.
+    Within its rim a crater erases the previous relief: the ground is drawn towards its best-fit
+    plane, which keeps the large-scale slope, and the profile for its age is added. The older the
+    crater, the less of the relief it erases, since new relief has formed.
     """
     table = profile_table(config)
     order = np.argsort(-craters.time, kind='stable')
-    # Two to four lobes with random phases make an outline; power falls with the order.
+    # Two to four lobes with random phases shape the outline; their power falls with the order.
     weights = config.irregularity * np.array([0.75, 0.5, 0.43])
     lobes = (rng.standard_normal((len(craters), 3)) + 1j * rng.standard_normal((len(craters), 3))
              ) * weights
@@ -64,7 +64,7 @@ def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config:
 
 
 def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArray:
-    """Return the radii as the lobed outline has them."""
+    """Return the radii relative to the lobed outline."""
     with np.errstate(divide='ignore', invalid='ignore'):
         inverse = 1.0 / np.maximum(rho, np.float32(1e-3))
     c, s = dx * inverse, dy[:, None] * inverse
@@ -77,7 +77,7 @@ def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArra
 
 
 def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, amount: float) -> None:
-    """Draw the patch towards its best plane within the rim, by `amount` of 1; in place."""
+    """Draw the patch towards its best-fit plane within the rim, by a share `amount`; in place."""
     inner_x, inner_y = np.abs(dx) < 1.2, np.abs(dy) < 1.2
     if inner_x.sum() < 2 or inner_y.sum() < 2:
         return

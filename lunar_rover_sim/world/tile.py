@@ -1,7 +1,7 @@
 """Measured terrain in a world: a tile of known heights, laid into the levels.
 
-Inside the tile's area the world says what the tile says at the tile's own scale; beyond it the
-procedural terrain goes on without a step.
+Within the tile the world has its heights at the scale of its pixels; beyond it the procedural
+terrain continues without a step.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.fill import plate_fill
 from lunar_rover_sim.world.relief import smoothstep
 
-# A level whose cell is above this part of the tile's pixel takes the tile's heights as they are;
+# A level whose cell is larger than this share of a pixel takes the heights of the tile unchanged;
 # a finer one adds detail to them.
 REFINED_BELOW = 1.0 / 3.0
 
@@ -38,9 +38,9 @@ class Tile:
 
 
 class Source(Protocol):
-    """Where measured heights come from.
+    """A source of measured heights.
 
-    reference_m: the height that is zero in the tiles; report: what is worth telling.
+    reference_m: the height that is zero in the tiles; report: facts for the report of the world.
     """
 
     reference_m: float
@@ -48,14 +48,14 @@ class Source(Protocol):
 
     @property
     def pixel_m(self) -> float:
-        """Native spacing."""
+        """Native spacing of the heights [m]."""
 
     @property
     def area_m(self) -> tuple[float, float, float, float]:
-        """x low, x high, y low, y high of all that is known."""
+        """The area covered: x low, x high, y low, y high [m]."""
 
     def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
-        """Return what is known of [-h, h]^2, averaged to about a cell; None if nothing is.
+        """Return the heights in [-h, h]^2, averaged to about a cell; None if there are none.
 
         Raises WorldError if it cannot be read.
         """
@@ -65,12 +65,12 @@ class Source(Protocol):
 
 
 def lay(heights: NDArray[np.float32], cell_m: float, tile: Tile, keep_m: float) -> None:
-    """Replace heights by the tile's within its area; lead the difference out beyond it.
+    """Replace heights by those of the tile within its area; continue the difference beyond it.
 
-    The difference goes on as a plate under tension that is clamped to the tile, so that height
-    and slope are continuous, and settles over a distance like the tile's own size. At an edge of
-    the tile that lies within the level, but outside [-keep, keep]^2, what is finer than a pixel
-    is blended over some pixels.
+    The difference continues as a plate under tension that is clamped to the tile, so that height
+    and slope are continuous, and settles over a distance of about the size of the tile. At an edge
+    of the tile within the level, but outside [-keep, keep]^2, detail finer than a pixel is blended
+    over several pixels.
     """
     axis = levels.axis_m(heights.shape[0], cell_m)
     rows, columns = _covered(axis, tile.y_m), _covered(axis, tile.x_m)
@@ -90,7 +90,7 @@ def lay(heights: NDArray[np.float32], cell_m: float, tile: Tile, keep_m: float) 
 
 def _lead_out(difference: NDArray, axis: NDArray, rows: slice, columns: slice, pixel_m: float,
               length_m: float) -> NDArray[np.float32]:
-    """Return a difference that is known on some rows and columns, led on over the level.
+    """Return a difference that is known on some rows and columns, continued over the level.
 
     Solved on a grid of pixels, 128 at most from the middle to the border.
     """
@@ -116,9 +116,9 @@ def _lead_out(difference: NDArray, axis: NDArray, rows: slice, columns: slice, p
 
 def restore(heights: NDArray[np.float32], cell_m: float, tile: Tile, keep_m: float,
             rounds: int = 4) -> None:
-    """Take from the heights what detail has changed at the tile's scale.
+    """Remove from the heights the change that detail has made at the scale of the tile.
 
-    Afterwards the mean over each pixel equals the tile's height there, except where `lay` blends.
+    Afterwards the mean over each pixel equals its height in the tile, except where `lay` blends.
     """
     axis = levels.axis_m(heights.shape[0], cell_m)
     rows, row_mean = _means(axis, cell_m, tile.y_m)
@@ -137,8 +137,7 @@ def restore(heights: NDArray[np.float32], cell_m: float, tile: Tile, keep_m: flo
 def _trust(axis: NDArray, centres: NDArray, pixel_m: float, keep_m: float) -> NDArray[np.float32]:
     """Return the weight of the tile along one axis: 1 within, falling to 0 at its edges.
 
-    Where the tile goes on beyond the axis, or the edge is too near what is to be kept, there is
-    no fall.
+    There is no fall where the tile extends beyond the axis, or its edge is too near what to keep.
     """
     weight = np.ones(len(axis))
     for inside, edge in ((axis - centres[0], -centres[0]), (centres[-1] - axis, centres[-1])):
@@ -162,7 +161,7 @@ def _mean_over(values: NDArray, rows: scipy.sparse.csr_matrix,
 
 def _means(axis: NDArray, cell_m: float,
            centres: NDArray) -> tuple[NDArray[np.int64], scipy.sparse.csr_matrix]:
-    """Return the pixels that lie wholly within the axis, and the matrix of their means."""
+    """Return the pixels that lie completely within the axis, and the matrix of their means."""
     pixel = centres[1] - centres[0] if len(centres) > 1 else np.inf
     whole = np.flatnonzero((centres - pixel / 2 >= axis[0] - cell_m / 2)
                            & (centres + pixel / 2 <= axis[-1] + cell_m / 2))
@@ -173,7 +172,7 @@ def _means(axis: NDArray, cell_m: float,
 
 
 def below_its_scale(craters: Craters, source: Source) -> Craters:
-    """Return the craters without those that a source would show and does not."""
+    """Return the craters without those in the area of a source that it would resolve."""
     x_low, x_high, y_low, y_high = source.area_m
     x, y = craters.position_m.T
     apart = np.hypot(np.maximum(np.maximum(x_low - x, x - x_high), 0.0),

@@ -3,9 +3,9 @@
     world.yaml     format, hash, parameters, report, and the levels' cells
     height_0.npy   (n, n) float32 heights of the ground [m]; height_1.npy ... the coarse levels
     albedo.npy     (n, n) float32
-    rocks.npz      instances; shapes.npz the library; craters.npz the catalogue
+    rocks.npz      instances; shapes.npz the library of shapes; craters.npz the catalogue
 
-Arrays are read without pickle, and no larger than a world may be.
+Folders are untrusted: arrays are read without pickle, and their size is bounded.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 FORMAT = 1
-_MOST_SAMPLES = 8193 ** 2
-_MOST_ITEMS = 2_000_000
-_MOST_BYTES_YAML = 1_000_000
+_MAX_SAMPLES = 8193 ** 2
+_MAX_ITEMS = 2_000_000
+_MAX_BYTES_YAML = 1_000_000
 
 
 def content_hash(world: World) -> str:
-    """Return the hexadecimal hash of everything in the world, itself excepted."""
+    """Return the hexadecimal hash of the whole world except its hash and its report."""
     digest = hashlib.blake2b(digest_size=16)
     text = json.dumps([FORMAT, world.config.to_mapping(), [g.cell_m for g in world.levels],
                        [shape.name for shape in world.rock_shapes]], sort_keys=True)
@@ -62,8 +62,8 @@ def sealed(world: World) -> World:
 def save_world(world: World, folder: str | pathlib.Path, overwrite: bool = False) -> pathlib.Path:
     """Write the world to a folder, whole or not at all, and return the folder.
 
-    Raises WorldError if the folder exists (unless `overwrite`, which replaces a world, but
-    nothing else), or if it cannot be written.
+    overwrite: replace an existing world; any other folder stays as it is.
+    Raises WorldError if the folder exists and is not replaced, or if it cannot be written.
     """
     folder = pathlib.Path(folder)
     if folder.exists() or folder.is_symlink():
@@ -164,8 +164,8 @@ def _document(folder: pathlib.Path) -> dict[str, Any]:
         raise WorldError(f'{folder}: not a world folder (it has no world.yaml); make one with '
                          '`lunar_rover_sim world build`')
     try:
-        if path.stat().st_size > _MOST_BYTES_YAML:
-            raise WorldError(f'{path}: larger than {_MOST_BYTES_YAML} bytes')
+        if path.stat().st_size > _MAX_BYTES_YAML:
+            raise WorldError(f'{path}: larger than {_MAX_BYTES_YAML} bytes')
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
@@ -182,7 +182,7 @@ def _grid(path: pathlib.Path) -> NDArray[np.float32]:
     except (OSError, ValueError, EOFError) as error:
         raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
     if (not isinstance(array, np.ndarray) or array.dtype != np.float32 or array.ndim != 2
-            or array.shape[0] != array.shape[1] or not 9 <= array.size <= _MOST_SAMPLES):
+            or array.shape[0] != array.shape[1] or not 9 <= array.size <= _MAX_SAMPLES):
         raise WorldError(f'{path}: not a square of 3 to 8193 samples of float32')
     return array
 
@@ -190,7 +190,7 @@ def _grid(path: pathlib.Path) -> NDArray[np.float32]:
 def _archive(path: pathlib.Path, members: dict[str, str]) -> dict[str, NDArray]:
     """Return the members of an npz file; each as 'type' or 'type,columns', all of one length.
 
-    A star marks a member of a length of its own.
+    A star marks a member with its own length.
     """
     result = {}
     length: int | None = None
@@ -233,7 +233,7 @@ def _opened(path: pathlib.Path) -> Any:
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise WorldError(f'{path}: not an npz archive')
             too_large = [info.filename for info in archive.zip.infolist()  # type: ignore
-                         if info.file_size > 32 * _MOST_ITEMS]
+                         if info.file_size > 32 * _MAX_ITEMS]
             if too_large:
                 raise WorldError(f'{path}: {too_large[0]}: larger than a world may be')
             yield archive
