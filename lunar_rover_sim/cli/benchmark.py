@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     """Do what is missing, then write table and report."""
     from rich.console import Console
 
-    from lunar_rover_sim.errors import EvaluationError
+    from lunar_rover_sim.errors import SlamError
     from lunar_rover_sim.files.resources import config_path
     from lunar_rover_sim.run.scenario import load_scenario
     from lunar_rover_sim.slam import benchmark, table
@@ -110,8 +110,8 @@ def run(args: argparse.Namespace) -> int:
         try:
             (args.output / name).write_text(content, encoding='utf-8')
         except OSError as error:
-            raise EvaluationError(f'{args.output / name}: cannot be written: '
-                                  f'{error.strerror}') from None
+            raise SlamError(f'{args.output / name}: cannot be written: '
+                            f'{error.strerror}') from None
         console.print(str(args.output / name), highlight=False, markup=False, soft_wrap=True)
     return 0
 
@@ -121,8 +121,8 @@ def _simulate(drive: Drive, folder: Path) -> None:
     import sys
 
     from lunar_rover_sim import topics
-    from lunar_rover_sim.errors import EvaluationError
-    from lunar_rover_sim.slam.runners import run_program
+    from lunar_rover_sim.errors import SlamError
+    from lunar_rover_sim.run.child_process import run_program
 
     wanted = [t.name for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO,
                                topics.RIGHT_INFO, topics.TRUE_DEPTH, topics.ODOM, topics.IMU_RAW,
@@ -135,4 +135,4 @@ def _simulate(drive: Drive, folder: Path) -> None:
                         Path.cwd(), log, _START_S + _SLOWEST * drive.duration_s, grace_s=_STOP_S)
     if ended.words:
         said = f': {ended.tail[-1]}' if ended.tail else ''
-        raise EvaluationError(f'{drive.name}: the simulation {ended.words}{said}')
+        raise SlamError(f'{drive.name}: the simulation {ended.words}{said}')

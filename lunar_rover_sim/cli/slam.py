@@ -76,16 +76,16 @@ def _run(args: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from lunar_rover_sim.errors import EvaluationError
-    from lunar_rover_sim.slam.judgement import run_on_bag
+    from lunar_rover_sim.errors import SlamError
+    from lunar_rover_sim.slam.run_on_bag import run_on_bag
 
     estimator = estimator_of(args, args.sensor)
     try:
         args.output.mkdir(parents=True)
     except FileExistsError:
-        raise EvaluationError(f'{args.output}: exists already and is not overwritten') from None
+        raise SlamError(f'{args.output}: exists already and is not overwritten') from None
     except OSError as error:
-        raise EvaluationError(f'{args.output}: cannot be made: {error.strerror}') from None
+        raise SlamError(f'{args.output}: cannot be made: {error.strerror}') from None
     console = Console()
 
     def say(line: str) -> None:

@@ -16,9 +16,9 @@ import re
 import shutil
 from typing import Any
 
-from lunar_rover_sim.errors import EvaluationError, LunarRoverSimError
+from lunar_rover_sim.errors import LunarRoverSimError, SlamError
 from lunar_rover_sim.slam.estimators import Estimator
-from lunar_rover_sim.slam.judgement import run_on_bag, SlamResult
+from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
 
 BAG = 'bag'                  # in the folder of a recording
 _INCOMPLETE = 'incomplete.yaml'
@@ -71,23 +71,23 @@ def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: int,
          overrides: Sequence[str] = ()) -> list[Cell]:
     """Return the cells of a benchmark, recording by recording; seeds count from 1.
 
-    Raises EvaluationError where nothing would be done, or two cells would share a folder.
+    Raises SlamError where nothing would be done, or two cells would share a folder.
     """
     if seeds < 1 or not scenarios or not estimators:
-        raise EvaluationError(f'benchmark: {len(scenarios)} scenarios, {len(estimators)} sensors, '
-                              f'{seeds} seeds; valid is at least 1 of each')
+        raise SlamError(f'benchmark: {len(scenarios)} scenarios, {len(estimators)} sensors, '
+                        f'{seeds} seeds; valid is at least 1 of each')
     if not duration_s > 0.0:
-        raise EvaluationError(f'duration: {duration_s:g} is not valid; valid is > 0 [s]')
+        raise SlamError(f'duration: {duration_s:g} is not valid; valid is > 0 [s]')
     if bool(parameter) != bool(values):
-        raise EvaluationError('sweep: needs a parameter and its values, NODE.PARAM=V1,V2,...')
+        raise SlamError('sweep: needs a parameter and its values, NODE.PARAM=V1,V2,...')
     cells = [Cell(Drive(scenario, seed, duration_s, parameter, value, tuple(overrides)), estimator)
              for scenario in scenarios for value in (values or ('',))
              for seed in range(1, seeds + 1) for estimator in estimators]
     names = [cell.name for cell in cells]
     if len(set(names)) < len(names):
         double = next(name for name in names if names.count(name) > 1)
-        raise EvaluationError(f'benchmark: two cells are called {double}; name each scenario, '
-                              'sensor and value once')
+        raise SlamError(f'benchmark: two cells are called {double}; name each scenario, '
+                        'sensor and value once')
     return cells
 
 
@@ -96,7 +96,7 @@ def run(cells: Iterable[Cell], folder: Path, simulate: Simulate, step: Step | No
     """Do what is missing, and return all cells with their results.
 
     retry: do failed cells again. A cell that fails keeps its reason, and the others go on. Raises
-    EvaluationError where the folder cannot be written, or holds cells of other settings.
+    SlamError where the folder cannot be written, or holds cells of other settings.
     """
     step = step or (lambda _cell, _text: None)
     done = []
@@ -122,7 +122,7 @@ def _do(cell: Cell, folder: Path, simulate: Simulate, step: Step,
     system, sensor = cell.estimator.system, cell.estimator.sensor
     try:
         if cell.drive in failed_drives:
-            raise EvaluationError(failed_drives[cell.drive])
+            raise SlamError(failed_drives[cell.drive])
         step(cell, 'recording')
         try:
             bag = _record(cell.drive, folder / 'recordings', simulate)
@@ -138,7 +138,7 @@ def _do(cell: Cell, folder: Path, simulate: Simulate, step: Step,
         finished = dataclasses.replace(cell, result=SlamResult(system, sensor, str(error)),
                                        failed=True)
     except OSError as error:
-        raise EvaluationError(f'{folder}: cannot be written: {error.strerror or error}') from None
+        raise SlamError(f'{folder}: cannot be written: {error.strerror or error}') from None
     assert finished.result is not None
     _write(cell_folder(folder, cell) / 'result.json',
            {'request': _request(cell), 'failed': finished.failed,
@@ -151,15 +151,15 @@ def _record(drive: Drive, recordings: Path, simulate: Simulate) -> Path:
     folder = recordings / drive.name
     if folder.exists():
         if _plain(dataclasses.asdict(drive)) != _load(folder / 'drive.json'):
-            raise EvaluationError(f'{folder}: was recorded with other settings; name another '
-                                  'folder for this benchmark, or remove it')
+            raise SlamError(f'{folder}: was recorded with other settings; name another '
+                            'folder for this benchmark, or remove it')
         return folder / BAG
     partial = recordings / f'.{drive.name}.partial'
     shutil.rmtree(partial, ignore_errors=True)
     recordings.mkdir(parents=True, exist_ok=True)
     simulate(drive, partial)
     if not (partial / BAG).is_dir() or (partial / BAG / _INCOMPLETE).exists():
-        raise EvaluationError(f'{drive.name}: the recording is incomplete')
+        raise SlamError(f'{drive.name}: the recording is incomplete')
     _write(partial / 'drive.json', dataclasses.asdict(drive))
     partial.rename(folder)
     return folder / BAG
@@ -177,12 +177,12 @@ def _read(cell: Cell, folder: Path) -> Cell | None:
     kept = _load(path)
     try:
         if kept['request'] != _request(cell):
-            raise EvaluationError(f'{path}: is of other settings; name another folder for this '
-                                  'benchmark, or remove it')
+            raise SlamError(f'{path}: is of other settings; name another folder for this '
+                            'benchmark, or remove it')
         return dataclasses.replace(cell, result=SlamResult.from_mapping(kept['result']),
                                    failed=bool(kept['failed']))
     except (KeyError, TypeError, AttributeError):
-        raise EvaluationError(f'{path}: is not a result of a benchmark') from None
+        raise SlamError(f'{path}: is not a result of a benchmark') from None
 
 
 def _plain(value: Any) -> Any:
@@ -193,7 +193,7 @@ def _load(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding='utf-8'))
     except (OSError, ValueError) as error:
-        raise EvaluationError(f'{path}: cannot be read: {error}') from None
+        raise SlamError(f'{path}: cannot be read: {error}') from None
 
 
 def _write(path: Path, value: Any) -> None:
@@ -204,4 +204,4 @@ def _write(path: Path, value: Any) -> None:
         partial.write_text(json.dumps(value, indent=2, default=str) + '\n', encoding='utf-8')
         partial.replace(path)
     except OSError as error:
-        raise EvaluationError(f'{path}: cannot be written: {error.strerror}') from None
+        raise SlamError(f'{path}: cannot be written: {error.strerror}') from None

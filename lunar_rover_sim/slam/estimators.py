@@ -1,8 +1,8 @@
-"""Estimators to be judged: the reference odometry, ORB-SLAM3 as a program, any other program.
+"""Estimators: the reference odometry, ORB-SLAM3 as a program, any other program.
 
 ORB-SLAM3 (Campos et al., IEEE T-RO 37 (6), 2021) is the user's own stock build, run on an exported
-sequence. It writes stamps in ns or in seconds, poses of the left camera in the first keyframe, of
-the IMU where it uses one.
+sequence. It writes stamps in ns or in seconds, and poses relative to the first keyframe: of the
+left camera, or of the IMU if it uses one.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import time
 
 import numpy as np
 
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
 from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.run.child_process import Echo, executable, run_program
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import SensorSuite
-from lunar_rover_sim.slam import estimator_input
+from lunar_rover_sim.slam import euroc_reader
 from lunar_rover_sim.slam.reference.odometry import Odometry
-from lunar_rover_sim.slam.runners import Echo, executable, run_program
 
 SYSTEMS = ('reference', 'orbslam3', 'command')
 _SLACK_S = 120.0         # for loading a vocabulary, and for the end
@@ -34,11 +34,13 @@ _FIELDS = ('sequence', 'settings', 'times', 'sensor', 'out')   # of a command
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """What an estimator made of a sequence.
+    """What an estimator returned for a sequence.
 
-    trajectory: None where nothing was tracked; reason: why, or what else went wrong; empty if all
-    is well; frame: of the rover, that the poses are of; frames_ns: stamps of the images it was
-    given; wall_s: how long it took
+    trajectory: None if nothing was tracked
+    reason: why nothing was tracked, or what else went wrong; empty if all is well
+    frame: frame of the rover whose poses are estimated
+    frames_ns: (n,) stamps of the images of the sequence [ns]
+    wall_s: how long the estimator ran [s]
     """
 
     trajectory: Trajectory | None
@@ -50,11 +52,18 @@ class Estimate:
 
 @dataclasses.dataclass(frozen=True)
 class Estimator:
-    """How to estimate.
+    """A SLAM system with one sensor, and its options.
 
-    system: reference, orbslam3 or command; sensor: mono, stereo, stereo-inertial or rgbd;
-    program, vocabulary: of ORB-SLAM3; command: with {sequence}, {settings}, {times}, {sensor} and
-    {out}, the TUM file to write; timeout_s: 0 for ten times the sequence and two minutes
+    system: reference, orbslam3 or command
+    sensor: mono, stereo, stereo-inertial or rgbd
+    program, vocabulary: files of ORB-SLAM3
+    command: command line of the system `command`, with the fields {sequence}, {settings},
+        {times}, {sensor} and {out}, the TUM file to write
+    frame: frame of the rover whose poses are estimated; empty for the default, see `poses_of`
+    features: keypoints per image of ORB-SLAM3
+    timeout_s: longest run [s]; 0 for ten times the sequence and two minutes
+
+    Raises SlamError if an option is not valid, ProcessError if the program cannot be run.
     """
 
     system: str = 'reference'
@@ -70,40 +79,40 @@ class Estimator:
         for name, valid in (('system', SYSTEMS), ('sensor', SENSORS)):
             value = getattr(self, name)
             if value not in valid:
-                raise EvaluationError(f'{name}: {value!r} is not valid; {nearest(value, valid)}')
+                raise SlamError(f'{name}: {value!r} is not valid; {nearest(value, valid)}')
         if self.system == 'reference' and self.sensor not in ('mono', 'stereo'):
-            raise EvaluationError(f'sensor: {self.sensor!r} is not valid for the reference; valid '
-                                  'are mono, stereo')
+            raise SlamError(f'sensor: {self.sensor!r} is not valid for the reference; valid '
+                            'are mono, stereo')
         if self.system == 'orbslam3':
             if self.program is None or self.vocabulary is None:
-                raise EvaluationError('orbslam3: needs an executable and a vocabulary')
+                raise SlamError('orbslam3: needs an executable and a vocabulary')
             executable(self.program)
             if not self.vocabulary.is_file():
-                raise EvaluationError(f'{self.vocabulary}: there is no such vocabulary')
+                raise SlamError(f'{self.vocabulary}: there is no such vocabulary')
         if self.system == 'command':
             if not self.command.strip():
-                raise EvaluationError('command: needs the command line to run')
+                raise SlamError('command: needs the command line to run')
             self._words(dict.fromkeys(_FIELDS, ''))
         if self.timeout_s < 0.0:
-            raise EvaluationError(f'timeout: {self.timeout_s:g} is not valid; valid is >= 0 [s]')
+            raise SlamError(f'timeout: {self.timeout_s:g} is not valid; valid is >= 0 [s]')
 
     @property
     def format(self) -> str:
-        """Format of the sequence that it reads."""
+        """Format of the sequence that the system reads."""
         program = self.program.name if self.program is not None else ''
         return 'tum' if self.sensor == 'rgbd' or program.endswith('_tum') else 'euroc'
 
     @property
     def poses_of(self) -> str:
-        """Frame of the rover that the estimated poses are of."""
+        """Frame of the rover whose poses are estimated."""
         return self.frame or ('imu' if self.sensor == 'stereo-inertial' else 'left')
 
     def estimate(self, sequence: Path, suite: SensorSuite, folder: Path,
                  echo: Echo | None = None) -> Estimate:
         """Run on an exported sequence; settings, log and results go to the existing `folder`.
 
-        A lost track is a result. Raises EvaluationError where a program cannot be started, fails
-        without a result, or writes nonsense.
+        A lost track is a result. Raises SlamError if a program fails without a result or writes
+        an invalid one, ProcessError if it cannot be started.
         """
         sequence, folder = sequence.absolute(), folder.absolute()
         frames_ns = _frames_ns(sequence, self.format)
@@ -114,13 +123,13 @@ class Estimator:
         path = folder / 'settings.yaml'
         path.write_text(settings(suite, self.sensor, features=self.features), encoding='ascii')
         command, results = self._command(sequence, path, folder)
-        ended = run_program(command, folder, folder / 'log.txt', timeout_s, echo)
+        ended = run_program(command, folder / 'log.txt', timeout_s, folder=folder, echo=echo)
         found = next((folder / name for name in results if (folder / name).is_file()
                       and (folder / name).stat().st_size), None)
-        said = f'; its last line: {ended.tail[-1]}' if ended.tail else ''
+        last = f'; its last line: {ended.last_line}' if ended.last_line else ''
         if found is None:
             if ended.words:
-                raise EvaluationError(f'{command[0]}: {ended.words} and wrote no trajectory{said}')
+                raise SlamError(f'{command[0]}: {ended.words} and wrote no trajectory{last}')
             return Estimate(None, 'lost: it wrote no pose', self.poses_of, frames_ns, ended.wall_s)
         trajectory = read_estimate(found, frames_ns)
         reason = f'{Path(command[0]).name} {ended.words}' if ended.words else ''
@@ -131,19 +140,19 @@ class Estimator:
 
     def _reference(self, sequence: Path, frames_ns: Stamps, timeout_s: float) -> Estimate:
         start, start_cpu = time.monotonic(), time.process_time()
-        camera = estimator_input.read_camera(sequence, self.sensor == 'stereo')
+        camera = euroc_reader.read_camera(sequence, self.sensor == 'stereo')
         odometry = Odometry(camera)
         reason = ''
-        for frame in estimator_input.read_frames(sequence, camera):
+        for frame in euroc_reader.read_frames(sequence, camera):
             odometry.add(frame)
-            # Its own time: on a busy machine it is slow, not stuck, and is to say the same.
+            # Processor time, so that the result does not depend on what else the machine runs.
             if time.process_time() - start_cpu > timeout_s:
                 reason = f'was ended after {timeout_s:.0f} s'
                 break
         wall_s = time.monotonic() - start
         try:
             trajectory = odometry.trajectory()
-        except EvaluationError:
+        except SlamError:
             return Estimate(None, _join(reason, 'lost: it located no frame'), 'left', frames_ns,
                             wall_s)
         return Estimate(trajectory, _join(reason, _lost(trajectory, frames_ns)), 'left',
@@ -171,35 +180,40 @@ class Estimator:
         try:
             words = [word.format(**values) for word in shlex.split(self.command)]
         except (KeyError, IndexError, ValueError) as error:
-            raise EvaluationError(f'command: {self.command!r} is not valid: {error}; valid '
-                                  f'fields are {", ".join(_FIELDS)}') from None
+            raise SlamError(f'command: {self.command!r} is not valid: {error}; valid '
+                            f'fields are {", ".join(_FIELDS)}') from None
         return [str(executable(words[0])), *words[1:]]
 
 
 def stock_program(path: Path | None, sensor: str) -> Path | None:
-    """Return the stock example of ORB-SLAM3 for a sensor where `path` is the folder of them."""
+    """Return the example program of ORB-SLAM3 for a sensor, if `path` is the folder of them.
+
+    Another path is returned as it is. Raises SlamError if the folder lacks the program.
+    """
     if path is None or not path.is_dir():
         return path
     name = 'rgbd_tum' if sensor == 'rgbd' else f'{sensor.replace("-", "_")}_euroc'
     found = sorted(p for p in (path / name, *path.glob(f'*/{name}')) if p.is_file())
     if not found:
-        raise EvaluationError(f'{path}: there is no {name} in it')
+        raise SlamError(f'{path}: there is no {name} in it')
     return found[0]
 
 
 def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
     """Read `stamp x y z qx qy qz qw` lines, stamps in ns or seconds, whichever fits the frames.
 
-    Stamps within 2 us of a frame are that frame's: programs keep them as floating point. A line
-    that repeats the one before is left out: for a frame that it could not locate, ORB-SLAM3 writes
-    the last pose again, stamp and all. Raises EvaluationError that names the file where it cannot
+    frames_ns: (n,) stamps of the images [ns]
+
+    A stamp within 2 us of a frame's is taken to be that frame's: programs keep stamps as floating
+    point. A line that repeats the previous one is left out: for a frame that it could not locate,
+    ORB-SLAM3 writes the last pose and stamp again. Raises SlamError, naming the file, if it cannot
     be read.
     """
     rows = []
     try:
         text = path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
-        raise EvaluationError(f'{path}: cannot be read: {error}') from None
+        raise SlamError(f'{path}: cannot be read: {error}') from None
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition('#')[0].split()
         if not words:
@@ -207,16 +221,16 @@ def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
         try:
             rows.append([float(word) for word in words])
         except ValueError:
-            raise EvaluationError(f'{path}: line {number} is not of numbers') from None
+            raise SlamError(f'{path}: line {number} is not a row of numbers') from None
         if len(rows[-1]) != 8:
-            raise EvaluationError(f'{path}: line {number} has {len(words)} columns; valid is 8')
+            raise SlamError(f'{path}: line {number} has {len(words)} columns; valid is 8')
         if rows[-2:-1] == rows[-1:]:
             rows.pop()
     if not rows:
-        raise EvaluationError(f'{path}: holds no poses')
+        raise SlamError(f'{path}: holds no poses')
     values = np.array(rows)
     if not np.isfinite(values).all():
-        raise EvaluationError(f'{path}: a number is not finite')
+        raise SlamError(f'{path}: a number is not finite')
     best: tuple[float, Stamps] | None = None
     for unit_ns in (1.0, 1e9):
         stamps = values[:, 0] * unit_ns
@@ -229,24 +243,24 @@ def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
         if best is None or float(np.median(off)) < best[0]:
             best = float(np.median(off)), snapped
     if best is None:
-        raise EvaluationError(f'{path}: its stamps are neither ns nor seconds')
+        raise SlamError(f'{path}: its stamps are neither ns nor seconds')
     return Trajectory(best[1], values[:, 1:4], values[:, [7, 4, 5, 6]], str(path))
 
 
 def _frames_ns(sequence: Path, kind: str) -> Stamps:
     if kind == 'euroc':
-        return np.array(estimator_input.stamps_ns(sequence), dtype=np.int64)
+        return np.array(euroc_reader.stamps_ns(sequence), dtype=np.int64)
     try:
         lines: Sequence[str] = (sequence / _TUM_STAMPS).read_text(encoding='ascii').splitlines()
         words = [line.split()[0].partition('.') for line in lines if not line.startswith('#')]
         return np.array([int(whole) * 10**9 + int(part.ljust(9, '0')[:9])
                          for whole, _, part in words], dtype=np.int64)
     except (OSError, ValueError, IndexError) as error:
-        raise EvaluationError(f'{sequence}: {_TUM_STAMPS} cannot be read: {error}') from None
+        raise SlamError(f'{sequence}: {_TUM_STAMPS} cannot be read: {error}') from None
 
 
 def _lost(trajectory: Trajectory, frames_ns: Stamps) -> str:
-    """Say when the track ended, if it did so more than a second early."""
+    """Return when the track ended, if that was more than a second early; else ''."""
     gap_s = float(frames_ns[-1] - trajectory.stamps_ns[-1]) * 1e-9
     return f'lost at {trajectory.stamps_ns[-1] * 1e-9:.1f} s' if gap_s > 1.0 else ''
 

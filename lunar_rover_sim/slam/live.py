@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.parameters import nearest
 
 SENSORS = ('mono', 'stereo', 'stereo-inertial')
@@ -58,9 +58,9 @@ WRAPPERS = {'orbslam3': _ZANG09, 'orb_slam3_ros2_wrapper': _SUCHETANRS}
 
 
 def wrapper(package: str, sensor: str) -> Wrapper:
-    """Return how a wrapper is fed; raise EvaluationError that lists the known ones."""
+    """Return how a wrapper is fed; raise SlamError that lists the known ones."""
     for name, value, valid in (('wrapper', package, tuple(WRAPPERS)),
                                ('sensor', sensor, SENSORS)):
         if value not in valid:
-            raise EvaluationError(f'{name}: {value!r} is not valid; {nearest(value, valid)}')
+            raise SlamError(f'{name}: {value!r} is not valid; {nearest(value, valid)}')
     return WRAPPERS[package][sensor]

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 import yaml
 
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.slam.benchmark import Cell
 
 CONFIDENCE = 0.95
@@ -113,10 +113,10 @@ def read_paper(path: Path) -> Paper:
                                 for sensor, numbers in sensors.items()}
                 for scenario, sensors in values.items()}
     except OSError as error:
-        raise EvaluationError(f'{path}: cannot be read: {error.strerror}') from None
+        raise SlamError(f'{path}: cannot be read: {error.strerror}') from None
     except (yaml.YAMLError, AttributeError, TypeError, ValueError):
-        raise EvaluationError(f'{path}: is not valid; valid is scenario: {{sensor: {{ate_m: '
-                              'number, scale: number}}') from None
+        raise SlamError(f'{path}: is not valid; valid is scenario: {{sensor: {{ate_m: '
+                        'number, scale: number}}') from None
 
 
 def markdown(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '') -> str:

@@ -16,12 +16,12 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim.cli import benchmark as cli
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.errors import EvaluationError, GraphError
+from lunar_rover_sim.errors import SlamError, GraphError
 from lunar_rover_sim.slam import benchmark, table
 from lunar_rover_sim.slam.benchmark import Cell, Drive, plan
 from lunar_rover_sim.slam.benchmark_page import html_report
 from lunar_rover_sim.slam.estimators import Estimator
-from lunar_rover_sim.slam.judgement import SlamResult
+from lunar_rover_sim.slam.run_on_bag import SlamResult
 
 # The truth as exported, of the IMU, a little too small, and nothing in the dark.
 FAKE = """\
@@ -100,7 +100,7 @@ def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
         assert cell.result.tracked_share == 1.0
     mono, stereo = (cell.result.ate_m for cell in done[:2] if cell.result)
     assert mono < 1e-6 < stereo   # Sim(3) takes the scale out, SE(3) does not
-    with pytest.raises(EvaluationError, match='other settings'):
+    with pytest.raises(SlamError, match='other settings'):
         benchmark.run(plan(['baseline'], fake, 1, 3.0), folder, simulator)
 
 
@@ -144,7 +144,7 @@ def test_bad_bag_is_a_reason(tmp_path, bag, fake) -> None:
 ])
 def test_bad_plans(fake, arguments, message) -> None:
     scenarios, *rest = arguments
-    with pytest.raises(EvaluationError, match=message):
+    with pytest.raises(SlamError, match=message):
         plan(scenarios, fake, *rest)
 
 
@@ -230,7 +230,7 @@ def test_formats(tmp_path) -> None:
 @pytest.mark.parametrize('text', ['', 'a: b', 'baseline: {stereo: {ate_m: many}}', '- 1', '{'])
 def test_bad_paper(tmp_path, text) -> None:
     (tmp_path / 'paper.yaml').write_text(text)
-    with pytest.raises(EvaluationError, match='paper.yaml: is not valid'):
+    with pytest.raises(SlamError, match='paper.yaml: is not valid'):
         table.read_paper(tmp_path / 'paper.yaml')
 
 

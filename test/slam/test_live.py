@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.slam import live
 
@@ -31,7 +31,7 @@ def test_topics_are_those_of_the_graph(package: str, sensor: str) -> None:
 
 
 def test_unknown_names() -> None:
-    with pytest.raises(EvaluationError, match="wrapper: 'orbslam' is not valid.*orbslam3"):
+    with pytest.raises(SlamError, match="wrapper: 'orbslam' is not valid.*orbslam3"):
         live.wrapper('orbslam', 'stereo')
-    with pytest.raises(EvaluationError, match="sensor: 'rgbd' is not valid"):
+    with pytest.raises(SlamError, match="sensor: 'rgbd' is not valid"):
         live.wrapper('orbslam3', 'rgbd')

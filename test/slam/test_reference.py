@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.frames import inverse, R_BODY_OPTICAL, se3
-from lunar_rover_sim.slam.estimator_input import Camera, Frame
+from lunar_rover_sim.slam.euroc_reader import Camera, Frame
 from lunar_rover_sim.slam.reference.bundle import Problem, residuals
 from lunar_rover_sim.slam.reference.features import detect, disparities, track
 from lunar_rover_sim.slam.reference.geometry import from_disparity, project, triangulate, two_views

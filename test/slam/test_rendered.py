@@ -15,7 +15,7 @@ from lunar_rover_sim.frames import se3
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.run.scenario import load_scenario
-from lunar_rover_sim.slam.estimator_input import Camera, Frame
+from lunar_rover_sim.slam.euroc_reader import Camera, Frame
 from lunar_rover_sim.slam.reference.odometry import Odometry
 
 PERIOD_NS = 100_000_000

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.slam.estimator_input import Camera
+from lunar_rover_sim.slam.euroc_reader import Camera
 
 _HUBER_PX = 1.0
 _MAX_STEPS = 15

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.slam.estimator_input import Image
+from lunar_rover_sim.slam.euroc_reader import Image
 
 BORDER_PX = 12
 _LK = {'winSize': (15, 15), 'maxLevel': 3,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array, inverse, se3
-from lunar_rover_sim.slam.estimator_input import Camera
+from lunar_rover_sim.slam.euroc_reader import Camera
 
 _RANSAC_PX = 2.0
 _CONFIDENCE = 0.999

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.frames import Array, inverse
-from lunar_rover_sim.slam.estimator_input import Camera, Frame, Image
+from lunar_rover_sim.slam.euroc_reader import Camera, Frame, Image
 from lunar_rover_sim.slam.reference.bundle import Problem
 from lunar_rover_sim.slam.reference.features import detect, disparities, track
 from lunar_rover_sim.slam.reference.geometry import (angles_rad, from_disparity, locate, project,
@@ -91,7 +91,7 @@ class Odometry:
     def trajectory(self) -> Trajectory:
         """Return T_first_camera of all located frames, after all adjustments."""
         if not self._located:
-            raise EvaluationError('nothing was tracked')
+            raise SlamError('nothing was tracked')
         poses = np.array([inverse(T @ self._keyframes[k].T_camera_world)
                           for _, k, T in self._located])
         return Trajectory(np.array([ns for ns, _, _ in self._located], np.int64), poses[:, :3, 3],

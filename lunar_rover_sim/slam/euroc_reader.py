@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.frames import Array, inverse
 
 Image = NDArray[np.uint8]
@@ -20,7 +20,7 @@ Image = NDArray[np.uint8]
 
 @dataclasses.dataclass(frozen=True)
 class Camera:
-    """Pinhole camera, or pair of equal rectified ones.
+    """Pinhole camera, or a pair of equal, rectified ones.
 
     focal_px, centre_px: (fx, fy), (cx, cy) [px]; baseline_m: 0 for a single camera;
     distortion: k1, k2, p1, p2 of the raw images
@@ -53,7 +53,7 @@ class Frame(NamedTuple):
 
 
 def read_camera(sequence: Path, stereo: bool) -> Camera:
-    """Return the calibration of a sequence; raise EvaluationError where it is not to be had."""
+    """Return the calibration of a sequence; raise SlamError if it cannot be read."""
     left = _sensor(sequence, 'cam0')
     baseline_m = 0.0
     if stereo:
@@ -62,8 +62,8 @@ def read_camera(sequence: Path, stereo: bool) -> Camera:
         off = np.abs(T_left_right - np.eye(4))
         off[0, 3] = 0.0
         if not baseline_m > 0.0 or off.max() > 1e-3:
-            raise EvaluationError(f'{sequence}: cam1 is not cam0 shifted along x; only rectified '
-                                  'pairs can be tracked')
+            raise SlamError(f'{sequence}: cam1 is not cam0 shifted along x; only '
+                            'rectified pairs can be tracked')
     fx, fy, cx, cy = left['intrinsics']
     return Camera((fx, fy), (cx, cy), baseline_m, tuple(left['distortion_coefficients']))
 
@@ -73,11 +73,11 @@ def stamps_ns(sequence: Path) -> list[int]:
     try:
         return [int(line) for line in (sequence / 'times.txt').read_text().split()]
     except (OSError, ValueError) as error:
-        raise EvaluationError(f'{sequence}: times.txt cannot be read: {error}') from None
+        raise SlamError(f'{sequence}: times.txt cannot be read: {error}') from None
 
 
 def read_frames(sequence: Path, camera: Camera) -> Iterator[Frame]:
-    """Yield the frames, without distortion, in order; the right one if there is a baseline."""
+    """Yield the undistorted frames in order, with right images if there is a baseline."""
     for stamp_ns in stamps_ns(sequence):
         images = [camera.rectified(_image(sequence / 'mav0' / name / 'data' / f'{stamp_ns}.png'))
                   for name in (('cam0', 'cam1') if camera.baseline_m else ('cam0',))]
@@ -87,7 +87,7 @@ def read_frames(sequence: Path, camera: Camera) -> Iterator[Frame]:
 def _image(path: Path) -> Image:
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise EvaluationError(f'{path}: is missing or no image')
+        raise SlamError(f'{path}: is missing or no image')
     return np.asarray(image, np.uint8)
 
 
@@ -96,7 +96,7 @@ def _sensor(sequence: Path, name: str) -> Any:
     try:
         return yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, yaml.YAMLError) as error:
-        raise EvaluationError(f'{path}: cannot be read: {error}') from None
+        raise SlamError(f'{path}: cannot be read: {error}') from None
 
 
 def _mount(sensor: Any) -> Array:

@@ -1,4 +1,4 @@
-"""One bag, one estimator, one result: export, estimate, judge."""
+"""Running one estimator on one bag: export, estimate, evaluate."""
 
 from __future__ import annotations
 
@@ -13,24 +13,34 @@ import numpy as np
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.frames import path_length
+from lunar_rover_sim.run.child_process import Echo
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.slam.estimators import Estimator
-from lunar_rover_sim.slam.runners import Echo
 
 Step = Callable[[str], None]
 
 
 @dataclasses.dataclass(frozen=True)
 class SlamResult:
-    """What came out of one run; lengths in m, NaN where there is none.
+    """The result of one run; what is unknown is NaN.
 
-    reason: why there is no result, or what went wrong beside it; empty if all went well
-    scale: true over estimated size of the path, by Sim(3); ate_m: rms after Sim(3) for mono, else
-    after SE(3); distance_m: driven over the whole recording
+    reason: why there is no result, or what else went wrong; empty if all went well
+    frames: images that the estimator was given
+    tracked_share: share of these that have a pose
+    ate_m: absolute trajectory error [m], RMS, after alignment by Sim(3) for mono, else by SE(3)
+    scale: true over estimated size of the path, from the alignment by Sim(3)
+    ate_percent: the error in percent of the distance
+    rpe_m: relative pose error over pieces of equal length [m], RMS
+    drift_percent: drift in percent of the distance
+    distance_m: length of the true path over the whole recording [m]
+    duration_s, wall_s: simulated time of the recording, and wall time of the estimator [s]
     """
 
     system: str
@@ -65,10 +75,11 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
                step: Step | None = None, keep_sequence: bool = False) -> SlamResult:
     """Export a bag, run an estimator on it and judge the outcome.
 
-    The existing `folder` gets settings, log, estimate.txt (TUM), evaluation.json and path.npz
-    (`stamps_ns`, `truth_m`, `estimate_m`, aligned); the sequence is removed again unless
-    `keep_sequence`. A lost track is a result; raises EvaluationError or BagError where there
-    cannot be one.
+    Settings, log, estimate.txt (TUM), evaluation.json and path.npz (`stamps_ns`, `truth_m`,
+    `estimate_m`, aligned) go to the existing `folder`. The sequence is removed again unless
+    `keep_sequence`. `echo` is called with each line of the log, `step` with what is being done.
+    A lost track is a result. Raises SlamError, BagError, SequenceError or EvaluationError if
+    there can be no result.
     """
     step = step or (lambda _: None)
     sequence = folder / 'sequence'
@@ -99,8 +110,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         reason = '; '.join(filter(None, (outcome.reason, str(error))))
         return dataclasses.replace(known, reason=reason, tracked_share=len(outcome.trajectory)
                                    / max(1, len(outcome.frames_ns)))
-    (folder / 'evaluation.json').write_text(json.dumps(judged.to_mapping(), indent=2) + '\n',
-                                            encoding='utf-8')
+    atomic_write(folder / 'evaluation.json', json.dumps(judged.to_mapping(), indent=2) + '\n')
     np.savez(folder / 'path.npz', stamps_ns=judged.truth.stamps_ns,
              truth_m=judged.truth.positions_m, estimate_m=judged.estimate.positions_m)
     return dataclasses.replace(
@@ -109,5 +119,5 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         rpe_m=judged.rpe_distance_m.rmse, drift_percent=judged.drift_percent)
 
 
-def _span_s(trajectory: Any) -> float:
+def _span_s(trajectory: Trajectory) -> float:
     return float(trajectory.stamps_ns[-1] - trajectory.stamps_ns[0]) * 1e-9

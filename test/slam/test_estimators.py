@@ -16,13 +16,13 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.errors import BagError, EvaluationError
+from lunar_rover_sim.errors import BagError, SlamError
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_sources import load
 from lunar_rover_sim.sequences.extrinsics import recorded_frame
 from lunar_rover_sim.slam.estimators import Estimator, read_estimate
-from lunar_rover_sim.slam.judgement import run_on_bag, SlamResult
-from lunar_rover_sim.slam.runners import run_program
+from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
+from lunar_rover_sim.run.child_process import run_program
 
 SCALE = 1.25
 # Takes what stereo_euroc takes; writes the poses of `truth.txt` beside the vocabulary.
@@ -113,19 +113,19 @@ def test_crash_after_the_result_is_told(tmp_path, bag, fake) -> None:
 
 
 def test_crash(tmp_path, bag, fake) -> None:
-    with pytest.raises(EvaluationError, match='stereo_euroc: crashed with SIGABRT.*frames'):
+    with pytest.raises(SlamError, match='stereo_euroc: crashed with SIGABRT.*frames'):
         run_on_bag(bag, fake('crash'), tmp_path / 'out')
 
 
 def test_hang(tmp_path, bag, fake) -> None:
     start = time.monotonic()
-    with pytest.raises(EvaluationError, match='stereo_euroc: was ended after'):
+    with pytest.raises(SlamError, match='stereo_euroc: was ended after'):
         run_on_bag(bag, fake('hang', timeout_s=1.5), tmp_path / 'out')
     assert time.monotonic() - start < 300.0   # not the 600 s it would sleep
 
 
 def test_nan(tmp_path, bag, fake) -> None:
-    with pytest.raises(EvaluationError, match='f_run.txt.*not finite'):
+    with pytest.raises(SlamError, match='f_run.txt.*not finite'):
         run_on_bag(bag, fake('nan'), tmp_path / 'out')
 
 
@@ -156,7 +156,7 @@ def test_other_program(tmp_path, bag) -> None:
     ({'system': 'command', 'command': 'true "{out}'}, 'No closing quotation'),
 ])
 def test_bad_estimator(arguments, message) -> None:
-    with pytest.raises(EvaluationError, match=message):
+    with pytest.raises(SlamError, match=message):
         Estimator(**arguments)
 
 
@@ -178,7 +178,7 @@ def test_repeated_poses_are_of_frames_that_were_not_located(tmp_path) -> None:
     path.write_text(''.join([*lines[:4], lines[3], lines[3], *lines[6:]]))
     assert np.array_equal(read_estimate(path, frames).stamps_ns, np.delete(frames, (4, 5)))
     path.write_text(''.join([*lines[:4], lines[3].replace(' 3 ', ' 3.5 '), *lines[4:]]))
-    with pytest.raises(EvaluationError, match='stamps do not increase: pose 4'):
+    with pytest.raises(SlamError, match='stamps do not increase: pose 4'):
         read_estimate(path, frames)
 
 
@@ -194,7 +194,7 @@ def test_children_end_with_their_parent(tmp_path) -> None:
 def test_children_end_when_told_to(tmp_path) -> None:
     """SIGTERM, as from a batch system, leaves nothing behind."""
     code = ('from pathlib import Path\n'
-            'from lunar_rover_sim.slam.runners import run_program\n'
+            'from lunar_rover_sim.run.child_process import run_program\n'
             f'folder = Path({str(tmp_path)!r})\n'
             f'run_program(["/bin/sh", "-c", {CHILD!r}], folder, folder / "log", 600.0)\n')
     parent = subprocess.Popen([sys.executable, '-c', code])
@@ -226,7 +226,7 @@ def test_command_line(tmp_path, bag, capsys) -> None:
     assert args.run(args) == 0
     assert 'lost' in capsys.readouterr().out
     assert json.loads((tmp_path / 'result' / 'result.json').read_text())['tracked_share'] == 0.0
-    with pytest.raises(EvaluationError, match='exists already'):
+    with pytest.raises(SlamError, match='exists already'):
         args.run(args)
     args = parse(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
     with pytest.raises(BagError, match='there is no such bag'):
