@@ -15,11 +15,11 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.resources import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.parameters import brief, param, Parameters
+from lunar_rover_sim.sequences.export import FORMATS
 
 MAX_CAMPAIGN_BYTES = 1 << 18
-MOST_EPISODES = 100_000
-MOST_VARIED = 200
-FORMATS = ('euroc', 'tum', 'kitti', 'tartanair')
+MAX_EPISODES = 100_000
+MAX_VARIED = 200
 ELEVATION = 'render_node.sun.elevation_deg'
 # Low suns are what makes the poles of the Moon hard; a campaign that says nothing gets them.
 DEFAULT_ELEVATION = Distribution('uniform', (0.0, 15.0))
@@ -36,11 +36,11 @@ class CampaignConfig(Parameters):
     base: str = param('baseline', 'scenario that everything starts from: a packaged name, or a '
                       'file beside the campaign file')
     episodes: int = param(0, 'number of episodes; a grid has as many as its levels make',
-                          low=0, high=MOST_EPISODES)
+                          low=0, high=MAX_EPISODES)
     design: str = param(SOBOL, 'how episodes are spread', choices=DESIGNS)
     seed: int = param(1, 'seed of the design and of the seeds of the episodes', low=0,
                       high=2**31 - 1)
-    formats: tuple[str, ...] = param((), 'formats to export besides the bag', choices=FORMATS)
+    formats: tuple[str, ...] = param((), 'formats to export besides the bag', choices=tuple(FORMATS))
     keep_bag: bool = param(True, 'keep the bag of an episode that has been exported')
     timeout_s: float = param(0.0, 'wall time after which an episode has failed; 0: 300 s and '
                              'a minute per simulated second', unit='s', low=0.0)
@@ -105,9 +105,9 @@ def parse_campaign(text: str, path: Path) -> Campaign:
         settings = _mapping(document, 'settings')
         vary = {name: Distribution.parse(f'vary.{name}', value)
                 for name, value in _mapping(document, 'vary').items()}
-        if len(vary) > MOST_VARIED:
+        if len(vary) > MAX_VARIED:
             raise ConfigError(f'vary: {len(vary)} parameters given; valid are up to '
-                              f'{MOST_VARIED}')
+                              f'{MAX_VARIED}')
         for name in vary:
             if name in settings:
                 raise ConfigError(f'vary.{name}: is in settings too; valid is one of them')
@@ -133,15 +133,15 @@ def _check_design(config: CampaignConfig, vary: Mapping[str, Distribution]) -> N
     if config.design != GRID:
         if config.episodes < 1:
             raise ConfigError(f'episodes: {config.episodes} is not valid; valid is 1 to '
-                              f'{MOST_EPISODES}')
+                              f'{MAX_EPISODES}')
         return
     count = 1
     for name, distribution in vary.items():
         if not distribution.levels:
             raise ConfigError(f'vary.{name}: a grid needs levels, or a choice')
         count *= len(distribution.grid())
-        if count > MOST_EPISODES:
-            raise ConfigError(f'vary: the grid has more than {MOST_EPISODES} episodes')
+        if count > MAX_EPISODES:
+            raise ConfigError(f'vary: the grid has more than {MAX_EPISODES} episodes')
     if config.episodes not in (0, count):
         raise ConfigError(f'episodes: {config.episodes} is not valid; the grid has {count}')
 

@@ -8,9 +8,20 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-_PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from rich.text import Text
 
-EXPORT_FORMATS = ('euroc', 'tum', 'kitti', 'tartanair')
+from lunar_rover_sim.bag.content_hash import combine, topic_hashes
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.inspection.bag_pictures import preview
+from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.inspection.report import Status
+from lunar_rover_sim.sequences.export import export, FORMATS
+
+_PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command = _add(add_parser, 'export', 'write the sequence for SLAM programs', _export)
     command.add_argument('-o', '--output', type=Path, metavar='DIR', required=True,
                          help='folder of the sequence; must not exist')
-    command.add_argument('--format', choices=EXPORT_FORMATS, default='euroc')
+    command.add_argument('--format', choices=tuple(FORMATS), default='euroc')
 
 
 def _add(add_parser: Callable[..., argparse.ArgumentParser], name: str, text: str,
@@ -47,11 +58,6 @@ def _add(add_parser: Callable[..., argparse.ArgumentParser], name: str, text: st
 
 
 def _info(args: argparse.Namespace) -> int:
-    from rich.console import Console
-    from rich.table import Table
-
-    from lunar_rover_sim.bag.reader import open_bag
-
     console = Console()
     with open_bag(args.bag) as bag:
         table = Table(box=None, pad_edge=False)
@@ -72,13 +78,6 @@ def _info(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from lunar_rover_sim.inspection.check import check
-    from lunar_rover_sim.inspection.report import Status
-
     console = Console()
     with _counting(args.bag, 'checking') as progress:
         report = check(args.bag, progress)
@@ -98,9 +97,6 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _hash(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.bag.content_hash import combine, topic_hashes
-    from lunar_rover_sim.bag.reader import open_bag
-
     with open_bag(args.bag) as bag:
         types = bag.types
     with _counting(args.bag, 'hashing') as progress:
@@ -113,8 +109,6 @@ def _hash(args: argparse.Namespace) -> int:
 
 
 def _preview(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.inspection.bag_pictures import preview
-
     folder = args.bag.resolve()
     output = args.output or folder.with_name(f'{folder.stem}_preview')
     for path in preview(args.bag, output, args.world):
@@ -123,8 +117,6 @@ def _preview(args: argparse.Namespace) -> int:
 
 
 def _recover(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.bag.recovery import recover
-
     count = recover(args.bag, args.output)
     print(f'{args.output or args.bag}: {count} messages; every tool can read it now, and it stays '
           'marked incomplete')
@@ -132,8 +124,6 @@ def _recover(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.sequences.export import export
-
     with _counting(args.bag, 'exporting') as progress:
         notes = export(args.bag, args.output, args.format, progress)
     for note in notes:
@@ -144,11 +134,6 @@ def _export(args: argparse.Namespace) -> int:
 @contextlib.contextmanager
 def _counting(path: Path, text: str) -> Iterator[Callable[[], None]]:
     """Show a progress bar over the messages of a bag; yields what to call for each."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from lunar_rover_sim.bag.reader import open_bag
-
     with open_bag(path) as bag:
         total = bag.message_count
     with Progress(console=Console(stderr=True), transient=True) as bar:

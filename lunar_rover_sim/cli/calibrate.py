@@ -6,6 +6,13 @@ import argparse
 import os
 from pathlib import Path
 
+from rich.console import Console
+from rich.progress import Progress
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.studies import gait_measurement
+
 MAX_MEASURE_S = 120.0   # the ground grows with it
 
 
@@ -34,13 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write the table, say what it reaches."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.run.scenario import load_scenario
-    from lunar_rover_sim.studies import gait_measurement
-
     if args.output.exists() and not args.force:
         raise ConfigError(f'--output: {args.output} exists; give another name, or --force')
     if not args.output.parent.is_dir():

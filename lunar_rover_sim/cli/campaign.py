@@ -7,11 +7,20 @@ from collections.abc import Iterator
 import contextlib
 from pathlib import Path
 import signal
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
-    from lunar_rover_sim.campaign.production import Dataset, Progress
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from lunar_rover_sim.campaign.campaign_file import load_campaign
+from lunar_rover_sim.campaign.card import write_card
+from lunar_rover_sim.campaign.cluster import run_on_cluster
+from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
+from lunar_rover_sim.campaign.episode_plans import plan
+from lunar_rover_sim.campaign.pool import run_local
+from lunar_rover_sim.campaign import production
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.ros_installation import require_ros
 
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
@@ -38,15 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make what is missing; return 1 where an episode failed."""
-    from rich.console import Console
-
-    from lunar_rover_sim.campaign.campaign_file import load_campaign
-    from lunar_rover_sim.campaign.card import write_card
-    from lunar_rover_sim.campaign.episode_plans import plan
-    from lunar_rover_sim.campaign.production import Dataset
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.run.ros_installation import require_ros
-
     if args.jobs < 1:
         raise ConfigError(f'--jobs {args.jobs}: is not valid; valid is 1 or more')
     if args.output is None and not args.dry_run:
@@ -90,9 +90,6 @@ def run(args: argparse.Namespace) -> int:
 def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,
           progress: Progress, console: Any) -> None:
     """Run the tasks here or on a cluster, and show how far it has come."""
-    from lunar_rover_sim.campaign.cluster import run_on_cluster
-    from lunar_rover_sim.campaign.pool import run_local
-
     simulated_s = {task.plan.name: task.plan.duration_s for task in tasks}
 
     with _bar(console, sum(simulated_s.values())) as advance:
@@ -122,9 +119,6 @@ def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,
 @contextlib.contextmanager
 def _bar(console: Any, total_s: float) -> Iterator[Any]:
     """Show a progress bar over simulated time, with the time left once an episode is done."""
-    from rich.progress import (BarColumn, Progress, TextColumn, TimeElapsedColumn,
-                               TimeRemainingColumn)
-
     columns = (TextColumn('{task.description}'), BarColumn(),
                TextColumn('{task.completed:.0f}/{task.total:.0f} s simulated'),
                TimeElapsedColumn(), TextColumn('left'), TimeRemainingColumn())

@@ -6,6 +6,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
+from lunar_rover_sim.campaign.card import make_card, write_card
+from lunar_rover_sim.campaign.layout import EPISODES
+from lunar_rover_sim.campaign.manifest import why_unfinished
+from lunar_rover_sim.campaign.page import write_page
+from lunar_rover_sim.errors import BagError
+
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
@@ -28,11 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _show(args: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from lunar_rover_sim.campaign.card import make_card
-    from lunar_rover_sim.campaign.page import write_page
-
     console = Console()
     card = make_card(args.dataset)
     output = args.output or args.dataset / 'index.html'
@@ -44,12 +47,6 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from lunar_rover_sim.campaign.layout import EPISODES
-    from lunar_rover_sim.campaign.manifest import why_unfinished
-    from lunar_rover_sim.errors import BagError
-
     console = Console()
     folders = sorted(p for p in (args.dataset / EPISODES).glob('*') if p.is_dir())
     if not folders:
@@ -68,8 +65,6 @@ def _verify(args: argparse.Namespace) -> int:
 
 
 def _card(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.campaign.card import write_card
-
     write_card(args.dataset)
     print(args.dataset / 'README.md')
     return 0

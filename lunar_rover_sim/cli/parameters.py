@@ -4,6 +4,17 @@ from __future__ import annotations
 
 import argparse
 
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run.node_config import NODE_CONFIGS, NodeConfig
+from lunar_rover_sim.run.scenario import RunConfig, SHARED
+from lunar_rover_sim.world.config import WorldConfig
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
@@ -16,14 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the tables."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
     sections = _sections()
     if args.section is not None:
-        from lunar_rover_sim.errors import ConfigError
-        from lunar_rover_sim.parameters import nearest
         if args.section not in sections:
             raise ConfigError(f'section: {args.section!r} is not valid; '
                               f'{nearest(args.section, sections)}')
@@ -53,11 +58,6 @@ def markdown(sections: dict[str, list[tuple[str, str, str, str]]] | None = None)
 
 
 def _sections() -> dict[str, list[tuple[str, str, str, str]]]:
-    from lunar_rover_sim.rover.description import RoverDescription
-    from lunar_rover_sim.run.node_config import NODE_CONFIGS, NodeConfig
-    from lunar_rover_sim.run.scenario import RunConfig, SHARED
-    from lunar_rover_sim.world.config import WorldConfig
-
     classes = {SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig,
                'rover': RoverDescription, **NODE_CONFIGS}
     shared = {name for name, *_ in NodeConfig().flatten()}

@@ -6,6 +6,21 @@ import argparse
 from pathlib import Path
 import re
 
+import cv2
+import numpy as np
+from rich.console import Console
+
+from lunar_rover_sim.files.folders import make_new, refuse_existing
+from lunar_rover_sim.rendering.frame import LAYERS
+from lunar_rover_sim.rendering.layer_pictures import contact_sheet
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.stereo.depth import depth_from_disparity
+from lunar_rover_sim.stereo.sgm import SgmMatcher
+from lunar_rover_sim.world.cache import cached
+from lunar_rover_sim.world.world_folder import load_world
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
@@ -29,21 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw and save."""
-    import cv2
-    import numpy as np
-    from rich.console import Console
-
-    from lunar_rover_sim.files.folders import make_new, refuse_existing
-    from lunar_rover_sim.rendering.frame import LAYERS
-    from lunar_rover_sim.rendering.layer_pictures import contact_sheet
-    from lunar_rover_sim.rendering.renderer import Renderer
-    from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
-    from lunar_rover_sim.run.scenario import load_scenario
-    from lunar_rover_sim.stereo.depth import depth_from_disparity
-    from lunar_rover_sim.stereo.sgm import SgmMatcher
-    from lunar_rover_sim.world.cache import cached
-    from lunar_rover_sim.world.world_folder import load_world
-
     scenario = load_scenario(args.scenario, args.overrides, args.seed)
     refuse_existing(args.output)
     console = Console()

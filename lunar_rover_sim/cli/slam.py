@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from lunar_rover_sim.slam.estimators import Estimator
+from rich.console import Console
 
-# As in bag.orbslam3_settings, which is too heavy to import for a parser.
-SENSORS = ('mono', 'stereo', 'stereo-inertial', 'rgbd')
-# As in evaluation.estimators, likewise.
-SYSTEMS = ('reference', 'orbslam3', 'command')
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.errors import ConfigError, SlamError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
+from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
+from lunar_rover_sim.slam.estimators import Estimator, stock_program, SYSTEMS
+from lunar_rover_sim.slam.run_on_bag import run_on_bag
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.add_argument('--legacy', action='store_true',
                          help='the layout before File.version 1.0')
     command.set_defaults(run=_settings)
-    text = 'run a SLAM program on a bag and judge what it made of it'
+    text = 'run a SLAM program on a bag and evaluate its result'
     command = group.add_parser('run', help=text, description=text)
     command.add_argument('bag', type=Path, metavar='BAG')
     command.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
@@ -44,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_system_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that tell which estimator runs, and how."""
+    """Declare the arguments that choose an estimator and its options."""
     parser.add_argument('--system', choices=SYSTEMS, default='reference',
                         help='estimator (default: %(default)s)')
     parser.add_argument('--executable', type=Path, metavar='PATH',
@@ -55,7 +58,8 @@ def add_system_arguments(parser: argparse.ArgumentParser) -> None:
                         help='of the system `command`: with {sequence} (EuRoC), {settings}, '
                              '{times}, {sensor} and {out}, the TUM file to write')
     parser.add_argument('--estimate-frame', choices=('base', 'imu', 'left', 'right'), default='',
-                        help='what of the rover the poses are of (default: left, with an IMU imu)')
+                        help='frame of the rover whose poses are estimated (default: left; imu '
+                             'for stereo-inertial)')
     parser.add_argument('--features', type=int, default=2000, metavar='N',
                         help='keypoints per image of ORB-SLAM3 (default: %(default)s)')
     parser.add_argument('--timeout', type=float, default=0.0, metavar='S',
@@ -65,20 +69,11 @@ def add_system_arguments(parser: argparse.ArgumentParser) -> None:
 
 def estimator_of(args: argparse.Namespace, sensor: str) -> Estimator:
     """Return the estimator that the arguments ask for."""
-    from lunar_rover_sim.slam.estimators import Estimator, stock_program
-
     return Estimator(args.system, sensor, stock_program(args.executable, sensor), args.vocabulary,
                      args.command, args.estimate_frame, args.features, args.timeout)
 
 
 def _run(args: argparse.Namespace) -> int:
-    import json
-
-    from rich.console import Console
-
-    from lunar_rover_sim.errors import SlamError
-    from lunar_rover_sim.slam.run_on_bag import run_on_bag
-
     estimator = estimator_of(args, args.sensor)
     try:
         args.output.mkdir(parents=True)
@@ -97,9 +92,9 @@ def _run(args: argparse.Namespace) -> int:
                                 status.update, args.keep_sequence)
     finally:
         with suppress(OSError):
-            args.output.rmdir()   # where nothing came of it
-    (args.output / 'result.json').write_text(json.dumps(result.to_mapping(), indent=2) + '\n',
-                                             encoding='utf-8')
+            args.output.rmdir()   # if it is empty
+    atomic_write(args.output / 'result.json', json.dumps(result.to_mapping(), indent=2) + '\n',
+                 SlamError)
     if result.reason:
         say(result.reason)
     say(f'{result.system} {result.sensor}: tracked {100 * result.tracked_share:.1f} % of '
@@ -110,12 +105,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _settings(args: argparse.Namespace) -> int:
-    from lunar_rover_sim.bag.reader import open_bag
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.run.scenario import load_scenario
-    from lunar_rover_sim.sequences.orbslam3_settings import settings
-    from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
-
     source = Path(args.source)
     if source.is_dir() or source.suffix in ('.mcap', '.db3'):
         with open_bag(source) as bag:

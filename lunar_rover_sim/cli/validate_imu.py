@@ -3,6 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.yaml_text import parse_yaml
+from lunar_rover_sim.physics.config import ImuConfig
+from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters
+from lunar_rover_sim.studies.allan import fit_noise, NoiseFit, overlapping_allan
 
 TOLERANCE = {'white noise': 0.05, 'bias random walk': 0.15}
 
@@ -25,18 +38,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the table, write the plot; return 1 if a figure is out of tolerance."""
-    from pathlib import Path
-
-    import numpy as np
-    from rich.console import Console
-    from rich.table import Table
-
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.files.yaml_text import parse_yaml
-    from lunar_rover_sim.physics.config import ImuConfig
-    from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters
-    from lunar_rover_sim.studies.allan import fit_noise, overlapping_allan
-
     if not 0.05 <= args.hours <= 24.0:
         raise ConfigError(f'--hours: {args.hours} is not valid; valid is 0.05 to 24')
     if not 1.0 <= args.rate <= 2000.0:
@@ -87,12 +88,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _plot(curves, fits, true, output) -> None:  # type: ignore[no-untyped-def]
-    import matplotlib
     matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
-
-    from lunar_rover_sim.studies.allan import NoiseFit
-
     configured = (NoiseFit(true.accel_noise_density, true.accel_bias_random_walk),
                   NoiseFit(true.gyro_noise_density, true.gyro_bias_random_walk))
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.5), constrained_layout=True)

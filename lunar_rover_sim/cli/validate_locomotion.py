@@ -6,6 +6,16 @@ import argparse
 import os
 from pathlib import Path
 
+from rich.console import Console
+from rich.markdown import Markdown
+from rich.progress import Progress
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.folders import make_new
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.studies import gait_measurement, locomotion, locomotion_report
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
@@ -38,16 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Walk, write the report; return 1 if a velocity command was not followed."""
-    from rich.console import Console
-    from rich.markdown import Markdown
-    from rich.progress import Progress
-
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.files.folders import make_new
-    from lunar_rover_sim.gait.calibration import GaitCalibration
-    from lunar_rover_sim.run.scenario import load_scenario
-    from lunar_rover_sim.studies import gait_measurement, locomotion, locomotion_report
-
     for name, values, low in (('--speeds', args.speeds, 0.0), ('--gravities', args.gravities, 0.0),
                               ('--duration', [args.duration], locomotion.STEADY_FROM_S + 2.0),
                               ('--workers', [args.workers], 0.5)):

@@ -6,6 +6,25 @@ import argparse
 import json
 from pathlib import Path
 
+import matplotlib
+from matplotlib import pyplot
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.folders import make_new
+from lunar_rover_sim.rendering.layer_pictures import depth_picture, error_picture, gray8
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.snapshot import settle, standing
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth
+from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
+from lunar_rover_sim.stereo.sgm import SgmMatcher
+from lunar_rover_sim.world.cache import cached
+from lunar_rover_sim.world.world_folder import load_world
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
@@ -26,13 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw, match, judge, and save."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.files.folders import make_new
-    from lunar_rover_sim.run.scenario import load_scenario
-
     if args.frames < 1:
         raise ConfigError(f'frames: {args.frames} is not valid; valid is >= 1')
     scenarios = [load_scenario(name, args.overrides, args.seed) for name in args.scenarios]
@@ -57,17 +69,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _judge(scenario, frames: int, folder: Path, console) -> dict[str, float]:
     """Return the summary of one scenario; save a figure of its first and middle frame."""
-    import numpy as np
-    from rich.progress import track
-
-    from lunar_rover_sim.rendering.renderer import Renderer
-    from lunar_rover_sim.rendering.snapshot import settle, standing
-    from lunar_rover_sim.stereo.depth import disparity_from_depth
-    from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
-    from lunar_rover_sim.stereo.sgm import SgmMatcher
-    from lunar_rover_sim.world.cache import cached
-    from lunar_rover_sim.world.world_folder import load_world
-
     with console.status(f'{scenario.name}: world and sunlight'):
         world = load_world(cached(scenario.world, scenario.shared.seed))
         renderer = Renderer(world, scenario.rover, scenario.render_node, scenario.shared.seed)
@@ -99,14 +100,7 @@ def _judge(scenario, frames: int, folder: Path, console) -> dict[str, float]:
 
 def _figure(path: Path, frame, disparity, truth_px, rig) -> None:
     """Save left image, true depth, SGM depth and disparity error side by side."""
-    import matplotlib
     matplotlib.use('Agg')
-    from matplotlib import pyplot
-    import numpy as np
-
-    from lunar_rover_sim.rendering.layer_pictures import depth_picture, error_picture, gray8
-    from lunar_rover_sim.stereo.depth import depth_from_disparity
-
     depth = depth_from_disparity(disparity, rig.focal_px, rig.baseline_m)
     error = np.where(disparity.valid & (truth_px > 0.0),
                      np.abs(disparity.disparity_px - truth_px), np.nan)

@@ -6,6 +6,16 @@ import argparse
 import os
 from pathlib import Path
 
+from rich.console import Console
+from rich.markdown import Markdown
+from rich.progress import Progress
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.folders import make_new
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.studies import traverse, traverse_report
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
@@ -30,16 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Drive, write the report; return 1 if more than one drive in twenty was lost."""
-    from rich.console import Console
-    from rich.markdown import Markdown
-    from rich.progress import Progress
-
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.files.folders import make_new
-    from lunar_rover_sim.gait.calibration import GaitCalibration
-    from lunar_rover_sim.run.scenario import load_scenario
-    from lunar_rover_sim.studies import traverse, traverse_report
-
     for name, value, low in (('--seeds', args.seeds, 1), ('--first-seed', args.first_seed, 0),
                              ('--duration', args.duration, 10.0), ('--workers', args.workers, 1)):
         if not low <= value < 1e6:

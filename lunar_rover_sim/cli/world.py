@@ -4,6 +4,23 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+import json
+from pathlib import Path
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.rendering.snapshot import four_views
+from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.export import write as write_mesh
+from lunar_rover_sim.world.map_sheet import write as write_sheet
+from lunar_rover_sim.world.shade import horizon_deg, rms_slope_deg
+from lunar_rover_sim.world.world_folder import load_world, save_world
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,9 +79,6 @@ def _add_build(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
 
 def overrides(args: argparse.Namespace) -> list[str]:
     """Return what the options of `build` set, as `--set` would."""
-    import json
-
-    from lunar_rover_sim.errors import ConfigError
     result = []
     if args.dem is not None:
         result += ['world.source=dem', f'world.path={json.dumps(args.dem)}']
@@ -89,17 +103,6 @@ def overrides(args: argparse.Namespace) -> list[str]:
 
 def run_build(args: argparse.Namespace) -> int:
     """Build a world and write it to a folder."""
-    from pathlib import Path
-    import time
-
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from lunar_rover_sim.errors import ConfigError, WorldError
-    from lunar_rover_sim.run.scenario import load_scenario
-    from lunar_rover_sim.world.build import build_world
-    from lunar_rover_sim.world.world_folder import save_world
-
     if args.seed is not None and not 0 <= args.seed < 2**31:
         raise ConfigError(f'--seed: {args.seed} is not valid; valid is 0 to 2147483647')
     settings = overrides(args)
@@ -132,15 +135,6 @@ def run_build(args: argparse.Namespace) -> int:
 
 def run_info(args: argparse.Namespace) -> int:
     """Print what is in a world folder."""
-    from pathlib import Path
-
-    import numpy as np
-    from rich.console import Console
-    from rich.table import Table
-
-    from lunar_rover_sim.world.shade import horizon_deg, rms_slope_deg
-    from lunar_rover_sim.world.world_folder import load_world
-
     folder = Path(args.folder)
     world = load_world(folder)
     table = Table(show_header=False, title=str(folder))
@@ -177,12 +171,6 @@ def run_info(args: argparse.Namespace) -> int:
 
 def run_preview(args: argparse.Namespace) -> int:
     """Write the sheet of maps."""
-    from pathlib import Path
-
-    from lunar_rover_sim.errors import ConfigError
-    from lunar_rover_sim.world.map_sheet import write
-    from lunar_rover_sim.world.world_folder import load_world
-
     azimuth, elevation = args.sun
     if not (-360.0 <= azimuth <= 360.0 and -1.0 <= elevation <= 90.0):
         raise ConfigError(f'--sun: {azimuth:g} {elevation:g} is not valid; valid are an azimuth '
@@ -193,28 +181,21 @@ def run_preview(args: argparse.Namespace) -> int:
     world = load_world(folder)
     views: list = []
     if not args.no_views:
-        from lunar_rover_sim.rendering.snapshot import four_views
         views = four_views(world, azimuth, elevation)
-    write(world, output, azimuth, elevation, views)
+    write_sheet(world, output, azimuth, elevation, views)
     print(output)
     return 0
 
 
 def run_export(args: argparse.Namespace) -> int:
     """Write a mesh file."""
-    from pathlib import Path
-
-    from lunar_rover_sim.world.export import write
-    from lunar_rover_sim.world.world_folder import load_world
-
     output = Path(args.output)
     _refuse_existing(output, args.overwrite)
-    write(load_world(args.folder), output, args.stride, not args.no_rocks, args.surroundings)
+    write_mesh(load_world(args.folder), output, args.stride, not args.no_rocks, args.surroundings)
     print(f'{output}: {output.stat().st_size / 1e6:.1f} MB')
     return 0
 
 
-def _refuse_existing(path, overwrite: bool) -> None:  # type: ignore[no-untyped-def]
-    from lunar_rover_sim.errors import WorldError
+def _refuse_existing(path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise WorldError(f'{path}: exists already; choose another name or say --overwrite')

@@ -1,8 +1,8 @@
-"""Many drives, many estimators: cells that are done once and kept.
+"""A benchmark: every estimator on every drive, each of these cells done once and kept.
 
-A folder holds `recordings/DRIVE` (one per scenario, swept value and seed; all sensors share it)
-and `cells/DRIVE-SENSOR-SYSTEM` with a `result.json` that appears when the cell is done. Whatever
-stops a benchmark, the same call goes on with what is missing.
+The folder of a benchmark holds `recordings/DRIVE` (one per scenario, swept value and seed, shared
+by all sensors) and `cells/DRIVE-SENSOR-SYSTEM` with a `result.json`, which is written when the
+cell is done. Whatever stops a benchmark, the same call does what is missing.
 """
 
 from __future__ import annotations
@@ -10,23 +10,36 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 import dataclasses
 import json
-import os
 from pathlib import Path
 import re
 import shutil
 from typing import Any
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.errors import LunarRoverSimError, SlamError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.run.plan import BAG_FOLDER
+from lunar_rover_sim.run.recording import record, Recording
+from lunar_rover_sim.run.resumable import record_once
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam.estimators import Estimator
 from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
 
-BAG = 'bag'                  # in the folder of a recording
-_INCOMPLETE = 'incomplete.yaml'
+# The topics that estimators and their evaluation need.
+_RECORDED = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,
+             topics.TRUE_DEPTH, topics.ODOM, topics.IMU_RAW, topics.SCENARIO, topics.WORLD_HASH)
+_START_S = 300.0     # wall time of the start of the nodes
+_SLOWEST = 60.0      # wall time over simulated time
 
 
 @dataclasses.dataclass(frozen=True)
 class Drive:
-    """One simulated drive; parameter and value are what a sweep changes, empty without one."""
+    """One simulated drive.
+
+    scenario: packaged name, or path of a file
+    parameter, value: what a sweep changes, as NODE.PARAM and text; empty without a sweep
+    overrides: further settings of the scenario, NODE.PARAM=VALUE
+    """
 
     scenario: str
     seed: int
@@ -37,19 +50,31 @@ class Drive:
 
     @property
     def name(self) -> str:
-        """Name of its folder."""
+        """Name of the folder of its recording."""
         swept = f'-{self.parameter}={self.value}' if self.parameter else ''
         return re.sub(r'[^\w.=+-]', '_', f'{Path(self.scenario).stem}{swept}-seed{self.seed}')
 
     @property
     def settings(self) -> list[str]:
-        """What is set in the scenario, as NODE.PARAM=VALUE."""
+        """All settings of the scenario, as NODE.PARAM=VALUE."""
         return [*self.overrides, *([f'{self.parameter}={self.value}'] if self.parameter else [])]
+
+    def load_scenario(self) -> Scenario:
+        """Return the scenario, recorded with the topics that estimators need.
+
+        Raises ConfigError if a setting is not valid.
+        """
+        recorded = f'recorder_node.topics=[{",".join(topic.name for topic in _RECORDED)}]'
+        return Scenario.load(self.scenario, [recorded, *self.settings], seed=self.seed,
+                             duration_s=self.duration_s)
 
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """One drive, one estimator, and what came out; failed: there is a reason and no result."""
+    """One drive, one estimator, and the result once there is one.
+
+    failed: the result has a reason and no numbers
+    """
 
     drive: Drive
     estimator: Estimator
@@ -62,7 +87,6 @@ class Cell:
         return f'{self.drive.name}-{self.estimator.sensor}-{self.estimator.system}'
 
 
-Simulate = Callable[[Drive, Path], None]   # records into a folder that it makes, with a bag in it
 Step = Callable[[Cell, str], None]
 
 
@@ -71,7 +95,8 @@ def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: int,
          overrides: Sequence[str] = ()) -> list[Cell]:
     """Return the cells of a benchmark, recording by recording; seeds count from 1.
 
-    Raises SlamError where nothing would be done, or two cells would share a folder.
+    parameter, values: what a sweep changes. Raises SlamError if an argument is not valid, there is
+    nothing to do, or two cells would share a folder.
     """
     if seeds < 1 or not scenarios or not estimators:
         raise SlamError(f'benchmark: {len(scenarios)} scenarios, {len(estimators)} sensors, '
@@ -91,14 +116,17 @@ def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: int,
     return cells
 
 
-def run(cells: Iterable[Cell], folder: Path, simulate: Simulate, step: Step | None = None,
-        retry: bool = False) -> list[Cell]:
+def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: None,
+        retry: bool = False, recorder: Callable[..., Recording] = record) -> list[Cell]:
     """Do what is missing, and return all cells with their results.
 
-    retry: do failed cells again. A cell that fails keeps its reason, and the others go on. Raises
-    SlamError where the folder cannot be written, or holds cells of other settings.
+    step: called with the cell and what is being done, at last with `done` or `kept`
+    retry: do failed cells again
+    recorder: records a drive; takes the arguments of `run.recording.record`
+
+    A cell that fails keeps its reason, and the others go on. Raises SlamError if the folder cannot
+    be written, or holds cells of other settings.
     """
-    step = step or (lambda _cell, _text: None)
     done = []
     failed_drives: dict[Drive, str] = {}
     for cell in cells:
@@ -107,17 +135,17 @@ def run(cells: Iterable[Cell], folder: Path, simulate: Simulate, step: Step | No
             step(kept, 'kept')
             done.append(kept)
             continue
-        done.append(_do(cell, folder, simulate, step, failed_drives))
+        done.append(_do(cell, folder, recorder, step, failed_drives))
         step(done[-1], 'done')
     return done
 
 
 def cell_folder(folder: Path, cell: Cell) -> Path:
-    """Return where a cell keeps its files."""
+    """Return the folder with the files of a cell."""
     return folder / 'cells' / cell.name
 
 
-def _do(cell: Cell, folder: Path, simulate: Simulate, step: Step,
+def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step,
         failed_drives: dict[Drive, str]) -> Cell:
     system, sensor = cell.estimator.system, cell.estimator.sensor
     try:
@@ -125,7 +153,7 @@ def _do(cell: Cell, folder: Path, simulate: Simulate, step: Step,
             raise SlamError(failed_drives[cell.drive])
         step(cell, 'recording')
         try:
-            bag = _record(cell.drive, folder / 'recordings', simulate)
+            bag = _record(cell.drive, folder / 'recordings', recorder)
         except LunarRoverSimError as error:
             failed_drives[cell.drive] = str(error)
             raise
@@ -146,23 +174,13 @@ def _do(cell: Cell, folder: Path, simulate: Simulate, step: Step,
     return finished
 
 
-def _record(drive: Drive, recordings: Path, simulate: Simulate) -> Path:
-    """Return the bag of a drive, recorded now if it is not there."""
-    folder = recordings / drive.name
-    if folder.exists():
-        if _plain(dataclasses.asdict(drive)) != _load(folder / 'drive.json'):
-            raise SlamError(f'{folder}: was recorded with other settings; name another '
-                            'folder for this benchmark, or remove it')
-        return folder / BAG
-    partial = recordings / f'.{drive.name}.partial'
-    shutil.rmtree(partial, ignore_errors=True)
-    recordings.mkdir(parents=True, exist_ok=True)
-    simulate(drive, partial)
-    if not (partial / BAG).is_dir() or (partial / BAG / _INCOMPLETE).exists():
-        raise SlamError(f'{drive.name}: the recording is incomplete')
-    _write(partial / 'drive.json', dataclasses.asdict(drive))
-    partial.rename(folder)
-    return folder / BAG
+def _record(drive: Drive, recordings: Path, recorder: Callable[..., Recording]) -> Path:
+    """Return the bag of a drive, recorded now unless it is there."""
+    folder = record_once(
+        drive.load_scenario(), recordings / drive.name, recorder=recorder,
+        timeout_s=_START_S + _SLOWEST * drive.duration_s,
+        finish=lambda partial, _: _write(partial / 'drive.json', dataclasses.asdict(drive)))
+    return folder / BAG_FOLDER
 
 
 def _request(cell: Cell) -> Any:
@@ -177,8 +195,8 @@ def _read(cell: Cell, folder: Path) -> Cell | None:
     kept = _load(path)
     try:
         if kept['request'] != _request(cell):
-            raise SlamError(f'{path}: is of other settings; name another folder for this '
-                            'benchmark, or remove it')
+            raise SlamError(f'{path}: is the result of other settings; name another folder for '
+                            'this benchmark, or remove it')
         return dataclasses.replace(cell, result=SlamResult.from_mapping(kept['result']),
                                    failed=bool(kept['failed']))
     except (KeyError, TypeError, AttributeError):
@@ -197,11 +215,8 @@ def _load(path: Path) -> Any:
 
 
 def _write(path: Path, value: Any) -> None:
-    """Write JSON that is there whole or not at all."""
-    partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(json.dumps(value, indent=2, default=str) + '\n', encoding='utf-8')
-        partial.replace(path)
     except OSError as error:
-        raise SlamError(f'{path}: cannot be written: {error.strerror}') from None
+        raise SlamError(f'{path.parent}: cannot be made: {error.strerror}') from None
+    atomic_write(path, json.dumps(value, indent=2, default=str) + '\n', SlamError)

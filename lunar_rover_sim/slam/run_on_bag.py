@@ -18,7 +18,6 @@ from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.frames import path_length
 from lunar_rover_sim.run.child_process import Echo
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.sensors import recorded_sensors
@@ -39,7 +38,7 @@ class SlamResult:
     ate_percent: the error in percent of the distance
     rpe_m: relative pose error over pieces of equal length [m], RMS
     drift_percent: drift in percent of the distance
-    distance_m: length of the true path over the whole recording [m]
+    distance_m: distance driven over the whole recording [m]
     duration_s, wall_s: simulated time of the recording, and wall time of the estimator [s]
     """
 

@@ -25,7 +25,10 @@ Paper = Mapping[str, Mapping[str, Mapping[str, float]]]
 
 @dataclasses.dataclass(frozen=True)
 class Mean:
-    """Mean of n values and the half width of its interval (Student's t), NaN below two."""
+    """Mean of `count` values, and the half width of its 95 % interval (Student's t).
+
+    The half width is NaN for fewer than two values, the mean for none.
+    """
 
     value: float
     half_width: float
@@ -33,7 +36,7 @@ class Mean:
 
     @classmethod
     def of(cls, values: Iterable[float]) -> Mean:
-        """Return the mean of those values that are finite."""
+        """Return the mean of the finite values."""
         known = np.array([v for v in values if np.isfinite(v)])
         if not len(known):
             return cls(float('nan'), float('nan'), 0)
@@ -56,8 +59,9 @@ class Mean:
 class Row:
     """All seeds of one scenario (and swept value), sensor and system.
 
-    drives: how many; ate_m, ate_percent of the distance, scale, tracked [%] over those with a
-    value; distance_m, duration_s over all that drove; reasons: what went wrong, once each
+    drives: number of drives; reasons: what went wrong, drive by drive
+    Means are over the drives that have a value: ate_m [m], ate_percent [% of the distance], scale,
+    tracked [%], distance_m [m], duration_s [s].
     """
 
     scenario: str
@@ -75,7 +79,7 @@ class Row:
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """Scenario, value, sensor and system: what its cells have in common; see `row_of`."""
+        """Scenario, value, sensor and system, which its cells share; see `row_of`."""
         return self.scenario, self.value, self.sensor, self.system
 
 
@@ -85,14 +89,14 @@ def row_of(cell: Cell) -> tuple[str, str, str, str]:
 
 
 def rows_of(cells: Iterable[Cell]) -> list[Row]:
-    """Return the rows of a table, in the order in which they first come."""
+    """Return the rows of a table, in the order of their first cells."""
     groups: dict[tuple[str, str, str, str], list[Cell]] = {}
     for cell in cells:
         groups.setdefault(row_of(cell), []).append(cell)
     rows = []
     for (scenario, value, sensor, system), group in groups.items():
         results = [c.result for c in group if c.result is not None]
-        # A drive that was not tracked counts as such; one that failed elsewhere does not.
+        # A lost track counts as zero; a cell that failed for another reason does not count.
         ran = [c.result for c in group if c.result is not None and not c.failed]
         reasons = [f'seed {c.drive.seed}: {c.result.reason}' for c in group
                    if c.result is not None and c.result.reason]
@@ -106,7 +110,10 @@ def rows_of(cells: Iterable[Cell]) -> list[Row]:
 
 
 def read_paper(path: Path) -> Paper:
-    """Read published numbers: YAML, `scenario: {sensor: {ate_m: ..., scale: ...}}`."""
+    """Read published numbers: YAML, `scenario: {sensor: {ate_m: ..., scale: ...}}`.
+
+    Raises SlamError if the file cannot be read or holds something else.
+    """
     try:
         values = yaml.safe_load(path.read_text(encoding='utf-8'))
         return {str(scenario): {str(sensor): {str(k): float(v) for k, v in numbers.items()}
@@ -137,7 +144,7 @@ def latex(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '') 
 
 
 def csv_text(rows: Sequence[Row]) -> str:
-    """Return the table as CSV, numbers in full."""
+    """Return the table as CSV, with all digits."""
     names = ('ate_m', 'ate_percent', 'scale', 'tracked', 'distance_m', 'duration_s')
     file = io.StringIO()
     writer = csv.writer(file, lineterminator='\n')
@@ -153,43 +160,44 @@ def csv_text(rows: Sequence[Row]) -> str:
 
 
 def findings(rows: Sequence[Row], parameter: str = '') -> list[str]:
-    """Return whether what is known of these scenarios shows: sentences, `as expected` or `not`.
+    """Return sentences that say whether the results are `as expected` of the scenarios or `not`.
 
-    Of a sweep over `parameter`: at which of its values drives were lost.
+    For a sweep over `parameter` they say at which of its values tracks were lost.
     """
     if parameter:
         return _losses(rows, parameter)
     by = {(r.scenario, r.sensor): r for r in rows}
-    said = []
+    sentences = []
     for sensor in sorted({r.sensor for r in rows}):
         sparse = by.get(('feature_sparse', sensor))
         others = [r for s in ('baseline', 'low_albedo') if (r := by.get((s, sensor)))]
         if sparse is not None and others:
             worst = all(_badness(sparse) > _badness(other) for other in others)
-            said.append(f'{"as expected" if worst else "not"}: feature_sparse is worst ({sensor})')
+            sentences.append(f'{"as expected" if worst else "not"}: feature_sparse is worst '
+                             f'({sensor})')
     for scenario in ('baseline', 'low_albedo'):
         row = by.get((scenario, 'stereo'))
         if row is not None:
             near = abs(row.scale.value - 1.0) <= _NEAR_ONE
-            said.append(f'{"as expected" if near else "not"}: the scale of stereo is within '
-                        f'{100 * _NEAR_ONE:g} % of 1 on {scenario}')
-    return said
+            sentences.append(f'{"as expected" if near else "not"}: the scale of stereo is within '
+                             f'{100 * _NEAR_ONE:g} % of 1 on {scenario}')
+    return sentences
 
 
 def _losses(rows: Sequence[Row], parameter: str) -> list[str]:
-    said = []
+    sentences = []
     for scenario, sensor in dict.fromkeys((r.scenario, r.sensor) for r in rows):
         own = [r for r in rows if (r.scenario, r.sensor) == (scenario, sensor)]
         whole = [r.value for r in own if not r.reasons]
         parts = [f'all drives tracked to their end at {", ".join(whole)}'] if whole else []
         parts += [f'at {r.value}, {len(r.reasons)} of {r.drives} were not'
                   for r in own if r.reasons]
-        said.append(f'{scenario}, {sensor}, {parameter}: {"; ".join(parts)}')
-    return said
+        sentences.append(f'{scenario}, {sensor}, {parameter}: {"; ".join(parts)}')
+    return sentences
 
 
 def _badness(row: Row) -> tuple[float, float]:
-    """Return what makes a result worse: first frames lost (to 1 %), then the error."""
+    """Return the order of results: first by frames lost (to 1 %), then by the error."""
     lost = 100.0 - (row.tracked.value if row.tracked.count else 0.0)
     return round(lost), row.ate_m.value if row.ate_m.count else float('inf')
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import io
 import json
 from pathlib import Path
@@ -14,9 +15,10 @@ import pytest
 from scipy import stats
 import synthetic_bag as synthetic
 
-from lunar_rover_sim.cli import benchmark as cli
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.errors import SlamError, GraphError
+from lunar_rover_sim.errors import GraphError, SlamError
+from lunar_rover_sim.run.recording import Recording
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam import benchmark, table
 from lunar_rover_sim.slam.benchmark import Cell, Drive, plan
 from lunar_rover_sim.slam.benchmark_page import html_report
@@ -49,21 +51,24 @@ def fake(tmp_path) -> list[Estimator]:
             for sensor in ('mono', 'stereo')]
 
 
-class Simulator:
-    """Copies a bag instead of simulating; fails as it is told."""
+class Recorder:
+    """Copies a bag instead of a run; fails on demand."""
 
     def __init__(self, bag: Path) -> None:
         self.bag = bag
         self.drives: list[str] = []
         self.broken: dict[str, BaseException] = {}
 
-    def __call__(self, drive: Drive, folder: Path) -> None:
-        self.drives.append(drive.name)
-        folder.mkdir(parents=True)
-        if drive.name in self.broken:
+    def __call__(self, scenario: Scenario, folder: Path, timeout_s: float) -> Recording:
+        name = f'{scenario.name}-seed{scenario.shared.seed}'
+        self.drives.append(name)
+        folder.mkdir()
+        if name in self.broken:
             (folder / 'half').write_text('written')
-            raise self.broken[drive.name]
-        shutil.copytree(self.bag, folder / benchmark.BAG)
+            raise self.broken[name]
+        shutil.copytree(self.bag, folder / 'bag')
+        (folder / 'scenario.yaml').write_text(scenario.to_yaml())
+        return Recording(folder, folder / 'bag', scenario, {}, 2.0, 1.0, {}, False)
 
 
 def outcome(cells: list[Cell]) -> list[tuple[str, bool]]:
@@ -80,17 +85,17 @@ def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
     cells = plan(['baseline', 'low_albedo'], fake, 2, 2.0)
     assert len(cells) == 8
     folder = tmp_path / 'out'
-    simulator = Simulator(bag)
-    simulator.broken['low_albedo-seed1'] = KeyboardInterrupt()
+    recorder = Recorder(bag)
+    recorder.broken['low_albedo-seed1'] = KeyboardInterrupt()
     with pytest.raises(KeyboardInterrupt):
-        benchmark.run(cells, folder, simulator)
-    assert simulator.drives == ['baseline-seed1', 'baseline-seed2', 'low_albedo-seed1']
+        benchmark.run(cells, folder, recorder=recorder)
+    assert recorder.drives == ['baseline-seed1', 'baseline-seed2', 'low_albedo-seed1']
     first = (folder / 'cells/baseline-seed1-mono-command/result.json').stat().st_mtime_ns
     (folder / 'cells/baseline-seed2-stereo-command/result.json').unlink()   # stopped in a cell
-    simulator.broken.clear()
-    simulator.drives.clear()
-    done = benchmark.run(cells, folder, simulator)
-    assert simulator.drives == ['low_albedo-seed1', 'low_albedo-seed2']
+    recorder.broken.clear()
+    recorder.drives.clear()
+    done = benchmark.run(cells, folder, recorder=recorder)
+    assert recorder.drives == ['low_albedo-seed1', 'low_albedo-seed2']
     assert (folder / 'cells/baseline-seed1-mono-command/result.json').stat().st_mtime_ns == first
     assert outcome(done) == [(cell.name, False) for cell in cells]
     assert not [p for p in (folder / 'recordings').iterdir() if p.name.startswith('.')]
@@ -101,37 +106,38 @@ def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
     mono, stereo = (cell.result.ate_m for cell in done[:2] if cell.result)
     assert mono < 1e-6 < stereo   # Sim(3) takes the scale out, SE(3) does not
     with pytest.raises(SlamError, match='other settings'):
-        benchmark.run(plan(['baseline'], fake, 1, 3.0), folder, simulator)
+        benchmark.run(plan(['baseline'], fake, 1, 3.0), folder, recorder=recorder)
 
 
 def test_failures_keep_their_reason_and_others_go_on(tmp_path, bag, fake) -> None:
     broken = Estimator('command', 'stereo', command='/bin/false {out}')
     cells = plan(['baseline'], [fake[0], broken], 2, 2.0)
-    simulator = Simulator(bag)
-    simulator.broken['baseline-seed1'] = GraphError('the rover fell over at 1.2 s')
-    done = benchmark.run(cells, tmp_path / 'out', simulator)
+    recorder = Recorder(bag)
+    recorder.broken['baseline-seed1'] = GraphError('the rover fell over at 1.2 s')
+    done = benchmark.run(cells, tmp_path / 'out', recorder=recorder)
     assert outcome(done) == [('baseline-seed1-mono-command', True),
                              ('baseline-seed1-stereo-command', True),
                              ('baseline-seed2-mono-command', False),
                              ('baseline-seed2-stereo-command', True)]
-    assert simulator.drives == ['baseline-seed1', 'baseline-seed2']   # tried once, for both
+    assert recorder.drives == ['baseline-seed1', 'baseline-seed2']   # tried once, for both
     assert 'false: ended with status 1 and wrote no trajectory' in reason(done[3])
     assert reason(done[0]) == reason(done[1]) == 'the rover fell over at 1.2 s'
     rows = table.rows_of(done)
     text = table.markdown(rows)
     assert 'mono, seed 1: the rover fell over at 1.2 s' in text and 'status 1' in text
     assert [row.ate_m.count for row in rows] == [1, 0]
-    simulator.broken.clear()
-    kept = benchmark.run(cells, tmp_path / 'out', simulator)
+    recorder.broken.clear()
+    kept = benchmark.run(cells, tmp_path / 'out', recorder=recorder)
     assert outcome(kept) == outcome(done)
-    again = benchmark.run(cells, tmp_path / 'out', simulator, retry=True)
+    again = benchmark.run(cells, tmp_path / 'out', retry=True, recorder=recorder)
     assert [cell.failed for cell in again] == [False, True, False, True]
 
 
 def test_bad_bag_is_a_reason(tmp_path, bag, fake) -> None:
     items = [item for item in synthetic.drive(1.0) if 'image' not in item.topic]
     without = synthetic.write(tmp_path / 'without', items)
-    done = benchmark.run(plan(['baseline'], fake, 1, 1.0), tmp_path / 'out', Simulator(without))
+    done = benchmark.run(plan(['baseline'], fake, 1, 1.0), tmp_path / 'out',
+                         recorder=Recorder(without))
     assert all(cell.failed for cell in done)
     assert 'stereo/left/image_raw' in reason(done[0])
 
@@ -187,7 +193,7 @@ def test_means_and_intervals() -> None:
 
 
 def test_findings() -> None:
-    """Whoever loses more frames is worse; where none are lost, the error decides."""
+    """More lost frames are worse; if none are lost, the error decides."""
     said = table.findings(table.rows_of(cells_of(RESULTS)))
     assert 'as expected: feature_sparse is worst (stereo)' in said
     assert 'as expected: feature_sparse is worst (mono)' in said
@@ -236,14 +242,14 @@ def test_bad_paper(tmp_path, text) -> None:
 
 def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     """A sweep, from the command line to the files."""
-    simulator = Simulator(bag)
-    monkeypatch.setattr(cli, '_simulate', simulator)
+    recorder = Recorder(bag)
+    monkeypatch.setattr(benchmark, 'run', functools.partial(benchmark.run, recorder=recorder))
     words = ['benchmark', '-o', str(tmp_path / 'out'), '--scenarios', 'flat', '--seeds', '2',
              '--duration', '2', '--sweep', 'render_node.sun.elevation_deg=2,10', '--system',
              'command', '--run', fake[0].command, '--estimate-frame', 'imu']
     args = parse(words)
     assert args.run(args) == 0
-    assert len(simulator.drives) == 4
+    assert len(recorder.drives) == 4
     printed = capsys.readouterr().out
     text = (tmp_path / 'out/command.md').read_text()
     assert '2 drives of 2 s per line' in text and '| flat | 2 | mono | command | 2/2 |' in text
@@ -253,8 +259,8 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     drive = json.loads((tmp_path / 'out/recordings').glob('*=2-seed1/drive.json').__next__()
                        .read_text())
     assert drive['value'] == '2'
-    simulator.drives.clear()
-    assert args.run(args) == 0 and not simulator.drives
+    recorder.drives.clear()
+    assert args.run(args) == 0 and not recorder.drives
     args = parse([*words[:7], '--sweep', 'render_node.sun.elevatoin_deg=2,10'])
     with pytest.raises(Exception, match='elevation_deg'):
         args.run(args)

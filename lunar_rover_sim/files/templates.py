@@ -1,0 +1,23 @@
+"""HTML pages from the Jinja2 templates of a package, everything inserted being escaped."""
+
+from __future__ import annotations
+
+import base64
+
+import jinja2
+
+
+def template(package: str, name: str) -> jinja2.Template:
+    """Return a template from the folder `templates` of a package, such as `lunar_rover_sim.slam`.
+
+    Values are escaped as HTML. A value that is missing is an error, not an empty text.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader(package), autoescape=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True)
+    return environment.get_template(name)
+
+
+def data_uri(content: bytes, media_type: str) -> str:
+    """Return a file as a data URI, which holds it in the page itself."""
+    return f'data:{media_type};base64,{base64.b64encode(content).decode("ascii")}'
