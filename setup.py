@@ -23,7 +23,7 @@ setup(
     maintainer='lunar_rover_sim developers',
     maintainer_email='lunar-rover-sim@example.com',
     packages=find_packages(include=[NAME, NAME + '.*']),
-    package_data={NAME: ['rendering/shaders/*']},
+    package_data={NAME: ['rendering/shaders/*', '*/templates/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
         (SHARE, ['package.xml']),

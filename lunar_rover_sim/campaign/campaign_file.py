@@ -40,7 +40,8 @@ class CampaignConfig(Parameters):
     design: str = param(SOBOL, 'how episodes are spread', choices=DESIGNS)
     seed: int = param(1, 'seed of the design and of the seeds of the episodes', low=0,
                       high=2**31 - 1)
-    formats: tuple[str, ...] = param((), 'formats to export besides the bag', choices=tuple(FORMATS))
+    formats: tuple[str, ...] = param((), 'formats to export besides the bag',
+                                     choices=tuple(FORMATS))
     keep_bag: bool = param(True, 'keep the bag of an episode that has been exported')
     timeout_s: float = param(0.0, 'wall time after which an episode has failed; 0: 300 s and '
                              'a minute per simulated second', unit='s', low=0.0)

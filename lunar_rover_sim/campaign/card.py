@@ -1,4 +1,4 @@
-"""The data card: what a data set holds, for people (Markdown) and programs (JSON)."""
+"""The data card: the content of a data set, for people (Markdown) and programs (JSON)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim import __version__
+from lunar_rover_sim.campaign.dataset import failures, manifests
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, CARD_FILE, README_FILE
 from lunar_rover_sim.campaign.manifest import read_json, write_json
-from lunar_rover_sim.campaign.production import failures, manifests
 from lunar_rover_sim.campaign.statistics import MEANINGS
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import CampaignError
+from lunar_rover_sim.files.atomic import atomic_write
 
 _SUMS = ('duration_s', 'frames', 'distance_m', 'bytes')
 _FORMATS = {
@@ -31,14 +32,14 @@ _FORMATS = {
 def make_card(dataset: Path) -> dict[str, Any]:
     """Return the data card of a data set as plain values.
 
-    statistics: name → mean, min, max over the episodes, total where that means something.
-    Raises BagError where the folder is not a data set.
+    statistics: name → mean, min, max over the episodes, and total of what can be summed
+    Raises CampaignError if the folder is not a data set.
     """
     episodes = list(manifests(dataset))
     recorded = read_json(dataset / CAMPAIGN_FILE)
     campaign = recorded.get('campaign')
     if not isinstance(campaign, dict):
-        raise BagError(f'{dataset / CAMPAIGN_FILE}: has no campaign')
+        raise CampaignError(f'{dataset / CAMPAIGN_FILE}: has no campaign')
     failed = failures(dataset)
     presets = sorted({str(e['statistics'].get('imu_preset', '')) for e in episodes})
     return {
@@ -50,7 +51,7 @@ def make_card(dataset: Path) -> dict[str, Any]:
         'failed': failed,
         'statistics': {name: summary for name in MEANINGS
                        if (summary := _summary(name, episodes)) is not None},
-        'meanings': {name: MEANINGS[name] for name in MEANINGS},
+        'meanings': dict(MEANINGS),
     }
 
 
@@ -58,9 +59,7 @@ def write_card(dataset: Path) -> dict[str, Any]:
     """Write card.json and README.md into the folder of a data set; return the card."""
     card = make_card(dataset)
     write_json(dataset / CARD_FILE, card)
-    partial = dataset / f'.{README_FILE}.partial'
-    partial.write_text(markdown(card), encoding='utf-8')
-    partial.replace(dataset / README_FILE)
+    atomic_write(dataset / README_FILE, markdown(card), CampaignError)
     return card
 
 

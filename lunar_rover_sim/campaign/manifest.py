@@ -1,8 +1,8 @@
-"""The manifest of an episode: what it holds, byte for byte, and how it came about.
+"""The manifest of an episode: its files with their hashes, and how it was made.
 
-An episode is finished when its folder stands under its name: the folder is made under another
-one, filled, given its manifest, forced to the disk, and renamed last. So there is no moment at
-which a power cut leaves a folder that looks finished and is not.
+An episode is finished when its folder has its name. The folder is filled under another name, gets
+its manifest, is forced to the disk, and is renamed last. So a power cut never leaves a folder that
+looks finished and is not.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import CampaignError
+from lunar_rover_sim.files.atomic import atomic_write, sync_folder
 from lunar_rover_sim.parameters import brief
 
 MANIFEST = 'manifest.json'
@@ -23,29 +24,26 @@ _BLOCK = 1 << 20
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, whole or not at all, and force it to the disk."""
-    partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
-    text = json.dumps(content, indent=1, allow_nan=False) + '\n'
-    with partial.open('w', encoding='utf-8') as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
-    sync_folder(path.parent)
+    """Write a JSON file, whole or not at all, and force it to the disk.
+
+    Raises ValueError if the content is not JSON (such as NaN), OSError if it cannot be written.
+    """
+    atomic_write(path, json.dumps(content, indent=1, allow_nan=False) + '\n')
 
 
 def read_json(path: Path, most_bytes: int = _MOST_BYTES) -> dict[str, Any]:
-    """Return the object in a JSON file; BagError where there is none."""
+    """Return the object in a JSON file; raise CampaignError if there is none."""
     try:
         with path.open('rb') as file:
             content = file.read(most_bytes + 1)
         if len(content) > most_bytes:
-            raise BagError(f'{path}: larger than {most_bytes} bytes')
+            raise CampaignError(f'{path}: larger than {most_bytes} bytes')
         document = json.loads(content)
     except (OSError, ValueError, RecursionError) as error:
-        raise BagError(f'{path}: cannot be read: {" ".join(str(error).split())[:200]}') from None
+        reason = ' '.join(str(error).split())[:200]
+        raise CampaignError(f'{path}: cannot be read: {reason}') from None
     if not isinstance(document, dict):
-        raise BagError(f'{path}: not an object')
+        raise CampaignError(f'{path}: not an object')
     return document
 
 
@@ -76,7 +74,7 @@ def file_hash(path: Path) -> str:
 
 
 def why_unfinished(folder: Path, scenario_hash: str | None = None) -> str | None:
-    """Return why an episode's folder is not that of its plan, whole and unchanged; None if it is.
+    """Return why a folder is not that of a whole, unchanged episode of its plan; None if it is.
 
     scenario_hash: SHA-256 of the scenario that it must have been made from; None for any.
     """
@@ -96,22 +94,13 @@ def why_unfinished(folder: Path, scenario_hash: str | None = None) -> str | None
                 return f'{brief(name)} is missing'
             if path.stat().st_size != entry.get('bytes'):
                 return f'{name} has {path.stat().st_size} of {brief(entry.get("bytes"))} bytes'
-        # Sizes first: they tell without reading.
+        # Sizes first: they need no reading.
         for name, entry in files.items():
             if file_hash(found[name]) != entry.get('sha256'):
                 return f'{name} is not what was recorded'
-    except (BagError, OSError) as error:
+    except (CampaignError, OSError) as error:
         return str(error)
     return None
-
-
-def sync_folder(folder: Path) -> None:
-    """Force the names in a folder to the disk."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -18,7 +18,7 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import picture, read_imu, read_odometry
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import path_length
 from lunar_rover_sim.inspection.matching import is_matched, is_textured
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 
@@ -52,9 +52,9 @@ MEANINGS: dict[str, str] = {
 
 
 def statistics(path: Path | str) -> dict[str, Any]:
-    """Return name → number (None where the bag does not tell), and the IMU's preset.
+    """Return name → number (None if the bag lacks what it needs), and the IMU's preset.
 
-    The names are those of `MEANINGS`. Raises BagError where the bag cannot be read.
+    The names are those of `MEANINGS`. Raises BagError if the bag cannot be read.
     """
     result: dict[str, Any] = dict.fromkeys(MEANINGS)
     with open_bag(path) as bag:
@@ -76,21 +76,12 @@ def statistics(path: Path | str) -> dict[str, Any]:
             for name, value in result.items()}
 
 
-def track(path: Path | str) -> Array:
-    """Return the true path (n, 2) [m], x and y, in steps of about 0.1 s."""
-    with open_bag(path) as bag:
-        if not bag.has(topics.ODOM.name):
-            return np.zeros((0, 2))
-        odometry = read_odometry(bag)
-        return odometry.positions_m[::_step(odometry.stamps_ns), :2]
-
-
 def _path(bag: Bag) -> dict[str, float]:
     odometry = read_odometry(bag)
     if not len(odometry.stamps_ns):
         return {}
     coarse = odometry.positions_m[::_step(odometry.stamps_ns)]
-    distance = float(np.linalg.norm(np.diff(coarse[:, :2], axis=0), axis=1).sum())
+    distance = path_length(coarse[:, :2])
     up = frames.matrix_from_wxyz(odometry.orientations_wxyz)[:, 2, 2]
     duration_s = float(odometry.stamps_ns[-1]) / 1e9
     return {'distance_m': distance,
@@ -100,7 +91,7 @@ def _path(bag: Bag) -> dict[str, float]:
 
 
 def _step(stamps_ns: NDArray[np.int64]) -> int:
-    """Return how many samples make 0.1 s: the bounce of the gait is no distance travelled."""
+    """Return how many samples make 0.1 s: the pitching of the gait does not count as distance."""
     if len(stamps_ns) < 2:
         return 1
     return max(1, round(1e8 / float(np.median(np.diff(stamps_ns)))))

@@ -14,11 +14,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from lunar_rover_sim.campaign.campaign_file import load_campaign
 from lunar_rover_sim.campaign.card import write_card
-from lunar_rover_sim.campaign.cluster import run_on_cluster
+from lunar_rover_sim.campaign.dataset import Dataset, DatasetProgress
 from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
 from lunar_rover_sim.campaign.episode_plans import plan
-from lunar_rover_sim.campaign.pool import run_local
-from lunar_rover_sim.campaign import production
+from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.ros_installation import require_ros
 
@@ -39,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--scheduler', metavar='ADDRESS',
                         help='send episodes to the Dask cluster at this address (tcp://host:port)'
                              '; DIR must be shared by its workers')
-    parser.add_argument('--retry', action='store_true', help='make episodes again that failed')
+    parser.add_argument('--retry', action='store_true', help='repeat episodes that failed')
     parser.add_argument('--dry-run', action='store_true',
                         help='print what would be drawn for each episode, record nothing')
     parser.set_defaults(run=run)
@@ -61,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
                 f'{name} = {value}' for name, value in episode.drawn.items()), **_PLAIN)
         return 0
     require_ros()
-    # SIGTERM stops a campaign as Ctrl-C does: what is being made is dropped, the rest stays.
+    # SIGTERM stops a campaign as Ctrl-C does: unfinished episodes are dropped, the others stay.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with Dataset(args.output, campaign) as dataset:
         with console.status('') as status:
@@ -88,8 +87,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,
-          progress: Progress, console: Any) -> None:
-    """Run the tasks here or on a cluster, and show how far it has come."""
+          progress: DatasetProgress, console: Console) -> None:
+    """Run the tasks here or on a cluster, and show the progress."""
     simulated_s = {task.plan.name: task.plan.duration_s for task in tasks}
 
     with _bar(console, sum(simulated_s.values())) as advance:
@@ -117,7 +116,7 @@ def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,
 
 
 @contextlib.contextmanager
-def _bar(console: Any, total_s: float) -> Iterator[Any]:
+def _bar(console: Console, total_s: float) -> Iterator[Any]:
     """Show a progress bar over simulated time, with the time left once an episode is done."""
     columns = (TextColumn('{task.description}'), BarColumn(),
                TextColumn('{task.completed:.0f}/{task.total:.0f} s simulated'),

@@ -12,7 +12,7 @@ from lunar_rover_sim.campaign.card import make_card, write_card
 from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.campaign.manifest import why_unfinished
 from lunar_rover_sim.campaign.page import write_page
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import CampaignError
 
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
@@ -50,7 +50,7 @@ def _verify(args: argparse.Namespace) -> int:
     console = Console()
     folders = sorted(p for p in (args.dataset / EPISODES).glob('*') if p.is_dir())
     if not folders:
-        raise BagError(f'{args.dataset}: holds no episodes')
+        raise CampaignError(f'{args.dataset}: holds no episodes')
     wrong = 0
     with console.status('') as status:
         for folder in folders:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable
 
 import jinja2
 
 
-def template(package: str, name: str) -> jinja2.Template:
+def template(package: str, name: str, **filters: Callable[..., object]) -> jinja2.Template:
     """Return a template from the folder `templates` of a package, such as `lunar_rover_sim.slam`.
 
     Values are escaped as HTML. A value that is missing is an error, not an empty text.
+    filters: functions that the template knows by these names, besides those of Jinja2
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(package), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(filters)
     return environment.get_template(name)
 
 

@@ -7,24 +7,24 @@ import json
 import os
 from pathlib import Path
 import shutil
+from typing import Any
 
 import pytest
 import synthetic_bag
 
 from lunar_rover_sim.bag.content_hash import bag_hash
-from lunar_rover_sim.campaign import finish as finish_module
-from lunar_rover_sim.campaign import process
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.card import write_card
-from lunar_rover_sim.campaign.episode import make_episode, Outcome
+from lunar_rover_sim.campaign.dataset import Dataset
+from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
 from lunar_rover_sim.campaign.episode_plans import EpisodePlan, plan
-from lunar_rover_sim.campaign.layout import EPISODES, TASK_FILE
+from lunar_rover_sim.campaign.episode_process import finish
+from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.campaign.manifest import (file_table, MANIFEST, read_json, why_unfinished,
                                                write_json)
-from lunar_rover_sim.campaign.pool import run_local
-from lunar_rover_sim.campaign.production import Dataset
+from lunar_rover_sim.campaign.schedulers import run_local
 from lunar_rover_sim.campaign.statistics import MEANINGS, statistics
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import CampaignError
 
 CAMPAIGN = parse_campaign('episodes: 3\nsettings: {run.duration_s: 1.0}',
                           Path('/nowhere/test.yaml'))
@@ -36,24 +36,26 @@ def plans() -> list[EpisodePlan]:
     return list(plan(CAMPAIGN))
 
 
-def attempt(folder: Path, name: str, scenario_hash: str, **task: object) -> Path:
-    """Lay out an attempt whose bag is the analytic one; return its folder."""
+def task(scenario_hash: str = '', **more: object) -> dict[str, Any]:
+    """Return what an episode is asked to be."""
+    return {'name': '0000', 'drawn': {'seed': 1}, 'formats': ['tum'], 'keep_bag': True,
+            'scenario_sha256': scenario_hash, **more}
+
+
+def run_folder(folder: Path) -> Path:
+    """Lay out the folder of a run whose bag is the analytic one."""
     folder.mkdir(parents=True)
-    items = synthetic_bag.drive(1.0)
-    synthetic_bag.write(folder / EPISODES / 'bag', items)
-    (folder / EPISODES / 'scenario.yaml').write_text('x: 1\n')
-    write_json(folder / TASK_FILE, {'name': name, 'drawn': {'seed': 1}, 'formats': ['tum'],
-                                    'keep_bag': True, 'scenario_sha256': scenario_hash,
-                                    'run_wall_s': 1.0, **task})
+    synthetic_bag.write(folder / 'bag', synthetic_bag.drive(1.0))
+    (folder / 'scenario.yaml').write_text('x: 1\n')
     return folder
 
 
 @pytest.fixture(scope='module')
 def episode(tmp_path_factory: pytest.TempPathFactory, plans: list[EpisodePlan]) -> Path:
     """Return a finished episode, made from an analytic bag."""
-    folder = attempt(tmp_path_factory.mktemp('made') / 'try', '0000', plans[0].scenario_hash)
-    finish_module.finish(folder)
-    return folder / EPISODES
+    folder = run_folder(tmp_path_factory.mktemp('made') / 'episode')
+    finish(folder, task(plans[0].scenario_hash), 1.0)
+    return folder
 
 
 def test_manifest_tells_all(episode: Path, plans: list[EpisodePlan]) -> None:
@@ -133,7 +135,7 @@ def test_survey(episode: Path, plans: list[EpisodePlan], tmp_path: Path) -> None
         assert list(progress.remade) == progress.missing == ['0001']
         assert progress.failed == {'0002': 'no disk'}
         assert dataset.survey(plans, retry=True).missing == ['0001', '0002']
-        with pytest.raises(BagError, match='another campaign is writing'):
+        with pytest.raises(CampaignError, match='another campaign is writing'):
             Dataset(data, CAMPAIGN)
     assert not list((data / 'partial').iterdir())
     card = write_card(data)
@@ -155,36 +157,32 @@ def test_another_campaign_is_not_overwritten(episode: Path, plans: list[EpisodeP
     data = tmp_path / 'data'
     with Dataset(data, CAMPAIGN) as dataset:
         shutil.copytree(episode, data / EPISODES / '0001')  # it was made from 0000's scenario
-        with pytest.raises(BagError, match='made from another scenario'):
+        with pytest.raises(CampaignError, match='made from another scenario'):
             dataset.survey(plans, retry=False)
     assert why_unfinished(data / EPISODES / '0001') is None
     (tmp_path / 'home').mkdir()
     (tmp_path / 'home' / 'letter.txt').write_text('x')
-    with pytest.raises(BagError, match='not a data set'):
+    with pytest.raises(CampaignError, match='not a data set'):
         Dataset(tmp_path / 'home', CAMPAIGN)
     assert [p.name for p in (tmp_path / 'home').iterdir()] == ['letter.txt']
 
 
 def test_a_bag_that_fails_its_check_is_no_episode(tmp_path: Path) -> None:
     """The reason names check and finding."""
-    folder = tmp_path / 'try'
-    folder.mkdir()
     items = [i for i in synthetic_bag.drive(1.0) if i.topic != 'imu/data_raw']
-    synthetic_bag.write(folder / EPISODES / 'bag', items[:-40])
-    write_json(folder / TASK_FILE, {'name': '0', 'drawn': {}, 'formats': [], 'keep_bag': True,
-                                    'scenario_sha256': '', 'run_wall_s': 1.0})
-    with pytest.raises(BagError, match='the bag check failed: .*imu/data_raw'):
-        finish_module.finish(folder)
+    synthetic_bag.write(tmp_path / 'bag', items[:-40])
+    with pytest.raises(CampaignError, match='the bag check failed: .*imu/data_raw'):
+        finish(tmp_path, task(formats=[]), 1.0)
 
 
 def test_exports_can_stand_alone(tmp_path: Path) -> None:
     """keep_bag: false leaves the formats, and the manifest lists no bag."""
-    folder = attempt(tmp_path / 'try', '0', '', keep_bag=False)
-    finish_module.finish(folder)
-    manifest = read_json(folder / EPISODES / MANIFEST)
+    folder = run_folder(tmp_path / 'run')
+    finish(folder, task(keep_bag=False), 1.0)
+    manifest = read_json(folder / MANIFEST)
     assert not any(name.startswith('bag/') for name in manifest['files'])
     assert manifest['bag_hash']
-    assert (folder / EPISODES / 'tum' / 'associations.txt').is_file()
+    assert (folder / 'tum' / 'associations.txt').is_file()
 
 
 def test_json_is_replaced_whole(tmp_path: Path) -> None:
@@ -205,25 +203,11 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
     assert list(file_table(tmp_path)) == ['a']
 
 
-def test_processes_end_in_time(tmp_path: Path) -> None:
-    """Told to end, then killed; what it said last is what is told."""
-    log = tmp_path / 'log'
-    ended = process.run(['sh', '-c', 'echo before; echo lunar_rover_sim: no world >&2; exit 3'],
-                        log, 10.0, 1.0)
-    assert (ended.status, ended.words) == (3, 'no world')
-    ended = process.run(['sh', '-c', 'trap "" TERM; sleep 60'], log, 0.3, 0.3)
-    assert ended.words == 'was not done within 0.3 s'
-    assert ended.wall_s < 10.0
-    ended = process.run(['sh', '-c', 'kill -9 $$'], log, 10.0, 1.0)
-    assert ended.words == 'ended with SIGKILL'
-
-
 def test_a_worker_that_does_not_see_the_folder_says_so(plans: list[EpisodePlan],
                                                        tmp_path: Path) -> None:
     """A cluster without a shared folder fails at once, and by name."""
     with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
-        task = dataset.tasks(plans, ['0000'])[0]
-        outcome = make_episode(task, tmp_path / 'elsewhere')
+        outcome = make_episode(dataset.tasks(plans, ['0000'])[0], tmp_path / 'elsewhere')
         assert 'does not see the folder' in outcome.error
 
 
@@ -232,20 +216,36 @@ def test_the_pool_stops_when_told(plans: list[EpisodePlan], tmp_path: Path,
     """Ctrl-C: what runs is told to stop, what waits is not begun, the exception goes on."""
     begun: list[str] = []
 
-    def slow(task: object, dataset: Path, stopped: Callable[[], bool]) -> Outcome:
-        name = task.plan.name  # type: ignore[attr-defined]
+    def slow(task: EpisodeTask, dataset: Path, stop: Callable[[], bool]) -> Outcome:
+        name = task.plan.name
         begun.append(name)
-        while not stopped() and name != '0000':
+        while not stop() and name != '0000':
             pass
         return Outcome(name, '', 0.0)
 
     def interrupt(outcome: Outcome) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr('lunar_rover_sim.campaign.pool.make_episode', slow)
+    monkeypatch.setattr('lunar_rover_sim.campaign.schedulers.make_episode', slow)
     with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
         tasks = dataset.tasks(plans, [p.name for p in plans])
         with pytest.raises(KeyboardInterrupt):
             run_local(tasks, tmp_path, 1, interrupt)
     assert begun[0] == '0000'
     assert '0002' not in begun
+
+
+def test_an_error_of_one_episode_is_not_that_of_the_others(
+        plans: list[EpisodePlan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even an unexpected one is reported as the failure of its episode."""
+    def broken(task: EpisodeTask, dataset: Path, stop: Callable[[], bool]) -> Outcome:
+        if task.plan.name == '0001':
+            raise RuntimeError('unexpected')
+        return Outcome(task.plan.name, '', 0.0)
+
+    monkeypatch.setattr('lunar_rover_sim.campaign.schedulers.make_episode', broken)
+    outcomes: list[Outcome] = []
+    with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
+        run_local(dataset.tasks(plans, [p.name for p in plans]), tmp_path, 2, outcomes.append)
+    assert {o.name: o.error for o in outcomes} == {
+        '0000': '', '0001': 'RuntimeError: unexpected', '0002': ''}

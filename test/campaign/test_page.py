@@ -13,10 +13,10 @@ import pytest
 import synthetic_bag
 
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
-from lunar_rover_sim.campaign.finish import finish
-from lunar_rover_sim.campaign.layout import EPISODES, TASK_FILE
+from lunar_rover_sim.campaign.dataset import Dataset
+from lunar_rover_sim.campaign.episode_process import finish
+from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.campaign.manifest import write_json
-from lunar_rover_sim.campaign.production import Dataset
 from lunar_rover_sim.cli.main import main
 
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome')
@@ -33,12 +33,10 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         dataset.record()
         made = folder / 'data' / 'partial' / 'made'
         made.mkdir()
-        synthetic_bag.write(made / EPISODES / 'bag', synthetic_bag.drive(1.0))
-        write_json(made / TASK_FILE, {
-            'name': '0000', 'drawn': {'seed': 1}, 'formats': [], 'keep_bag': True,
-            'scenario_sha256': '', 'run_wall_s': 1.0})
-        finish(made)
-        (made / EPISODES).rename(folder / 'data' / EPISODES / '0000')
+        synthetic_bag.write(made / 'bag', synthetic_bag.drive(1.0))
+        finish(made, {'name': '0000', 'drawn': {'seed': 1}, 'formats': [], 'keep_bag': True,
+                      'scenario_sha256': ''}, 1.0)
+        made.rename(folder / 'data' / EPISODES / '0000')
     write_json_failed(folder / 'data' / 'failed' / '0001')
     assert main(['dataset', 'show', str(folder / 'data')]) == 0
     return folder / 'data' / 'index.html'
@@ -71,6 +69,9 @@ def test_the_page_is_self_contained(page: Path) -> None:
     assert len(links.targets) == 1 + 3 + 1  # distributions, thumbnails, path
     assert all(target.startswith('data:image/') for target in links.targets)
     assert not {'script', 'iframe', 'link', 'object', 'b'} & set(links.tags)
+    text = page.read_text(encoding='utf-8')
+    assert '&lt;script&gt;' in text and 'the sun &lt;b&gt;set' in text
+    assert '<td>0000</td><td>10</td>' in text   # name and frames
 
 
 def test_a_browser_shows_it(page: Path, tmp_path: Path) -> None:

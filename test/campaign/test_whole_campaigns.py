@@ -16,7 +16,7 @@ from conftest import command, processes_naming
 import pytest
 
 from lunar_rover_sim.bag.content_hash import bag_hash
-from lunar_rover_sim.campaign.production import failures, manifests
+from lunar_rover_sim.campaign.dataset import failures, manifests
 
 pytestmark = pytest.mark.ros
 

@@ -1,4 +1,4 @@
-"""Making a data set: what is there stays, what is missing is made, what fails is told."""
+"""The folder of a data set: which episodes are finished, failed or missing."""
 
 from __future__ import annotations
 
@@ -13,23 +13,20 @@ import shutil
 from typing import Any
 
 from lunar_rover_sim.campaign.campaign_file import Campaign
-from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
+from lunar_rover_sim.campaign.episode import EpisodeTask
 from lunar_rover_sim.campaign.episode_plans import EpisodePlan
 from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED,
                                              LOCK_FILE, PARTIAL, TOKEN_FILE)
-from lunar_rover_sim.campaign.manifest import (MANIFEST, read_json, sync_folder, why_unfinished,
-                                               write_json)
-from lunar_rover_sim.errors import BagError
-
-# Takes the tasks and whom to tell of each outcome; returns when all are done.
-Scheduler = Callable[[Sequence[EpisodeTask], Callable[[Outcome], None]], None]
+from lunar_rover_sim.campaign.manifest import MANIFEST, read_json, why_unfinished, write_json
+from lunar_rover_sim.errors import CampaignError
+from lunar_rover_sim.files.atomic import atomic_write, sync_folder
 
 
 @dataclasses.dataclass
-class Progress:
-    """Where a data set stands: names of episodes that are there, have failed, are to be made.
+class DatasetProgress:
+    """The state of a data set: names of finished, failed and missing episodes.
 
-    remade: name → why an episode that was there is made again.
+    failed: name → error; remade: name → why a finished episode is made again
     """
 
     finished: list[str] = dataclasses.field(default_factory=list)
@@ -39,9 +36,9 @@ class Progress:
 
 
 class Dataset:
-    """The folder of a data set that is being made; locked while it is open, context manager.
+    """The folder of a data set that is being made; locked while it is open. Context manager.
 
-    Raises BagError where the folder holds something else, another campaign, or is in use.
+    Raises CampaignError if the folder holds something else or is in use, or cannot be written.
     """
 
     def __init__(self, folder: Path, campaign: Campaign) -> None:
@@ -56,24 +53,25 @@ class Dataset:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self.close()
-            raise BagError(f'{folder}: another campaign is writing into it') from None
+            raise CampaignError(f'{folder}: another campaign is writing into it') from None
         except OSError as error:
             self.close()
-            raise BagError(f'{folder}: cannot be written: {error.strerror}') from None
-        # What was being made when the last one ended is nothing that counts.
+            raise CampaignError(f'{folder}: cannot be written: {error.strerror}') from None
+        # Left by a campaign that was interrupted.
         for left in (self.folder / PARTIAL).iterdir():
             shutil.rmtree(left, ignore_errors=True)
         self.token = os.urandom(16).hex()
-        (self.folder / TOKEN_FILE).write_text(self.token + '\n', encoding='ascii')
+        atomic_write(self.folder / TOKEN_FILE, self.token + '\n', CampaignError)
 
     def survey(self, plans: Sequence[EpisodePlan], retry: bool,
-               seen: Callable[[str], None] = lambda name: None) -> Progress:
-        """Return what is there and what is missing; every file of every episode is read.
+               seen: Callable[[str], None] = lambda name: None) -> DatasetProgress:
+        """Return which episodes are finished, failed and missing; all their files are read.
 
-        retry: make episodes again that failed. Raises BagError where an episode was made from
-        another scenario: the folder then holds another campaign's.
+        retry: failed episodes count as missing; seen: called with the name of each episode
+        Raises CampaignError if an episode was made from another scenario, so that the folder
+        belongs to another campaign.
         """
-        progress = Progress()
+        progress = DatasetProgress()
         for plan in plans:
             name = plan.name
             seen(name)
@@ -84,8 +82,8 @@ class Dataset:
                     progress.finished.append(name)
                     continue
                 if _made_from_another(there, plan):
-                    raise BagError(f'{there}: was made from another scenario; give -o another '
-                                   'folder, or the campaign that was here')
+                    raise CampaignError(f'{there}: was made from another scenario; give -o '
+                                        'another folder, or the campaign that was here')
                 there.rename(self.folder / PARTIAL / f'{name}.damaged')
                 sync_folder(there.parent)
                 progress.remade[name] = reason
@@ -97,7 +95,7 @@ class Dataset:
         return progress
 
     def record(self) -> None:
-        """Write down which campaign this is."""
+        """Write the campaign into the folder."""
         mapping = self.campaign.to_mapping()
         write_json(self.folder / CAMPAIGN_FILE, {
             'campaign': mapping, 'sha256': hashlib.sha256(
@@ -110,11 +108,11 @@ class Dataset:
                 for plan in plans if plan.name in wanted]
 
     def manifests(self) -> Iterator[dict[str, Any]]:
-        """Yield the manifests of the episodes that are there, by name."""
+        """Yield the manifests of the finished episodes, by name."""
         yield from manifests(self.folder)
 
     def close(self) -> None:
-        """Clear away what was being made, and let others in."""
+        """Remove unfinished attempts, and release the folder."""
         if self._lock is not None:
             for left in (self.folder / PARTIAL).glob('*'):
                 shutil.rmtree(left, ignore_errors=True)
@@ -131,14 +129,14 @@ class Dataset:
 def manifests(folder: Path) -> Iterator[dict[str, Any]]:
     """Yield the manifests of the episodes in the folder of a data set, by name.
 
-    Raises BagError where the folder is not one, or a manifest is damaged.
+    Raises CampaignError if the folder is not a data set, or a manifest is damaged.
     """
     if not (folder / EPISODES).is_dir():
-        raise BagError(f'{folder}: is not a data set (it has no folder {EPISODES})')
+        raise CampaignError(f'{folder}: is not a data set (it has no folder {EPISODES})')
     for path in sorted((folder / EPISODES).glob(f'*/{MANIFEST}')):
         manifest = read_json(path)
         if not isinstance(manifest.get('statistics'), dict):
-            raise BagError(f'{path}: has no statistics')
+            raise CampaignError(f'{path}: has no statistics')
         yield {**manifest, 'name': path.parent.name}
 
 
@@ -149,19 +147,20 @@ def failures(folder: Path) -> dict[str, str]:
 
 
 def _refuse_foreign(folder: Path) -> None:
-    """Raise BagError where a folder holds what is no data set; nothing of others is touched."""
+    """Raise CampaignError if a folder holds something else than a data set."""
     try:
         names = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     except OSError as error:
-        raise BagError(f'{folder}: cannot be read: {error.strerror}') from None
+        raise CampaignError(f'{folder}: cannot be read: {error.strerror}') from None
     if folder.exists() and not folder.is_dir():
-        raise BagError(f'{folder}: is not a folder')
+        raise CampaignError(f'{folder}: is not a folder')
     if names and EPISODES not in names:
-        raise BagError(f'{folder}: holds something that is not a data set; give -o another folder')
+        raise CampaignError(f'{folder}: holds something that is not a data set; give -o another '
+                            'folder')
 
 
 def _made_from_another(there: Path, plan: EpisodePlan) -> bool:
     try:
         return read_json(there / MANIFEST).get('scenario_sha256') != plan.scenario_hash
-    except BagError:
+    except CampaignError:
         return False  # damaged, to be made again
