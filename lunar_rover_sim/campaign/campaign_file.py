@@ -15,7 +15,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.resources import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.parameters import brief, param, Parameters
-from lunar_rover_sim.sequences.export import FORMATS
+from lunar_rover_sim.sequences.formats import FORMATS
 
 MAX_CAMPAIGN_BYTES = 1 << 18
 MAX_EPISODES = 100_000

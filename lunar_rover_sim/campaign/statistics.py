@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag.driven_distance import every_step
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import picture, read_imu, read_odometry
@@ -80,21 +81,15 @@ def _path(bag: Bag) -> dict[str, float]:
     odometry = read_odometry(bag)
     if not len(odometry.stamps_ns):
         return {}
-    coarse = odometry.positions_m[::_step(odometry.stamps_ns)]
-    distance = path_length(coarse[:, :2])
+    steps = np.array([position for _, position in every_step(
+        zip(odometry.stamps_ns.tolist(), odometry.positions_m))])
+    distance = path_length(steps[:, :2])
     up = frames.matrix_from_wxyz(odometry.orientations_wxyz)[:, 2, 2]
     duration_s = float(odometry.stamps_ns[-1]) / 1e9
     return {'distance_m': distance,
             'mean_speed_mps': distance / duration_s if duration_s > 0.0 else 0.0,
-            'climb_m': float(np.ptp(coarse[:, 2])),
+            'climb_m': float(np.ptp(steps[:, 2])),
             'largest_tilt_deg': float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))).max())}
-
-
-def _step(stamps_ns: NDArray[np.int64]) -> int:
-    """Return how many samples make 0.1 s: the pitching of the gait does not count as distance."""
-    if len(stamps_ns) < 2:
-        return 1
-    return max(1, round(1e8 / float(np.median(np.diff(stamps_ns)))))
 
 
 class _Sample(NamedTuple):

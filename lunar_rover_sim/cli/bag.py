@@ -19,7 +19,8 @@ from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
-from lunar_rover_sim.sequences.export import export, FORMATS
+from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.sequences.formats import FORMATS
 
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
