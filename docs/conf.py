@@ -22,7 +22,7 @@ extensions = ['myst_nb', 'sphinx.ext.autodoc']
 exclude_patterns = ['_build', '_generated/*.md']
 source_suffix = {'.md': 'myst-nb', '.ipynb': 'myst-nb'}
 
-myst_enable_extensions = ['colon_fence', 'deflist', 'dollarmath']
+myst_enable_extensions = ['colon_fence', 'deflist']
 myst_heading_anchors = 3
 # Included parts begin below the title of the page that includes them.
 suppress_warnings = ['myst.header']
