@@ -29,6 +29,19 @@ SECTIONS: dict[str, type[Parameters]] = {
     SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig, 'rover': RoverDescription,
     **NODE_CONFIGS, 'trajectory_recorder_node': TrajectoryRecorderNodeConfig}
 
+# What a program may need besides the names that the package exports.
+MODULES = {
+    'Errors': ['errors'],
+    'Frames': ['frames'],
+    'World': ['world.build', 'world.world_folder', 'world.grid'],
+    'Physics and gait': ['physics.state', 'physics.imu', 'gait.shaping'],
+    'Images and stereo': ['rendering.frame', 'camera.rig', 'stereo.depth', 'stereo.error',
+                          'illumination.hapke'],
+    'Bags and sequences': ['bag.series', 'bag.content_hash', 'sequences.export'],
+    'Evaluation': ['evaluation.trajectory', 'evaluation.trajectory_evaluation',
+                   'evaluation.alignment', 'evaluation.metrics', 'evaluation.trajectory_files'],
+}
+
 
 def cell(text: str) -> str:
     """Return text for a cell of a Markdown table: `code` stays code, the rest means itself."""
@@ -143,17 +156,27 @@ def help_of(action: argparse.Action) -> str:
                                      else '')
 
 
-def public_names() -> str:
-    """Return autodoc's directives for everything that the package exports."""
-    parts = ['```{eval-rst}']
-    for name in lunar_rover_sim.__all__:
-        item = getattr(lunar_rover_sim, name)
-        kind = 'autoclass' if isinstance(item, type) else 'autofunction'
+def python_page() -> str:
+    """Return autodoc's directives for what the package exports, then for modules beside it."""
+    exported = [getattr(lunar_rover_sim, name) for name in lunar_rover_sim.__all__]
+    parts = ['## The package', '', '```{eval-rst}']
+    for item in exported:
         if isinstance(item, type) and issubclass(item, Exception):
             continue            # with the other errors
-        parts += [f'.. {kind}:: {item.__module__}.{item.__qualname__}']
-        parts += ['   :members:', ''] if kind == 'autoclass' else ['']
-    return '\n'.join([*parts, '```', ''])
+        kind = 'autoclass' if isinstance(item, type) else 'autofunction'
+        parts += [f'.. {kind}:: {item.__module__}.{item.__qualname__}',
+                  *(['   :members:'] if kind == 'autoclass' else []), '']
+    parts += ['```', '']
+    for title, modules in MODULES.items():
+        parts += [f'## {title}', '', '```{eval-rst}']
+        for name in modules:
+            module = f'{rooms.PACKAGE}.{name}'
+            above = [item.__name__ for item in exported if item.__module__ == module
+                     and not (isinstance(item, type) and issubclass(item, Exception))]
+            parts += [f'.. automodule:: {module}', '   :members:', '   :show-inheritance:',
+                      *([f'   :exclude-members: {", ".join(above)}'] if above else []), '']
+        parts += ['```', '']
+    return '\n'.join(parts)
 
 
 def sentence(text: str) -> str:
@@ -175,7 +198,7 @@ def write_all(docs: Path) -> None:
     folder = docs / '_generated'
     folder.mkdir(exist_ok=True)
     for name, text in (('topics.md', topic_table()), ('parameters.md', parameter_tables()),
-                       ('commands.md', command_pages()), ('python.md', public_names()),
+                       ('commands.md', command_pages()), ('python.md', python_page()),
                        ('rooms.svg', rooms.svg())):
         path = folder / name
         if not path.is_file() or path.read_text(encoding='utf-8') != text:
