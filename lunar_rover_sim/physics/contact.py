@@ -57,17 +57,18 @@ def set_contact(model: mujoco.MjModel, config: ContactConfig, geoms: np.ndarray,
     step = model.opt.timestep
     model.opt.impratio = config.shear_damping_nspm / config.damping_nspm
     d0, d1 = IMPEDANCE, BURIED_IMPEDANCE
-    for geom in geoms:
-        weight = model.body_invweight0[model.geom_bodyid[geom], 0]
-        k = config.stiffness_npm * weight * (1.0 - d0) / d0
-        b = config.damping_nspm * weight * (1.0 - d0) / d0
-        # With a step longer than 0.5 / sqrt(k) or 1 / b the feet chatter and lose their grip.
-        bound = min(0.5 / k ** 0.5, 1.0 / b)
-        if step > bound:
-            raise ConfigError(f'step_s: {step} is too long for a contact of'
-                              f' {config.stiffness_npm:g} N/m and {config.damping_nspm:g} N s/m;'
-                              f' valid is <= {bound:.2g} [s], or a softer contact')
-        model.geom_solref[geom] = -k * d1 ** 2 / d0, -b * d1
+    # The inverse mass of each geom's body; the lightest body has the fastest contact.
+    weights = model.body_invweight0[model.geom_bodyid[geoms], 0]
+    k = config.stiffness_npm * weights * (1.0 - d0) / d0
+    b = config.damping_nspm * weights * (1.0 - d0) / d0
+    # With a step longer than 0.5 / sqrt(k) or 1 / b the feet chatter and lose their grip.
+    bound = min(0.5 / k.max() ** 0.5, 1.0 / b.max())
+    if step > bound:
+        raise ConfigError(f'step_s: {step} is too long for a contact of'
+                          f' {config.stiffness_npm:g} N/m and {config.damping_nspm:g} N s/m;'
+                          f' valid is <= {bound:.2g} [s], or a softer contact')
+    for geom, k_geom, b_geom in zip(geoms, k, b):
+        model.geom_solref[geom] = -k_geom * d1 ** 2 / d0, -b_geom * d1
         model.geom_solimp[geom] = d0, d1, tip_radius_m, _MIDPOINT, _POWER
         model.geom_friction[geom] = (config.sliding_friction, config.torsional_friction_m,
                                      config.rolling_friction_m)

@@ -39,7 +39,6 @@ import yaml
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PACKAGE = 'lunar_rover_sim'
 CONFIG = pathlib.Path(__file__).with_name('tests_of_modules.yaml')
-COPIED = (PACKAGE, 'test', 'config', 'setup.cfg')
 # Changes that make sense for the types at hand: a shifted float would only raise a TypeError.
 ARITHMETIC, COMPARISONS = 'Add Sub Mul Div FloorDiv Mod Pow', 'Eq NotEq Lt LtE Gt GtE'
 OPERATORS = {f'core/Replace{kind}Operator_{one}_{other}'
@@ -142,13 +141,13 @@ class Tree:
 
     def __init__(self, folder: pathlib.Path) -> None:
         self.folder = folder
-        for name in COPIED:
-            source = ROOT / name
-            if source.is_dir():
-                shutil.copytree(source, folder / name,
-                                ignore=shutil.ignore_patterns('__pycache__'))
-            else:
-                shutil.copy(source, folder / name)
+        self.output = ''    # of the newest run of tests
+        listed = subprocess.run(['git', 'ls-files', '-z', '-co', '--exclude-standard'], cwd=ROOT,
+                                check=True, capture_output=True, text=True).stdout
+        for name in filter(None, listed.split('\0')):
+            if (ROOT / name).is_file():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(ROOT / name, folder / name)
         # Compiled files are checked by content: times are too coarse for quick changes.
         subprocess.run([sys.executable, '-m', 'compileall', '-q', '--invalidation-mode',
                         'checked-hash', PACKAGE], cwd=folder, check=True)
@@ -181,10 +180,12 @@ class Tree:
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
+            self.output = 'timeout'
             return 'timeout'
         # 0: all passed; 1: one failed; 2: the change cannot be imported. Others: a fault of ours.
         if process.returncode not in (0, 1, 2):
             raise RuntimeError(f'pytest {" ".join(tests)}: {output[-2000:]}')
+        self.output = output
         return 'survived' if process.returncode == 0 else 'killed'
 
 
@@ -226,7 +227,7 @@ def test(path: pathlib.Path, jobs: int, again: bool, timeout_s: float) -> None:
         tree = trees.get()
         for tests in sorted({tuple(tests_of(mutant.module)) for mutant in todo}):
             if tree.run(list(tests), 10.0 * timeout_s) != 'survived':
-                sys.exit(f'{" ".join(tests)}: fails without any change')
+                sys.exit(f'{" ".join(tests)}: fails without any change\n{tree.output[-2000:]}')
         trees.put(tree)
         with ThreadPoolExecutor(jobs) as pool:
             list(pool.map(judge, todo))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import mujoco
 import numpy as np
 from physics_scene import make_world, plane_heights, rough_heights, simulate, trot, WEIGHT_N
@@ -169,3 +171,34 @@ def test_a_step_too_long_for_the_contact_is_refused():
 def test_contact_parameters_must_be_positive(name):
     with pytest.raises(ConfigError, match=f'{name}: 0.0 is not valid; valid is > 0'):
         PhysicsConfig.from_mapping({'contact': {name: 0.0}})
+
+
+def longest_step_s(stiffness_npm, damping_nspm):
+    """Return the longest step that is accepted for a contact, read from a refusal."""
+    contact = ContactConfig(stiffness_npm=stiffness_npm, damping_nspm=damping_nspm)
+    with pytest.raises(ConfigError, match='valid is <= ') as caught:
+        simulate(step_s=0.005, contact=contact)
+    return float(re.search(r'valid is <= ([\d.e-]+)', str(caught.value))[1])
+
+
+def test_the_longest_step_is_that_of_the_stiffness_or_of_the_damping():
+    """Half a radian of the bare oscillation, or the time in which the damper alone decays.
+
+    sqrt(m / K) / 2 and m / C, m the mass that a contact feels. Texts are rounded to two digits.
+    """
+    with simulate() as simulation:
+        model = simulation.model
+        mass = 1.0 / model.body_invweight0[model.body('front_left').id, 0]
+    for stiffness in (2e4, 8e4):
+        assert longest_step_s(stiffness, 1.0) == pytest.approx(0.5 * (mass / stiffness) ** 0.5,
+                                                               rel=0.06)
+    for damping in (200.0, 800.0):
+        assert longest_step_s(1000.0, damping) == pytest.approx(mass / damping, rel=0.06)
+
+
+def test_a_step_within_the_bound_is_taken_and_one_beyond_it_refused():
+    bound = longest_step_s(2e4, 30.0)
+    contact = ContactConfig(stiffness_npm=2e4, damping_nspm=30.0)
+    simulate(step_s=0.97 * bound, contact=contact).close()
+    with pytest.raises(ConfigError, match='too long'):
+        simulate(step_s=1.03 * bound, contact=contact)
