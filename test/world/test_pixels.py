@@ -1,0 +1,164 @@
+"""Pixels of elevation models: oblong ones, from either end, averaged, at the edge of the file."""
+
+import json
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.crs import CRS
+import worlds
+
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.parameters import merge
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.dem import open_dem
+
+MOON = '+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs'
+EAST, NORTH = 0.11, -0.07     # metres that the ground rises per metre
+COLUMNS, ROWS = 40, 50
+PIXEL_X, PIXEL_Y = 2.0, 3.0
+
+
+def plane(south_up):
+    """Return heights of a plane over the middle of the file, in the file's order of rows."""
+    x = (np.arange(COLUMNS) + 0.5 - COLUMNS / 2) * PIXEL_X
+    y = (np.arange(ROWS) + 0.5 - ROWS / 2) * PIXEL_Y
+    heights = 500.0 + EAST * x + NORTH * (y if south_up else -y)[:, None]
+    return heights.astype(np.float32)
+
+
+def write(path, kind, south_up, heights=None):
+    """Write the plane as GeoTIFF or as a folder; return its path."""
+    heights = plane(south_up) if heights is None else heights
+    if kind == 'folder':
+        path.mkdir()
+        np.save(path / 'dem.npy', heights)
+        (path / 'dem.yaml').write_text(json.dumps(
+            {'size': list(heights.shape[::-1]),
+             'pixel_size': [PIXEL_X, PIXEL_Y if south_up else -PIXEL_Y]}))
+        return path
+    transform = rasterio.Affine(PIXEL_X, 0.0, 700.0, 0.0, PIXEL_Y if south_up else -PIXEL_Y, -90.0)
+    path = path.with_suffix('.tif')
+    with rasterio.open(path, 'w', driver='GTiff', width=heights.shape[1], height=heights.shape[0],
+                       count=1, dtype=heights.dtype, crs=CRS.from_user_input(MOON),
+                       transform=transform) as file:
+        file.write(heights, 1)
+    return path
+
+
+def opened(path, **dem):
+    return open_dem(WorldConfig.from_mapping(
+        merge(worlds.SMALL, {'source': 'dem', 'path': str(path), 'dem': dem})))
+
+
+KINDS = pytest.mark.parametrize('kind', ['folder', 'tiff'])
+SENSES = pytest.mark.parametrize('south_up', [False, True])
+
+
+@KINDS
+@SENSES
+@pytest.mark.parametrize('center', [(0.0, 0.0), (10.0, 21.0), (-7.5, 4.2)])
+@pytest.mark.parametrize('cell_m', [0.5, 3.0, 6.5, 9.0])
+def test_every_height_lies_where_its_pixel_is(tmp_path, kind, south_up, center, cell_m):
+    """Means of whole pixels of a plane are its heights at their centres, however they are cut."""
+    raster = opened(write(tmp_path / 'plane', kind, south_up), center=list(center))
+    tile = raster.tile(20.0, cell_m)
+    expected = (500.0 + EAST * (tile.x_m + center[0])
+                + NORTH * (tile.y_m + center[1])[:, None])
+    np.testing.assert_allclose(tile.heights_m + raster.reference_m, expected, atol=2e-3)
+    # Averaged over as many pixels as the cell spans, by the larger side of a pixel.
+    factor = max(int(cell_m / PIXEL_Y), 1)
+    np.testing.assert_allclose(np.diff(tile.x_m), factor * PIXEL_X)
+    np.testing.assert_allclose(np.diff(tile.y_m), factor * PIXEL_Y)
+    assert tile.pixel_m == factor * PIXEL_Y
+    # The window is covered with a pixel or more to spare, and no farther than needed.
+    for axis, pixel in ((tile.x_m, PIXEL_X), (tile.y_m, PIXEL_Y)):
+        assert axis[0] <= -20.0 + 0.5 * pixel * factor and axis[-1] >= 20.0 - 1.5 * pixel * factor
+        assert np.abs(axis).max() <= 20.0 + 5.0 * pixel * factor
+    raster.close()
+
+
+@KINDS
+@SENSES
+def test_the_area_of_a_file_in_the_world(tmp_path, kind, south_up):
+    """80 m x 150 m, whose middle lies 10 m west and 21 m south of the world's origin."""
+    raster = opened(write(tmp_path / 'plane', kind, south_up), center=[10.0, 21.0])
+    assert raster.area_m == pytest.approx((-50.0, 30.0, -96.0, 54.0))
+    assert raster.pixel_m == PIXEL_Y
+    assert raster.report['pixel_m'] == [PIXEL_X, PIXEL_Y]
+    # The height at the origin is that of the middle pixel of the window or its neighbour's.
+    assert raster.reference_m == pytest.approx(500.0 + 10.0 * EAST + 21.0 * NORTH, abs=0.5)
+    raster.close()
+
+
+@KINDS
+@SENSES
+@pytest.mark.parametrize('east,north,side,beyond', [
+    (35.0, 0.0, 'east', 1.4), (-35.0, 0.0, 'west', 1.4), (0.0, 70.0, 'north', 1.4),
+    (0.0, -71.0, 'south', 2.4)])
+def test_a_window_beyond_the_file_is_measured(tmp_path, kind, south_up, east, north, side, beyond):
+    """12.8 m about a place 5 m before an edge at 40 m, or 75 m: 6.4 m - 5 m beyond."""
+    path = write(tmp_path / 'plane', kind, south_up)
+    with pytest.raises(WorldError, match=f'reaches {beyond} m beyond the {side} edge of the file '
+                                         r'\(80 x 150 m\)'):
+        opened(path, center=[east, north])
+
+
+@KINDS
+@SENSES
+def test_a_window_may_touch_the_edge(tmp_path, kind, south_up):
+    raster = opened(write(tmp_path / 'plane', kind, south_up), center=[33.6, -68.6])
+    assert raster.area_m == pytest.approx((-73.6, 6.4, -6.4, 143.6))
+    raster.close()
+
+
+@KINDS
+def test_a_given_pixel_size_replaces_that_of_the_file(tmp_path, kind):
+    raster = opened(write(tmp_path / 'plane', kind, False), pixel_m=1.5)
+    assert (raster.pixel_x_m, raster.pixel_y_m) == (1.5, 1.5)
+    assert raster.area_m == pytest.approx((-30.0, 30.0, -37.5, 37.5))
+    tile = raster.tile(10.0, 0.5)
+    # The plane is as high over as many pixels: steeper in x, and in y twice as steep.
+    slope_x = np.diff(tile.heights_m, axis=1) / np.diff(tile.x_m)
+    slope_y = np.diff(tile.heights_m, axis=0) / np.diff(tile.y_m)[:, None]
+    np.testing.assert_allclose(slope_x, EAST * PIXEL_X / 1.5, atol=1e-3)
+    np.testing.assert_allclose(slope_y, NORTH * PIXEL_Y / 1.5, atol=1e-3)
+    raster.close()
+
+
+@KINDS
+@SENSES
+def test_a_center_by_column_and_row(tmp_path, kind, south_up):
+    raster = opened(write(tmp_path / 'plane', kind, south_up), center_mode='pixel',
+                    center=[25.0, 20.0])
+    x, y = (25.0 - COLUMNS / 2) * PIXEL_X, (20.0 - ROWS / 2) * PIXEL_Y * (1 if south_up else -1)
+    tile = raster.tile(12.0, 0.5)
+    expected = 500.0 + EAST * (tile.x_m + x) + NORTH * (tile.y_m + y)[:, None]
+    np.testing.assert_allclose(tile.heights_m + raster.reference_m, expected, atol=2e-3)
+    raster.close()
+
+
+@KINDS
+def test_gaps_are_left_out_of_means_and_filled_between_their_neighbours(tmp_path, kind):
+    heights = plane(False)
+    heights[10:12, 10:12] = np.nan     # far from the ground, near the edge of the window
+    raster = opened(write(tmp_path / 'plane', kind, False, heights))
+    tile = raster.tile(38.0, 0.5)
+    expected = 500.0 + EAST * tile.x_m + NORTH * tile.y_m[:, None]
+    np.testing.assert_allclose(tile.heights_m + raster.reference_m, expected, atol=0.02)
+    coarse = raster.tile(38.0, 9.0)
+    expected = 500.0 + EAST * coarse.x_m + NORTH * coarse.y_m[:, None]
+    # A mean over a part of three by three pixels lies off its centre by a pixel at most.
+    np.testing.assert_allclose(coarse.heights_m + raster.reference_m, expected, atol=0.3)
+    raster.close()
+
+
+@KINDS
+def test_an_absurd_height_is_a_gap(tmp_path, kind):
+    heights = plane(False)
+    heights[25, 20] = -1.2e5
+    path = write(tmp_path / 'plane', kind, False, heights)
+    with pytest.raises(WorldError, match=r'1 of \d+ pixels in the window have no data'):
+        opened(path)
+    heights[25, 20] = -0.9e5
+    opened(write(tmp_path / 'deep', kind, False, heights)).close()
