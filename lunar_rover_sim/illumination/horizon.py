@@ -166,6 +166,9 @@ def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel |
     z = z[::-1] if flip_rows else z
     z = np.ascontiguousarray(z[:, ::-1] if flip_columns else z)
     shear = abs(across) / abs(along)
+    # Straight or diagonal but for rounding: else a ray would miss the column that it lies on.
+    if min(shear, 1.0 - shear) < 1e-9:
+        shear = float(round(shear))
     n = z.shape[0]
     tangent = np.tan(sun.sweep_rad).astype(np.float32)[:, None]
     drop = np.float32(cell_m * np.hypot(1.0, shear)) * tangent
