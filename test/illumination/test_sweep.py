@@ -137,7 +137,7 @@ def test_the_horizon_of_level_ground_lies_below_any_sun(elevation_deg):
     s = sun(40.0, elevation_deg)
     clearance, occluder = shadow_levels(grids(lambda x, y: 0.0 * x + 0.0 * y), s)[0].clearance()
     angle = (clearance / occluder)[2:-2, 2:-2]
-    assert angle.min() > 0.8 * np.sin(np.radians(elevation_deg)) * np.cos(np.radians(elevation_deg))
+    assert angle.min() > 0.4 * np.sin(np.radians(2.0 * elevation_deg))
     assert np.isfinite(angle).all() and np.ptp(angle) < 0.02 * angle.max()
 
 

@@ -47,7 +47,8 @@ def test_on_level_ground_the_tilt_has_its_rms_in_every_direction(tilt_deg):
     assert mean_square == pytest.approx(1.0, abs=4.0 / np.sqrt(count))
     expected = stats.rayleigh(scale=np.radians(tilt_deg) / np.sqrt(2.0))
     assert stats.kstest(angle, expected.cdf).statistic < 2.0 / np.sqrt(count)
-    for phase in (np.arctan2(up[:, 1], up[:, 0]), np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])):
+    ahead = rotation[:, :, 0]
+    for phase in (np.arctan2(up[:, 1], up[:, 0]), np.arctan2(ahead[:, 1], ahead[:, 0])):
         uniform = stats.uniform(-np.pi, 2.0 * np.pi)
         assert stats.kstest(phase, uniform.cdf).statistic < 2.0 / np.sqrt(count)
 
