@@ -141,7 +141,7 @@ def test_sweeps_turn_to_the_stride_within_the_blend_time():
     config = GaitConfig(blend_time_s=0.5, stance_smoothing=0.0, cmd_timeout_s=LONG)
     controller, angle, _, stamp = walking(config)
     full = swept(controller, stamp, angle)
-    assert full == pytest.approx([config.shaping().stance_slope] * 2, rel=0.02)
+    assert full == pytest.approx([config.shaping().slope_at(0.0)] * 2, rel=0.02)
     # Half the sweep on the left: half the width there, and all of it on the right.
     controller, angle, _, stamp = walking(config, stride=Stride(1.0, 0.0, 0.5, 1.0))
     left, right = swept(controller, stamp, angle)
