@@ -1,8 +1,9 @@
 """A scenario in real time beside ORB-SLAM3: `ros2 launch lunar_rover_sim slam.launch.py ...`.
 
-Starts a ROS 2 wrapper of ORB-SLAM3, installed by the user, with its topics led to ours, then the
-graph of the scenario, and records the wrapper's poses to a TUM file for `lunar_rover_sim
-evaluate`. `lunar_rover_sim slam settings SCENARIO -o FILE --sensor SENSOR` writes the settings.
+Starts a ROS 2 wrapper of ORB-SLAM3, which the user has installed, with its topics remapped to those
+of the graph, then the graph of the scenario. The poses of the wrapper are recorded to a TUM file
+for `lunar_rover_sim evaluate`. `lunar_rover_sim slam settings SCENARIO -o FILE --sensor SENSOR`
+writes the settings.
 """
 
 from pathlib import Path
@@ -22,7 +23,7 @@ _ARGUMENTS = {
     'vocabulary': ('', 'vocabulary of ORB-SLAM3'),
     'settings': ('', 'settings file of ORB-SLAM3'),
     'estimate': ('', 'folder for what ORB-SLAM3 estimates; must not exist'),
-    'delay': ('15.0', 'until the scenario starts: the vocabulary takes its time to load [s]'),
+    'delay': ('15.0', 'time until the scenario starts, in which the vocabulary is loaded [s]'),
     'scenario': ('baseline', 'name of a packaged scenario, or a YAML file'),
     'output': ('', 'folder for bag, resolved scenario and logs; must not exist'),
     'seed': ('', 'seed of everything random; empty for that of the scenario'),
