@@ -1,9 +1,9 @@
 """A scenario in real time beside ORB-SLAM3: `ros2 launch lunar_rover_sim slam.launch.py ...`.
 
-Starts a ROS 2 wrapper of ORB-SLAM3, which the user has installed, with its topics remapped to those
-of the graph, then the graph of the scenario. The poses of the wrapper are recorded to a TUM file
-for `lunar_rover_sim evaluate`. `lunar_rover_sim slam settings SCENARIO -o FILE --sensor SENSOR`
-writes the settings.
+Starts a ROS 2 wrapper of ORB-SLAM3, which the user has installed, with its topics remapped to
+those of the graph, then the graph of the scenario. The poses of the wrapper are recorded to a TUM
+file for `lunar_rover_sim evaluate`. `lunar_rover_sim slam settings SCENARIO -o FILE --sensor
+SENSOR` writes the settings.
 """
 
 from pathlib import Path
