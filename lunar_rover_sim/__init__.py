@@ -20,18 +20,23 @@ if TYPE_CHECKING:
     from lunar_rover_sim.run.recording import record, Recording
     from lunar_rover_sim.run.scenario import Scenario
     from lunar_rover_sim.stereo.sgm import SgmMatcher
+    from lunar_rover_sim.world.build import build_world
     from lunar_rover_sim.world.model import World
+    from lunar_rover_sim.world.world_folder import load_world, save_world
 
 __version__ = '0.1.0'
 
 _HOMES = {
+    'build_world': 'world.build',
     'evaluate': 'evaluation.trajectory_evaluation',
     'GaitController': 'gait.controller',
     'LunarRoverSimError': 'errors',
+    'load_world': 'world.world_folder',
     'open_bag': 'bag.reader',
     'record': 'run.recording',
     'Recording': 'run.recording',
     'Renderer': 'rendering.renderer',
+    'save_world': 'world.world_folder',
     'Scenario': 'run.scenario',
     'SgmMatcher': 'stereo.sgm',
     'Simulation': 'physics.simulation',
@@ -39,8 +44,9 @@ _HOMES = {
     'World': 'world.model',
 }
 
-__all__ = ['evaluate', 'GaitController', 'LunarRoverSimError', 'open_bag', 'record', 'Recording',
-           'Renderer', 'Scenario', 'SgmMatcher', 'Simulation', 'Trajectory', 'World']
+__all__ = ['build_world', 'evaluate', 'GaitController', 'load_world', 'LunarRoverSimError',
+           'open_bag', 'record', 'Recording', 'Renderer', 'save_world', 'Scenario', 'SgmMatcher',
+           'Simulation', 'Trajectory', 'World']
 
 
 def __getattr__(name: str) -> Any:
