@@ -1,27 +1,34 @@
-"""The exposure time before any image was seen: from the light and the ground."""
+"""Exposure times: the first one from the light and the ground, the next ones from the images."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
 from lunar_rover_sim.illumination.hapke import parameter_set, reflectance
 from lunar_rover_sim.illumination.lamp import peak_intensity
 
+F32 = NDArray[np.float32]
+
 
 def first_exposure_s(sensor: SensorModel, sun: SunConfig, lamp: LampConfig,
                      ground: ReflectanceConfig) -> float:
-    """Return the exposure time [s] before any image was seen."""
+    """Return the exposure time of the first image [s]."""
     if sensor.config.exposure_mode != 'sunlit':
         return sensor.config.exposure_s
     return sensor.exposure_for(max(sunlit_radiance(sun, ground), lamplit_radiance(lamp, ground)))
 
 
 def sunlit_radiance(sun: SunConfig, ground: ReflectanceConfig) -> float:
-    """Return a typical radiance [W m-2 sr-1] of lit ground: relief turned some way to the sun.
+    """Return a typical radiance of lit ground [W m-2 sr-1].
 
-    It is that of ground seen at 60 deg from the side, whose slopes of 14 deg face the sun.
+    It is that of a slope of 14 deg that faces the sun, seen from the side at 60 deg from its
+    normal.
     """
     if sun.elevation_deg <= -0.5 * sun.angular_diameter_deg:
         return 0.0
@@ -32,9 +39,64 @@ def sunlit_radiance(sun: SunConfig, ground: ReflectanceConfig) -> float:
 
 
 def lamplit_radiance(lamp: LampConfig, ground: ReflectanceConfig) -> float:
-    """Return the radiance [W m-2 sr-1] of level ground 0.7 m before the lamp."""
+    """Return the radiance [W m-2 sr-1] of level ground 0.7 m in front of the lamp."""
     distance, height = 0.7, lamp.position_m[2] + 0.09
     cosine = height / math.hypot(distance, height)
     irradiance = peak_intensity(lamp) / (distance**2 + height**2)
     return irradiance * float(reflectance(cosine, cosine, 0.998, parameter_set(ground.ground),
                                           albedo=ground.albedo_scale))
+
+
+class AutoExposure:
+    """Follows the brightness of lit ground, with lag.
+
+    The 92nd percentile of the pixels that are not black is brought to twice the target level, at
+    most 0.8 of full scale.
+
+    exposure_s: exposure time of the next frame [s]; started: whether `start` was called
+    """
+
+    def __init__(self, sensor: SensorModel) -> None:
+        self._sensor = sensor
+        self.exposure_s = sensor.config.exposure_s
+        self.started = False
+
+    @property
+    def aim(self) -> float:
+        """Level that the bright end is brought to, as a share of full scale."""
+        return min(2.0 * self._sensor.config.target_level, 0.8)
+
+    def start(self, radiance: F32) -> None:
+        """Set the first exposure from the (h, w) ideal image [W m-2 sr-1]."""
+        self.started = True
+        lit = radiance[radiance > 0.02 * float(radiance.max(initial=0.0))]
+        if len(lit):
+            bright = float(np.percentile(lit, 92))
+            self.exposure_s = self._bounded(
+                self.aim * self._sensor.config.full_well_e
+                / (bright * self._sensor.electrons_per_radiance_second))
+
+    def follow(self, image: NDArray[Any]) -> None:
+        """Take in an (h, w) image of the sensor, taken with the present exposure."""
+        c = self._sensor.config
+        # Counts of levels give the percentile ten times as fast as sorting the pixels.
+        counts = np.bincount(image[::2, ::2].ravel(), minlength=np.iinfo(image.dtype).max + 1)
+        signal = self._sensor.linear(np.arange(len(counts)).astype(image.dtype))
+        counts[signal <= 0.02] = 0
+        lit = int(counts.sum())
+        # In the dark the exposure grows.
+        bright = _quantile(signal, counts, 0.92) if lit > 50 else 0.05
+        wanted = self._bounded(self.exposure_s * self.aim / max(bright, 0.02))
+        self.exposure_s = float(self.exposure_s**c.auto_lag * wanted**(1.0 - c.auto_lag))
+
+    def _bounded(self, exposure_s: float) -> float:
+        return float(np.clip(exposure_s, 1e-5, self._sensor.config.auto_max_s))
+
+
+def _quantile(values: F32, counts: NDArray[np.int64], share: float) -> float:
+    """Return a quantile of increasing values, each of which occurs `counts` times."""
+    last = np.cumsum(counts)
+    rank = share * (last[-1] - 1)
+    below = np.searchsorted(last, np.floor(rank), side='right')
+    above = np.searchsorted(last, np.ceil(rank), side='right')
+    return float(values[below] + (rank - np.floor(rank)) * (values[above] - values[below]))

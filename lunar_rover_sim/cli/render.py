@@ -15,6 +15,7 @@ from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import load_scenario
 from lunar_rover_sim.stereo.depth import depth_from_disparity
 from lunar_rover_sim.stereo.sgm import SgmMatcher
@@ -60,8 +61,9 @@ def run(args: argparse.Namespace) -> int:
         rig = renderer.rig
         make_new(args.output)
         for k, T in enumerate(poses):
-            settle(renderer, T, angles)
-            frame = renderer.render(T, angles, k, LAYERS)
+            state = RoverPose(T, angles)
+            settle(renderer, state)
+            frame = renderer.render(state, k, LAYERS)
             name = f'{k:03d}'
             out = args.output
             for side in ('left', 'right'):

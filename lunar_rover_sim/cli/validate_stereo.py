@@ -18,6 +18,7 @@ from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.rendering.layer_pictures import depth_picture, error_picture, gray8
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import settle, standing
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import load_scenario
 from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth
 from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
@@ -82,11 +83,11 @@ def _judge(scenario, frames: int, folder: Path, console) -> dict[str, float]:
             angle = 2.0 * np.pi * k / frames
             pose = standing(world, radius * np.cos(angle), radius * np.sin(angle),
                             float(np.degrees(angle) + 90.0))
-            settle(renderer, pose, np.zeros(4))
-            frame = renderer.render(pose, np.zeros(4), k, ('left', 'right', 'depth'))
+            settle(renderer, RoverPose(pose))
+            frame = renderer.render(RoverPose(pose), k, ('left', 'right', 'depth'))
             # The right camera's depth: the left camera put where the right one is.
             moved = pose @ (rig.T_base_left @ shift @ np.linalg.inv(rig.T_base_left))
-            other = renderer.render(moved, np.zeros(4), k, ('depth',))
+            other = renderer.render(RoverPose(moved), k, ('depth',))
             assert frame.left is not None and frame.right is not None
             assert frame.depth_m is not None and other.depth_m is not None
             disparity = matcher.match(frame.left, frame.right)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import collections
 from concurrent.futures import Future, ThreadPoolExecutor
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
-import rclpy
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -24,6 +24,7 @@ from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.stereo.depth import depth_from_disparity
@@ -32,8 +33,8 @@ from lunar_rover_sim.world.world_folder import load_world
 
 _INFOS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name)
 _MATCHED = (topics.DISPARITY.name, topics.DEPTH.name)
-# Topic → what of the renderer it shows or is made from. CameraInfos come last: they say that the
-# frame is done.
+# Topic → the layers of the renderer that it shows or is computed from. CameraInfos are published
+# last: they tell that the images of the frame are out.
 _LAYERS: dict[str, tuple[str, ...]] = {
     topics.LEFT_IMAGE.name: ('left',), topics.RIGHT_IMAGE.name: ('right',),
     topics.TRUE_DEPTH.name: ('depth',), topics.DISPARITY.name: ('left', 'right'),
@@ -43,21 +44,29 @@ _FRAME_IDS = {topic.name: topic.frame_id for topic in _TOPICS}
 
 
 @dataclasses.dataclass
-class _Shown:
-    """A frame: the state it shows, what was drawn of it, and what was published."""
+class _Frame:
+    """A frame: the state that it shows, the layers drawn so far, and the topics published."""
 
     stamp_ns: int
-    T_world_base: NDArray[np.float64]
-    joint_angle_rad: NDArray[np.float64]
+    state: RoverPose
     layers: dict[str, Any] = dataclasses.field(default_factory=dict)
     published: set[str] = dataclasses.field(default_factory=set)
 
 
-class RenderNode(node_main.GraphNode):
-    """Draws the newest odometry of every frame period, for the topics that somebody reads.
+class _Begun(NamedTuple):
+    """A frame under way in the renderer, the topics to publish of it, and the layers they need."""
 
-    Callbacks only keep what comes. In lockstep the next frame is begun while one is drawn, if its
-    state has come. Matching runs in a thread of its own beside the drawing.
+    frame: _Frame
+    names: list[str]
+    layers: set[str]
+
+
+class RenderNode(node_main.GraphNode):
+    """Draws the newest odometry of every frame period, for the topics that have subscribers.
+
+    Callbacks only store messages; `work` draws. In lockstep a frame is finished in the call after
+    the one that begins it, so that its successor can be begun in between if its state has arrived.
+    Matching runs in a thread of its own beside the drawing.
     """
 
     def __init__(self) -> None:
@@ -74,18 +83,18 @@ class RenderNode(node_main.GraphNode):
         self._thread = ThreadPoolExecutor(max_workers=1)
         self._matching: Future[None] | None = None
 
-        # In lockstep the first frame is that of the first whole period; else any message is shown.
+        # In lockstep the first frame is that of the first whole period; else any state is drawn.
         self._last_period = 0 if config.lockstep else -1
         self._poses: collections.deque[tuple[int, bytes]] = collections.deque()
         self._joints: dict[int, bytes] = {}
-        self._shown: _Shown | None = None
-        self._following: _Shown | None = None
-        self._look_again = False
+        self._begun: collections.deque[_Begun] = collections.deque()
+        self._newest: _Frame | None = None
         self._awaited = list(config.await_readers)
 
+        events = PublisherEventCallbacks(matched=lambda _: self._wake_if_idle())
         self._publishers_by_topic = {
             topic.name: self.create_publisher(message_class(topic.type), topic.name,
-                                              qos.offered(topic))
+                                              qos.offered(topic), event_callbacks=events)
             for topic in _TOPICS}
         self._publish_sun()
         self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
@@ -94,13 +103,16 @@ class RenderNode(node_main.GraphNode):
                                  qos.requested(topics.JOINT_STATES, config.lockstep), raw=True)
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
-        self.create_timer(0.05, self._look_for_readers)     # that appear after a frame was drawn
 
     def destroy_node(self) -> None:
-        """Finish the matching under way and release the GL context."""
+        """Finish the matching under way and release the GL context.
+
+        Raises what the last matching raised, if `work` has not.
+        """
         self._thread.shutdown(wait=True)
         self._renderer.close()
         super().destroy_node()
+        self._raise_matching_error()
 
     def _publish_sun(self) -> None:
         msg = Vector3Stamped()
@@ -125,9 +137,8 @@ class RenderNode(node_main.GraphNode):
             self._joints.clear()
         elif stamp % self._config.frame_period_ns:
             return
-        else:
-            self.wake()
         self._joints[stamp] = raw
+        self._wake_if_idle()
 
     def _odom_callback(self, raw: bytes) -> None:
         stamp = stamp_ns(topics.ODOM.type, raw)
@@ -138,49 +149,57 @@ class RenderNode(node_main.GraphNode):
         if not self._config.lockstep:
             self._poses.clear()
         self._poses.append((stamp, raw))
-        self.wake()
+        self._wake_if_idle()
+
+    def _wake_if_idle(self) -> None:
+        """Request a call of `work`, unless one is due anyway since a frame is under way."""
+        if not self._begun:
+            self.wake()
+
+    def _wake_later(self) -> None:
+        """Request a call of `work` after the callbacks that are due now; from any thread."""
+        if self.executor is not None:
+            self.executor.create_task(self.wake)
 
     # Output
 
     def work(self) -> None:
-        """Draw the next frame that is due, or what new readers want of the present one."""
-        shown, self._following = self._following or self._take(), None
-        if shown is None and self._look_again:
-            shown = self._shown
-        self._look_again = False
-        if shown is None:
-            return
-        self._shown = shown
-        self._draw(shown)
-        if self._following or self._poses:
+        """Begin the next frame that is due, and finish the one that was begun before."""
+        if self._matching is not None and self._matching.done():
+            self._raise_matching_error()
+        finish = bool(self._begun)
+        frame = self._take()
+        if frame is not None:
+            self._newest = frame
+        elif not self._begun:
+            frame = self._newest    # new subscribers may want more of it
+        if frame is not None:
+            finish |= self._begin(frame) and not self._config.lockstep
+        if finish:
+            self._finish(self._begun.popleft())
+        if self._begun:
+            self._wake_later()
+        elif finish and self._poses:
             self.wake()
 
-    def _take(self) -> _Shown | None:
-        """Take the next frame, if all that it needs has come."""
+    def _take(self) -> _Frame | None:
+        """Take the next frame, if all that it needs has arrived."""
         if not self._poses:
             return None
         lockstep = self._config.lockstep
         stamp, raw = self._poses[0]
         if lockstep and (stamp not in self._joints or not self._readers_are_there()):
-            return None  # the legs of this pose, or who is to read it, are still on their way
+            return None
         self._poses.popleft()
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
             next(iter(self._joints.values()), None)
         angles = np.zeros(4) if joints_raw is None else conversions.legs_of(
             deserialize_message(joints_raw, JointState), 'position')
-        return _Shown(stamp, conversions.pose_of(deserialize_message(raw, Odometry)), angles)
-
-    def _next_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return the state of the next frame, if it has come, for the renderer to begin."""
-        while rclpy.ok() and self.serve():
-            pass
-        if self._following is None:
-            self._following = self._take()
-        if self._following is None:
-            return None
-        return self._following.T_world_base, self._following.joint_angle_rad
+        pose = conversions.pose_of(deserialize_message(raw, Odometry))
+        return _Frame(stamp, RoverPose(pose, angles))
 
     def _readers_are_there(self) -> bool:
+        """Return whether all awaited subscribers have been discovered."""
         while self._awaited and self._is_read(self._awaited[-1]):
             self._awaited.pop()
         return not self._awaited
@@ -188,49 +207,53 @@ class RenderNode(node_main.GraphNode):
     def _is_read(self, name: str) -> bool:
         return self._publishers_by_topic[name].get_subscription_count() > 0
 
-    def _look_for_readers(self) -> None:
-        self._look_again = True
-        self.wake()
+    def _begin(self, frame: _Frame) -> bool:
+        """Begin what subscribers want of a frame and was not published yet; return if anything."""
+        names = [name for name in _LAYERS if name not in frame.published
+                 and (name in _INFOS or self._is_read(name))]
+        if not names:
+            return False
+        layers = {layer for name in names for layer in _LAYERS[name]} - set(frame.layers)
+        self._renderer.begin(frame.state, frame.stamp_ns // self._config.frame_period_ns, layers)
+        self._begun.append(_Begun(frame, names, layers))
+        return True
 
-    def _draw(self, shown: _Shown) -> None:
-        """Draw and publish what is read of this frame and was not published yet."""
-        wanted = [name for name in _LAYERS if name not in shown.published
-                  and (name in _INFOS or self._is_read(name))]
-        if not wanted:
-            return
-        layers = {layer for name in wanted for layer in _LAYERS[name]} - set(shown.layers)
-        if layers:
-            frame = self._renderer.render(
-                shown.T_world_base, shown.joint_angle_rad,
-                shown.stamp_ns // self._config.frame_period_ns, layers,
-                # In real time the newest state counts when its turn comes.
-                then=self._next_state if self._config.lockstep else None)
-            drawn = {'left': frame.left, 'right': frame.right, 'depth': frame.depth_m}
-            shown.layers.update((name, drawn[name]) for name in layers)
-        stamp = conversions.time_msg(shown.stamp_ns)
-        for name in wanted:
+    def _finish(self, begun: _Begun) -> None:
+        """Take a frame from the renderer and publish it."""
+        frame, names, layers = begun
+        drawn = self._renderer.finish()
+        images = {'left': drawn.left, 'right': drawn.right, 'depth': drawn.depth_m}
+        frame.layers.update((layer, images[layer]) for layer in layers)
+        stamp = conversions.time_msg(frame.stamp_ns)
+        for name in names:
             if name in _INFOS:
                 left = name == topics.LEFT_INFO.name
                 self._send(name, conversions.camera_info(
                     self._rig, _FRAME_IDS[name],
                     self._rig.P_left if left else self._rig.P_right, stamp))
             elif name not in _MATCHED:
-                self._send(name, conversions.image(shown.layers[_LAYERS[name][0]],
+                self._send(name, conversions.image(frame.layers[_LAYERS[name][0]],
                                                    _FRAME_IDS[name], stamp))
-        matched = [name for name in wanted if name in _MATCHED]
+        matched = [name for name in names if name in _MATCHED]
         if matched:
-            self._match(shown.layers['left'], shown.layers['right'], matched, stamp)
-        shown.published.update(wanted)
+            self._raise_matching_error()
+            self._matching = self._thread.submit(self._match, frame.layers['left'],
+                                                 frame.layers['right'], matched, stamp)
+            self._matching.add_done_callback(lambda _: self._wake_later())
+        frame.published.update(names)
 
     def _send(self, name: str, msg: Any) -> None:
         self._publishers_by_topic[name].publish(msg)
 
-    def _match(self, left: Any, right: Any, names: list[str], stamp: Time) -> None:
-        if self._matching is not None:
-            self._matching.result()
-        self._matching = self._thread.submit(self._match_and_publish, left, right, names, stamp)
+    def _raise_matching_error(self) -> None:
+        """Wait for the last matching, and raise what it raised."""
+        matching, self._matching = self._matching, None
+        if matching is not None:
+            matching.result()
 
-    def _match_and_publish(self, left: Any, right: Any, names: list[str], stamp: Time) -> None:
+    def _match(self, left: NDArray[Any], right: NDArray[Any], names: list[str],
+               stamp: Time) -> None:
+        """Match a pair and publish what it gives; runs in the thread."""
         disparity = self._matcher.match(left, right)
         focal_px, baseline_m = float(self._rig.K[0, 0]), self._rig.baseline_m
         if topics.DISPARITY.name in names:

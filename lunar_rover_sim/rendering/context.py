@@ -5,16 +5,21 @@ from __future__ import annotations
 from importlib import resources
 import logging
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any, Protocol
 
+import moderngl
 import numpy as np
 
 from lunar_rover_sim.errors import RenderError
 
-if TYPE_CHECKING:
-    import moderngl
-
 log = logging.getLogger(__name__)
+
+
+class Releasable(Protocol):
+    """A GL object, or an owner of some."""
+
+    def release(self) -> None:
+        """Release the GL objects."""
 
 
 def create_context() -> moderngl.Context:
@@ -23,14 +28,13 @@ def create_context() -> moderngl.Context:
     Raises RenderError, naming the packages to install, if there is no usable device.
     """
     try:
-        import moderngl
         context = moderngl.create_context(
             standalone=True, backend='egl', require=330)  # type: ignore[arg-type]
     except Exception as error:  # moderngl raises a bare Exception
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RenderError(f'no usable EGL device ({reason}); install the packages '
                           'libegl1 libgl1 libgl1-mesa-dri') from None
-    # Images are drawn with their first row at the bottom: what faces the camera turns clockwise.
+    # Images are drawn with their first row at the bottom: faces towards the camera are clockwise.
     context.front_face = 'cw'
     log.info('rendering on %s', context.info['GL_RENDERER'])
     return context
@@ -41,7 +45,7 @@ def load_program(context: moderngl.Context, vertex: str, fragment: str,
     """Compile shaders/<vertex>.vert and <fragment>.frag with `defines` set.
 
     `#include "name.glsl"` lines are replaced by that file. Raises RenderError if the driver
-    refuses the result.
+    cannot compile the result.
     """
     head = '#version 330 core\n' + ''.join(f'#define {name} {value}\n'
                                            for name, value in defines.items())
@@ -54,7 +58,7 @@ def load_program(context: moderngl.Context, vertex: str, fragment: str,
 
 
 def source(name: str) -> str:
-    """Return the text of one shader file, includes resolved."""
+    """Return the text of one shader file with its includes."""
     path = resources.files('lunar_rover_sim.rendering').joinpath('shaders').joinpath(name)
     text = path.read_text(encoding='utf-8')
     return re.sub(r'^#include "([\w.]+)"$', lambda match: source(match.group(1)), text,
@@ -62,7 +66,7 @@ def source(name: str) -> str:
 
 
 def set_uniform(program: moderngl.Program, **values: Any) -> None:
-    """Set uniforms, passing over those that the compiler removed."""
+    """Set uniforms by name; those that the compiler removed are skipped."""
     for name, value in values.items():
         member: Any = program.get(name, None)
         if member is not None:
@@ -70,3 +74,16 @@ def set_uniform(program: moderngl.Program, **values: Any) -> None:
                 member.write(value.tobytes())
             else:
                 member.value = value
+
+
+def clear_window(target: moderngl.Framebuffer, window: tuple[int, int, int, int]) -> None:
+    """Make a window (x, y, width, height) of a framebuffer the target, and clear it."""
+    target.use()
+    target.viewport = window
+    target.clear(viewport=window)
+
+
+def release_all(*items: Releasable) -> None:
+    """Release GL objects."""
+    for item in items:
+        item.release()

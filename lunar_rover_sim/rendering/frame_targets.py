@@ -1,87 +1,105 @@
-"""A frame under way: what is prepared of it while the frame before is still being drawn."""
+"""The framebuffers of a frame; the left image lies above the right one in all of them.
+
+The geometry of a frame is drawn while the frame before it is still being lit, so that there are
+two `FrameTargets`, which take turns, and one `LitTargets`.
+"""
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any, TYPE_CHECKING
-
+import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rendering.context import release_all
 from lunar_rover_sim.rendering.view import View
 
-if TYPE_CHECKING:
-    import moderngl
 
-Window = tuple[int, int, int, int]
+class LitTargets:
+    """What all frames are lit into.
+
+    radiance, depth: textures of float32 [W m-2 sr-1], [m]; framebuffer: both of them
+    """
+
+    def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
+        self.radiance = attachment(context, size)
+        self.depth = attachment(context, size)
+        self.framebuffer = context.framebuffer([self.radiance, self.depth])
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        release_all(self.framebuffer, self.depth, self.radiance)
 
 
 class FrameTargets:
-    """Where the ground of a frame is drawn, left image above right; two stages take turns.
+    """Where the geometry of one frame is drawn.
 
-    radiance, depth: what all stages light their frames into
+    ground_depth: depth of the ground [m], both images; ground: framebuffers that it is drawn
+    through, of the left and the right camera; objects: the same, of rocks and the rover over the
+    lit ground; views: the two cameras
     """
 
-    def __init__(self, context: moderngl.Context, radiance: moderngl.Texture,
-                 depth: moderngl.Texture) -> None:
+    def __init__(self, context: moderngl.Context, lit: LitTargets) -> None:
         self._context = context
-        self.size = radiance.size
+        self.size: tuple[int, int] = lit.radiance.size
         self.ground_depth = attachment(context, self.size)
-        # Targets of their own for the eyes: at a change the driver begins to draw what it got.
+        # Each camera has its own framebuffers: when they change, the driver begins to draw.
         self._buffers = [context.depth_renderbuffer(self.size) for _ in range(2)]
         self.ground = [context.framebuffer([self.ground_depth], b) for b in self._buffers]
-        self.objects = [context.framebuffer([radiance, depth], b) for b in self._buffers]
-        self.eyes = [View(context) for _ in ('left', 'right')]
-        self._truth: Any = None
+        self.objects = [context.framebuffer([lit.radiance, lit.depth], b) for b in self._buffers]
+        self.views = [View(context) for _ in range(2)]
+        self._truth: TruthTargets | None = None
 
     @property
-    def truth(self) -> Any:
-        """Framebuffer of normals and labels of the left eye; made when first asked for."""
+    def truth(self) -> TruthTargets:
+        """Targets of normals and labels; made when first asked for, since few frames want them."""
         if self._truth is None:
-            self._truth = self._context.framebuffer([attachment(self._context, self.size, 4)],
-                                                    self._buffers[0])
+            self._truth = TruthTargets(self._context, self.size, self._buffers[0])
         return self._truth
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        if self._truth is not None:
+            self._truth.release()
+        release_all(*self.views, *self.objects, *self.ground, *self._buffers,
+                    self.ground_depth)
+
+
+class TruthTargets:
+    """Where normals and labels of the left camera are drawn.
+
+    colour: framebuffer without depth; framebuffer: with the depth buffer of the frame
+    """
+
+    def __init__(self, context: moderngl.Context, size: tuple[int, int],
+                 depth: moderngl.Renderbuffer) -> None:
+        self._texture = attachment(context, size, 4)
+        self.colour = context.framebuffer([self._texture])
+        self.framebuffer = context.framebuffer([self._texture], depth)
+
+    def release(self) -> None:
+        """Release the GL objects; the depth buffer belongs to the frame."""
+        release_all(self.framebuffer, self.colour, self._texture)
 
 
 def attachment(context: moderngl.Context, size: tuple[int, int],
                components: int = 1) -> moderngl.Texture:
-    """Return a texture of floats to draw into."""
+    """Return a texture of float32 to draw into; its size is width and height [px]."""
     texture = context.texture(size, components, dtype='f4')
     texture.filter = (context.NEAREST, context.NEAREST)
     texture.repeat_x = texture.repeat_y = False
     return texture
 
 
-@dataclasses.dataclass(frozen=True)
-class Wanted:
-    """What is drawn of a frame: the eyes (0 left, 1 right), their light, the left one's truth."""
+def read_image(target: moderngl.Framebuffer, index: int, side: int, size: tuple[int, int],
+               padding: tuple[int, int], components: int = 1) -> NDArray[np.float32]:
+    """Read one image of attachment `index`: (h, w) or (h, w, components).
 
-    eyes: tuple[int, ...]
-    lit: bool
-    truth: bool
-
-
-@dataclasses.dataclass(frozen=True)
-class Scene:
-    """A frame whose geometry is drawn: what its lighting needs.
-
-    T_world_base, joint_angle_rad: the state that it shows; legs: (links, 4, 4) poses; cameras:
-    (4, 4) of both eyes; rows: of the ground, as `Ground.rows`; shadow, body: uniforms of the
-    rover's shadow and of the light on it, None if it is not in view
+    side: 0 for the left image, 1 for the right; size: rows and columns drawn of each, `padding`
+    columns and rows beyond the edges of the image included
     """
-
-    T_world_base: Array
-    joint_angle_rad: Array
-    wanted: Wanted
-    targets: FrameTargets
-    legs: Array
-    cameras: list[Array]
-    windows: list[Window]
-    rows: tuple[int, int, int]
-    shadow: dict[str, Any]
-    body: dict[str, Any] | None
-
-    def shows(self, T_world_base: Array, joint_angle_rad: Array, wanted: Wanted) -> bool:
-        """Return whether it is the frame of this state, and nothing is missing."""
-        return (self.wanted == wanted and np.array_equal(self.T_world_base, T_world_base)
-                and np.array_equal(self.joint_angle_rad, joint_angle_rad))
+    h, w = size
+    data = target.read(viewport=(0, side * h, w, h), components=components,
+                       attachment=index, alignment=1, dtype='f4')
+    shape = (h, w) if components == 1 else (h, w, components)
+    x, y = padding
+    return np.frombuffer(data, np.float32).reshape(shape)[y:h - y, x:w - x]

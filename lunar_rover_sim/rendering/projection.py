@@ -1,66 +1,104 @@
 """From a camera's pose and intrinsics to clip space, view volume and image rows.
 
-Cameras are (4, 4) poses of optical frames in the world; K is (3, 3), pixel centres at whole
-numbers, for an image of w columns and h rows.
+A camera's pose is `T_world_camera` (4, 4), that of its optical frame in the world.
 """
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array, inverse
-from lunar_rover_sim.rendering.terrain import ViewVolume
+from lunar_rover_sim.world.model import World
+
+_MARGIN_M = 0.01        # of view volumes, beyond the cameras' own positions
 
 
-def clip_matrix(camera: Array, K: Array, w: int, h: int, near: float,
-                far: float) -> NDArray[np.float32]:
-    """Return the matrix from camera-relative world axes to clip space, column-major.
+@dataclasses.dataclass(frozen=True)
+class ViewVolume:
+    """The part of the world that one camera or a stereo pair may see.
 
-    Window rows count downwards, as image rows do, so that nothing has to be flipped.
+    centre_m: (3,) mean camera position, world frame [m]
+    planes: (p, 4) half-spaces relative to the centre: a . x + d >= 0 for visible x [m]
+    above_m: height of the centre above the ground [m]
     """
-    projection = np.zeros((4, 4))
-    projection[0, 0], projection[0, 2] = 2 * K[0, 0] / w, 2 * (K[0, 2] + 0.5) / w - 1
-    projection[1, 1], projection[1, 2] = 2 * K[1, 1] / h, 2 * (K[1, 2] + 0.5) / h - 1
-    projection[2, 2] = (far + near) / (far - near)
-    projection[2, 3] = -2 * far * near / (far - near)
-    projection[3, 2] = 1.0
-    rotation = np.eye(4)
-    rotation[:3, :3] = inverse(camera)[:3, :3]
-    return np.ascontiguousarray((projection @ rotation).T, dtype=np.float32)
+
+    centre_m: Array
+    planes: Array
+    above_m: float
 
 
-def view_volume(cameras: list[Array], K: Array, w: int, h: int, ground_m: float) -> ViewVolume:
-    """Return the view volume that holds those of all cameras of one kind."""
-    camera = cameras[0]
-    middle = np.mean([c[:3, 3] for c in cameras], axis=0)
-    apart = max(float(np.linalg.norm(c[:3, 3] - middle)) for c in cameras)
-    right, down, forward = camera[:3, 0], camera[:3, 1], camera[:3, 2]
-    normals = []
-    for axis, focal, centre, size in ((right, K[0, 0], K[0, 2], w),
-                                      (down, K[1, 1], K[1, 2], h)):
-        normals.append(axis + forward * ((centre + 0.5) / focal))
-        normals.append(-axis + forward * ((size - centre - 0.5) / focal))
-    normals.append(forward)
-    planes = np.array([[*(n / np.linalg.norm(n)), apart + 0.01] for n in normals])
-    return ViewVolume(middle, planes, max(float(middle[2]) - ground_m, 0.0))
+@dataclasses.dataclass(frozen=True)
+class Projection:
+    """A pinhole camera and its range of depth.
 
+    K: (3, 3) intrinsics [px], pixel centres at whole numbers; width, height: image size [px];
+    near_m, far_m: least and greatest depth that is drawn [m]
+    """
 
-def covered_rows(boxes: Array, camera: Array, K: Array, height: int,
-                 near_m: float) -> tuple[int, int]:
-    """Return the first row and the one after the last that (m, 2, 3) boxes may cover."""
-    corners = np.stack([boxes[:, i, axis] for axis in range(3) for i in (0, 1)], axis=1)
-    x, y, z = corners[:, :2], corners[:, 2:4], corners[:, 4:]
-    offset = camera[:3, 3]
-    points = np.stack(np.broadcast_arrays((x - offset[0])[:, :, None, None],
-                                          (y - offset[1])[:, None, :, None],
-                                          (z - offset[2])[:, None, None, :]), axis=-1)
-    optical = points.reshape(-1, 3) @ camera[:3, 1:3]
-    if np.any(optical[:, 1] < near_m):
-        ahead = optical[:, 1] > near_m
-        rows = K[1, 1] * optical[ahead, 0] / optical[ahead, 1] + K[1, 2]
-        return int(np.clip(np.min(rows, initial=height) - 1, 0,
-                           height - 1)), height
-    rows = K[1, 1] * optical[:, 0] / optical[:, 1] + K[1, 2]
-    first = int(np.clip(np.floor(rows.min()) - 1, 0, height - 1))
-    return first, int(np.clip(np.ceil(rows.max()) + 2, first + 1, height))
+    K: Array
+    width: int
+    height: int
+    near_m: float
+    far_m: float
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length [px]."""
+        return float(self.K[0, 0])
+
+    def clip_matrix(self, T_world_camera: Array) -> NDArray[np.float32]:
+        """Return the (4, 4) matrix from camera-relative world axes to clip space, transposed.
+
+        Window rows count downwards, as image rows do, so that no image has to be flipped.
+        """
+        K, w, h, near, far = self.K, self.width, self.height, self.near_m, self.far_m
+        projection = np.zeros((4, 4))
+        projection[0, 0], projection[0, 2] = 2 * K[0, 0] / w, 2 * (K[0, 2] + 0.5) / w - 1
+        projection[1, 1], projection[1, 2] = 2 * K[1, 1] / h, 2 * (K[1, 2] + 0.5) / h - 1
+        projection[2, 2] = (far + near) / (far - near)
+        projection[2, 3] = -2 * far * near / (far - near)
+        projection[3, 2] = 1.0
+        rotation = np.eye(4)
+        rotation[:3, :3] = inverse(T_world_camera)[:3, :3]
+        return np.ascontiguousarray((projection @ rotation).T, dtype=np.float32)
+
+    def view_volume(self, T_world_cameras: list[Array], world: World) -> ViewVolume:
+        """Return the volume that holds those of all cameras, which look in one direction."""
+        K, w, h = self.K, self.width, self.height
+        camera = T_world_cameras[0]
+        centre = np.mean([T[:3, 3] for T in T_world_cameras], axis=0)
+        apart = max(float(np.linalg.norm(T[:3, 3] - centre)) for T in T_world_cameras)
+        right, down, forward = camera[:3, 0], camera[:3, 1], camera[:3, 2]
+        normals = []
+        for axis, focal, middle, size in ((right, K[0, 0], K[0, 2], w),
+                                          (down, K[1, 1], K[1, 2], h)):
+            normals.append(axis + forward * ((middle + 0.5) / focal))
+            normals.append(-axis + forward * ((size - middle - 0.5) / focal))
+        normals.append(forward)
+        planes = np.array([[*(n / np.linalg.norm(n)), apart + _MARGIN_M] for n in normals])
+        ground_m = float(np.nan_to_num(world.height_at(centre[:2]), nan=centre[2]))
+        return ViewVolume(centre, planes, max(float(centre[2]) - ground_m, 0.0))
+
+    def covered_rows(self, boxes: Array, T_world_camera: Array) -> tuple[int, int]:
+        """Return the first image row that (m, 2, 3) boxes may cover, and the one after the last.
+
+        boxes: least and greatest coordinates, world frame [m]
+        """
+        K, height = self.K, self.height
+        corners = np.stack([boxes[:, i, axis] for axis in range(3) for i in (0, 1)], axis=1)
+        x, y, z = corners[:, :2], corners[:, 2:4], corners[:, 4:]
+        offset = T_world_camera[:3, 3]
+        points = np.stack(np.broadcast_arrays((x - offset[0])[:, :, None, None],
+                                              (y - offset[1])[:, None, :, None],
+                                              (z - offset[2])[:, None, None, :]), axis=-1)
+        optical = points.reshape(-1, 3) @ T_world_camera[:3, 1:3]
+        if np.any(optical[:, 1] < self.near_m):
+            ahead = optical[:, 1] > self.near_m
+            rows = K[1, 1] * optical[ahead, 0] / optical[ahead, 1] + K[1, 2]
+            return int(np.clip(np.min(rows, initial=height) - 1, 0, height - 1)), height
+        rows = K[1, 1] * optical[:, 0] / optical[:, 1] + K[1, 2]
+        first = int(np.clip(np.floor(rows.min()) - 1, 0, height - 1))
+        return first, int(np.clip(np.ceil(rows.max()) + 2, first + 1, height))

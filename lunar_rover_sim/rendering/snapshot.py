@@ -1,4 +1,4 @@
-"""Single frames: a rover put down on the ground, exposure at rest, views round a world."""
+"""Single frames: a rover that stands on the ground, exposure at rest, views of a world."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from lunar_rover_sim.illumination.config import LampConfig, SunConfig
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.pose import Posed, RoverPose
 from lunar_rover_sim.world.model import World
 
 HEIGHT_M = 0.09         # of base_link above the ground, for a rover that stands
-_REACH_M = 0.15         # over which the slope under a rover is taken
+_REACH_M = 0.15         # the slope under a rover is taken over this distance, to both sides
 _SETTLED, _MOST_FRAMES = 0.01, 60
-_LAMP_W = 20.0          # for views without sun
+_LAMP_W = 20.0          # for views without sunlight
 
 
 def standing(world: World, x_m: float, y_m: float, yaw_deg: float,
              height_m: float = HEIGHT_M) -> Array:
-    """Return T_world_base of a rover that stands upright on the slope at a place.
+    """Return T_world_base (4, 4) of a rover that stands upright on the slope at a place.
 
-    Raises ConfigError outside the world.
+    height_m: of base_link above the ground, square to the slope. Raises ConfigError outside the
+    world.
     """
     ground = float(world.height_at((x_m, y_m)))
     if not np.isfinite(ground):
@@ -43,13 +45,13 @@ def standing(world: World, x_m: float, y_m: float, yaw_deg: float,
     return se3(rotation, np.array([x_m, y_m, ground]) + height_m * up)
 
 
-def settle(renderer: Renderer, T_world_base: Array, joint_angle_rad: Array) -> None:
-    """Let automatic exposure come to rest at a pose, as it would have on the way there."""
+def settle(renderer: Renderer, state: Posed) -> None:
+    """Draw a state until automatic exposure is at rest; with a fixed exposure, do nothing."""
     if renderer.config.sensor.exposure_mode != 'auto':
         return
     last = 0.0
     for k in range(_MOST_FRAMES):
-        exposure_s = renderer.render(T_world_base, joint_angle_rad, k, ('left',)).exposure_s
+        exposure_s = renderer.render(state, k, ('left',)).exposure_s
         if abs(exposure_s - last) < _SETTLED * exposure_s:
             return
         last = exposure_s
@@ -75,9 +77,9 @@ def four_views(world: World, azimuth_deg: float,
     views = []
     with Renderer(world, RoverDescription(), config, world.config.seed) as renderer:
         for title, x, y, yaw, height in places:
-            pose = standing(world, x, y, yaw, height)
-            settle(renderer, pose, np.zeros(4))
-            left = renderer.render(pose, np.zeros(4), 0, ('left',)).left
+            state = RoverPose(standing(world, x, y, yaw, height))
+            settle(renderer, state)
+            left = renderer.render(state, 0, ('left',)).left
             assert left is not None
             views.append((f'{title}, at ({x:.1f}, {y:.1f}) m', left))
     return views

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 import dataclasses
-from typing import Any, TYPE_CHECKING
 
 import cv2
+import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.horizon import SunGeometry
 from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.context import set_uniform
 from lunar_rover_sim.world import fine_relief
 from lunar_rover_sim.world.model import World
 
-if TYPE_CHECKING:
-    import moderngl
-
 F32 = NDArray[np.float32]
 
-_TURN_DEG = 27.0        # of the fine tile against the coarse one
-_SLOPE_SCALE = 3.0      # slopes of the tiles are kept within half of this, to both sides
+_TURN_DEG = 27.0        # of the fine tile relative to the coarse one
+_SLOPE_SCALE = 3.0      # slopes of the tiles lie within plus and minus half of this
+_GRAIN = (1.0 / 3.1, 1.0, 0.11, 1.4)    # of rocks, see u_grain in shaders/rock.frag
 _TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_share=1.0,
                pit_m=(0.025, 0.22), pebble_m=(0.011, 0.035)),
           dict(n=1024, period_m=0.83, longest_m=0.012, hurst=0.6, pit_share=0.5,
@@ -43,14 +42,14 @@ Tiles = tuple[list[Relief], list[list[NDArray[np.uint8]]]]
 
 
 class TileMaker:
-    """Makes the tiles under any sun; the relief, which is the same under all, once."""
+    """Makes the tiles of relief below the grid under any sun; the relief itself only once."""
 
     def __init__(self, config: DetailConfig, seed: int) -> None:
         self._config, self._seed = config, seed
         self._reliefs: list[Relief] = []
 
     def start(self, sun_direction: Array) -> Future[Tiles]:
-        """Make the reliefs, coarse to fine, and for each its RGBA8 mip levels, in a thread."""
+        """Start making the reliefs, coarse to fine, and the RGBA8 mip levels of each."""
         pool = ThreadPoolExecutor(1)
         try:
             return pool.submit(self._make, SunGeometry.towards(sun_direction))
@@ -91,85 +90,103 @@ def _make_tiles(reliefs: list[Relief], sun: SunGeometry) -> list[list[NDArray[np
 
 
 def _horizon_range(sun: SunGeometry) -> tuple[float, float]:
-    """Return centre and half range of the tangents of the horizon that matter under this sun."""
+    """Return centre and half range of the tangents that the horizon may have under this sun."""
     tangent = np.tan(min(sun.elevation_rad, np.radians(75.0)))
     return float(tangent), float(0.4 * (1.0 + tangent**2))
 
 
 class Surface:
-    """Owns the textures that the ground and the rocks are shaded with."""
+    """The textures that the ground and the rocks are lit with."""
 
-    def __init__(self, context: moderngl.Context, world: World, sunlight: Sunlight,
-                 reliefs: list[Relief], tiles: list[list[NDArray[np.uint8]]]) -> None:
+    def __init__(self, context: moderngl.Context, world: World) -> None:
+        """Make textures of all levels; `light` fills them."""
+        self._context, self._world = context, world
         # One layer per level; a smaller level fills the corner of its layer.
-        self._side = max(grid.n for grid in world.levels)
-        layers = len(world.levels)
-        self._ground = context.texture_array((self._side, self._side, layers), 4, dtype='f2')
-        self._matter = context.texture_array((self._side, self._side, layers), 4, dtype='f1')
+        side = max(grid.n for grid in world.levels)
+        size = (side, side, len(world.levels))
+        self._ground = context.texture_array(size, 4, dtype='f2')
+        self._matter = context.texture_array(size, 4, dtype='f1')
+        for texture in (self._ground, self._matter):
+            texture.repeat_x = texture.repeat_y = False
+        self._levels = np.array([[1.0 / (side * grid.cell_m), 0.5 * grid.n / side,
+                                  -np.log2(grid.cell_m), grid.half_extent_m]
+                                 for grid in world.levels])
+        self._tiles: list[moderngl.Texture] = []
+        self._periods_m: list[float] = []
+        self._centre, self._half_range = 0.0, 0.0
+
+    def light(self, sunlight: Sunlight, reliefs: list[Relief],
+              tiles: list[list[NDArray[np.uint8]]]) -> None:
+        """Fill the textures for a sun; reliefs, tiles: as `TileMaker` makes them."""
+        context, levels = self._context, self._world.levels
 
         def texels(k: int) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
-            grid = world.levels[k]
-            albedo = world.albedo if k == 0 else np.ones((grid.n, grid.n), np.float32)
+            grid = levels[k]
+            albedo = self._world.albedo if k == 0 else np.ones((grid.n, grid.n), np.float32)
             return (_ground_texels(grid.heights_m, grid.cell_m, *sunlight.clearance[k]),
                     _matter_texels(albedo, *sunlight.scattered[k]))
 
         with ThreadPoolExecutor(2) as pool:
-            for k, (ground, matter) in enumerate(pool.map(texels, range(layers))):
-                area = (0, 0, k, world.levels[k].n, world.levels[k].n, 1)
+            for k, (ground, matter) in enumerate(pool.map(texels, range(len(levels)))):
+                area = (0, 0, k, levels[k].n, levels[k].n, 1)
                 self._ground.write(ground, area)
                 self._matter.write(matter, area)
         for texture in (self._ground, self._matter):
             texture.build_mipmaps()
-            texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-            texture.repeat_x = texture.repeat_y = False
-        # Albedo and scattered light are smooth: the nearest mip level will do.
+        self._ground.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+        # Albedo and scattered light are smooth: the nearest mip level suffices.
         self._matter.filter = (context.LINEAR_MIPMAP_NEAREST, context.LINEAR)
-        self._levels = np.array([[1.0 / (self._side * grid.cell_m), 0.5 * grid.n / self._side,
-                                  -np.log2(grid.cell_m), grid.half_extent_m]
-                                 for grid in world.levels])
         self._centre, self._half_range = _horizon_range(sunlight.sun)
-        self._tiles, self._periods = [], [relief.period_m for relief in reliefs]
-        for levels in tiles:
-            size = levels[0].shape[0]
-            tile = context.texture((size, size), 4, levels[0], dtype='f1')
+        self._release_tiles()
+        self._periods_m = [relief.period_m for relief in reliefs]
+        for mips in tiles:
+            size = mips[0].shape[0]
+            tile = context.texture((size, size), 4, mips[0], dtype='f1')
             tile.build_mipmaps()
-            for k, level in enumerate(levels):
-                tile.write(level, level=k)
+            for k, mip in enumerate(mips):
+                tile.write(mip, level=k)
             tile.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
             self._tiles.append(tile)
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind what the ground is lit with."""
-        textures: list[Any] = [self._ground, self._matter, *self._tiles]
-        for unit, texture in enumerate(textures):
-            texture.use(1 + unit)
+        self._ground.use(texture_units.GROUND)
+        self._matter.use(texture_units.MATTER)
+        self._tiles[0].use(texture_units.TILE_A)
+        self._tiles[1].use(texture_units.TILE_B)
         angle = np.radians(_TURN_DEG)
-        set_uniform(program, u_ground=1, u_matter=2, u_tile_a=3, u_tile_b=4,
+        set_uniform(program, u_ground=texture_units.GROUND, u_matter=texture_units.MATTER,
+                    u_tile_a=texture_units.TILE_A, u_tile_b=texture_units.TILE_B,
                     u_level=np.ascontiguousarray(self._levels, np.float32),
                     u_lod=tuple(float(-np.log2(p / t.width))
-                                for p, t in zip(self._periods, self._tiles)),
-                    u_tile=(1.0 / self._periods[0], 1.0 / self._periods[1], _SLOPE_SCALE,
+                                for p, t in zip(self._periods_m, self._tiles)),
+                    u_tile=(1.0 / self._periods_m[0], 1.0 / self._periods_m[1], _SLOPE_SCALE,
                             _SLOPE_SCALE),
                     u_turn=(float(np.cos(angle)), float(np.sin(angle)), self._centre,
                             self._half_range))
 
-    def release(self) -> None:
-        """Release the GL objects."""
-        self._ground.release()
-        self._matter.release()
-        for tile in self._tiles:
-            tile.release()
-
     def bind_rocks(self, program: moderngl.Program) -> None:
         """Bind what rocks are lit with."""
-        self._matter.use(2)
-        self._tiles[0].use(3)
-        set_uniform(program, u_matter=2, u_grid=tuple(self._levels[0, :2]), u_tile_a=3,
-                    u_grain=(1.0 / 3.1, 1.0, 0.11, 1.4))
+        self._matter.use(texture_units.MATTER)
+        self._tiles[0].use(texture_units.TILE_A)
+        set_uniform(program, u_matter=texture_units.MATTER, u_tile_a=texture_units.TILE_A,
+                    u_grid=tuple(self._levels[0, :2]), u_grain=_GRAIN)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        self._release_tiles()
+        self._ground.release()
+        self._matter.release()
+
+    def _release_tiles(self) -> None:
+        for tile in self._tiles:
+            tile.release()
+        self._tiles.clear()
 
 
 def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32,
                    occluder_m: F32) -> NDArray[np.float16]:
+    """Return (n, n, 4) texels of u_ground in shaders/ground.frag."""
     n = heights_m.shape[0]
     data = np.empty((n, n, 4), np.float16)
     slope = np.empty((n, n), np.float32)
@@ -184,6 +201,7 @@ def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32,
 
 
 def _matter_texels(albedo: F32, irradiance: F32, surroundings: F32) -> NDArray[np.uint8]:
+    """Return (n, n, 4) texels of u_matter in shaders/ground.frag."""
     n = albedo.shape[0]
     data = np.zeros((n, n, 4), np.uint8)
     for channel, value in enumerate((albedo * np.float32(0.5), np.sqrt(4.0 * irradiance),

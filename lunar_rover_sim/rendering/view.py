@@ -2,52 +2,53 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.terrain import ViewVolume
+from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 
-if TYPE_CHECKING:
-    import moderngl
+Window = tuple[int, int, int, int]      # x, y, width, height within a framebuffer [px]
 
 # The layout std140 of the block View in shaders/view.glsl.
 _BLOCK = np.dtype([(name, kind, size) for name, kind, size in (
     ('clip', 'f4', 16), ('camera', 'f4', 3), ('above', 'f4', ()), ('axis', 'f4', 3),
     ('pixel', 'f4', ()), ('ray', 'f4', 3), ('first_row', 'f4', ()), ('ray_right', 'f4', 3),
     ('last_row', 'f4', ()), ('ray_down', 'f4', 4), ('texel', 'f4', 2),
-    ('middle', 'f4', 2))])
+    ('centre', 'f4', 2))])
 
 
 class View:
-    """Owns the block of one camera."""
+    """The uniform block of one camera."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._buffer = context.buffer(reserve=_BLOCK.itemsize, dynamic=True)
 
-    def place(self, camera: Array, clip: NDArray[np.float32], K: Array, view: ViewVolume, *,
-              window: tuple[int, int, int, int], size: tuple[int, int]) -> None:
-        """Say where the camera is.
+    def place(self, T_world_camera: Array, projection: Projection, volume: ViewVolume, *,
+              window: Window, size: tuple[int, int]) -> None:
+        """Set where the camera is, what it sees, and where its image lies.
 
-        camera: (4, 4) pose of the optical frame in the world; clip: as of
-        `projection.clip_matrix`; K: (3, 3); view: what is drawn; window: the image's
-        place in attachments of this size
+        volume: of all cameras that the ground is chosen for; window: place of the image within
+        attachments of this size [px]
         """
+        K, camera = projection.K, T_world_camera
         block = np.zeros((), _BLOCK)
         right, down = camera[:3, 0] / K[0, 0], camera[:3, 1] / K[1, 1]
-        block['clip'] = clip.ravel()
-        block['camera'], block['above'] = camera[:3, 3], view.above_m
+        block['clip'] = projection.clip_matrix(camera).ravel()
+        block['camera'], block['above'] = camera[:3, 3], volume.above_m
         block['axis'], block['pixel'] = camera[:3, 2], 1.0 / K[0, 0]
         block['ray'] = camera[:3, 2] - right * K[0, 2] - down * K[1, 2]
         block['ray_right'], block['ray_down'][:3] = right, down
         block['first_row'], block['last_row'] = window[1], window[1] + window[3] - 1
         block['texel'] = 1.0 / np.array(size)
-        block['middle'] = view.camera_m[:2] - camera[:2, 3]
-        self._buffer.orphan()   # the last content may still be in use
+        block['centre'] = volume.centre_m[:2] - camera[:2, 3]
+        self._buffer.orphan()   # the previous content may still be in use
         self._buffer.write(block.tobytes())
 
     def bind(self) -> None:
-        """Make it the camera that is drawn for."""
+        """Let all programs draw what this camera sees."""
         self._buffer.bind_to_uniform_block(0)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        self._buffer.release()

@@ -26,6 +26,7 @@ from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import RockConfig, WorldConfig
 
@@ -42,19 +43,21 @@ def ours(world, config, track, layers=('left', 'right', 'depth'), ahead=True):
 
     ahead: each pose is known while the one before is drawn, as in a recorded run
     """
-    states = [(pose, np.full(4, 0.1 * k)) for k, pose in enumerate(track)]
+    states = [RoverPose(pose, np.full(4, 0.1 * k)) for k, pose in enumerate(track)]
     start = time.perf_counter()
     with Renderer(world, RoverDescription(), config, 1) as renderer:
         setup = time.perf_counter() - start
-        device = renderer._context.info['GL_RENDERER']
         for k in range(3):
-            renderer.render(track[k], np.zeros(4), k, layers)
+            renderer.render(RoverPose(track[k]), k, layers)
         wall, cpu = time.perf_counter(), time.process_time()
         for k, state in enumerate(states):
-            following = states[k + 1:k + 2]
-            renderer.render(*state, k, layers,
-                            then=(lambda: following[0]) if ahead and following else None)
+            if k == 0 or not ahead:
+                renderer.begin(state, k, layers)
+            if ahead and k + 1 < len(states):
+                renderer.begin(states[k + 1], k + 1, layers)
+            renderer.finish()
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        device = renderer.device
     return 1e3 * wall / len(track), 1e3 * cpu / len(track), setup, device
 
 

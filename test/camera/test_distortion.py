@@ -9,6 +9,7 @@ from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.distortion import distort, undistort
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
 
 BARREL = (-0.28, 0.07, 0.0008, -0.0005, 0.0)
 
@@ -39,7 +40,7 @@ def test_undistorting_the_image_gives_the_rectified_one(distortion):
     for d in ((0.0,) * 5, distortion):
         config = scene.config(15.0, azimuth_deg=60.0, camera=CameraConfig(distortion=d))
         with Renderer(world, scene.ROVER, config) as renderer:
-            frame = renderer.render(pose, np.zeros(4), 0, ('left', 'right', 'depth'))
+            frame = renderer.render(RoverPose(pose), 0, ('left', 'right', 'depth'))
             images.append((frame.left, frame.right, frame.depth_m, renderer.rig))
     straight, bent = images
     # Truth is that of the undistorted view; where the mesh changes its resolution may differ.

@@ -14,6 +14,7 @@ from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import four_views, settle, standing
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world import world_folder
 
 LAYERS = ('left.png', 'right.png', 'preview.png', 'depth_m.npy', 'normal.npy', 'label.npy',
@@ -66,9 +67,9 @@ def test_exposure_of_a_still_is_at_rest():
     config = RenderConfig(sensor=SensorConfig(exposure_mode='auto'))
     with Renderer(world, RoverDescription(), config) as renderer:
         at, away = standing(world, 0.0, 0.0, 60.0), standing(world, 0.0, 0.0, 240.0)
-        renderer.render(at, np.zeros(4), 0, ('left',))
-        settle(renderer, away, np.zeros(4))
-        one, two = (renderer.render(away, np.zeros(4), k, ('left',)) for k in (0, 1))
+        renderer.render(RoverPose(at), 0, ('left',))
+        settle(renderer, RoverPose(away))
+        one, two = (renderer.render(RoverPose(away), k, ('left',)) for k in (0, 1))
     assert one.exposure_s == pytest.approx(two.exposure_s, rel=0.02)
     assert np.mean(one.left == 255) < 0.1
 

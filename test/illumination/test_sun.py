@@ -13,6 +13,7 @@ from lunar_rover_sim.illumination.horizon import (disc_fraction, shadow_levels, 
                                                   SunGeometry)
 from lunar_rover_sim.illumination.indirect_light import indirect_light
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world import fine_relief
 from lunar_rover_sim.world.grid import HeightGrid
 
@@ -133,7 +134,7 @@ def pole_picture(elevation_deg, back):
     cfg = scene.config(elevation_deg, azimuth_deg=70.0)
     pose = scene.pose(-0.8, back, 0.5 - 0.18, pitch_deg=45.0)
     with Renderer(world, scene.ROVER, cfg) as renderer:
-        frame = renderer.render(pose, np.zeros(4), 0, ('left', 'depth', 'radiance'))
+        frame = renderer.render(RoverPose(pose), 0, ('left', 'depth', 'radiance'))
         return frame, renderer.rig, pose, renderer.sun_direction
 
 
@@ -173,7 +174,7 @@ def test_drawn_shadow_edge_follows_the_line(elevation_deg):
 @pytest.mark.parametrize('elevation_deg', [2.0, 5.0, 10.0, 15.0])
 def test_plane_has_no_speckle(elevation_deg):
     with Renderer(scene.plane(), scene.ROVER, scene.config(elevation_deg)) as renderer:
-        frame = renderer.render(scene.pose(yaw_deg=0.0), np.zeros(4), 0,
+        frame = renderer.render(RoverPose(scene.pose(yaw_deg=0.0)), 0,
                                 ('left', 'radiance', 'depth'))
     ground = np.isfinite(frame.depth_m) & (frame.depth_m < 5.0)
     ground[:, :2] = ground[:, -2:] = False
@@ -191,7 +192,7 @@ def test_plane_looks_the_same_from_everywhere(elevation_deg):
     sensor = dataclasses.replace(scene.IDEAL, encoding='mono16', companding='linear')
     with Renderer(scene.plane(), scene.ROVER,
                   scene.config(elevation_deg, sensor=sensor)) as renderer:
-        frames = [renderer.render(scene.pose(x, y, 0.1, 20.0), np.zeros(4), 0, ('left', 'depth'))
+        frames = [renderer.render(RoverPose(scene.pose(x, y, 0.1, 20.0)), 0, ('left', 'depth'))
                   for x, y in ((0.0, 0.0), (0.0113, -0.0071), (1.3037, 0.4519), (-0.77, 2.2222))]
     near = frames[0].depth_m < 1.5
     first = frames[0].left.astype(int) >> 4
@@ -209,7 +210,7 @@ def test_full_shadow_is_black():
     cfg = scene.config(3.0, azimuth_deg=90.0,
                        detail=scene.DetailConfig(relief_rms_slope=0.1, bounce=True))
     with Renderer(world, scene.ROVER, cfg) as renderer:
-        frame = renderer.render(scene.pose(yaw_deg=-90.0), np.zeros(4), 0,
+        frame = renderer.render(RoverPose(scene.pose(yaw_deg=-90.0)), 0,
                                 ('left', 'radiance', 'depth'))
     assert np.isfinite(frame.depth_m).any()
     assert frame.radiance.max() < 1e-6
@@ -222,7 +223,7 @@ def test_relief_below_the_grid_casts_shadows():
             **{'relief_rms_slope': 0.0, 'pebble_cover': 0.0, 'pit_cover': 0.0, 'bounce': False,
                **values}))
         with Renderer(scene.plane(far=False), scene.ROVER, cfg) as renderer:
-            frame = renderer.render(scene.pose(), np.zeros(4), 0, ('left', 'radiance', 'depth'))
+            frame = renderer.render(RoverPose(scene.pose()), 0, ('left', 'radiance', 'depth'))
         near = np.isfinite(frame.depth_m) & (frame.depth_m < 1.0)
         return float((frame.radiance[near] > 0.02).mean())
     assert lit_share() == 1.0
@@ -274,7 +275,7 @@ def test_plane_is_as_bright_as_hapke_says_at_any_elevation():
         eye = eye[..., 0] / np.linalg.norm(eye[..., 0], axis=2, keepdims=True)
         for elevation_deg in (-1.0, 0.0, 1.0, 30.0, 85.0, 90.0):
             renderer.set_sun(100.0, elevation_deg)
-            frame = renderer.render(T, np.zeros(4), 0, ('radiance', 'depth'))
+            frame = renderer.render(RoverPose(T), 0, ('radiance', 'depth'))
             near = (frame.depth_m < 0.8) & (frame.depth_m > 0.45)
             drawn = frame.radiance[near]
             assert np.all(np.isfinite(drawn)) and drawn.min() >= 0.0

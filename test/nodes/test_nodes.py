@@ -231,6 +231,31 @@ def test_render_node_draws_only_what_is_read(peer: Peer, world_folder: Path) -> 
     assert seen <= depth[0].header.stamp.sec <= ticks[0]
 
 
+def test_an_error_of_matching_ends_the_render_node(peer: Peer, world_folder: Path) -> None:
+    """Even that of the last frame: there is no next one that would notice it."""
+    left = peer.listen(Image, 'stereo/left/image_raw')
+    disparities = peer.listen(DisparityImage, 'stereo/disparity')
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = Odometry()
+    odometry.pose.pose.position.z = 0.1
+    odometry.pose.pose.orientation.w = 1.0
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.render_node', '--ros-args', '-p',
+         f'world:={world_folder}', *SMALL_CAMERA, '-p', 'sgm.num_disparities:=160'],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        peer.spin_until(lambda: process.poll() is not None, limit_s=60.0,
+                        meanwhile=lambda: poses.publish(odometry))
+        error = process.communicate()[1].strip()
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 1
+    assert error == ('FATAL num_disparities: 160 is not valid; valid is less than the image '
+                     'width, 160')
+    assert len(left) <= 1 and not disparities
+
+
 def test_drive_node_answers_odometry(peer: Peer) -> None:
     """A profile is driven on hand-made odometry."""
     velocities = peer.listen(Twist, 'cmd_vel')

@@ -6,6 +6,7 @@ import numpy as np
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
 
 CAMERA = CameraConfig(width=160, height=120)
 
@@ -16,11 +17,11 @@ def test_set_sun() -> None:
     here, there = (scene.config(elevation, azimuth, camera=CAMERA, detail=DetailConfig())
                    for elevation, azimuth in ((5.0, 80.0), (12.0, 200.0)))
     with Renderer(world, scene.ROVER, here) as renderer:
-        before = renderer.render(scene.pose(), np.zeros(4)).left
+        before = renderer.render(RoverPose(scene.pose())).left
         renderer.set_sun(there.sun.azimuth_deg, there.sun.elevation_deg)
-        after = renderer.render(scene.pose(), np.zeros(4))
+        after = renderer.render(RoverPose(scene.pose()))
     with Renderer(world, scene.ROVER, there) as renderer:
-        fresh = renderer.render(scene.pose(), np.zeros(4))
+        fresh = renderer.render(RoverPose(scene.pose()))
     assert before is not None and np.mean(before != after.left) > 0.2
     np.testing.assert_array_equal(after.left, fresh.left)
     np.testing.assert_array_equal(after.right, fresh.right)

@@ -2,8 +2,10 @@
 
 import contextlib
 import dataclasses
+import gc
 
 import camera_scene as scene
+import moderngl
 import mujoco
 import numpy as np
 import pytest
@@ -13,12 +15,23 @@ import worlds
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError, RenderError
+from lunar_rover_sim.frames import wxyz_from_matrix
 from lunar_rover_sim.illumination.config import LampConfig
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.model import build_model
+from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.frame import LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_ROVER, LABEL_SKY
+from lunar_rover_sim.rendering.context import create_context
+from lunar_rover_sim.rendering.frame import (LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_ROVER,
+                                             LABEL_SKY, LAYERS)
+from lunar_rover_sim.rendering.frame_targets import read_image
+from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.scene import LEFT, Request, RIGHT
+from lunar_rover_sim.rendering.scene_passes import ScenePasses
+from lunar_rover_sim.rendering.sensor_pass import SensorPass
+from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.scenario import load_scenario
 
 STILL = np.zeros(4)
 
@@ -41,6 +54,16 @@ def renderer(world):
     config = RenderConfig(sun=scene.SunConfig(azimuth_deg=50.0, elevation_deg=12.0))
     with Renderer(world, scene.ROVER, config, seed=3) as renderer:
         yield renderer
+
+
+@contextlib.contextmanager
+def created_context():
+    context = create_context()
+    try:
+        with context:
+            yield context
+    finally:
+        context.release()
 
 
 def pose_on(world, x, y, yaw_deg=0.0):
@@ -76,7 +99,7 @@ def test_depth_agrees_with_ray_casts(world, renderer):
     errors = []
     for x, y, yaw in ((0.0, 0.0, 0.0), (-3.0, 1.0, 30.0), (2.0, 2.0, 190.0), (0.0, -4.0, 100.0)):
         pose = pose_on(world, x, y, yaw)
-        frame = renderer.render(pose, STILL, 0, ('depth',))
+        frame = renderer.render(RoverPose(pose), 0, ('depth',))
         camera = pose @ renderer.rig.T_base_left
         rays = renderer.rig.rays()
         for v, u in zip(rng.integers(0, 480, 5000), rng.integers(0, 640, 5000)):
@@ -103,7 +126,7 @@ def test_depth_is_that_of_the_world_of_physics():
     with Renderer(built, scene.ROVER, scene.config(12.0)) as renderer:
         for x, y, yaw in ((0.0, 0.0, 0.0), (2.0, -1.0, 150.0), (-2.0, 2.0, -60.0)):
             pose = pose_on(built, x, y, yaw)
-            frame = renderer.render(pose, STILL, 0, ('depth', 'label'))
+            frame = renderer.render(RoverPose(pose), 0, ('depth', 'label'))
             camera = pose @ renderer.rig.T_base_left
             rays = renderer.rig.rays()
             rows, columns = np.nonzero(frame.label >= LABEL_FIRST_ROCK)
@@ -126,7 +149,7 @@ def test_depth_is_that_of_the_world_of_physics():
 def test_depth_of_a_plane_is_analytic():
     with Renderer(scene.plane(), scene.ROVER, scene.config(10.0)) as renderer:
         pose = scene.pose(z=0.1)
-        frame = renderer.render(pose, STILL, 0, ('depth',))
+        frame = renderer.render(RoverPose(pose), 0, ('depth',))
         camera = pose @ renderer.rig.T_base_left
         fall = (camera[:3, :3] @ renderer.rig.rays()[..., None])[..., 2, 0]
     expected = -camera[2, 3] / np.where(fall < 0.0, fall, np.nan)
@@ -140,7 +163,7 @@ def test_rows_of_the_pair_correspond(world):
     config = scene.config(12.0, azimuth_deg=50.0, detail=scene.DetailConfig(),
                           sensor=dataclasses.replace(scene.IDEAL, psf_sigma_px=0.5))
     with Renderer(world, scene.ROVER, config) as renderer:
-        frame = renderer.render(pose_on(world, 0.0, 0.0), STILL, 0, ('left', 'right', 'depth'))
+        frame = renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left', 'right', 'depth'))
     focal, baseline = renderer.rig.focal_px, renderer.rig.baseline_m
     left, right = frame.left.astype(float), frame.right.astype(float)
     v, u = np.indices(left.shape)
@@ -160,54 +183,132 @@ def test_rows_of_the_pair_correspond(world):
 
 def test_same_input_same_bytes(world, renderer):
     pose = pose_on(world, 1.0, 0.0, 20.0)
-    first = renderer.render(pose, STILL, 5, ('left', 'right', 'depth'))
-    renderer.render(pose_on(world, -2.0, 1.0), STILL + 0.3, 6, ('left',))
-    again = renderer.render(pose, STILL, 5, ('left', 'right', 'depth'))
+    first = renderer.render(RoverPose(pose), 5, ('left', 'right', 'depth'))
+    renderer.render(RoverPose(pose_on(world, -2.0, 1.0), STILL + 0.3), 6, ('left',))
+    again = renderer.render(RoverPose(pose), 5, ('left', 'right', 'depth'))
     for name in ('left', 'right', 'depth_m'):
         assert np.array_equal(getattr(first, name), getattr(again, name))
     config = renderer.config
     with Renderer(world, scene.ROVER, config, seed=3) as other:
-        fresh = other.render(pose, STILL, 5, ('left', 'right'))
+        fresh = other.render(RoverPose(pose), 5, ('left', 'right'))
     assert np.array_equal(first.left, fresh.left)
     assert np.array_equal(first.right, fresh.right)
-    later = renderer.render(pose, STILL, 7, ('left',))
+    later = renderer.render(RoverPose(pose), 7, ('left',))
     assert not np.array_equal(first.left, later.left)
 
 
 @pytest.mark.parametrize('lamp_w', [0.0, 20.0])
-def test_a_frame_that_was_begun_ahead_is_the_same(world, lamp_w):
-    """Whatever is said of the next frame: the right state, another one, none, other layers."""
+def test_a_frame_that_is_begun_early_is_the_same(world, lamp_w):
+    """Each frame is begun before or after the one before it is finished, with changing layers."""
     config = scene.config(8.0, camera=CameraConfig(width=160, height=120),
                           lamp=LampConfig(power_w=lamp_w),
                           sensor=SensorConfig(exposure_mode='auto'))
-    states = [(pose_on(world, 0.4 * k, 0.0, 70.0 * k), STILL + 0.2 * k) for k in range(5)]
-    asked = [('left', 'right', 'depth'), ('left', 'right', 'depth'), ('right',),
+    states = [RoverPose(pose_on(world, 0.4 * k, 0.0, 70.0 * k), STILL + 0.2 * k)
+              for k in range(6)]
+    asked = [('left', 'right', 'depth'), ('left', 'right', 'depth'), ('right',), (),
              ('left', 'depth', 'label'), ('left', 'right', 'radiance', 'normal')]
+    with Renderer(world, scene.ROVER, config, seed=3) as renderer:
+        plain = [renderer.render(*frame) for frame in zip(states, range(6), asked)]
+    early = []
+    with Renderer(world, scene.ROVER, config, seed=3) as renderer:
+        renderer.begin(states[0], 0, asked[0])
+        for k in range(1, 6):
+            renderer.begin(states[k], k, asked[k])
+            early.append(renderer.finish())
+        early.append(renderer.finish())
+    for one, two in zip(plain, early):
+        for field in dataclasses.fields(one):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(two, field.name))
 
-    def frames(said):
-        with Renderer(world, scene.ROVER, config, seed=3) as renderer:
-            return [renderer.render(*state, k, asked[k], then=said(k))
-                    for k, state in enumerate(states)]
 
-    plain = frames(lambda k: None)
-    for said in (lambda k: lambda: states[k + 1] if k < 4 else None,
-                 lambda k: lambda: states[0]):
-        for one, two in zip(plain, frames(said)):
-            for field in dataclasses.fields(one):
-                np.testing.assert_array_equal(getattr(one, field.name),
-                                              getattr(two, field.name))
+def test_begin_and_finish_out_of_order(world, renderer):
+    """At most two frames are under way, and what would mix them up is refused."""
+    state = RoverPose(pose_on(world, 1.0, 0.0))
+    with pytest.raises(RenderError, match='finish: no frame is under way; begin one first'):
+        renderer.finish()
+    renderer.begin(state, 0, ('depth',))
+    with pytest.raises(RenderError, match='set_sun: a frame is under way; finish it first'):
+        renderer.set_sun(10.0, 10.0)
+    with pytest.raises(RenderError, match='render: a frame is under way; finish it first'):
+        renderer.render(state)
+    renderer.begin(state, 0, ('left',))
+    with pytest.raises(RenderError, match='begin: 2 frames are under way; finish one first'):
+        renderer.begin(state)
+    assert renderer.finish().left is None
+    assert renderer.finish().depth_m is None
+
+
+def test_a_closed_renderer_refuses_to_draw(world):
+    with Renderer(world, scene.ROVER, scene.config(8.0)) as renderer:
+        pass
+    with pytest.raises(RenderError, match='the renderer is closed'):
+        renderer.render(RoverPose(np.eye(4)))
+    renderer.close()        # closing twice is no error
+
+
+def test_all_gl_objects_are_released(monkeypatch, world):
+    """No owner forgets an object: moderngl lists what was dropped; released ones are invalid."""
+    contexts = []
+
+    def watched():
+        contexts.append(create_context())
+        contexts[-1].gc_mode = 'context_gc'
+        return contexts[-1]
+    monkeypatch.setattr('lunar_rover_sim.rendering.renderer.create_context', watched)
+    config = scene.config(8.0, lamp=LampConfig(power_w=20.0),
+                          camera=CameraConfig(width=160, height=120,
+                                              distortion=(-0.1, 0.0, 0.0, 0.0, 0.0)))
+    state = RoverPose(pose_on(world, 1.0, 0.0))
+    for _ in range(3):
+        with Renderer(world, scene.ROVER, config) as renderer:
+            renderer.render(state, 0, LAYERS)
+            renderer.set_sun(200.0, 20.0)
+            renderer.begin(state)
+            renderer.begin(state)
+        del renderer
+    gc.collect()
+    assert len(contexts) == 3
+    for context in contexts:
+        assert len(context.objects) > 50
+        assert all(isinstance(item, moderngl.InvalidObject) for item in context.objects)
+
+
+def test_a_renderer_of_a_scenario(world):
+    """It takes seed, rover and configuration of the scenario, and its world unless one is given.
+    """
+    scenario = load_scenario('baseline', ['render_node.camera.width=160',
+                                          'render_node.camera.height=120'], seed=3)
+    state = RoverPose(pose_on(world, 1.0, 0.0))
+    with Renderer.from_scenario(scenario, world) as renderer:
+        frame = renderer.render(state)
+    with Renderer(world, scenario.rover, scenario.render_node, 3) as renderer:
+        expected = renderer.render(state)
+    assert frame.left.shape == (120, 160)
+    np.testing.assert_array_equal(frame.left, expected.left)
+
+
+def test_a_state_of_physics_is_drawn(world, renderer):
+    """`RoverState` has pose and leg angles, as `RoverPose` has."""
+    pose = pose_on(world, 1.0, 0.0, 30.0)
+    numbers = {field.name: np.zeros(3) for field in dataclasses.fields(RoverState)}
+    state = RoverState(**{**numbers, 'position_m': pose[:3, 3],
+                          'orientation_wxyz': wxyz_from_matrix(pose[:3, :3]),
+                          'joint_angle_rad': STILL + 0.3})
+    np.testing.assert_allclose(state.T_world_base, pose, atol=1e-12)
+    a, b = (renderer.render(s, 0, ('left',)).left for s in (state, RoverPose(pose, STILL + 0.3)))
+    assert np.mean(a != b) < 1e-3
 
 
 def test_layers_do_not_depend_on_each_other(world, renderer):
     pose = pose_on(world, 1.0, 0.0, 20.0)
-    pair = renderer.render(pose, STILL, 5, ('left', 'right', 'depth', 'normal', 'label'))
+    pair = renderer.render(RoverPose(pose), 5, ('left', 'right', 'depth', 'normal', 'label'))
     for name, field in (('left', 'left'), ('right', 'right'), ('depth', 'depth_m'),
                         ('label', 'label')):
-        alone = renderer.render(pose, STILL, 5, (name,))
+        alone = renderer.render(RoverPose(pose), 5, (name,))
         assert np.array_equal(getattr(alone, field), getattr(pair, field))
         others = {'left', 'right', 'depth_m', 'label'} - {field}
         assert all(getattr(alone, other) is None for other in others)
-    nothing = renderer.render(pose, STILL, 5, ())
+    nothing = renderer.render(RoverPose(pose), 5, ())
     assert nothing.left is None and nothing.depth_m is None
 
 
@@ -220,7 +321,7 @@ def test_nothing_pops(world):
         poses = [pose_on(world, 0.0, 0.0)]
         poses.append(poses[0].copy())
         poses[1][0, 3] += 0.001
-        a, b = (renderer.render(p, STILL, 0, ('radiance', 'depth', 'left')) for p in poses)
+        a, b = (renderer.render(RoverPose(p), 0, ('radiance', 'depth', 'left')) for p in poses)
     # Where a ground point moves by less than a fifth of a pixel the picture may change by no
     # more than a fifth of its steepest step nearby.
     both = np.isfinite(a.depth_m) & np.isfinite(b.depth_m) & (a.depth_m > 0.7)
@@ -240,7 +341,7 @@ def test_relief_below_the_grid_is_fixed_to_the_ground(world):
                                                    detail=scene.DetailConfig())) as renderer:
         poses = [pose_on(world, 0.0, 0.0) for _ in range(2)]
         poses[1][0, 3] += 0.001
-        a, b = (renderer.render(p, STILL, 0, ('radiance', 'depth')) for p in poses)
+        a, b = (renderer.render(RoverPose(p), 0, ('radiance', 'depth')) for p in poses)
     from scipy.ndimage import maximum_filter, minimum_filter
     scale = np.quantile(a.radiance[np.isfinite(a.depth_m)], 0.9)
     low, high = minimum_filter(a.radiance, 3), maximum_filter(a.radiance, 3)
@@ -256,31 +357,38 @@ def test_relief_below_the_grid_is_fixed_to_the_ground(world):
 def test_no_cracks(world, renderer):
     """Below the skyline there is no hole through which the sky shows."""
     for yaw in (0.0, 70.0, 200.0, 310.0):
-        depth = renderer.render(pose_on(world, 2.0, -1.0, yaw), STILL, 0, ('depth',)).depth_m
+        depth = renderer.render(RoverPose(pose_on(world, 2.0, -1.0, yaw)), 0, ('depth',)).depth_m
         sky = np.isinf(depth)
         ground_above = np.logical_or.accumulate(~sky, axis=0)
         assert not np.any(sky & ground_above)
 
 
 def test_no_pinholes_where_meshes_meet():
-    """No single pixel of sky inside the ground, in either eye, where one stride meets another."""
+    """No single pixel of sky inside the ground, in either image, where two strides meet."""
     built = worlds.small()
+    config = scene.config(12.0)
+    rig = StereoRig(scene.ROVER, config.camera)
+    projection = Projection(rig.K, rig.width, rig.height, config.camera.near_m,
+                            config.camera.far_m)
     rng = np.random.default_rng(4)
-    with Renderer(built, scene.ROVER, scene.config(12.0)) as renderer:
+    with created_context() as context:
+        passes = ScenePasses(context, built, scene.ROVER, config, projection, 0)
         for _ in range(40):
             pose = pose_on(built, *rng.uniform(-4.0, 4.0, 2), rng.uniform(0.0, 360.0))
-            renderer.render(pose, STILL, 0, ('left', 'right'))
-            with renderer._context:
-                for eye in (0, 1):
-                    drawn = renderer._image_of(renderer._targets[0].ground[eye], 0, eye) > 0.0
-                    around = [np.roll(drawn, (dv, du), (0, 1))[1:-1, 1:-1]
-                              for dv in (-1, 0, 1) for du in (-1, 0, 1) if dv or du]
-                    assert not np.any(~drawn[1:-1, 1:-1] & np.all(around, axis=0))
+            drawn = passes.draw_geometry(Request.of(('left', 'right'), 0), pose, STILL)
+            for side in (LEFT, RIGHT):
+                ground = read_image(drawn.targets.ground[side], 0, side,
+                                    (rig.height, rig.width), (0, 0)) > 0.0
+                around = [np.roll(ground, (dv, du), (0, 1))[1:-1, 1:-1]
+                          for dv in (-1, 0, 1) for du in (-1, 0, 1) if dv or du]
+                assert 0.2 < ground.mean() < 1.0
+                assert not np.any(~ground[1:-1, 1:-1] & np.all(around, axis=0))
+        passes.release()
 
 
 def test_labels_and_normals(world, renderer):
     pose = pose_on(world, -3.0, -3.0, 45.0)
-    frame = renderer.render(pose, STILL, 0, ('depth', 'normal', 'label'))
+    frame = renderer.render(RoverPose(pose), 0, ('depth', 'normal', 'label'))
     assert np.array_equal(frame.label == LABEL_SKY, np.isinf(frame.depth_m))
     assert (frame.label == LABEL_GROUND).any()
     stones = np.unique(frame.label[frame.label >= LABEL_FIRST_ROCK]) - LABEL_FIRST_ROCK
@@ -304,8 +412,8 @@ def test_rover_is_drawn_where_joints_put_it(world):
         high.stereo, position_m=(0.0, 0.0, 0.9)))
     with Renderer(world, turned, scene.config(30.0)) as renderer:
         pose = pose_on(world, 0.0, 0.0)
-        a = renderer.render(pose, STILL, 0, ('label', 'depth'))
-        b = renderer.render(pose, STILL + np.radians(60.0), 0, ('label', 'depth'))
+        a = renderer.render(RoverPose(pose), 0, ('label', 'depth'))
+        b = renderer.render(RoverPose(pose, STILL + np.radians(60.0)), 0, ('label', 'depth'))
     assert 0.01 < (a.label == LABEL_ROVER).mean() < 0.5
     changed = (a.label == LABEL_ROVER) != (b.label == LABEL_ROVER)
     assert changed.sum() > 50
@@ -318,7 +426,7 @@ def test_encodings(world):
     for encoding, (shape, dtype) in shapes.items():
         config = scene.config(20.0, camera=camera, sensor=SensorConfig(encoding=encoding))
         with Renderer(world, scene.ROVER, config) as renderer:
-            frame = renderer.render(pose_on(world, 0.0, 0.0), STILL, 0, ('left', 'right'))
+            frame = renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left', 'right'))
         assert frame.left.shape == shape and frame.left.dtype == dtype
         assert frame.left.max() > 0.1 * np.iinfo(dtype).max
 
@@ -341,9 +449,13 @@ def test_rig_geometry():
 
 def test_bad_input(world, renderer):
     with pytest.raises(RenderError, match="layer 'dept' is not valid; did you mean depth"):
-        renderer.render(np.eye(4), STILL, 0, ('dept',))
+        renderer.render(RoverPose(np.eye(4)), 0, ('dept',))
     with pytest.raises(RenderError, match='finite 4 x 4'):
-        renderer.render(np.full((4, 4), np.nan), STILL, 0, ('left',))
+        renderer.render(RoverPose(np.full((4, 4), np.nan)), 0, ('left',))
+    with pytest.raises(RenderError, match='leg angles are four finite numbers'):
+        renderer.render(RoverPose(np.eye(4), np.zeros(3)))
+    with pytest.raises(RenderError, match='state: ndarray is not valid; valid is a RoverState or'):
+        renderer.render(np.eye(4))
     with pytest.raises(ConfigError, match='elevation_deg: -5.0 is not valid'):
         scene.config(-5.0)
     with pytest.raises(ConfigError, match='near_m'):
@@ -367,9 +479,9 @@ def test_size_beyond_the_device(monkeypatch, world):
 def test_lost_context(monkeypatch, world, renderer):
     def lost(*_):
         raise Exception('GL_CONTEXT_LOST')
-    monkeypatch.setattr(renderer._imager, 'develop', lost)
+    monkeypatch.setattr(SensorPass, 'draw', lost)
     with pytest.raises(RenderError, match='context may be lost: GL_CONTEXT_LOST'):
-        renderer.render(pose_on(world, 0.0, 0.0), STILL, 0, ('left',))
+        renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left',))
 
 
 def test_no_egl(monkeypatch, world):

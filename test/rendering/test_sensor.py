@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.exposure import AutoExposure
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.rendering.context import create_context
-from lunar_rover_sim.rendering.imager import AutoExposure, Imager
+from lunar_rover_sim.rendering.sensor_pass import SensorPass
 
 CAMERA = CameraConfig(width=320, height=240)
 RIG = StereoRig(scene.ROVER, CAMERA)
@@ -34,11 +35,11 @@ def flat(context, config, electrons, frame=0, seed=3, exposure_s=1e-3):
     values = np.full(size[::-1], radiance, np.float32)
     texture = context.texture(size, 1, values.tobytes(), dtype='f4')
     texture.filter = (context.NEAREST, context.NEAREST)
-    imager = Imager(context, RIG, sensor, seed)
+    sensor_pass = SensorPass(context, RIG, sensor, seed)
     try:
-        return imager.develop(texture, [0, 1], exposure_s, frame).copy()
+        return sensor_pass.draw(texture, [0, 1], exposure_s, frame).copy()
     finally:
-        imager.release()
+        sensor_pass.release()
         texture.release()
 
 
@@ -130,8 +131,8 @@ def test_point_spread_keeps_energy_and_width(context):
     values = np.zeros((2 * CAMERA.height, CAMERA.width), np.float32)
     values[100, 150] = 40000.0 / sensor.electrons_per_radiance_second / 1e-3
     texture = context.texture(values.shape[::-1], 1, values.tobytes(), dtype='f4')
-    imager = Imager(context, RIG, sensor, 0)
-    image = imager.develop(texture, [0, 1], 1e-3, 0)[0].astype(float) / sensor.gain_dn_per_e
+    sensor_pass = SensorPass(context, RIG, sensor, 0)
+    image = sensor_pass.draw(texture, [0, 1], 1e-3, 0)[0].astype(float) / sensor.gain_dn_per_e
     assert image.sum() == pytest.approx(40000.0, rel=1e-3)
     offset = np.arange(CAMERA.width) - 150
     assert (image.sum(axis=0) * offset**2).sum() / image.sum() == pytest.approx(0.36, rel=0.01)

@@ -7,6 +7,7 @@ import pytest
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
 
 FINER = 8
 
@@ -20,7 +21,7 @@ def draw(world, pose, finer=1):
     """Return left radiance and depth, with so many pixels per pixel of 160 x 120."""
     camera = CameraConfig(width=160 * finer, height=120 * finer)
     with Renderer(world, scene.ROVER, scene.config(40.0, 180.0, camera=camera)) as renderer:
-        frame = renderer.render(pose, np.zeros(4), layers=('radiance', 'depth'))
+        frame = renderer.render(RoverPose(pose), layers=('radiance', 'depth'))
     return frame.radiance.astype(float), frame.depth_m
 
 

@@ -14,6 +14,7 @@ from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.frames import se3
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import load_scenario
 from lunar_rover_sim.slam.euroc_reader import Camera, Frame
 from lunar_rover_sim.slam.reference.odometry import Odometry
@@ -33,7 +34,7 @@ def drive() -> tuple[list[Frame], Trajectory, Camera]:
             turn = 0.012 * k
             pose = standing(world, 0.015 * k, 0.015 * k * turn / 2, np.degrees(turn))
             nod = Rotation.from_euler('Y', 2.0 * np.sin(1.3 * k), degrees=True).as_matrix()
-            frame = renderer.render(pose @ se3(nod, np.zeros(3)), np.zeros(4), k,
+            frame = renderer.render(RoverPose(pose @ se3(nod, np.zeros(3))), k,
                                     ('left', 'right'))
             frames.append(Frame((k + 1) * PERIOD_NS, frame.left, frame.right))
             poses.append(pose @ se3(nod, np.zeros(3)) @ rig.T_base_left)

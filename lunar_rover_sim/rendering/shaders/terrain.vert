@@ -23,8 +23,8 @@ void main() {
     vec2 g = min(i_chunk.xy + ij * stride, 2.0 * u_lattice.y);
     float z = height(g);
     vec2 xy = (g - u_lattice.y) * u_cell - u_camera.xy;
-    // One mesh for both eyes, and the one that chunks were chosen for: no gaps between them.
-    float far = length(vec3(xy - u_middle, u_above)) / i_chunk.w;
+    // Both cameras get the same mesh, the one that chunks were chosen for: it has no gaps.
+    float far = length(vec3(xy - u_centre, u_above)) / i_chunk.w;
     float share = clamp((far - 0.85) * (1.0 / 0.15), 0.0, 1.0);
     if (share > 0.0) z = mix(z, 0.5 * (height(g - odd) + height(g + odd)), share);
 #ifdef SKIRT

@@ -1,0 +1,97 @@
+"""The pass of the rover: its meshes, link by link."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.projection import ViewVolume
+from lunar_rover_sim.rendering.scene import Uniforms
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
+
+_LUMINANCE = (0.2126, 0.7152, 0.0722)       # of linear red, green, blue (ITU-R BT.709)
+
+
+class RoverPass:
+    """Draws the rover.
+
+    programs: those that compute light or truth, for the constants of the light
+    """
+
+    def __init__(self, context: moderngl.Context, rover: RoverDescription) -> None:
+        self._context, self._rover = context, rover
+        self._links = list(link_poses(rover, np.zeros(4)))
+        data = np.concatenate([_triangles(part, self._links.index(part.link))
+                               for part in visual_parts(rover)])
+        self._boxes = np.stack([_box_corners(data[data[:, 7] == k, :3])
+                                for k in range(len(self._links))])
+        self._lit = load_program(context, 'rover', 'rover')
+        self._truth = load_program(context, 'rover', 'rover', TRUTH=1)
+        self.programs = (self._lit, self._truth)
+        self._vertices = context.buffer(data.astype(np.float32).tobytes())
+        self._arrays = {
+            program.glo: context.vertex_array(
+                program, [(self._vertices, '3f 3f 1f 1f', 'a_position', 'a_normal', 'a_albedo',
+                           'a_link')], skip_errors=True)
+            for program in self.programs}
+
+    def poses(self, T_world_base: Array, joint_angle_rad: ArrayLike) -> Array:
+        """Return the (links, 4, 4) world poses of all links; base_link is the first."""
+        local = link_poses(self._rover, joint_angle_rad)
+        return np.stack([T_world_base @ local[link] for link in self._links])
+
+    def is_in_view(self, T_world_links: Array, volume: ViewVolume) -> bool:
+        """Return whether the box around any link may reach into the view volume."""
+        corners = self._boxes @ T_world_links[:, :3, :3].transpose(0, 2, 1) \
+            + T_world_links[:, None, :3, 3]
+        within = (corners - volume.centre_m) @ volume.planes[:, :3].T + volume.planes[:, 3] > 0.0
+        return bool(np.any(np.all(np.any(within, axis=1), axis=1)))
+
+    def light(self, T_world_links: Array, radius_m: float, sunlight: Sunlight,
+              irradiance: float) -> Uniforms:
+        """Return the light on the rover.
+
+        radius_m: reach of the rover from its base; irradiance: of the sun, normal [W/m2]
+        """
+        base = T_world_links[0]
+        span = base[2, 3] + radius_m * np.array([-0.5, 0.8])
+        points = np.array([[*base[:2, 3], z] for z in span])
+        clearance, occluder = sunlight.light_of(points)
+        surroundings = sunlight.surroundings_at(base[:2, 3])
+        return {'u_body_span': tuple(span),
+                'u_body_light': (clearance[0], occluder[0], clearance[1], occluder[1]),
+                'u_ground_light': irradiance * surroundings}
+
+    def draw(self, T_world_links: Array, light: Uniforms, *, truth: bool = False) -> None:
+        """Draw the rover, lit or as normals and labels, into the framebuffer in use."""
+        self._context.enable_only(self._context.DEPTH_TEST)
+        program = self._truth if truth else self._lit
+        set_uniform(program, u_links=np.ascontiguousarray(T_world_links.transpose(0, 2, 1),
+                                                          np.float32), **light)
+        self._arrays[program.glo].render()
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        release_all(*self._arrays.values(), self._vertices, *self.programs)
+
+
+def _box_corners(points: Array) -> Array:
+    """Return the (8, 3) corners of the box around (n, 3) points."""
+    ends = np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.stack(np.meshgrid(*ends.T, indexing='ij'), axis=-1).reshape(8, 3)
+
+
+def _triangles(part: VisualPart, link: int) -> Array:
+    """Return the (3 f, 8) vertices of a part: position, face normal, grey albedo, link."""
+    corners = part.vertices[part.faces].astype(float)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    grey = float(np.dot(part.albedo, _LUMINANCE))
+    rest = np.broadcast_to([grey, float(link)], (len(corners), 3, 2))
+    return np.concatenate([corners, np.repeat(normal[:, None], 3, axis=1), rest],
+                          axis=2).reshape(-1, 8)

@@ -1,0 +1,171 @@
+"""The shadow of the rover: its silhouette as the sun sees it.
+
+All parts of the rover are built of convex pieces. Their outlines towards the sun make one map,
+the silhouette as a signed distance. How far the ground lies behind the piece gives the penumbra,
+sharp at the feet and wide far away.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rendering import texture_units
+from lunar_rover_sim.rendering.projection import ViewVolume
+from lunar_rover_sim.rendering.scene import Uniforms
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
+
+F32 = NDArray[np.float32]
+
+MAP = 320               # pixels along a side of the silhouette map
+_MARGIN_M = 0.06        # around the rover
+_HIDDEN_M = 0.004       # pieces that protrude from others by less are left out of the shadow
+_NOWHERE_M = 1e6
+_SHADOW_M = 200.0       # beyond, the rover hides less than a tenth of the sun's disc
+_SUB = 4                # fractional bits of outline corners
+
+
+class _Piece(NamedTuple):
+    """A convex piece: index of its link, (v, 3) corners in the link's frame [m], (f, 3) faces."""
+
+    link: int
+    vertices: Array
+    faces: NDArray[np.int32]
+
+
+class RoverShadow:
+    """Owns the silhouette map of the rover."""
+
+    def __init__(self, context: moderngl.Context, rover: RoverDescription) -> None:
+        self._context = context
+        rest = link_poses(rover, np.zeros(4))
+        links = list(rest)
+        pieces = _protruding([piece for part in visual_parts(rover)
+                              for piece in _pieces(part, links.index(part.link))])
+        pieces.sort(key=lambda piece: piece.link)
+        # Corners of all pieces, by link; where each piece begins; how many corners a link has.
+        self._corners = np.concatenate([piece.vertices for piece in pieces])
+        self._starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+        self._shares = [sum(len(piece.vertices) for piece in pieces if piece.link == link)
+                        for link in range(len(links))]
+        reach = float(np.linalg.norm(self._corners, axis=1).max()) + max(
+            float(np.linalg.norm(pose[:3, 3])) for pose in rest.values())
+        self.radius_m = reach
+        self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
+        self._map: moderngl.Texture | None = None
+
+    def cast(self, T_world_links: Array, sun_axes: Array, volume: ViewVolume) -> Uniforms:
+        """Draw the map of the shadow and bind it; return where it is.
+
+        T_world_links: (links, 4, 4); sun_axes: (3, 3) as `rock_shadow.sun_axes`
+        """
+        right, up, to_sun = sun_axes
+        centre = T_world_links[0, :3, 3]
+        if self._may_shade(centre, to_sun, volume):
+            self._upload(self.silhouette(T_world_links, sun_axes))
+        else:
+            centre = centre + _NOWHERE_M * up
+        if self._map is not None:
+            self._map.use(texture_units.ROVER_SHADOW)
+        return {'u_rover_map': texture_units.ROVER_SHADOW,
+                'u_rover_right': tuple(right / self._half_m),
+                'u_rover_up': tuple(up / self._half_m), 'u_rover_centre': tuple(centre)}
+
+    def _upload(self, silhouette: F32) -> None:
+        # A new texture: writing to one that is in use would wait for all drawing under way.
+        if self._map is not None:
+            self._map.release()
+        self._map = self._context.texture((MAP, MAP), 2, silhouette, dtype='f4')
+        self._map.repeat_x = self._map.repeat_y = False
+
+    def _may_shade(self, centre: Array, to_sun: Array, volume: ViewVolume) -> bool:
+        """Return whether any place that the map may shade is in view."""
+        normals = volume.planes[:, :3]
+        reach = normals @ (centre - volume.centre_m) + np.sqrt(2.0) * self._half_m
+        reach += _SHADOW_M * np.maximum(-normals @ to_sun, 0.0)
+        return bool(np.all(reach + volume.planes[:, 3] > 0.0))
+
+    def silhouette(self, T_world_links: Array, sun_axes: Array) -> F32:
+        """Return the (MAP, MAP, 2) silhouette of the rover as the sun sees it.
+
+        Its two values are the signed distance to the outline, < 0 inside [m], and the position of
+        the piece along the sun ray, relative to the rover [m].
+        """
+        centre, half = T_world_links[0, :3, 3], self._half_m
+        scale = 0.5 * MAP / half
+        offsets = (T_world_links[:, :3, 3] - centre) @ sun_axes.T
+        seen = np.repeat(offsets, self._shares, axis=0)
+        for of, turn in zip(np.split(np.arange(len(seen)), np.cumsum(self._shares)[:-1]),
+                            sun_axes @ T_world_links[:, :3, :3]):
+            seen[of] += self._corners[of] @ turn.T
+        flat = (seen[:, :2] * scale + (0.5 * MAP - 0.5)).astype(np.float32) * (1 << _SUB)
+        shapes = []
+        for first, end in zip(self._starts[:-1], self._starts[1:]):
+            outline = cv2.convexHull(flat[first:end])[:, 0]
+            shapes.append((float(seen[first:end, 2].mean()), np.rint(outline).astype(np.int32)))
+        free = np.full((MAP, MAP), 255, np.uint8)
+        depth = np.full((MAP, MAP), -half, np.float32)
+        for along, outline in sorted(shapes, key=lambda item: item[0]):
+            cv2.fillConvexPoly(free, outline, 0, cv2.LINE_8, _SUB)
+            cv2.fillConvexPoly(depth, outline, along, cv2.LINE_8, _SUB)
+        taken = cv2.bitwise_not(free)
+        outside = cv2.distanceTransform(free, cv2.DIST_L2, 5)
+        x, y, width, height = cv2.boundingRect(taken)
+        part = np.s_[max(y - 1, 0):y + height + 1, max(x - 1, 0):x + width + 1]
+        inside = np.zeros((MAP, MAP), np.float32)
+        inside[part] = cv2.distanceTransform(np.ascontiguousarray(taken[part]), cv2.DIST_L2, 5)
+        # The transform measures to the centre of the nearest pixel of the other kind.
+        middle = np.where(free > 0, np.float32(0.5), np.float32(-0.5))
+        distance = (outside - inside - middle) * np.float32(1.0 / scale)
+        spread = cv2.dilate(depth, np.ones((25, 25), np.uint8))
+        return np.dstack([distance, np.where(free > 0, spread, depth)]).astype(np.float32)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        if self._map is not None:
+            self._map.release()
+
+
+def _pieces(part: VisualPart, link: int) -> list[_Piece]:
+    """Split a mesh into its connected pieces; vertices at one place count as one."""
+    places, index = np.unique(np.round(part.vertices.astype(float), 7), axis=0,
+                              return_inverse=True)
+    faces = index.reshape(-1)[part.faces]
+    sides = faces[:, [0, 1, 1, 2]].reshape(-1, 2).T
+    graph = coo_array((np.ones(sides.shape[1]), sides), shape=(len(places), len(places)))
+    count, label = connected_components(graph, directed=False)
+    result = []
+    for k in range(count):
+        members = np.flatnonzero(label == k)
+        own = faces[label[faces[:, 0]] == k]
+        result.append(_Piece(link, places[members],
+                             np.searchsorted(members, own).astype(np.int32)))
+    return result
+
+
+def _protruding(pieces: list[_Piece]) -> list[_Piece]:
+    """Return the pieces without those that hardly protrude from a larger one of the same link."""
+    planes = []
+    for piece in pieces:
+        corner = piece.vertices[piece.faces]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        planes.append((normal, (normal * corner[:, 0]).sum(axis=1)))
+    kept = []
+    for i, piece in enumerate(pieces):
+        hidden = any(
+            j != i and other.link == piece.link and len(planes[j][0]) > 0
+            and np.all(piece.vertices @ planes[j][0].T - planes[j][1] < _HIDDEN_M)
+            and np.ptp(other.vertices, axis=0).prod() > np.ptp(piece.vertices, axis=0).prod()
+            for j, other in enumerate(pieces))
+        if not hidden:
+            kept.append(piece)
+    return kept

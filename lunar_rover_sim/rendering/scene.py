@@ -1,0 +1,81 @@
+"""A frame under way: what is asked of it, and what its lighting needs once its geometry is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+import dataclasses
+from typing import Any
+
+from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.rendering.frame import LAYERS
+from lunar_rover_sim.rendering.frame_targets import FrameTargets
+from lunar_rover_sim.rendering.view import Window
+
+LEFT, RIGHT = 0, 1
+_SHADED = {'left', 'right', 'radiance'}
+_TRUTH = {'normal', 'label'}
+
+Uniforms = dict[str, Any]       # values by the names of shader uniforms
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """The layers of a frame, and its index, which gives each frame its own noise.
+
+    Raises RenderError for an unknown layer.
+    """
+
+    layers: frozenset[str]
+    frame_index: int
+
+    @classmethod
+    def of(cls, layers: Collection[str], frame_index: int) -> Request:
+        """Check the names of the layers."""
+        for name in sorted(set(layers).difference(LAYERS)):
+            raise RenderError(f'layer {name!r} is not valid; {nearest(name, LAYERS)}')
+        return cls(frozenset(layers), int(frame_index))
+
+    @property
+    def sides(self) -> tuple[int, ...]:
+        """Cameras that draw: LEFT, RIGHT, both or none."""
+        left = (LEFT,) if self.layers - {'right'} else ()
+        return left + ((RIGHT,) if 'right' in self.layers else ())
+
+    @property
+    def lit(self) -> bool:
+        """Whether the light is computed."""
+        return bool(self.layers & _SHADED)
+
+    @property
+    def developed(self) -> bool:
+        """Whether the sensors take a picture."""
+        return bool(self.layers & {'left', 'right'})
+
+    @property
+    def truth(self) -> bool:
+        """Whether normals and labels are drawn."""
+        return bool(self.layers & _TRUTH)
+
+
+@dataclasses.dataclass
+class Scene:
+    """A frame whose geometry is drawn.
+
+    T_world_base: (4, 4); T_world_links: (links, 4, 4); T_world_cameras: (4, 4) of both cameras
+    windows: places of both images; rows: of the ground, as `GroundPass.rows`
+    shadow: uniforms of the rover's shadow; body: of the light on the rover, None if it is out of
+        view
+    """
+
+    request: Request
+    targets: FrameTargets
+    T_world_base: Array
+    T_world_links: Array
+    T_world_cameras: list[Array]
+    windows: list[Window]
+    rows: tuple[int, int, int] = (0, 0, 0)
+    shadow: Uniforms = dataclasses.field(default_factory=dict)
+    body: Uniforms | None = None

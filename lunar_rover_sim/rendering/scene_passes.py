@@ -1,0 +1,170 @@
+"""The passes of a frame in their order: geometry of the ground, light, rocks, rover, truth."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any, TypeVar
+
+import moderngl
+
+from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.frames import Array, sun_direction
+from lunar_rover_sim.illumination.rock_shadow import sun_axes
+from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.context import clear_window, set_uniform
+from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
+from lunar_rover_sim.rendering.ground_pass import GroundPass
+from lunar_rover_sim.rendering.lamp_shadow import LampShadow
+from lunar_rover_sim.rendering.lighting import lighting_constants
+from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.rock_pass import RockPass
+from lunar_rover_sim.rendering.rover_pass import RoverPass
+from lunar_rover_sim.rendering.rover_shadow import RoverShadow
+from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
+from lunar_rover_sim.rendering.surface import Surface, TileMaker
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world.model import World
+
+FRAMES_UNDER_WAY = 2    # one is lit while the geometry of the next one is drawn
+
+Owned = TypeVar('Owned')
+
+
+class ScenePasses:
+    """Draws the world into radiance, depth and truth.
+
+    lit: what frames are lit into
+    """
+
+    def __init__(self, context: moderngl.Context, world: World, rover: RoverDescription,
+                 config: RenderConfig, projection: Projection, seed: int) -> None:
+        """Make all passes; projection: of both cameras; seed: of the relief below the grid."""
+        self._context, self._world, self._config = context, world, config
+        self._rig, self._projection = StereoRig(rover, config.camera), projection
+        self._owned = contextlib.ExitStack()
+        try:
+            self._build(rover, seed)
+        except Exception:
+            self.release()
+            raise
+
+    def _build(self, rover: RoverDescription, seed: int) -> None:
+        context, config, world = self._context, self._config, self._world
+        self._tiles = TileMaker(config.detail, seed)
+        self.lit = self._own(LitTargets(context, (self._projection.width,
+                                                  2 * self._projection.height)))
+        self._targets = [self._own(FrameTargets(context, self.lit))
+                         for _ in range(FRAMES_UNDER_WAY)]
+        self._surface = self._own(Surface(context, world))
+        sunlight = self._light_surface()
+        lamp = config.lamp.power_w > 0.0
+        self._ground = self._own(GroundPass(context, world, config.detail, self._surface, lamp))
+        self._rocks = self._own(RockPass(context, world.rocks, world.rock_shapes,
+                                         sunlight.rock_light(), self._surface, lamp))
+        self._rover = self._own(RoverPass(context, rover))
+        self._rover_shadow = self._own(RoverShadow(context, rover))
+        self._lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
+        self._programs = (*self._ground.programs, *self._rocks.programs, *self._rover.programs)
+        self._set_constants()
+
+    def _own(self, item: Owned) -> Owned:
+        """Have an object released with the passes, the last one first."""
+        self._owned.callback(item.release)      # type: ignore[attr-defined]
+        return item
+
+    def relight(self, config: RenderConfig) -> None:
+        """Move the sun; config: differs in the sun only."""
+        self._config = config
+        self._rocks.relight(self._light_surface().rock_light())
+        self._set_constants()
+
+    def _light_surface(self) -> Sunlight:
+        """Compute what the sun sees."""
+        sun = self._config.sun
+        direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
+        tiles = self._tiles.start(direction)
+        self._sunlight = Sunlight(self._world, sun, self._config.reflectance, direction,
+                                  indirect=self._config.detail.bounce)
+        self._sun_axes = sun_axes(self._sunlight.sun)
+        self._surface.light(self._sunlight, *tiles.result())
+        return self._sunlight
+
+    def _set_constants(self) -> None:
+        sun = self._config.sun
+        self._set_uniforms(**lighting_constants(
+            self._config, sun_direction(sun.azimuth_deg, sun.elevation_deg)))
+
+    def _set_uniforms(self, **values: Any) -> None:
+        for program in self._programs:
+            set_uniform(program, **values)
+
+    def draw_geometry(self, request: Request, T_world_base: Array,
+                      joint_angle_rad: Array) -> Scene:
+        """Draw the depth of the ground and choose what else is in view."""
+        self._targets.reverse()
+        targets, projection = self._targets[0], self._projection
+        links = self._rover.poses(T_world_base, joint_angle_rad)
+        # Both cameras decide what is drawn: an image does not depend on the other layers.
+        cameras = [T_world_base @ self._rig.T_base_left, T_world_base @ self._rig.T_base_right]
+        volume = projection.view_volume(cameras, self._world)
+        chosen = self._ground.choose(volume)
+        if self._lamp is not None and request.lit:
+            self._lamp.draw(T_world_base, self._world, self._ground, self._rocks)
+        w, h = projection.width, projection.height
+        windows = [(0, side * h, w, h) for side in range(len(cameras))]
+        scene = Scene(request, targets, T_world_base, links, cameras, windows)
+        for side in request.sides:
+            targets.views[side].place(cameras[side], projection, volume, window=windows[side],
+                                      size=targets.size)
+            targets.views[side].bind()
+            clear_window(targets.ground[side], windows[side])
+            if side == request.sides[-1]:   # meanwhile the driver draws the other side
+                scene.shadow = self._rover_shadow.cast(links, self._sun_axes, volume)
+                self._rocks.choose(volume, self._rig.focal_px, self._config.detail.rock_min_px)
+                if self._rover.is_in_view(links, volume):
+                    scene.body = self._rover.light(links, self._rover_shadow.radius_m,
+                                                   self._sunlight, self._config.sun.irradiance)
+                scene.rows = self._ground.rows(chosen, projection, cameras[LEFT])
+            self._ground.draw_depth(chosen)
+        return scene
+
+    def light(self, scene: Scene) -> None:
+        """Light the ground, and draw rocks and the rover over it."""
+        targets, request = scene.targets, scene.request
+        self._set_uniforms(**scene.shadow)
+        for side in request.sides:
+            self._look_from(scene, side)
+            clear_window(self.lit.framebuffer, scene.windows[side])
+            self._ground.draw(self.lit.framebuffer, scene.windows[side], scene.rows,
+                              targets.ground_depth, lit=request.lit)
+        for side in request.sides:
+            self._look_from(scene, side)
+            self._draw_objects(scene, targets.objects[side], side)
+        if request.truth:
+            self._look_from(scene, LEFT)
+            # The depth is kept: which surface is nearest is known already.
+            clear_window(targets.truth.colour, scene.windows[LEFT])
+            self._ground.draw_truth(targets.ground_depth)
+            self._context.depth_func = '<='
+            try:
+                self._draw_objects(scene, targets.truth.framebuffer, LEFT, truth=True)
+            finally:
+                self._context.depth_func = '<'
+
+    def _look_from(self, scene: Scene, side: int) -> None:
+        """Draw for a camera from now on."""
+        scene.targets.views[side].bind()
+        if self._lamp is not None:
+            self._lamp.bind(self._programs, scene.T_world_base, scene.T_world_cameras[side])
+
+    def _draw_objects(self, scene: Scene, target: Any, side: int, *, truth: bool = False) -> None:
+        target.use()
+        target.viewport = scene.windows[side]
+        self._rocks.draw(truth=truth)
+        if scene.body is not None:
+            self._rover.draw(scene.T_world_links, scene.body, truth=truth)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        self._owned.close()
