@@ -1,1 +1,1 @@
-"""rosbag2 files without ROS: write, read, recover, content hash."""
+"""rosbag2 files without ROS: writing, reading, recovery, content hash."""

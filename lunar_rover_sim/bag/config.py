@@ -1,4 +1,4 @@
-"""What to record and how."""
+"""Configuration of a recording."""
 
 from __future__ import annotations
 

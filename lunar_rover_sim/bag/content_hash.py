@@ -1,15 +1,15 @@
-"""A hash of what a bag says, whatever order, storage or compression it is written in.
+"""A hash of the content of a bag, independent of order, storage and compression.
 
-Per topic a SHA-256 over (stamp, payload) of its messages; the bag's hash is one over the names,
-types and hashes of all topics, by name. So the order between topics, which two runs do not
-share, does not count; neither does the bag time of messages without a stamp, only their order.
-Messages of one topic with one stamp (several publishers) count in any order.
+Each topic has a SHA-256 over (stamp, payload) of its messages. The hash of the bag is one over the
+names, types and hashes of all topics, sorted by name. The order between topics, which differs
+between two runs, does not count. Neither does the bag time of messages without a stamp, only their
+order. Messages of one topic with one stamp (of several publishers) count in any order.
 
-The payload is the message deserialised and serialised again: CDR aligns numbers with padding
-bytes, and a middleware may leave there whatever its buffer held before. That also brings both
-byte orders to one.
+The payload is the message deserialised and serialised again. CDR aligns numbers with padding
+bytes, which a middleware may leave as its buffer held them before; and either byte order gives
+one hash.
 
-Not counted is what tells of wall time or of the process rather than of the run, `SKIPPED`.
+Topics that depend on wall time or on the process are skipped, see `SKIPPED`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.topics import RECORDED
 
 SKIPPED: Mapping[str, str] = {
-    'rosout': 'log lines bear wall time',
-    'parameter_events': 'bear wall time',
+    'rosout': 'log lines have wall time',
+    'parameter_events': 'have wall time',
     'transition_event': 'life cycle of a node, at wall time',
     'diagnostics': 'health of processes, at wall time',
     'statistics': 'wall-time statistics of the middleware',
@@ -73,7 +73,7 @@ def is_skipped(topic: str) -> bool:
 
 
 def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -> dict[str, str]:
-    """Return topic → hexadecimal hash; `progress` is called once a message.
+    """Return topic → hexadecimal hash; `progress` is called once per message.
 
     Raises BagError where the bag cannot be read.
     """
@@ -82,7 +82,7 @@ def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -
 
 
 def bag_hash(path: Path | str) -> str:
-    """Return the hexadecimal hash of a bag; of what is there, if it is incomplete.
+    """Return the hexadecimal hash of a bag; of an incomplete one that of its messages.
 
     Raises BagError where the bag cannot be read.
     """

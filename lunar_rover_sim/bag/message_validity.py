@@ -1,4 +1,4 @@
-"""What a single message must fulfil: finite numbers, unit quaternions, images of their size."""
+"""Validity of single messages: finite numbers, unit quaternions, images of their size."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class Bag:
 
     @property
     def reader(self) -> AnyReader:
-        """rosbags' reader below."""
+        """The reader of rosbags."""
         if self._reader is None:
             raise BagError(f'{self.path}: the bag is closed')
         return self._reader

@@ -1,4 +1,4 @@
-"""What a bag says about its own making: the scenario that the recorder put into it."""
+"""The scenario of a recording, as the recorder wrote it into the bag."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RecordedScenario:
         return default
 
     def number(self, section: str, name: str, default: float) -> float:
-        """Return a number; the default where it is not there or no number."""
+        """Return a number; the default where it is missing or not a number."""
         value = self.get(section, name)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return float(value)

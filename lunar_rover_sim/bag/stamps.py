@@ -3,7 +3,7 @@
 In CDR a message whose first member is a `std_msgs/Header` or a `builtin_interfaces/Time` has its
 stamp right behind the 4 bytes of encapsulation: int32 seconds, uint32 nanoseconds. Where the
 first member is a sequence (TFMessage), its length comes first and the stamp is that of the first
-element. Which of these holds is read from the message definitions.
+element. The message definitions decide which of these a type has.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _IN_SEQUENCE = 8   # behind encapsulation and length
 
 
 class StampTable:
-    """Where the stamp of each message type lies, from the definitions of a typestore."""
+    """Position of the stamp in each message type, from the definitions of a typestore."""
 
     def __init__(self, typestore: Typestore) -> None:
         self._typestore = typestore

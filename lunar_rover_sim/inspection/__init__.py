@@ -1,1 +1,1 @@
-"""Whether a bag can be trusted, and what it looks like."""
+"""Checks of bags, pictures of them, and summaries."""

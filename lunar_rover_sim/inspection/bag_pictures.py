@@ -1,4 +1,4 @@
-"""Pictures of a bag: what the cameras saw, where the rover went, how it rocked."""
+"""Pictures of a bag: stereo sets, trajectory over the hillshade, attitude, IMU."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     """Write PNG pictures of a bag into the folder `output` and return their paths.
 
     stereo_<n>.png left and right image side by side, disparity and true depth below them;
-    trajectory.png over the world's hillshade, where its folder is still there (`world` names it);
-    attitude.png and imu.png over time. What the bag does not hold is left out. Raises BagError
-    where it can be read but nothing can be shown, or where `world` is another one.
+    trajectory.png over the hillshade of the world, where its folder is found (`world` names
+    it); attitude.png and imu.png over time. Pictures of topics that the bag does not hold are left
+    out. Raises BagError where nothing can be shown, or where `world` is another world.
     """
     output = Path(output)
     paths: list[Path] = []
@@ -131,7 +131,7 @@ def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
 
 def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
                    folder: Path | str | None = None) -> None:
-    """Draw the world of a bag, lit from its sun's azimuth, where that world is still there.
+    """Draw the hillshade of the world of a bag, lit from its sun's azimuth, where it is found.
 
     Raises BagError where `folder` is given and holds another world.
     """
@@ -146,7 +146,7 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
     x, y = np.meshgrid(centre_m[0] + side, centre_m[1] + side)
     height = world.height_at(np.stack([x, y], axis=-1))
     slope_y, slope_x = np.gradient(height, side[1] - side[0])
-    # Lit from 30 degrees above the horizon in the sun's direction: readable at any hour.
+    # The light is always 30 degrees above the horizon, so that the ground is readable.
     light = frames.sun_direction(azimuth, 30.0)
     shade = (light[2] - light[0] * slope_x - light[1] * slope_y) / np.sqrt(
         1.0 + slope_x**2 + slope_y**2)
@@ -159,11 +159,11 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
 
 
 def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
-    """Return the world that was driven on: from `folder`, `world` beside the bag (where `run`
-    leaves a link), the scenario's folder or the cache.
+    """Return the world that was driven on; None where no folder holds one of the hash in the bag.
 
-    None where neither holds a world of the hash in the bag. Raises BagError where `folder` is
-    given and does not.
+    The world is looked for in `folder`; without that in `world` beside the bag (a link that `run`
+    makes), in the scenario's folder and in the cache. Raises BagError where `folder` is given and
+    holds another world.
     """
     if not bag.has(topics.WORLD_HASH.name):
         return None

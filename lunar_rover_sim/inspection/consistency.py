@@ -1,4 +1,4 @@
-"""Whether the truth in a bag is consistent with itself: IMU and odometry.
+"""Consistency of the IMU in a bag with its odometry.
 
 The bag's IMU samples are means over the interval that ends at their stamp, and the specific force
 is that of the IMU's origin. With R the attitude, v the velocity of the IMU and g gravity, one
@@ -7,7 +7,7 @@ interval h must give
     R_k = R_{k-1} exp(h w_k),    v_k = v_{k-1} + h (R_{k-1/2} f_k + g)
 
 with R_{k-1/2} halfway between both attitudes. The residuals are added up over windows of one
-second: what is found is the drift of an inertial navigation that starts from the true state.
+second. The result is the drift of an inertial navigation that starts from the true state.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ class Drift:
     attitude_rad: float
     velocity_mps: float
     position_m: float
-    at_s: float  # begin of the window with the worst attitude or velocity
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +61,7 @@ def imu_drift(scan: Scan, imu_position_m: np.ndarray, gravity_mps2: float) -> Dr
             (np.linalg.norm(imu[:, 6:10], axis=1) < 0.5).any():
         return None
     step_s = np.diff(stamps) * 1e-9
-    whole = step_s < 1.5 * np.median(step_s)  # an interval with a gap says nothing
+    whole = step_s < 1.5 * np.median(step_s)  # an interval with a gap is not judged
     base, body = _rotation(odom[:, 3:7]), _rotation(imu[:, 6:10])
     turn = (body[:-1].inv() * body[1:]).as_rotvec()
     rate = imu[1:, 0:3]
@@ -82,9 +81,7 @@ def imu_drift(scan: Scan, imu_position_m: np.ndarray, gravity_mps2: float) -> Dr
         total = np.zeros((window[-1] + 1, 3))
         np.add.at(total, window[whole], residual[whole])
         drifts.append(np.linalg.norm(total, axis=1))
-    worst = int(np.argmax(drifts[0] + drifts[1]))
-    return Drift(float(drifts[0].max()), float(drifts[1].max()), float(drifts[2].max()),
-                 stamps[0] * 1e-9 + worst * WINDOW_S)
+    return Drift(*(float(drift.max()) for drift in drifts))
 
 
 def attitude_offset_rad(scan: Scan, R_base_imu: np.ndarray) -> float | None:
@@ -105,7 +102,7 @@ def attitude_offset_rad(scan: Scan, R_base_imu: np.ndarray) -> float | None:
 
 
 def raw_imu_offset(scan: Scan) -> NoiseOffset | None:
-    """Return whether raw minus truth minus bias is noise without a mean."""
+    """Return the mean of raw minus truth minus bias; None where not all of them are recorded."""
     stamps = None
     for topic in (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS):
         ns, values = scan.signal(topic)

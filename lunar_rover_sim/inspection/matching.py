@@ -1,11 +1,11 @@
-"""Disparity against true depth, told apart: shift, lag along the columns, scale, noise.
+"""Disparity against true depth: the error split into shift, lag along the columns and scale.
 
 Only well textured pixels are judged, since in shadows semi-global matching follows the noise.
 There its error e is described by e = shift + lag * dd/dv + scale * d, d the true disparity and v
 the row. A wrong principal point or rounding gives a shift, a wrong focal length or baseline a
-scale, and a depth image that is moved against the pictures a lag. The five-path variant of
+scale, and a depth image that is displaced against the images a lag. The five-path variant of
 OpenCV's matcher aggregates from above only and lags by itself: on synthetic planes by 0.75 rows
-(0.10 px at a slope of 0.10 px a row, 0.19 px at 0.25), where the eight-path one lags by none.
+(0.10 px at a slope of 0.10 px a row, 0.19 px at 0.25), where the eight-path variant does not lag.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _INLIER_PX = 1.0
 class FrameError:
     """Disparity of one frame against its true depth, over its textured pixels.
 
-    pixels: how many were judged; with fewer than MIN_PIXELS all errors are NaN
+    pixels: number of judged pixels; with fewer than MIN_PIXELS all errors are NaN
     median_px: median of the absolute error
     shift_px, lag_rows, scale: as in the module's description
     outliers: share that is off by more than 2 px

@@ -1,4 +1,4 @@
-"""What a check found: one line per check, and whether the bag can be trusted."""
+"""The outcome of the checks: one line per check, and whether the bag can be trusted."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import enum
 
 
 class Status(enum.Enum):
-    """Outcome of one check; only FAIL condemns a bag."""
+    """Outcome of one check; a single FAIL means that the bag cannot be trusted."""
 
     PASS = 'pass'
     WARN = 'warn'
@@ -17,7 +17,7 @@ class Status(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """One line of the result: what was checked, how it came out, and in which numbers."""
+    """One line of the report: name of the check, outcome, and the numbers behind it."""
 
     check: str
     status: Status
@@ -29,14 +29,19 @@ class Report:
     """All findings on one bag."""
 
     findings: list[Finding] = dataclasses.field(default_factory=list)
+    prefix: str = ''
+
+    def of(self, prefix: str) -> Report:
+        """Return a report whose findings are added to this one, their names prefixed."""
+        return Report(self.findings, prefix)
 
     def add(self, check: str, status: Status, detail: str) -> None:
         """Append a finding."""
-        self.findings.append(Finding(check, status, detail))
+        self.findings.append(Finding(self.prefix + check, status, detail))
 
     def verdict(self, check: str, problems: list[str], fine: str,
                 bad: Status = Status.FAIL) -> None:
-        """Append a finding that passes where `problems` is empty; the first ones are told."""
+        """Append a finding that passes without problems, and names the first three otherwise."""
         if not problems:
             self.add(check, Status.PASS, fine)
             return
@@ -50,7 +55,7 @@ class Report:
 
     @property
     def failed(self) -> list[Finding]:
-        """The findings that condemn the bag."""
+        """The findings with the outcome FAIL."""
         return [f for f in self.findings if f.status is Status.FAIL]
 
 

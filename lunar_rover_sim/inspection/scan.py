@@ -1,4 +1,4 @@
-"""One pass over a bag: stamps and contents of every topic, and the signals to compare."""
+"""One pass over a bag: stamps and problems of every topic, and the signals to compare."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
 
 @dataclasses.dataclass
 class TopicScan:
-    """What one topic of the contract held; `stamps_ns` in the order of bag time."""
+    """One topic of the contract as recorded; `stamps_ns` in the order of bag time."""
 
     topic: Topic
     name: str
@@ -49,7 +49,7 @@ class TopicScan:
 
 @dataclasses.dataclass
 class Scan:
-    """Everything one namespace of a bag holds, by name in the contract."""
+    """The topics of one namespace of a bag, by their names in the contract."""
 
     namespace: str
     topics: dict[str, TopicScan] = dataclasses.field(default_factory=dict)
@@ -57,7 +57,7 @@ class Scan:
         default_factory=dict)
     frames: list[FrameError] = dataclasses.field(default_factory=list)
     depth_mismatch: list[str] = dataclasses.field(default_factory=list)
-    contrast: int = 0  # left images that are not of one grey
+    contrast: int = 0  # left images with more than one grey level
 
     def signal(self, topic: Topic) -> tuple[np.ndarray, np.ndarray]:
         """Return stamps (n,) [ns] and the values (n, k) that `_SIGNALS` picks."""
@@ -80,7 +80,7 @@ _SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
 
 
 def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -> Scan:
-    """Read the contract's topics under `namespace` once and take note of everything."""
+    """Read the contract's topics under `namespace` once; `progress` is called once per message."""
     result = Scan(namespace)
     by_topic: dict[str, TopicScan] = {}
     for known in topics.CONTRACT:
@@ -142,7 +142,7 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validit
 
 
 class _DepthPair:
-    """Compares disparity with true depth and with depth, as both of one stamp are there."""
+    """Compares disparity with true depth and with depth as soon as both of one stamp are read."""
 
     def __init__(self, result: Scan) -> None:
         self._result = result

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import cv2
 import pytest
 import synthetic_bag as synthetic
@@ -33,7 +35,8 @@ def bag(items, tmp_path_factory):
     return synthetic.write(tmp_path_factory.mktemp('bag') / 'bag', items)
 
 
-def test_pictures_are_written_and_named(tmp_path, bag, world):
+def test_pictures_are_written_and_named(tmp_path, bag, world, monkeypatch):
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))
     paths = preview(bag, tmp_path / 'out', world)
     names = [*STEREO, 'trajectory.png', 'attitude.png', 'imu.png']
     assert [p.name for p in paths] == names
@@ -41,6 +44,9 @@ def test_pictures_are_written_and_named(tmp_path, bag, world):
         assert cv2.imread(str(path)).std() > 5.0
     bare = preview(bag, tmp_path / 'bare')
     assert not (cv2.imread(str(bare[4])) == cv2.imread(str(paths[4]))).all()
+    shutil.copytree(world, tmp_path / 'cache' / 'worlds' / 'any_name')
+    cached = preview(bag, tmp_path / 'cached')
+    assert (cv2.imread(str(cached[4])) == cv2.imread(str(paths[4]))).all()
 
 
 def test_what_is_missing_is_left_out(tmp_path, items):

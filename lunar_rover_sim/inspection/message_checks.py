@@ -1,0 +1,164 @@
+"""Checks of the messages of a bag: all there, in step, and valid one by one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+import numpy as np
+import yaml
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.inspection.report import grouped, Report, Status
+from lunar_rover_sim.inspection.rover_data import RoverData, STEREO_SET
+from lunar_rover_sim.inspection.scan import TopicScan
+from lunar_rover_sim.topics import EVENT, FRAME, LATCHED, STATE
+
+# tf2_msgs may not be installed; velocity commands come at the pace of their publisher.
+OPTIONAL = (topics.TF.name, topics.TF_STATIC.name, topics.CMD_VEL.name)
+
+
+def contract_topics(rover: RoverData, report: Report) -> None:
+    """Every topic that was to be recorded is there, and has its type."""
+    listed = rover.scenario.get('recorder_node', 'topics', ['all'])
+    excluded = _names(rover, rover.scenario.get('recorder_node', 'exclude', []))
+    nodes = rover.scenario.get('run', 'nodes')
+    missing = []
+    for topic in topics.CONTRACT:
+        if topic.rate == EVENT or topic.name in OPTIONAL or topic.name in excluded:
+            continue
+        if 'all' not in listed and topic.name not in _names(rover, listed):
+            continue
+        if isinstance(nodes, list) and topic.node not in nodes:
+            continue
+        if topic.name not in rover.scan.topics:
+            missing.append(topic.name)
+    wrong = [f'{t.name} has type {t.msgtype}, not {t.topic.type}'
+             for t in rover.scan.topics.values()
+             if t.msgtype != t.topic.type and t.topic is not topics.CMD_VEL]
+    problems = wrong + ([f'missing: {", ".join(missing)}'] if missing else [])
+    only_missing = bool(missing) and not wrong and not rover.scenario
+    report.verdict('topics', problems, f'{len(rover.scan.topics)} of the contract',
+                   Status.WARN if only_missing else Status.FAIL)
+
+
+def counts(rover: RoverData, report: Report) -> None:
+    """Counts are rate x duration, stamp by stamp; latched topics came once."""
+    for rate, period in ((STATE, rover.state_ns), (FRAME, rover.frame_ns)):
+        found = rover.of_rate(rate)
+        if not found:
+            continue
+        if not period:
+            report.add(f'{rate} counts', Status.FAIL, 'too few messages to find their rate')
+            continue
+        expected = np.arange(period, rover.end_ns + 1, period)
+        if rover.real_time:
+            problems = grouped({t.name: f'{len(set(t.stamps_ns))} of {len(expected)}'
+                                for t in found if len(set(t.stamps_ns)) < len(expected)})
+        else:
+            problems = grouped({t.name: p for t in found
+                                if (p := _count_problem(t, expected))})
+        fine = f'{len(found)} topics x {len(expected)} at {NS_PER_S / period:g} Hz'
+        report.verdict(f'{rate} counts', problems, fine,
+                       Status.WARN if rover.real_time else Status.FAIL)
+    problems = [f'{t.name}: {len(t.stamps_ns)} messages' for t in rover.of_rate(LATCHED)
+                if len(t.stamps_ns) != 1 and t.topic.name != topics.TF_STATIC.name]
+    report.verdict('latched', problems, f'{len(rover.of_rate(LATCHED))} topics, once each')
+
+
+def stamps(rover: RoverData, report: Report) -> None:
+    """Stamps increase strictly; bag time is the stamp."""
+    repeated, late = [], []
+    for t in rover.scan.topics.values():
+        if t.topic.rate in (STATE, FRAME) and t.topic is not topics.TF:
+            steps = np.diff(t.stamps_ns)
+            if (steps <= 0).any():
+                at = t.stamps_ns[int(np.argmax(steps <= 0)) + 1] / NS_PER_S
+                repeated.append(f'{t.name}: {int((steps <= 0).sum())} not after the one '
+                                f'before, first at {at:.3f} s')
+        if t.late:
+            late.append(f'{t.name}: {t.late} messages')
+    report.verdict('stamps increase', repeated, 'strictly, on every topic')
+    report.verdict('bag time', late, 'is the stamp', Status.WARN)
+
+
+def stereo_sets(rover: RoverData, report: Report) -> None:
+    """One stamp per stereo set, and a pose for every image."""
+    sets = {t.name: set(rover.scan.topics[t.name].stamps_ns) for t in STEREO_SET
+            if t.name in rover.scan.topics}
+    if not sets:
+        return
+    union = set().union(*sets.values())
+    if not union:
+        report.add('stereo sets', Status.SKIP, 'no stereo image in the bag')
+        return
+    problems = [f'{name} lacks {len(union - have)} of {len(union)} stamps, first '
+                f'{min(union - have) / NS_PER_S:.6f} s'
+                for name, have in sets.items() if union - have]
+    report.verdict('stereo sets', problems, f'{len(union)} sets of {len(sets)} with one stamp')
+    odom = rover.scan.topics.get(topics.ODOM.name)
+    if odom is None:
+        return
+    without_pose = sorted(union - set(odom.stamps_ns))
+    report.verdict('pose per image',
+                   [f'no odometry at {s / NS_PER_S:.6f} s' for s in without_pose],
+                   f'{len(union)} stamps')
+
+
+def contents(rover: RoverData, report: Report) -> None:
+    """Numbers are finite, images have their size, frames are those of the contract."""
+    problems = [f'{t.name} {t.problems[0]}' + (f' (in {len(t.problems)} messages)'
+                                               if len(t.problems) > 1 else '')
+                for t in rover.scan.topics.values() if t.problems]
+    report.verdict('contents', problems, 'finite, of the declared size')
+    wrong = [f'{t.name} in frame {sorted(t.frame_ids)}, not {t.topic.frame_id!r}'
+             for t in rover.scan.topics.values() if t.frame_ids and t.topic.frame_id
+             and t.frame_ids != {t.topic.frame_id}]
+    report.verdict('frames', wrong, 'as in the contract')
+
+
+def world_hash(rover: RoverData, report: Report) -> None:
+    """The hash of the world is recorded; it is that of the world in the scenario's folder."""
+    topic = rover.scan.topics.get(topics.WORLD_HASH.name)
+    if topic is None or topic.last is None:
+        report.add('world hash', Status.FAIL, 'is not in the bag')
+        return
+    value = str(topic.last.data)
+    problems = []
+    if not re.fullmatch('[0-9a-f]{16,128}', value):
+        problems.append(f'{value[:40]!r} is not a hexadecimal hash')
+    folder = rover.scenario.get('physics_node', 'world')
+    on_disk = _hash_of_world(Path(folder)) if isinstance(folder, str) and folder else None
+    if on_disk is not None and on_disk != value:
+        problems.append(f'{value} is not that of {folder}, {on_disk}')
+    report.verdict('world hash', problems, value)
+
+
+def _names(rover: RoverData, listed: object) -> set[str]:
+    """Return names as in the contract of topics that a scenario lists."""
+    names = listed if isinstance(listed, list) else []
+    return {str(name).removeprefix(rover.namespace).lstrip('/') for name in names}
+
+
+def _count_problem(topic: TopicScan, expected: np.ndarray) -> str:
+    have = np.unique(topic.stamps_ns)
+    missing = np.setdiff1d(expected, have)
+    extra = np.setdiff1d(have, expected)
+    parts = []
+    if len(missing):
+        parts.append(f'{len(missing)} of {len(expected)} missing, first at '
+                     f'{missing[0] / NS_PER_S:.3f} s')
+    if len(extra):
+        parts.append(f'{len(extra)} off the grid, first at {extra[0] / NS_PER_S:.6f} s')
+    if len(topic.stamps_ns) > len(have) and topic.topic is not topics.TF:
+        parts.append(f'{len(topic.stamps_ns) - len(have)} more than once')
+    return ', '.join(parts)
+
+
+def _hash_of_world(folder: Path) -> str | None:
+    try:
+        document = yaml.safe_load((folder / 'world.yaml').read_text(encoding='utf-8'))
+        return str(document['hash'])
+    except (OSError, yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError):
+        return None

@@ -1,0 +1,78 @@
+"""The data that the checks read: one rover's topics, scenario and periods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+
+import numpy as np
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
+from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.inspection.scan import Scan, scan, TopicScan
+from lunar_rover_sim.topics import FRAME, STATE
+
+STEREO_SET = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,
+              topics.DISPARITY, topics.DEPTH, topics.TRUE_DEPTH)
+
+# The parameters that set the rates, and the topics that they are measured on.
+_RATES = {STATE: ('physics_node', 'state_rate_hz'), FRAME: ('render_node', 'frame_rate_hz')}
+_MEASURED = {STATE: (topics.ODOM, topics.CLOCK), FRAME: (topics.LEFT_IMAGE, topics.LEFT_INFO)}
+
+
+@dataclasses.dataclass(frozen=True)
+class RoverData:
+    """What one rover recorded.
+
+    state_ns, frame_ns: periods of states and of frames [ns], 0 where they are not known
+    end_ns: last stamp of the states, else of the frames; 0 in an empty recording
+    """
+
+    namespace: str
+    scenario: RecordedScenario
+    scan: Scan
+    state_ns: int
+    frame_ns: int
+    end_ns: int
+
+    @property
+    def real_time(self) -> bool:
+        """Whether it was recorded in real time, where samples may be lost."""
+        return self.scenario.get('physics_node', 'time_mode') == 'real_time'
+
+    def of_rate(self, rate: str) -> list[TopicScan]:
+        """Return the topics of a rate class; velocity commands belong to none."""
+        return [t for t in self.scan.topics.values()
+                if t.topic.rate == rate and t.topic is not topics.CMD_VEL]
+
+
+def read_rover_data(bag: Bag, namespace: str, progress: Callable[[], None] | None) -> RoverData:
+    """Scan one namespace of a bag; `progress` is called once per message."""
+    scenario = recorded_scenario(bag, namespace)
+    found = scan(bag, namespace, progress)
+    rover = RoverData(namespace, scenario, found, _period_ns(STATE, scenario, found),
+                      _period_ns(FRAME, scenario, found), end_ns=0)
+    ends = [t.stamps_ns[-1] for t in rover.of_rate(STATE) if t.stamps_ns]
+    ends = ends or [t.stamps_ns[-1] for t in rover.of_rate(FRAME) if t.stamps_ns]
+    return dataclasses.replace(rover, end_ns=max(ends, default=0))
+
+
+def scenario_rate_hz(rate: str, scenario: RecordedScenario) -> float:
+    """Return the rate [Hz] of a rate class in the scenario; 0 where there is none."""
+    node, name = _RATES[rate]
+    return scenario.number(node, name, 0.0)
+
+
+def measured_period_ns(rate: str, found: Scan) -> int:
+    """Return the median period [ns] of a rate class; 0 where too little was recorded."""
+    recorded = next((found.topics[t.name] for t in _MEASURED[rate] if t.name in found.topics),
+                    None)
+    steps = np.diff(np.unique(recorded.stamps_ns if recorded is not None else []))
+    return int(np.median(steps)) if len(steps) else 0
+
+
+def _period_ns(rate: str, scenario: RecordedScenario, found: Scan) -> int:
+    rate_hz = scenario_rate_hz(rate, scenario)
+    return round(NS_PER_S / rate_hz) if rate_hz else measured_period_ns(rate, found)
