@@ -74,8 +74,8 @@ def test_statistics_of_the_analytic_bag(episode: Path) -> None:
     """Path, sun, noise and depth are those that the bag was made with."""
     found = statistics(episode / 'bag')
     assert found['frames'] == 10
-    # From the first sample to the last one in steps of 0.1 s: 0.9 s on an arc.
-    assert found['distance_m'] == pytest.approx(0.9 * synthetic_bag.SPEED, rel=1e-3)
+    # From the first sample at 0.005 s to the last one at 1 s, on an arc.
+    assert found['distance_m'] == pytest.approx(0.995 * synthetic_bag.SPEED, rel=1e-3)
     assert found['sun_azimuth_deg'] == pytest.approx(30.0)
     assert found['sun_elevation_deg'] == pytest.approx(10.0)
     # 1e-2 m/s^2 and 1e-3 rad/s per sample at 200 Hz; 200 samples know it to 5 %.
