@@ -1,4 +1,4 @@
-"""`lunar_rover_sim calibrate gait`: measure what the gait does, for commands to be followed."""
+"""`lunar_rover_sim calibrate gait`: measure the map from velocity to gait."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from rich.progress import Progress
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.scenario import load_scenario
 from lunar_rover_sim.studies import gait_measurement
-
-MAX_MEASURE_S = 120.0   # the ground grows with it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,18 +45,19 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f'--output: {args.output.parent} is not a folder')
     if args.workers < 1:
         raise ConfigError(f'--workers: {args.workers} is not valid; valid is >= 1')
-    if not 1.0 <= args.measure <= MAX_MEASURE_S:
+    if not 1.0 <= args.measure <= gait_measurement.MAX_MEASURE_S:
         raise ConfigError(f'--measure: {args.measure:g} is not valid; valid is 1 to '
-                          f'{MAX_MEASURE_S:g} [s]')
+                          f'{gait_measurement.MAX_MEASURE_S:g} [s]')
     scenario = load_scenario(args.scenario, args.overrides)
+    settings = gait_measurement.WalkSettings(scenario.rover, scenario.physics_node,
+                                             scenario.gait_controller_node, args.measure)
     rates, turns = gait_measurement.COARSE if args.coarse else gait_measurement.FINE
     console = Console()
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task('walking')
         table = gait_measurement.measure(
-            scenario.rover, scenario.physics_node, scenario.gait_controller_node, rates, turns,
-            args.workers, lambda done, total: bar.update(task, completed=done, total=total),
-            args.measure)
+            settings, rates, turns, args.workers,
+            lambda done, total: bar.update(task, completed=done, total=total))
     table.save(args.output)
     ahead, spot = [row[0] for row in table.forward_mps], [row[-1] for row in table.yaw_rate_radps]
     console.print(f'{args.output}: {len(rates)} phase rates, {len(turns)} turns; straight on'

@@ -1,4 +1,4 @@
-"""`lunar_rover_sim validate locomotion`: what the legs do to the pitch, and to commands."""
+"""`lunar_rover_sim validate locomotion`: the pitch of the walk, and commands followed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import load_scenario
-from lunar_rover_sim.studies import gait_measurement, locomotion, locomotion_report
+from lunar_rover_sim.studies import locomotion, locomotion_report
+from lunar_rover_sim.studies.command_tracking import COMMANDS, CommandTracking, measure_commands
+from lunar_rover_sim.studies.gait_measurement import WalkSettings
+from lunar_rover_sim.studies.pitch import read_curve, STEADY_FROM_S
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Walk, write the report; return 1 if a velocity command was not followed."""
     for name, values, low in (('--speeds', args.speeds, 0.0), ('--gravities', args.gravities, 0.0),
-                              ('--duration', [args.duration], locomotion.STEADY_FROM_S + 2.0),
+                              ('--duration', [args.duration], STEADY_FROM_S + 2.0),
                               ('--workers', [args.workers], 0.5)):
         for value in values:
             if not low < value < 1e4:
@@ -57,11 +60,11 @@ def run(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario, args.overrides)
     gait, physics = scenario.gait_controller_node, scenario.physics_node
     table = GaitCalibration.of(gait)
-    overlays = [locomotion.read_curve(path) for path in args.overlay]
+    overlays = [read_curve(path) for path in args.overlay]
     make_new(args.output)
 
     console = Console()
-    obedience: list[gait_measurement.Obedience] = []
+    tracking: list[CommandTracking] = []
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task('walking')
         cases = locomotion.study(
@@ -70,14 +73,11 @@ def run(args: argparse.Namespace) -> int:
             lambda done, total: bar.update(task, completed=done, total=total))
         if not args.no_commands:
             following = bar.add_task('following commands')
-            obedience = gait_measurement.measure_commands(
-                gait_measurement.COMMANDS, table, scenario.rover, physics, gait, args.workers,
+            tracking = measure_commands(
+                COMMANDS, table, WalkSettings(scenario.rover, physics, gait), args.workers,
                 lambda done, total: bar.update(following, completed=done, total=total))
-    text = locomotion_report.report_text(cases, overlays, obedience)
-    (args.output / 'locomotion.md').write_text(text, encoding='utf-8')
-    locomotion_report.plot_cases(cases, args.output / 'locomotion.png', overlays)
-    locomotion_report.write_curves(cases, args.output / 'pitch.csv')
+    text = locomotion_report.write_all(cases, overlays, tracking, args.output)
     console.print(Markdown(text))
     console.print(f'written: {args.output}/locomotion.md, locomotion.png, pitch.csv',
                   highlight=False, soft_wrap=True)
-    return 0 if all(each.within for each in obedience) else 1
+    return 0 if all(each.followed for each in tracking) else 1

@@ -14,7 +14,9 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import load_scenario
-from lunar_rover_sim.studies import traverse, traverse_report
+from lunar_rover_sim.studies import traverse_report
+from lunar_rover_sim.studies.traverse import study, TraverseSettings
+from lunar_rover_sim.studies.traverse_result import Traverse
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,23 +52,23 @@ def run(args: argparse.Namespace) -> int:
     make_new(args.output)
 
     console = Console()
-    done_so_far: list[traverse.Traverse] = []
+    results: list[Traverse] = []
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task(f'driving {args.seeds} worlds', total=args.seeds)
 
-        def tell(result: traverse.Traverse, done: int, total: int) -> None:
+        def show(result: Traverse, done: int, total: int) -> None:
             bar.update(task, completed=done, total=total)
-            # An hour's work is not lost when it is interrupted.
-            done_so_far.append(result)
-            traverse_report.write_all(done_so_far, scenario.name, args.output)
+            # The report is kept up to date, in case the study is interrupted.
+            results.append(result)
+            traverse_report.write_all(results, scenario.name, args.output)
             bar.console.print(f'seed {result.seed}: {result.outcome}, {result.distance_m:.1f} m,'
                               f' {result.stuck} times stuck, tilted up to'
                               f' {result.tilt_max_deg:.0f} deg', highlight=False, soft_wrap=True)
 
-        results = traverse.study(
-            scenario.world, range(args.first_seed, args.first_seed + args.seeds), table,
-            scenario.rover, scenario.physics_node, gait, scenario.drive_node, args.duration,
-            args.workers, tell)
+        settings = TraverseSettings(table, scenario.rover, scenario.physics_node, gait,
+                                    scenario.drive_node, args.duration)
+        study(scenario.world, range(args.first_seed, args.first_seed + args.seeds), settings,
+              args.workers, show)
     text = traverse_report.write_all(results, scenario.name, args.output)
     console.print(Markdown(text))
     console.print(f'written: {args.output}/traverse.md, traverse.csv, traverse.png',

@@ -16,7 +16,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.frames import Array
 
 
@@ -50,13 +50,13 @@ def overlapping_allan(signal: ArrayLike, rate_hz: float, per_decade: int = 10) -
     """Return the curve of (n,) or (n, c) samples taken at rate_hz [Hz].
 
     Averaging times are spaced evenly in the logarithm, up to a tenth of the record. Raises
-    EvaluationError if there are fewer than 100 samples.
+    StudyError if there are fewer than 100 samples.
     """
     samples = np.asarray(signal, dtype=float)
     samples = samples.reshape(len(samples), -1)
     n = len(samples)
     if n < 100:
-        raise EvaluationError(f'Allan deviation: {n} samples given; valid is >= 100')
+        raise StudyError(f'Allan deviation: {n} samples given; valid is >= 100')
     interval = 1.0 / rate_hz
     # Less the mean, which cancels anyway, the integral keeps its digits.
     integral = np.zeros((n + 1, samples.shape[1]))

@@ -1,23 +1,20 @@
 """The locomotion study: the pitch that spoke legs cause, against that of a velocity interface.
 
 The same velocity command is driven on perfectly flat ground through the gait and contact model,
-and through a chassis that simply tracks it; the pitch of both is compared. Three claims are held
-to what comes out, each with a number: legs start with a transient above their steady amplitude,
-their pitch has the frequency of the steps, and a velocity interface shows neither.
+and through a chassis that simply tracks it; the pitch of both is compared. Three claims are
+tested, each by a number: legs start with a transient above their steady amplitude, their pitch has
+the frequency of the steps, and a velocity interface shows neither.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import csv
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
@@ -25,67 +22,18 @@ from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.inertia import chassis_inertia
-from lunar_rover_sim.studies.gait_measurement import flat_world, walk
-
-Array = NDArray[np.float64]
+from lunar_rover_sim.studies.pitch import analyse, PitchCurve, PitchReport, STEADY_FROM_S
+from lunar_rover_sim.studies.walking import flat_world, walk
 
 SPEEDS_MPS = (0.06, 0.12, 0.2)
 GRAVITIES_MPS2 = (1.62, 9.81)
 STAND_S = 1.0        # standing before the command
-START_S = 5.0        # the transient is looked for in this time after the command
-STEADY_FROM_S = 10.0  # and the steady walk from here on, after the command
 TRACKING_S = 0.1     # time constant with which the velocity interface tracks its command
 
 
 @dataclasses.dataclass(frozen=True)
-class PitchCurve:
-    """Pitch over time: time_s (n,) even steps, pitch_deg (n,), positive nose down."""
-
-    name: str
-    time_s: Array
-    pitch_deg: Array
-
-
-@dataclasses.dataclass(frozen=True)
-class PitchReport:
-    """What a pitch curve shows.
-
-    steady_low_deg, steady_high_deg: least and greatest pitch of the steady part
-    steady_rms_deg, rms_deg: about the mean, of the steady part and of all after the command
-    overshoot_deg: how far the first seconds after the command go beyond the steady range, which
-        for this takes in the pitch at rest, so that leaving it is no overshoot
-    decay_s: time after the command when the curve is last beyond that range by a tenth of the
-        steady amplitude
-    dominant_hz: frequency of the highest line of the steady spectrum (Hann window)
-    step_share: share of the steady variance within 10 % of the step frequency; NaN if unknown
-    periodicity: autocorrelation of the steady part at one gait cycle, 1 = strictly periodic
-    """
-
-    steady_low_deg: float
-    steady_high_deg: float
-    steady_rms_deg: float
-    rms_deg: float
-    overshoot_deg: float
-    decay_s: float
-    dominant_hz: float
-    step_share: float
-    periodicity: float
-
-    @property
-    def steady_amplitude_deg(self) -> float:
-        """Half the steady range."""
-        return 0.5 * (self.steady_high_deg - self.steady_low_deg)
-
-    @property
-    def transient(self) -> float:
-        """Steady amplitude plus overshoot, over steady amplitude: above 1 there is a transient."""
-        amplitude = self.steady_amplitude_deg
-        return 1.0 + self.overshoot_deg / amplitude if amplitude > 1e-6 else math.nan
-
-
-@dataclasses.dataclass(frozen=True)
 class LocomotionCase:
-    """One speed under one gravity: both curves, their reports, and what was walked.
+    """One speed under one gravity: both curves and their reports.
 
     cycle_hz, step_hz: gait cycles, and groups of legs that touch down, per second
     mean_speed_mps: of the walk in its steady part
@@ -104,7 +52,7 @@ class LocomotionCase:
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """A claim, whether one case bears it, and the number that says so."""
+    """A claim, whether it holds in one case, and the number that shows it."""
 
     name: str
     text: str
@@ -113,33 +61,8 @@ class Claim:
     bound: str
 
 
-def analyse(curve: PitchCurve, command_s: float, cycle_hz: float = math.nan,
-            step_hz: float = math.nan) -> PitchReport:
-    """Return what a curve shows; the command begins at command_s [s].
-
-    Raises EvaluationError where the curve ends before the steady part has lasted 2 s.
-    """
-    time, pitch = curve.time_s - command_s, curve.pitch_deg
-    steady = time >= STEADY_FROM_S
-    if time[-1] < STEADY_FROM_S + 2.0:
-        raise EvaluationError(f'{curve.name}: ends {time[-1]:.1f} s after the command; valid is'
-                              f' >= {STEADY_FROM_S + 2.0:g} s')
-    low, high = float(pitch[steady].min()), float(pitch[steady].max())
-    after, rest = time >= 0.0, float(np.interp(0.0, time, pitch))
-    beyond = np.maximum(pitch - max(high, rest), min(low, rest) - pitch)
-    late = time[after & (beyond > 0.05 * (high - low))]
-    interval = float(np.median(np.diff(time)))
-    signal = pitch[steady] - pitch[steady].mean()
-    dominant, share = _spectrum(signal, interval, step_hz)
-    return PitchReport(
-        low, high, float(signal.std()), float(pitch[after].std()),
-        max(0.0, float(beyond[after & (time <= START_S)].max())),
-        float(late[-1]) if len(late) else 0.0, dominant, share,
-        _autocorrelation(signal, 1.0 / (cycle_hz * interval)))
-
-
 def claims(case: LocomotionCase) -> list[Claim]:
-    """Return the three claims, held to one case."""
+    """Return the claims, tested on one case."""
     gait, interface = case.gait_report, case.interface_report
     ratio = gait.dominant_hz / case.step_hz
     smooth = interface.rms_deg / gait.rms_deg
@@ -161,7 +84,11 @@ def study(calibration: GaitCalibration, rover: RoverDescription | None = None,
           speeds_mps: Sequence[float] = SPEEDS_MPS,
           gravities_mps2: Sequence[float] = GRAVITIES_MPS2, duration_s: float = 30.0,
           progress: Callable[[int, int], None] | None = None) -> list[LocomotionCase]:
-    """Walk and track every speed under every gravity; duration_s counts from the command."""
+    """Walk and track every speed under every gravity.
+
+    duration_s: length of each walk, from the command on [s]
+    progress: called after each case with the number of cases done, and of all
+    """
     rover, gait = rover or RoverDescription(), gait or GaitConfig()
     gait.check_spokes(rover.legs.spokes)
     physics = physics or PhysicsConfig()
@@ -216,36 +143,6 @@ def velocity_interface(time_s: ArrayLike, speed_mps: float, command_s: float,
     return PitchCurve('velocity interface', time, curve)
 
 
-def read_curve(path: str | Path, name: str = '') -> PitchCurve:
-    """Read a pitch curve from a CSV of two columns: time [s], pitch [deg]; a header is skipped.
-
-    The curve is resampled to even steps. Raises EvaluationError that names file and line.
-    """
-    rows: list[tuple[float, float]] = []
-    try:
-        with Path(path).open(newline='', encoding='utf-8') as file:
-            for number, row in enumerate(csv.reader(file), start=1):
-                if not row or row[0].lstrip().startswith('#'):
-                    continue
-                try:
-                    time, pitch = float(row[0]), float(row[1])
-                except (ValueError, IndexError):
-                    if rows or number > 1:
-                        raise EvaluationError(f'{path}, line {number}: {",".join(row)!r} is not'
-                                              ' time [s], pitch [deg]') from None
-                    continue
-                if not (math.isfinite(time) and math.isfinite(pitch)):
-                    raise EvaluationError(f'{path}, line {number}: not finite')
-                rows.append((time, pitch))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise EvaluationError(f'{path} cannot be read: {error}') from None
-    times, values = np.array(rows).reshape(-1, 2).T
-    if len(times) < 2 or np.any(np.diff(times) <= 0.0):
-        raise EvaluationError(f'{path}: valid are two or more rows with increasing time')
-    even = np.linspace(times[0], times[-1], len(times))
-    return PitchCurve(name or Path(path).stem, even, np.interp(even, times, values))
-
-
 def _case(simulation: Simulation, calibration: GaitCalibration, gait: GaitConfig, speed: float,
           duration_s: float) -> LocomotionCase:
     controller = GaitController(gait, calibration)
@@ -265,25 +162,3 @@ def _case(simulation: Simulation, calibration: GaitCalibration, gait: GaitConfig
         speed, simulation.config.gravity_mps2, cycle_hz, step_hz,
         done.mean_velocity(steady_s, steady_s + whole_s)[0], walked, tracked,
         analyse(walked, STAND_S, cycle_hz, step_hz), analyse(tracked, STAND_S, cycle_hz, step_hz))
-
-
-def _spectrum(signal: Array, interval_s: float, step_hz: float) -> tuple[float, float]:
-    """Return the dominant frequency [Hz] and the share of power near the step frequency."""
-    n = len(signal)
-    power = np.abs(np.fft.rfft(signal * np.hanning(n), 8 * n)) ** 2
-    frequency = np.fft.rfftfreq(8 * n, interval_s)
-    total = power.sum()
-    if total < 1e-20 * n:
-        return math.nan, math.nan
-    near = np.abs(frequency - step_hz) <= max(0.1 * step_hz, 2.0 / (n * interval_s))
-    share = float(power[near].sum() / total) if math.isfinite(step_hz) else math.nan
-    return float(frequency[np.argmax(power)]), share
-
-
-def _autocorrelation(signal: Array, lag: float) -> float:
-    """Return the normalised autocorrelation at a lag [samples], or NaN."""
-    if not math.isfinite(lag) or not 1 <= round(lag) < len(signal) - 1:
-        return math.nan
-    a, b = signal[:-round(lag)], signal[round(lag):]
-    norm = math.sqrt(float(a @ a) * float(b @ b))
-    return float(a @ b) / norm if norm > 1e-12 else math.nan

@@ -1,4 +1,4 @@
-"""The locomotion study on paper: plot, table of claims, and the curves as CSV."""
+"""The report of the locomotion study: plot, table of claims, and the curves as CSV."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Sequence
 import math
 from pathlib import Path
 
+from matplotlib.figure import Figure
 import numpy as np
 
-from lunar_rover_sim.studies.gait_measurement import Obedience
-from lunar_rover_sim.studies.locomotion import (analyse, claims, LocomotionCase, PitchCurve,
-                                                PitchReport, STAND_S, STEADY_FROM_S)
+from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.studies.command_tracking import CommandTracking
+from lunar_rover_sim.studies.locomotion import claims, LocomotionCase, STAND_S
+from lunar_rover_sim.studies.pitch import analyse, PitchCurve, PitchReport, STEADY_FROM_S
 
 _COLUMNS = ('curve', 'v [m/s]', 'g [m/s²]', 'steps [Hz]', 'dominant [Hz]', 'at steps', 'RMS [°]',
             'amplitude [°]', 'overshoot [°]', 'transient', 'decay [s]', 'periodicity')
@@ -19,8 +22,6 @@ _COLUMNS = ('curve', 'v [m/s]', 'g [m/s²]', 'steps [Hz]', 'dominant [Hz]', 'at 
 def plot_cases(cases: Sequence[LocomotionCase], path: str | Path,
                overlays: Sequence[PitchCurve] = ()) -> None:
     """Write a plot with one panel per case: both curves, and any other ones."""
-    from matplotlib.figure import Figure
-
     gravities = sorted({case.gravity_mps2 for case in cases})
     speeds = sorted({case.speed_mps for case in cases})
     figure = Figure(figsize=(7.5 * len(gravities), 2.6 * len(speeds)), layout='constrained')
@@ -58,10 +59,10 @@ def write_curves(cases: Sequence[LocomotionCase], path: str | Path) -> None:
 
 
 def report_text(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve] = (),
-                obedience: Sequence[Obedience] = ()) -> str:
+                tracking: Sequence[CommandTracking] = ()) -> str:
     """Return the report as Markdown."""
     lines = ['# Pitch of a spoke-leg walk against a velocity interface', '',
-             f'Perfectly flat ground; the command begins at {STAND_S:g} s. Steady is what comes'
+             f'Perfectly flat ground; the command begins at {STAND_S:g} s. The steady walk begins'
              f' {STEADY_FROM_S:g} s later. Transient: steady amplitude and overshoot over the'
              ' steady amplitude. At steps: share of the steady variance near the step frequency.'
              ' Periodicity: autocorrelation at one gait cycle.', '',
@@ -80,20 +81,30 @@ def report_text(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve] 
             lines.append(_row([f'{case.speed_mps:g}', f'{case.gravity_mps2:g}', claim.name,
                                claim.text, f'{claim.value:.3f}', claim.bound,
                                'yes' if claim.holds else 'NO']))
-    if obedience:
-        followed = sum(each.within for each in obedience)
-        lines += ['', '## Commands followed', '', f'{followed} of {len(obedience)} within 10 % of'
+    if tracking:
+        followed = sum(each.followed for each in tracking)
+        lines += ['', '## Commands followed', '', f'{followed} of {len(tracking)} within 10 % of'
                   ' the forward speed and 15 % of the yaw rate.', '',
                   _row(('v [m/s]', 'ω [rad/s]', 'v measured', 'error', 'ω measured', 'error',
                         'within')), _row(['---'] * 7)]
-        for each in obedience:
-            (v, w), (mv, mw) = each.asked, each.measured
+        for each in tracking:
+            (v, w), (mv, mw) = each.commanded, each.measured
             lines.append(_row([f'{v:g}', f'{w:g}', f'{mv:.4f}',
                                f'{100 * each.forward_error:+.1f} %',
                                f'{mw:.4f}', f'{100 * each.yaw_error_radps / w:+.1f} %' if w
                                else f'{each.yaw_error_radps:+.4f}',
-                               'yes' if each.within else 'NO']))
+                               'yes' if each.followed else 'NO']))
     return '\n'.join(lines) + '\n'
+
+
+def write_all(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve],
+              tracking: Sequence[CommandTracking], folder: Path) -> str:
+    """Write locomotion.md, locomotion.png and pitch.csv; return the text of the first."""
+    text = report_text(cases, overlays, tracking)
+    atomic_write(folder / 'locomotion.md', text, StudyError)
+    plot_cases(cases, folder / 'locomotion.png', overlays)
+    write_curves(cases, folder / 'pitch.csv')
+    return text
 
 
 def _figures(report: PitchReport) -> list[str]:

@@ -1,4 +1,4 @@
-"""The traverse study on paper: table, CSV and the paths."""
+"""The report of the traverse study: table, CSV and the paths."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from collections.abc import Sequence
 import csv
 from pathlib import Path
 
+from matplotlib.figure import Figure
 import numpy as np
 
-from lunar_rover_sim.studies.traverse import DRIVEN, STRANDED, TIPPED_OVER, Traverse
+from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.frames import distance_along
+from lunar_rover_sim.studies.traverse_result import DRIVEN, STRANDED, TIPPED_OVER, Traverse
 
 ALLOWED_SHARE = 0.05   # of drives that end tipped over or stranded: one in twenty
 
@@ -30,7 +34,7 @@ def stranded(results: Sequence[Traverse]) -> int:
 def acceptable(results: Sequence[Traverse]) -> bool:
     """Return whether all drives could be simulated and at most one in twenty was lost.
 
-    Lost is what has tipped over and what is stranded.
+    A drive is lost if the rover tipped over or is stranded.
     """
     return (all(result.outcome in (DRIVEN, TIPPED_OVER, STRANDED) for result in results)
             and tipped(results) + stranded(results)
@@ -46,7 +50,7 @@ def report_text(results: Sequence[Traverse], scenario: str) -> str:
              f' {tipped(results)} tipped over, {stranded(results)} stranded,'
              f' {sum(r.stuck for r in results)} times stuck and'
              f' {sum(r.tilted for r in results)} times stopped by tilt, and backed up.', '',
-             'Slip: 1 - true distance / distance that the feet in stance were asked to go.'
+             'Slip: 1 - true distance / commanded distance of the feet in stance.'
              ' Transport: energy / (weight × distance), mechanical at the legs, electric from the'
              ' supply. Sinkage: of a spoke tip into ground or rock, at 200 Hz.', '',
              _row(('seed', 'outcome', 'time [s]', 'distance [m]', 'speed [m/s]', 'waypoints',
@@ -65,7 +69,7 @@ def report_text(results: Sequence[Traverse], scenario: str) -> str:
 def write_all(results: Sequence[Traverse], scenario: str, folder: Path) -> str:
     """Write traverse.md, traverse.csv and traverse.png; return the text of the first."""
     text = report_text(results, scenario)
-    (folder / 'traverse.md').write_text(text, encoding='utf-8')
+    atomic_write(folder / 'traverse.md', text, StudyError)
     write_csv(results, folder / 'traverse.csv')
     plot_paths(results, folder / 'traverse.png')
     return text
@@ -82,8 +86,6 @@ def write_csv(results: Sequence[Traverse], path: str | Path) -> None:
 
 def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:
     """Write a plot of all paths, and of distance over time."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(12.0, 5.5), layout='constrained')
     above, along = figure.subplots(1, 2)
     for result in results:
@@ -92,7 +94,7 @@ def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:
         x, y = result.path_m[:, 0], result.path_m[:, 1]
         line, = above.plot(x, y, lw=0.8, label=str(result.seed))
         above.plot(x[-1], y[-1], 'x' if result.tipped_over else '.', color=line.get_color())
-        gone = np.r_[0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y)))]
+        gone = distance_along(result.path_m[:, :2])
         along.plot(np.linspace(0.0, result.driven_s, len(gone)), gone, lw=0.8,
                    color=line.get_color())
     above.set(xlabel='x [m]', ylabel='y [m]', title='paths; x: tipped over')

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.errors import ConfigError, EvaluationError
+from lunar_rover_sim.errors import ConfigError, StudyError
 from lunar_rover_sim.physics.config import ImuConfig
 from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters, PRESETS
 from lunar_rover_sim.studies.allan import AllanCurve, fit_noise, NoiseFit, overlapping_allan
@@ -128,7 +128,7 @@ def test_a_fit_of_the_model_itself_is_exact():
 
 
 def test_too_short_a_record_is_refused():
-    with pytest.raises(EvaluationError, match='99 samples given; valid is >= 100'):
+    with pytest.raises(StudyError, match='99 samples given; valid is >= 100'):
         overlapping_allan(np.zeros(99), 200.0)
 
 

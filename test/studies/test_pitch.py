@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.rover.description import Chassis, RoverDescription
-from lunar_rover_sim.studies.locomotion import (analyse, claims, PitchCurve, read_curve, study,
-                                                velocity_interface)
+from lunar_rover_sim.studies.locomotion import claims, study, velocity_interface
 from lunar_rover_sim.studies.locomotion_report import plot_cases, report_text, write_curves
+from lunar_rover_sim.studies.pitch import analyse, PitchCurve, read_curve
 
 TIME = np.arange(0.0, 31.0, 0.005)
 
@@ -59,7 +59,7 @@ def test_noise_is_not_periodic():
 
 
 def test_curves_that_are_too_short_are_refused():
-    with pytest.raises(EvaluationError, match='made: ends 9.0 s after the command'):
+    with pytest.raises(StudyError, match='made: ends 9.0 s after the command'):
         analyse(PitchCurve('made', TIME[:2001], np.zeros(2001)), 1.0)
 
 
@@ -135,7 +135,7 @@ def test_a_curve_is_read_with_or_without_a_header(tmp_path):
     ('0,1\n0,2\n', 'increasing'), ('0,1\n1,nan\n', 'line 2: not finite')])
 def test_curves_that_are_none_are_refused(tmp_path, text, message):
     (tmp_path / 'bad.csv').write_text(text)
-    with pytest.raises(EvaluationError, match=message):
+    with pytest.raises(StudyError, match=message):
         read_curve(tmp_path / 'bad.csv')
-    with pytest.raises(EvaluationError, match='none.csv cannot be read'):
+    with pytest.raises(StudyError, match='none.csv cannot be read'):
         read_curve(tmp_path / 'none.csv')

@@ -6,17 +6,15 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.path_following.config import DriveConfig
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.studies.gait_measurement import flat_world
-from lunar_rover_sim.studies.traverse import (CORRIDOR_M, is_stranded, obstacles, random_waypoints,
-                                              Traverse, traverse)
+from lunar_rover_sim.studies.traverse import traverse, TraverseSettings
 from lunar_rover_sim.studies.traverse_report import acceptable, plot_paths, report_text, write_csv
+from lunar_rover_sim.studies.traverse_result import is_stranded, Traverse
+from lunar_rover_sim.studies.walking import flat_world
+from lunar_rover_sim.studies.waypoint_route import CORRIDOR_M, obstacles, random_waypoints
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.rocks import Rocks
 
@@ -40,8 +38,8 @@ def with_rocks(world, xy, diameter_m):
 
 def drive(world, seconds, **config):
     table = GaitCalibration.load(config_path('gait_calibration.yaml'))
-    return traverse(world, 3, table, RoverDescription(), PhysicsConfig(), GaitConfig(),
-                    DriveConfig(**config), seconds)
+    settings = TraverseSettings(table, drive=DriveConfig(**config), duration_s=seconds)
+    return traverse(world, 3, settings)
 
 
 def test_the_way_keeps_clear_of_what_is_too_high_and_only_of_that():
@@ -62,9 +60,9 @@ def test_the_way_keeps_clear_of_what_is_too_high_and_only_of_that():
 def test_a_world_without_a_way_is_refused():
     grid = np.stack(np.meshgrid(*2 * [np.arange(-13.0, 13.1, 0.5)]), axis=-1).reshape(-1, 2)
     world = with_rocks(world_of(lambda x, y: 0.0 * x), grid, 0.4)
-    with pytest.raises(EvaluationError, match='no way between the rocks'):
+    with pytest.raises(StudyError, match='no way between the rocks'):
         random_waypoints(world, 10.0, np.random.default_rng(1))
-    with pytest.raises(EvaluationError, match='too small to traverse: 10 m'):
+    with pytest.raises(StudyError, match='too small to traverse: 10 m'):
         random_waypoints(flat_world(5.0), 10.0, np.random.default_rng(1))
 
 

@@ -13,8 +13,9 @@ from lunar_rover_sim.gait.stride import Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.studies.gait_measurement import (flat_world, measure, measure_commands,
-                                                      measure_stride, Obedience, walk)
+from lunar_rover_sim.studies.command_tracking import CommandTracking, measure_commands
+from lunar_rover_sim.studies.gait_measurement import measure, measure_stride, WalkSettings
+from lunar_rover_sim.studies.walking import flat_world, walk
 
 
 @pytest.fixture(scope='module')
@@ -33,7 +34,7 @@ def test_commands_are_followed(table):
     asked = [(0.03, 0.0), (0.10, 0.15), (0.15, -0.05), (0.25, 0.0)]
     for each in measure_commands(asked, table):
         assert abs(each.forward_error) <= 0.10, each
-        assert abs(each.yaw_error_radps) <= 0.15 * max(abs(each.asked[1]), 0.05), each
+        assert abs(each.yaw_error_radps) <= 0.15 * max(abs(each.commanded[1]), 0.05), each
 
 
 def test_backward_and_on_the_spot(simulation, table):
@@ -87,16 +88,16 @@ def test_a_stride_advances_by_the_sweep_of_the_stance(simulation):
 
 
 def test_a_table_is_measured_and_the_workers_do_not_matter():
-    one = measure(rates_hz=(1.0,), turns=(0.0, 1.0), workers=1, measure_s=1.0)
-    two = measure(rates_hz=(1.0,), turns=(0.0, 1.0), workers=2, measure_s=1.0)
+    one = measure(WalkSettings(measure_s=1.0), (1.0,), (0.0, 1.0), workers=1)
+    two = measure(WalkSettings(measure_s=1.0), (1.0,), (0.0, 1.0), workers=2)
     assert one == two
     assert one.forward_mps[0][0] == pytest.approx(0.13, rel=0.1)
     assert 0.2 < one.yaw_rate_radps[0][1] < 1.0
     assert one.conditions['gravity_mps2'] == 1.62
 
 
-def test_the_bounds_of_obedience():
-    assert Obedience((0.1, 0.1), (0.109, 0.114)).within
-    assert not Obedience((0.1, 0.1), (0.111, 0.1)).within
-    assert not Obedience((0.1, 0.1), (0.1, 0.084)).within
-    assert Obedience((0.1, 0.0), (0.1, 0.007)).within
+def test_the_bounds_of_command_tracking():
+    assert CommandTracking((0.1, 0.1), (0.109, 0.114)).followed
+    assert not CommandTracking((0.1, 0.1), (0.111, 0.1)).followed
+    assert not CommandTracking((0.1, 0.1), (0.1, 0.084)).followed
+    assert CommandTracking((0.1, 0.0), (0.1, 0.007)).followed

@@ -1,0 +1,83 @@
+"""Walking on a simulation without ROS: controller and physics in one loop, recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.frames import rpy_from_wxyz
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.world.config import preset
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.rocks import Rocks
+
+STATE_PERIOD_S = 0.005   # period of the controller
+
+
+@dataclasses.dataclass(frozen=True)
+class Walk:
+    """A recorded walk, one sample per controller period.
+
+    time_s (n,); position_m (n, 3), world frame; rpy_rad (n, 3), yaw unwrapped, positive pitch nose
+    down; joint_angle_rad, joint_velocity_radps, motor_torque_nm, reference_rad, phase (n, 4), per
+    leg; contact_force_n (n, 4, 3), world axes
+    """
+
+    time_s: NDArray[np.float64]
+    position_m: NDArray[np.float64]
+    rpy_rad: NDArray[np.float64]
+    joint_angle_rad: NDArray[np.float64]
+    joint_velocity_radps: NDArray[np.float64]
+    motor_torque_nm: NDArray[np.float64]
+    contact_force_n: NDArray[np.float64]
+    reference_rad: NDArray[np.float64]
+    phase: NDArray[np.float64]
+
+    def mean_velocity(self, from_s: float, to_s: float) -> tuple[float, float]:
+        """Return the mean forward speed [m/s] and yaw rate [rad/s] between two times."""
+        chosen = (self.time_s >= from_s - 1e-9) & (self.time_s <= to_s + 1e-9)
+        xy, yaw = self.position_m[chosen, :2], self.rpy_rad[chosen, 2]
+        duration = np.ptp(self.time_s[chosen])
+        step, heading = np.diff(xy, axis=0), 0.5 * (yaw[1:] + yaw[:-1])
+        forward = np.sum(step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading))
+        return float(forward / duration), float((yaw[-1] - yaw[0]) / duration)
+
+
+def flat_world(half_extent_m: float = 15.0, cell_m: float = 0.025) -> World:
+    """Return perfectly flat, empty ground."""
+    n = 2 * math.ceil(half_extent_m / cell_m) + 1
+    ground = HeightGrid(np.zeros((n, n), np.float32), cell_m)
+    rocks = Rocks(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)),
+                  np.zeros((0, 4)), np.zeros(0, np.float32), np.array([0.1]))
+    return World((ground,), np.ones((n, n), np.float32), rocks, (), preset('flat'), 'flat')
+
+
+def walk(simulation: Simulation, controller: GaitController, duration_s: float,
+         command: Callable[[GaitController, int], object]) -> Walk:
+    """Walk from the start pose for a time [s] and return what was recorded.
+
+    command: called as command(controller, stamp_ns) before each update of the controller
+    The controller is updated every `STATE_PERIOD_S`; its command holds until the next update.
+    """
+    steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
+    state = simulation.reset()
+    controller.reset()
+    rows: list[tuple] = []
+    for _ in range(round(duration_s / (steps * simulation.config.step_s))):
+        command(controller, state.stamp_ns)
+        legs = controller.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
+        simulation.command(legs.velocity_radps)
+        state = simulation.advance(steps)
+        rows.append((state.stamp_ns * 1e-9, state.position_m,
+                     rpy_from_wxyz(state.orientation_wxyz), state.joint_angle_rad,
+                     state.joint_velocity_radps, state.motor_torque_nm, state.contact_force_n,
+                     legs.angle_rad, legs.phase))
+    columns = [np.array(column) for column in zip(*rows)]
+    columns[2][:, 2] = np.unwrap(columns[2][:, 2])
+    return Walk(*columns)
