@@ -71,7 +71,7 @@ def disparity_and_depth(rover: RoverData, report: Report) -> None:
     report.verdict('depth and disparity', rover.scan.depth_mismatch, 'depth is f t / d')
     left = rover.scan.topics.get(topics.LEFT_IMAGE.name)
     if left is not None and left.stamps_ns and not rover.scan.contrast:
-        report.add('images', Status.FAIL, 'every left image is of a single grey level')
+        report.add('images', Status.FAIL, 'every left image is of one single grey')
 
 
 def _matching(seen: list[FrameError], report: Report) -> None:
