@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from pathlib import Path
 import re
 
 import pytest
@@ -10,6 +11,7 @@ from snippets import commands, ROOT, snippets
 
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.files.resources import packaged_names
+from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import NODE_CONFIGS, TrajectoryRecorderNodeConfig
 from lunar_rover_sim.run.scenario import load_scenario
 
@@ -89,3 +91,19 @@ def test_inline_scripts_exist() -> None:
             if 'NAME' not in name and not (ROOT / name).exists():
                 missing.append(f'{page.name}: {name}')
     assert not missing
+
+
+def test_links_of_pages_outside_sphinx() -> None:
+    """README and CONTRIBUTING link to files that exist; other addresses are https."""
+    for page in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md'):
+        for link in re.findall(r'\]\(([^)#]+)\)', page.read_text(encoding='utf-8')):
+            assert link.startswith('https://') or (ROOT / link).exists(), link
+
+
+def test_rover_file(tmp_path: Path) -> None:
+    """The rover of the how-to page is one: it loads, and differs where it says so."""
+    (block,) = [snippet for snippet in snippets('yaml') if snippet.page.name == 'own_rover.md']
+    (tmp_path / 'rover.yaml').write_text(block.text, encoding='utf-8')
+    rover = load_rover(tmp_path / 'rover.yaml')
+    assert (rover.chassis.mass_kg, rover.legs.spoke_length_m, rover.stereo.baseline_m) == \
+        (3.5, 0.11, 0.15)

@@ -11,23 +11,24 @@ from typing import Any
 from conftest import simulate, SMALL
 import pytest
 from snippets import ROOT, Snippet, snippets
+import yaml
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
-TUTORIALS = ROOT / 'docs' / 'tutorials'
 
 
 def blocks(page: str, language: str) -> list[Snippet]:
-    """Return the code blocks of one tutorial."""
-    return [snippet for snippet in snippets(language) if snippet.page == TUTORIALS / page]
+    """Return the code blocks of one page."""
+    return [snippet for snippet in snippets(language) if snippet.page == ROOT / 'docs' / page]
 
 
 def test_own_controller(tmp_path: Path) -> None:
     """The node of the tutorial drives in lockstep: one command per period, none missing."""
-    (program,), (scenario,) = blocks('controller.md', 'python'), blocks('controller.md', 'yaml')
+    page = 'tutorials/controller.md'
+    (program,), (scenario,) = blocks(page, 'python'), blocks(page, 'yaml')
     (tmp_path / 'wiggle.py').write_text(program.text, encoding='utf-8')
     (tmp_path / 'wiggle.yaml').write_text(scenario.text, encoding='utf-8')
     with OwnDomain() as own:
@@ -45,17 +46,20 @@ def test_own_controller(tmp_path: Path) -> None:
 
 def test_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                 capsys: pytest.CaptureFixture[str]) -> None:
-    """The last block of the page on Python records a bag; here a smaller and shorter one."""
+    """The page on recording from Python records two bags; here smaller and shorter ones."""
     load = Scenario.load
 
-    def load_small(name: str, **options: Any) -> Scenario:
-        return load(name, SMALL, **{**options, 'duration_s': 1.0})
+    def load_small(name: str, changes: dict[str, Any], **options: Any) -> Scenario:
+        small = dict(text.split('=') for text in SMALL)
+        values = {name: yaml.safe_load(text) for name, text in small.items()}
+        return load(name, {**values, **changes}, **{**options, 'duration_s': 1.0})
 
-    (block,) = blocks('python.md', 'python')
+    (block,) = blocks('howto/record_in_python.md', 'python')
     monkeypatch.setattr(Scenario, 'load', load_small)
     monkeypatch.chdir(tmp_path)
     exec(compile(block.text, block.name, 'exec'), {})
-    bag, odometry, factor = capsys.readouterr().out.split()
-    assert Path(bag) == Path(os.getcwd()) / 'runs' / 'b' / 'bag'
-    assert int(odometry) == 200
-    assert float(factor) > 0.0
+    for line, elevation in zip(capsys.readouterr().out.splitlines(), ('2', '6'), strict=True):
+        bag, odometry, simulated_s, factor = line.split()
+        assert Path(bag) == Path(os.getcwd()) / 'runs' / f'sun_{elevation}' / 'bag'
+        assert (odometry, simulated_s) == ('200', '1.0')
+        assert float(factor) > 0.0
