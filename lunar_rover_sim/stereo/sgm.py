@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -38,6 +38,22 @@ class DisparityMap:
         return self.disparity_px >= self.min_disparity_px
 
 
+class Matching(Protocol):
+    """Parameters of a node that matches."""
+
+    @property
+    def sgm(self) -> SgmConfig:
+        """Search range, costs and filters."""
+
+
+class MatchedScenario(Protocol):
+    """What `SgmMatcher.from_scenario` needs of a scenario."""
+
+    @property
+    def render_node(self) -> Matching:
+        """The node that matches what it has drawn."""
+
+
 class SgmMatcher:
     """Matches rectified pairs; not thread-safe."""
 
@@ -51,6 +67,11 @@ class SgmMatcher:
             uniquenessRatio=config.uniqueness_percent,
             speckleWindowSize=config.speckle_window_px, speckleRange=config.speckle_range_px,
             mode=_MODES[config.mode])
+
+    @classmethod
+    def from_scenario(cls, scenario: MatchedScenario) -> SgmMatcher:
+        """Return the matcher of a scenario."""
+        return cls(scenario.render_node.sgm)
 
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16.

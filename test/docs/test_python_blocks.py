@@ -7,9 +7,12 @@ import itertools
 import os
 from pathlib import Path
 
+from conftest import SMALL
 import pytest
 from snippets import Snippet, snippets
 from synthetic_bag import drive, write
+
+from lunar_rover_sim.run.scenario import Scenario
 
 PAGES = {page: list(blocks) for page, blocks in
          itertools.groupby(snippets('python'), key=lambda snippet: snippet.page)}
@@ -36,8 +39,10 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 @pytest.mark.parametrize('blocks', [
     pytest.param(blocks, id=blocks[0].name) for page, blocks in PAGES.items()
     if page.name not in PROGRAMS and not needs_ros(blocks)])
-def test_page(blocks: list[Snippet], folder: Path) -> None:
-    """The blocks of a page run one after the other."""
+def test_page(blocks: list[Snippet], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The blocks of a page run one after the other, on a small world with small images."""
+    load = Scenario.load
+    monkeypatch.setattr(Scenario, 'load', lambda name, **options: load(name, SMALL, **options))
     namespace: dict[str, object] = {}
     for block in blocks:
         exec(compile(block.text, block.name, 'exec'), namespace)

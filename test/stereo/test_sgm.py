@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth
 from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
@@ -143,3 +144,9 @@ def test_shapes_are_checked():
         matcher.match(np.zeros((10, 200), np.uint8), np.zeros((10, 201), np.uint8))
     with pytest.raises(ConfigError, match='less than the image width'):
         matcher.match(np.zeros((10, 50), np.uint8), np.zeros((10, 50), np.uint8))
+
+
+def test_from_scenario():
+    """The matcher of a scenario has the scenario's parameters."""
+    scenario = Scenario.load('flat', ['render_node.sgm.num_disparities=64'])
+    assert SgmMatcher.from_scenario(scenario).config == SgmConfig(num_disparities=64)
