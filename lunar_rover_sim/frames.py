@@ -83,11 +83,11 @@ def wxyz_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
 
 
 def product_wxyz(first: ArrayLike, second: ArrayLike) -> Array:
-    """Return the (..., 4) quaternions of the rotations that apply `second`, then `first`."""
-    w, x, y, z = np.moveaxis(np.asarray(first, dtype=float), -1, 0)
-    a, b, c, d = np.moveaxis(np.asarray(second, dtype=float), -1, 0)
-    return np.stack([w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c,
-                     w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a], axis=-1)
+    """Return the (4,) or (n, 4) quaternions of the rotations that apply `second`, then `first`."""
+    w, x, y, z = np.asarray(first, dtype=float).T
+    a, b, c, d = np.asarray(second, dtype=float).T
+    return np.array([w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c,
+                     w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a]).T
 
 
 def rpy_from_wxyz(quat_wxyz: ArrayLike) -> Array:

@@ -113,11 +113,10 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     # errors of many kinds. These let the current callback return first.
     def stop(number: int, frame: FrameType | None) -> None:
         nonlocal stopped
-        interrupts, stopped = node is None and not stopped, True
-        if interrupts:
-            raise KeyboardInterrupt
-        if node is not None:
-            node.finished = True
+        stopped = True
+        if node is None:
+            sys.exit(0)
+        node.finished = True
 
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
@@ -131,8 +130,6 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
             if not node.ending:
                 node.work()
         failure = node.failure
-    except KeyboardInterrupt:
-        pass    # stopped before the node existed
     except LunarRoverSimError as error:
         failure = error
     if failure is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -22,6 +21,7 @@ try:
 except ImportError:
     TFMessage = None
 
+# In the order of publishing. The clock is last: it means that the rest has been published.
 _TOPICS = (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS, *topics.CONTACTS, topics.ODOM,
            topics.JOINT_STATES, topics.CLOCK)
 
@@ -55,23 +55,27 @@ class StatePublisher:
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish one state with one stamp [ns]."""
         stamp = conversions.time_msg(stamp_ns)
-        sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
-        self._send(topics.IMU_RAW, conversions.fill_imu_raw, sample, *self._imu_variances, stamp)
-        self._send(topics.IMU_TRUTH, conversions.fill_imu_truth, state, self._imu_wxyz, stamp)
-        self._send(topics.IMU_BIAS, conversions.fill_imu_bias, sample, stamp)
-        for topic, force_n, torque_nm in zip(topics.CONTACTS, state.contact_force_n,
-                                             state.contact_torque_nm):
-            self._send(topic, conversions.fill_wrench, force_n, torque_nm, stamp)
-        self._send(topics.ODOM, conversions.fill_odometry, state, stamp)
-        self._send(topics.JOINT_STATES, conversions.fill_joint_state, state.joint_angle_rad,
-                   state.joint_velocity_radps, state.motor_torque_nm, stamp)
+        self._fill(state, stamp)
         if self._tf is not None:
             self._tf.publish(self._moving_transforms(state, stamp))
-        # Last: a new clock means that the rest of the state has been published.
-        self._send(topics.CLOCK, conversions.fill_clock, stamp)
+        # In one go, after all are filled: readers then wake up once, not once per message.
+        for name, message in self._messages.items():
+            self._publishers[name].publish(message)
 
-    def _send(self, topic: topics.Topic, fill: Callable[..., Any], *content: Any) -> None:
-        self._publishers[topic.name].publish(fill(self._messages[topic.name], *content))
+    def _fill(self, state: RoverState, stamp: Time) -> None:
+        messages = self._messages
+        sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
+        conversions.fill_imu_raw(messages[topics.IMU_RAW.name], sample, *self._imu_variances,
+                                 stamp)
+        conversions.fill_imu_truth(messages[topics.IMU_TRUTH.name], state, self._imu_wxyz, stamp)
+        conversions.fill_imu_bias(messages[topics.IMU_BIAS.name], sample, stamp)
+        for leg, topic in enumerate(topics.CONTACTS):
+            conversions.fill_wrench(messages[topic.name], state.contact_force_n[leg],
+                                    state.contact_torque_nm[leg], stamp)
+        conversions.fill_odometry(messages[topics.ODOM.name], state, stamp)
+        conversions.fill_joint_state(messages[topics.JOINT_STATES.name], state.joint_angle_rad,
+                                     state.joint_velocity_radps, state.motor_torque_nm, stamp)
+        conversions.fill_clock(messages[topics.CLOCK.name], stamp)
 
     def _moving_transforms(self, state: RoverState, stamp: Time) -> Any:
         T_odom_base = frames.se3(frames.matrix_from_wxyz(state.orientation_wxyz),

@@ -322,6 +322,46 @@ def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path, kind: s
     assert np.allclose(trajectory.orientations_wxyz, [1, 0, 0, 0])
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_publishing_node(peer: Peer, world_folder: Path,
+                                         number: signal.Signals) -> None:
+    """The current callback is finished: no error is printed, and the status is 0."""
+    odometry = peer.listen(Odometry, 'odom')
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.physics_node', '--ros-args', '-p',
+         f'world:={world_folder}', '-p', 'time_mode:=lockstep'],    # waits for nobody
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        peer.spin_until(lambda: bool(odometry))
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=20)
+        assert process.returncode == 0, output
+        assert not any(word in output for word in ('Traceback', 'rror', 'FATAL')), output
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_signal_ends_a_starting_node(domain: int, tmp_path: Path) -> None:
+    """While the node is being constructed, too, the status is 0."""
+    bag = tmp_path / 'bag'
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.recorder_node', '--ros-args', '-p',
+         f'output:={bag}'], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        deadline = time.monotonic() + 30.0
+        while not bag.exists():     # made in the constructor
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+        process.send_signal(signal.SIGTERM)
+        output, _ = process.communicate(timeout=20)
+        assert process.returncode == 0, output
+        assert output == ''
+    finally:
+        process.kill()
+        process.communicate()
+
+
 @pytest.mark.parametrize(('node', 'arguments', 'said'), [
     ('physics_node', (), "world: '' is not valid"),
     ('physics_node', ('-p', 'world:=/nowhere'), '/nowhere'),
