@@ -31,7 +31,6 @@ class GraphNode(Node):
     def __init__(self, name: str) -> None:
         self.finished = False
         self.failure: LunarRoverSimError | None = None
-        self._callbacks_run = 0
         self._woken = Future()
         super().__init__(name)
 
@@ -54,13 +53,6 @@ class GraphNode(Node):
         if not self._woken.done():
             self._woken.set_result(None)
 
-    def serve(self) -> bool:
-        """Run one callback if one is due; return whether one was. Only `work` calls this."""
-        before = self._callbacks_run
-        if self.executor is not None:
-            self.executor.spin_once(timeout_sec=0.0)
-        return self._callbacks_run != before
-
     def work(self) -> None:
         """Do what takes too long for a callback. Called after `wake`, and every 0.1 s or so."""
 
@@ -79,7 +71,6 @@ class GraphNode(Node):
         @functools.wraps(callback)
         def guarded(*args: Any) -> None:
             if not self.ending:
-                self._callbacks_run += 1
                 try:
                     callback(*args)
                 except LunarRoverSimError as error:
