@@ -20,8 +20,10 @@ from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import picture, read_imu, read_odometry
 from lunar_rover_sim.frames import path_length
-from lunar_rover_sim.inspection.matching import is_matched, is_textured
+from lunar_rover_sim.inspection.matching import disparity_map, is_textured
 from lunar_rover_sim.sequences.sensors import recorded_sensors
+from lunar_rover_sim.stereo.depth import disparity_from_depth
+from lunar_rover_sim.stereo.error import disparity_errors_px
 
 SAMPLES = 40
 _CORNER_THRESHOLD = 20   # grey levels of 255, as ORB-SLAM3's first threshold
@@ -144,12 +146,14 @@ def _describe(bag: Bag, sample: _Sample, linear: bool) -> dict[str, float]:
     result['shadow_share'] = float((signal[ground] < _SHADOW_LEVEL * bright).mean())
     result['textured_share'] = float(is_textured(sample.left)[ground].mean())
     if sample.disparity is not None:
-        disparity = picture(bag, sample.disparity.image).pixels
-        matched = is_matched(sample.disparity, disparity) & ground
+        message = sample.disparity
+        disparity = disparity_map(message, picture(bag, message.image).pixels)
+        matched = disparity.has_finite_depth & ground
         result['sgm_density'] = float(matched[ground].mean())
         if matched.any():
-            true_px = sample.disparity.f * sample.disparity.t / sample.depth_m[matched]
-            result['sgm_error_px'] = float(np.median(np.abs(disparity[matched] - true_px)))
+            true_px = disparity_from_depth(sample.depth_m, message.f, message.t)
+            errors_px = disparity_errors_px(disparity, true_px, matched)
+            result['sgm_error_px'] = float(np.median(np.abs(errors_px)))
     return result
 
 

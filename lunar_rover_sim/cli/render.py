@@ -17,7 +17,6 @@ from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import load_scenario
-from lunar_rover_sim.stereo.depth import depth_from_disparity
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.world_folder import load_world
@@ -51,14 +50,12 @@ def run(args: argparse.Namespace) -> int:
     with console.status('building the world'):
         folder = args.world or cached(scenario.world, scenario.shared.seed)
         world = load_world(folder)
-    config = scenario.render_node
     angles = np.radians(args.joints)
     poses = [standing(world, *pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]
     with console.status('computing the sunlight'):
-        renderer = Renderer(world, scenario.rover, config, scenario.shared.seed)
+        renderer = Renderer.from_scenario(scenario, world)
     with renderer:
-        matcher = SgmMatcher(config.sgm)
-        rig = renderer.rig
+        matcher = SgmMatcher.from_scenario(scenario)
         make_new(args.output)
         for k, T in enumerate(poses):
             state = RoverPose(T, angles)
@@ -73,8 +70,7 @@ def run(args: argparse.Namespace) -> int:
             assert frame.left is not None and frame.right is not None
             disparity = matcher.match(frame.left, frame.right)
             np.save(out / f'{name}_disparity_px.npy', disparity.disparity_px)
-            depth = depth_from_disparity(disparity, rig.focal_px, rig.baseline_m)
-            sheet = contact_sheet(frame, disparity.disparity_px, depth)
+            sheet = contact_sheet(frame, disparity.disparity_px, disparity.depth_m)
             cv2.imwrite(str(out / f'{name}_preview.png'), sheet)
             console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                           f'disparity on {100 * disparity.valid.mean():.0f} % of the image')

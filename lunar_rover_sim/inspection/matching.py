@@ -16,6 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.stereo.depth import DisparityMap
+from lunar_rover_sim.stereo.error import disparity_errors_px
+
 MIN_PIXELS = 300
 _MIN_GRADIENT = 20.0 / 255.0  # over two columns, of full scale
 _OUTLIER_PX = 2.0
@@ -43,9 +46,12 @@ class FrameError:
     matched: float
 
 
-def is_matched(message: Any, disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return where a stereo_msgs/DisparityImage with these pixels holds a match."""
-    return (disparity >= message.min_disparity) & (disparity > 0.0)
+def disparity_map(message: Any, disparity_px: NDArray[np.float32]) -> DisparityMap:
+    """Return the map that a stereo_msgs/DisparityImage with these pixels holds."""
+    roi = message.valid_window
+    return DisparityMap(disparity_px, message.min_disparity, message.max_disparity,
+                        message.delta_d, (roi.x_offset, roi.y_offset, roi.width, roi.height),
+                        message.f, message.t)
 
 
 def is_textured(grey: NDArray[Any]) -> NDArray[np.bool_]:
@@ -59,23 +65,21 @@ def is_textured(grey: NDArray[Any]) -> NDArray[np.bool_]:
     return result
 
 
-def frame_error(stamp_ns: int, message: Any, disparity: NDArray[np.float32],
-                depth_m: NDArray[np.float32],
+def frame_error(stamp_ns: int, disparity: DisparityMap, true_px: NDArray[np.float32],
                 textured: NDArray[np.bool_] | None) -> FrameError:
-    """Compare the pixels of a DisparityImage with the true depth of the same size."""
-    with np.errstate(divide='ignore', invalid='ignore'):
-        true = message.f * message.t / depth_m.astype(float)
-    in_range = (true >= max(message.min_disparity, 1.0)) & (true <= message.max_disparity)
-    roi = message.valid_window
-    if roi.width and roi.height:
+    """Compare a disparity map with the true disparity of the same size [px]."""
+    in_range = (true_px >= max(disparity.min_disparity_px, 1.0)) \
+        & (true_px <= disparity.max_disparity_px)
+    x, y, width, height = disparity.valid_window
+    if width and height:
         window = np.zeros(in_range.shape, dtype=bool)
-        window[roi.y_offset:roi.y_offset + roi.height,
-               roi.x_offset:roi.x_offset + roi.width] = True
+        window[y:y + height, x:x + width] = True
         in_range &= window
-    both = is_matched(message, disparity) & in_range
+    both = disparity.has_finite_depth & in_range
     matched = float(both.sum() / max(1, in_range.sum()))
-    slope = np.zeros(true.shape)
-    slope[1:-1] = 0.5 * (true[2:] - true[:-2])
+    slope = np.zeros(true_px.shape)
+    with np.errstate(invalid='ignore'):
+        slope[1:-1] = 0.5 * (true_px[2:] - true_px[:-2])
     judged = both & (np.abs(slope) < 1.0)
     if textured is not None and textured.shape == judged.shape:
         judged &= textured
@@ -83,8 +87,8 @@ def frame_error(stamp_ns: int, message: Any, disparity: NDArray[np.float32],
     if count < MIN_PIXELS:
         nan = float('nan')
         return FrameError(stamp_ns, count, nan, nan, nan, nan, nan, matched)
-    error = disparity[judged] - true[judged]
-    model = np.stack([np.ones(count), slope[judged], true[judged]], axis=1)
+    error = disparity_errors_px(disparity, true_px, judged).astype(float)
+    model = np.stack([np.ones(count), slope[judged], true_px[judged]], axis=1)
     centre = np.median(error)
     inlier = np.abs(error - centre) < _INLIER_PX
     fit = np.array([centre, 0.0, 0.0])

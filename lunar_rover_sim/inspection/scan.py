@@ -13,7 +13,8 @@ from lunar_rover_sim.bag import message_validity
 from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.inspection.matching import frame_error, FrameError, is_matched, is_textured
+from lunar_rover_sim.inspection.matching import disparity_map, frame_error, FrameError, is_textured
+from lunar_rover_sim.stereo.depth import disparity_from_depth
 from lunar_rover_sim.topics import Topic
 
 _WAITING = 16  # stereo sets that may be incomplete; those that stay so are missing stamps
@@ -168,10 +169,11 @@ class _DepthPair:
             del self._waiting[min(self._waiting)]
 
     def _true_depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:
-        disparity = message_validity.pixels(message.image)
-        if depth.shape == disparity.shape:
+        disparity = disparity_map(message, message_validity.pixels(message.image))
+        if depth.shape == disparity.disparity_px.shape:
+            true_px = disparity_from_depth(depth, message.f, message.t)
             texture = self._texture.pop(stamp_ns, None)
-            self._result.frames.append(frame_error(stamp_ns, message, disparity, depth, texture))
+            self._result.frames.append(frame_error(stamp_ns, disparity, true_px, texture))
 
     def _depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:
         disparity = message_validity.pixels(message.image)
@@ -179,7 +181,7 @@ class _DepthPair:
         if depth.shape != disparity.shape:
             self._result.depth_mismatch.append(f'{at} sizes differ')
             return
-        both = is_matched(message, disparity) & np.isfinite(depth)
+        both = disparity_map(message, disparity).has_finite_depth & np.isfinite(depth)
         if both.any():
             product = depth[both].astype(float) * disparity[both]
             ratio = float(np.abs(product / (message.f * message.t) - 1.0).max())

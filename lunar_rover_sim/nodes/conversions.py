@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from lunar_rover_sim.camera.rig import StereoRig
     from lunar_rover_sim.physics.imu import ImuSample
     from lunar_rover_sim.physics.state import RoverState
-    from lunar_rover_sim.stereo.sgm import DisparityMap
+    from lunar_rover_sim.stereo.depth import DisparityMap
 
 
 def time_msg(stamp_ns: int) -> Time:

@@ -27,7 +27,6 @@ from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
-from lunar_rover_sim.stereo.depth import depth_from_disparity
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.world_folder import load_world
 
@@ -79,7 +78,7 @@ class RenderNode(node_main.GraphNode):
         self._world_hash = world.hash
         self._renderer = Renderer(world, load_rover(config.rover or None), config, config.seed)
         self._rig = self._renderer.rig
-        self._matcher = SgmMatcher(config.sgm)
+        self._matcher = SgmMatcher(config.sgm, self._rig)
         self._thread = ThreadPoolExecutor(max_workers=1)
         self._matching: Future[None] | None = None
 
@@ -261,8 +260,7 @@ class RenderNode(node_main.GraphNode):
                 disparity, focal_px, baseline_m, topics.DISPARITY.frame_id, stamp))
         if topics.DEPTH.name in names:
             self._send(topics.DEPTH.name, conversions.image(
-                depth_from_disparity(disparity, focal_px, baseline_m), topics.DEPTH.frame_id,
-                stamp))
+                disparity.depth_m, topics.DEPTH.frame_id, stamp))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,11 +1,52 @@
-"""Disparity and depth: Z = f B / d."""
+"""Disparity maps, and depth from disparity: Z = f B / d."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lunar_rover_sim.stereo.sgm import DisparityMap
+from lunar_rover_sim.errors import ConfigError
+
+
+@dataclasses.dataclass(frozen=True)
+class DisparityMap:
+    """A disparity image and what a reader must know of it, as in stereo_msgs/DisparityImage.
+
+    disparity_px: (h, w) float32, left column minus right column of a point; invalid pixels are
+        min_disparity_px - 1, as in ROS's stereo_image_proc
+    min_disparity_px, max_disparity_px: search range
+    delta_d_px: the smallest step of disparity
+    valid_window: x, y, width, height of the part in which matches are possible
+    focal_px, baseline_m: of the rectified pair; None if they are not known
+    """
+
+    disparity_px: NDArray[np.float32]
+    min_disparity_px: float
+    max_disparity_px: float
+    delta_d_px: float
+    valid_window: tuple[int, int, int, int]
+    focal_px: float | None = None
+    baseline_m: float | None = None
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(h, w) whether the pixel has a disparity; 0 is a point at infinity."""
+        return self.disparity_px >= self.min_disparity_px
+
+    @property
+    def has_finite_depth(self) -> NDArray[np.bool_]:
+        """(h, w) whether the pixel has a disparity above 0."""
+        return self.valid & (self.disparity_px > 0.0)
+
+    @property
+    def depth_m(self) -> NDArray[np.float32]:
+        """(h, w) float32 depth, see `depth_from_disparity`; ConfigError without focal length."""
+        if self.focal_px is None or self.baseline_m is None:
+            raise ConfigError('depth_m: focal length and baseline of the pair are not known; give '
+                              'the matcher a rig')
+        return depth_from_disparity(self, self.focal_px, self.baseline_m)
 
 
 def depth_from_disparity(disparity: DisparityMap, focal_px: float,
@@ -24,7 +65,10 @@ def depth_from_disparity(disparity: DisparityMap, focal_px: float,
 
 def disparity_from_depth(depth_m: ArrayLike, focal_px: float,
                          baseline_m: float) -> NDArray[np.float32]:
-    """Return the true disparity [px] of depth [m]; sky (+inf) is 0, NaN stays NaN."""
+    """Return the true disparity of depth [m], float32 [px]; that of the sky (+inf) is 0.
+
+    NaN stays NaN.
+    """
     depth = np.asarray(depth_m, dtype=np.float32)
     with np.errstate(divide='ignore'):
         return np.float32(focal_px * baseline_m) / depth

@@ -1,14 +1,20 @@
-"""Disparity against truth: density, bad pixels, end-point error, and why pixels are missing."""
+"""Disparity against truth: density, bad pixels, end-point error, and why pixels are missing.
+
+Shares of bad pixels and end-point error are those of the Middlebury benchmark (Scharstein and
+Szeliski, "A Taxonomy and Evaluation of Dense Two-Frame Stereo Correspondence Algorithms", Int. J.
+Computer Vision 47, 2002).
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.stereo.sgm import DisparityMap
+from lunar_rover_sim.stereo.depth import DisparityMap
 
 F32 = NDArray[np.float32]
 
@@ -22,10 +28,10 @@ class StereoErrors:
     matched: of these, pixels with a disparity
     bad1, bad2: matched pixels that are wrong by more than 1 and 2 px
     error_sum_px, error_squared_px: sums of the absolute and squared error of matched pixels [px]
-    lit, lit_matched: pixels that are not in shadow, and those of them that are matched
-    margin, occluded, shadowed, saturated, flat: unmatched pixels by cause, the first that holds:
-        outside the part that the matcher looks at, not seen by the other camera, in shadow, at
-        full scale, in surroundings that hardly vary
+    lit, lit_matched: judged pixels that are not in shadow, and those of them that are matched
+    margin, occluded, shadowed, saturated, flat: unmatched pixels by cause, which is the first that
+        applies: outside the part that the matcher looks at, not seen by the other camera, in
+        shadow, at full scale, in surroundings that hardly vary
     """
 
     ground: int = 0
@@ -69,18 +75,29 @@ class StereoErrors:
         }
 
 
+def disparity_errors_px(disparity: DisparityMap, truth_px: F32,
+                        where: NDArray[np.bool_]) -> F32:
+    """Return (n,) disparity minus true disparity of the pixels `where` (h, w) is true [px].
+
+    truth_px: (h, w) as `disparity_from_depth` gives it. All measures of stereo error are made
+    from this one.
+    """
+    return disparity.disparity_px[where] - truth_px[where]
+
+
 def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | None,
                   left: NDArray[Any], *, shadow_level: float = 0.08,
                   texture_level: float = 0.012, block_px: int = 7) -> StereoErrors:
     """Judge a disparity map.
 
-    truth_px: (h, w) true disparity of the left image (0 for sky); right_truth_px: that of the
-    right image, to find what is occluded; left: the left image. shadow_level: below this share
-    of full scale a block counts as shadow. texture_level: standard deviation within a block, as
-    a share of full scale, below which it counts as low in texture. A block with a pixel at full
-    scale for every two below counts as saturated.
+    truth_px: (h, w) true disparity of the left image, 0 for sky [px]
+    right_truth_px: that of the right image, to find occluded pixels; None finds none
+    left: the left image, (h, w) or (h, w, 3), unsigned integers
+    shadow_level: mean of a block, as a share of full scale, below which it is in shadow
+    texture_level: standard deviation within a block, as a share of full scale, below which it is
+        low in texture
+    block_px: side of a block; one with more than a third of its pixels at full scale is saturated
     """
-    import cv2
     height, width = truth_px.shape
     image = left.astype(np.float32) / np.iinfo(left.dtype).max
     if image.ndim == 3:
@@ -89,7 +106,7 @@ def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | 
     ground = (truth_px > 0.0) & (truth_px <= disparity.max_disparity_px) \
         & (column - truth_px >= 0.0) & (truth_px >= max(disparity.min_disparity_px, 0.25))
     matched = ground & disparity.valid
-    error = np.abs(disparity.disparity_px - truth_px)[matched]
+    error = np.abs(disparity_errors_px(disparity, truth_px, matched))
     mean = cv2.blur(image, (block_px, block_px))
     deviation = np.sqrt(np.maximum(cv2.blur(image * image, (block_px, block_px)) - mean**2, 0.0))
     dark = mean < shadow_level

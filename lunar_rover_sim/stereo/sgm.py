@@ -1,64 +1,59 @@
-"""Semi-global matching (Hirschmueller, 2008) of a rectified pair, by OpenCV's StereoSGBM."""
+"""Semi-global matching of a rectified pair by OpenCV's StereoSGBM.
+
+Method: Hirschmueller, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE
+Trans. Pattern Analysis and Machine Intelligence 30(2), 2008.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
+from lunar_rover_sim.stereo.depth import DisparityMap
 
 _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
           'hh4': cv2.STEREO_SGBM_MODE_HH4, '3way': cv2.STEREO_SGBM_MODE_SGBM_3WAY}
-
-
-@dataclasses.dataclass(frozen=True)
-class DisparityMap:
-    """A disparity image and what a reader must know of it.
-
-    disparity_px: (h, w) float32, left column minus right column of a point; invalid pixels are
-        min_disparity_px - 1, as in ROS's stereo_image_proc
-    delta_d_px: the smallest step of disparity
-    valid_window: x, y, width, height of the part in which matches are possible
-    """
-
-    disparity_px: NDArray[np.float32]
-    min_disparity_px: float
-    max_disparity_px: float
-    delta_d_px: float
-    valid_window: tuple[int, int, int, int]
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """(h, w) whether the pixel has a disparity."""
-        return self.disparity_px >= self.min_disparity_px
-
-
-class Matching(Protocol):
-    """Parameters of a node that matches."""
-
-    @property
-    def sgm(self) -> SgmConfig:
-        """Search range, costs and filters."""
 
 
 class MatchedScenario(Protocol):
     """What `SgmMatcher.from_scenario` needs of a scenario."""
 
     @property
-    def render_node(self) -> Matching:
-        """The node that matches what it has drawn."""
+    def rover(self) -> RoverDescription:
+        """The rover: it carries the cameras."""
+
+    @property
+    def render_node(self) -> StereoConfig:
+        """Cameras and matching."""
+
+
+class StereoConfig(Protocol):
+    """The parameters of a pair of cameras and of their matching."""
+
+    @property
+    def camera(self) -> CameraConfig:
+        """Both cameras."""
+
+    @property
+    def sgm(self) -> SgmConfig:
+        """Matching."""
 
 
 class SgmMatcher:
     """Matches rectified pairs; not thread-safe."""
 
-    def __init__(self, config: SgmConfig) -> None:
+    def __init__(self, config: SgmConfig, rig: StereoRig | None = None) -> None:
+        """Make the matcher; rig: the cameras, for `DisparityMap.depth_m`."""
         self.config = config
+        self._geometry = (None, None) if rig is None else (rig.focal_px, rig.baseline_m)
         area = config.block_size**2
         self._matcher = cv2.StereoSGBM_create(  # type: ignore[attr-defined]
             minDisparity=config.min_disparity, numDisparities=config.num_disparities,
@@ -70,8 +65,9 @@ class SgmMatcher:
 
     @classmethod
     def from_scenario(cls, scenario: MatchedScenario) -> SgmMatcher:
-        """Return the matcher of a scenario."""
-        return cls(scenario.render_node.sgm)
+        """Return the matcher of a scenario; its maps know the depth."""
+        node = scenario.render_node
+        return cls(node.sgm, StereoRig(scenario.rover, node.camera))
 
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16.
@@ -97,17 +93,17 @@ class SgmMatcher:
             part[fixed < 16 * config.min_disparity] = invalid
             if config.min_contrast > 0.0:
                 part[_variance(left8[top:], config.block_size) < config.min_contrast**2] = invalid
-            # Blocks at the upper edge are not whole.
+            # Blocks at the upper edge are cut off.
             part[:config.block_size // 2] = invalid
         reach = config.min_disparity + config.num_disparities
         margin = config.block_size // 2
         x = max(reach - 1, 0) + margin
         window = (x, margin, max(width - x - margin, 0), height - 2 * margin)
         return DisparityMap(disparity, float(config.min_disparity), float(reach - 1), 1.0 / 16.0,
-                            window)
+                            window, *self._geometry)
 
     def _first_row(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> int:
-        """Return the first row worth matching: some rows above the first that is not black."""
+        """Return the first row to match: a block above the first row that is not black."""
         level = self.config.dark_level
         if level == 0:
             return 0
@@ -126,6 +122,7 @@ def _variance(image: NDArray[np.uint8], block: int) -> NDArray[np.float32]:
 
 
 def _gray(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return an image of any encoding as (h, w) grey of 8 bits."""
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     if image.ndim == 3:

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.rendering.frame import StereoFrame
@@ -18,9 +17,9 @@ from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth
+from lunar_rover_sim.stereo.depth import disparity_from_depth, DisparityMap
 from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
-from lunar_rover_sim.stereo.sgm import DisparityMap, SgmMatcher
+from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.model import World
 
 _RADIUS = 0.15           # of the loop, over half the side of the world
@@ -40,8 +39,8 @@ def study(scenario: Scenario, frames: int, figures: Path | None = None,
         raise StudyError(f'frames: {frames} is not valid; valid is >= 1')
     world = scenario.load_world()
     total = StereoErrors()
-    with Renderer(world, scenario.rover, scenario.render_node, scenario.shared.seed) as renderer:
-        matcher = SgmMatcher(scenario.render_node.sgm)
+    with Renderer.from_scenario(scenario, world) as renderer:
+        matcher = SgmMatcher.from_scenario(scenario)
         progress(0, frames)
         for k in range(frames):
             frame, right_depth_m = _draw(renderer, _pose(world, k / frames), k)
@@ -54,7 +53,7 @@ def study(scenario: Scenario, frames: int, figures: Path | None = None,
                 for depth in (frame.depth_m, right_depth_m))
             total += stereo_errors(disparity, truth_px, right_truth_px, frame.left)
             if figures is not None and k in (0, frames // 2):
-                _plot(frame, disparity, truth_px, rig, figures / f'{scenario.name}_{k:03d}.png')
+                _plot(frame, disparity, truth_px, figures / f'{scenario.name}_{k:03d}.png')
             progress(k + 1, frames)
     return total
 
@@ -82,15 +81,14 @@ def _draw(renderer: Renderer, T_world_base: Array,
 
 
 def _plot(frame: StereoFrame, disparity: DisparityMap, truth_px: NDArray[np.float32],
-          rig: StereoRig, path: Path) -> None:
+          path: Path) -> None:
     """Save left image, true depth, SGM depth and disparity error side by side."""
     assert frame.left is not None and frame.depth_m is not None
-    depth = depth_from_disparity(disparity, rig.focal_px, rig.baseline_m)
     error = np.where(disparity.valid & (truth_px > 0.0),
                      np.abs(disparity.disparity_px - truth_px), np.nan)
     panels = [('left image', gray8(frame.left)),
               ('true depth, 0.3 to 20 m', depth_picture(frame.depth_m)),
-              ('SGM depth', depth_picture(depth)),
+              ('SGM depth', depth_picture(disparity.depth_m)),
               ('disparity error, 0 to 2 px', error_picture(error, 2.0))]
     figure = Figure(figsize=(20, 4.2), layout='constrained')
     for axes, (title, picture) in zip(figure.subplots(1, 4), panels):

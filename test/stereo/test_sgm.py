@@ -1,19 +1,20 @@
 """Matching: planes of known disparity, what is invalid, and what is refused."""
 
+import cv2
 import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.config import SgmConfig
-from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth
-from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
-from lunar_rover_sim.stereo.sgm import DisparityMap, SgmMatcher
+from lunar_rover_sim.stereo.depth import (depth_from_disparity, disparity_from_depth,
+                                          DisparityMap)
+from lunar_rover_sim.stereo.error import disparity_errors_px, stereo_errors, StereoErrors
+from lunar_rover_sim.stereo.sgm import SgmMatcher
 
 
 def textured_pair(disparity_px, height=240, width=400, sky=60, seed=0):
     """Return a pair whose rows are shifted by (height,) disparities; black above `sky`."""
-    import cv2
     rng = np.random.default_rng(seed)
     texture = cv2.GaussianBlur(rng.random((height, width + 300)).astype(np.float32), (0, 0), 1.3)
     texture = (texture - texture.min()) / np.ptp(texture) * 230 + 20
@@ -95,6 +96,34 @@ def test_depth_and_disparity_are_inverse():
     assert disparity_from_depth([[np.inf]], 457.0, 0.1)[0, 0] == 0.0
 
 
+def test_a_matcher_of_a_scenario_knows_the_depth():
+    """Focal length and baseline are those of the scenario's cameras."""
+    scenario = Scenario.load('baseline', ['render_node.camera.width=400',
+                                          'render_node.sgm.num_disparities=64',
+                                          'rover.stereo.baseline_m=0.12'])
+    matcher = SgmMatcher.from_scenario(scenario)
+    left, right = textured_pair(np.full(240, 20.0))
+    disparity = matcher.match(left, right)
+    focal_px = 200.0 / np.tan(np.radians(0.5 * scenario.render_node.camera.horizontal_fov_deg))
+    seen = disparity.valid
+    assert matcher.config == scenario.render_node.sgm and seen.mean() > 0.3
+    np.testing.assert_allclose(disparity.depth_m[seen] * disparity.disparity_px[seen],
+                               0.12 * focal_px, rtol=1e-5)
+    assert np.all(np.isnan(disparity.depth_m[~seen]))
+    with pytest.raises(ConfigError, match='focal length and baseline of the pair are not known'):
+        SgmMatcher(scenario.render_node.sgm).match(left, right).depth_m
+
+
+def test_errors_are_signed_and_infinity_is_no_finite_depth():
+    """A disparity of 0 is a match, but one without finite depth."""
+    d = DisparityMap(np.array([[-1.0, 0.0, 5.0, 7.5]], np.float32), 0.0, 63.0, 0.0625,
+                     (0, 0, 4, 1))
+    truth = np.array([[3.0, 3.0, 6.0, 7.0]], np.float32)
+    assert d.valid.tolist() == [[False, True, True, True]]
+    assert d.has_finite_depth.tolist() == [[False, False, True, True]]
+    np.testing.assert_array_equal(disparity_errors_px(d, truth, d.has_finite_depth), [-1.0, 0.5])
+
+
 def test_errors_of_a_known_map():
     truth = np.full((20, 100), 10.0, np.float32)
     d = truth.copy()
@@ -144,9 +173,3 @@ def test_shapes_are_checked():
         matcher.match(np.zeros((10, 200), np.uint8), np.zeros((10, 201), np.uint8))
     with pytest.raises(ConfigError, match='less than the image width'):
         matcher.match(np.zeros((10, 50), np.uint8), np.zeros((10, 50), np.uint8))
-
-
-def test_from_scenario():
-    """The matcher of a scenario has the scenario's parameters."""
-    scenario = Scenario.load('flat', ['render_node.sgm.num_disparities=64'])
-    assert SgmMatcher.from_scenario(scenario).config == SgmConfig(num_disparities=64)
