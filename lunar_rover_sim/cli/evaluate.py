@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
-# As in evaluation.alignment and bag.extrinsics, which are too heavy to import for a parser.
-ALIGNMENTS = ('se3', 'sim3', 'yaw', 'origin', 'none')
-FRAMES = ('base', 'imu', 'left', 'right')
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.evaluation.alignment import MODES
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.evaluation.trajectory_plots import save_plots
+from lunar_rover_sim.evaluation.trajectory_sources import bag_of
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.sequences.extrinsics import FRAMES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,19 +26,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'are TUM, EuRoC or KITTI files, a bag (its odometry), or BAG:TOPIC.')
     parser.add_argument('truth', metavar='GROUND_TRUTH', help='file, BAG or BAG:TOPIC')
     parser.add_argument('estimate', metavar='ESTIMATE', help='file or BAG:TOPIC')
-    parser.add_argument('--align', choices=ALIGNMENTS, default='se3',
+    parser.add_argument('--align', choices=MODES, default='se3',
                         help='how the estimate is brought onto the truth (default: %(default)s)')
-    parser.add_argument('--truth-frame', choices=FRAMES, default='base',
-                        help='what of the rover the truth is of (default: %(default)s)')
-    parser.add_argument('--estimate-frame', choices=FRAMES, default='base',
-                        help='what of the rover the estimate is of: ORB-SLAM3 gives left, with an '
-                             'IMU imu (default: %(default)s)')
+    parser.add_argument('--truth-frame', choices=tuple(FRAMES), default='base',
+                        help='the frame of the rover that the truth is of (default: '
+                             '%(default)s)')
+    parser.add_argument('--estimate-frame', choices=tuple(FRAMES), default='base',
+                        help='the frame of the rover that the estimate is of; that of ORB-SLAM3 '
+                             'is left, with an IMU imu (default: %(default)s)')
     parser.add_argument('--tolerance', type=float, default=0.02, metavar='S',
-                        help='farthest true pose from an estimated one [s] (default: %(default)s)')
+                        help='largest distance in time between an estimated and a true pose [s] '
+                             '(default: %(default)s)')
     parser.add_argument('--distance', type=float, default=1.0, metavar='M',
-                        help='length of the pieces for RPE [m] (default: %(default)s)')
+                        help='distance between the poses of a pair for RPE [m] (default: '
+                             '%(default)s)')
     parser.add_argument('--time', type=float, default=1.0, metavar='S',
-                        help='duration of the pieces for RPE [s] (default: %(default)s)')
+                        help='time between the poses of a pair for RPE [s] (default: %(default)s)')
     parser.add_argument('--times', type=Path, metavar='FILE',
                         help='stamps of KITTI files, one a line')
     parser.add_argument('-o', '--output', type=Path, metavar='DIR',
@@ -39,17 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print a table, write results."""
-    import json
-
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from lunar_rover_sim.errors import EvaluationError
-    from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
-    from lunar_rover_sim.evaluation.trajectory_sources import bag_of
-    from lunar_rover_sim.files.atomic import atomic_write
-
     result = evaluate(args.truth, args.estimate, align=args.align, truth_frame=args.truth_frame,
                       estimate_frame=args.estimate_frame, tolerance_s=args.tolerance,
                       distance_m=args.distance, time_s=args.time, times=args.times)
@@ -76,8 +77,6 @@ def run(args: argparse.Namespace) -> int:
                       'is --estimate-frame (or --truth-frame) right?', highlight=False,
                       soft_wrap=True)
     if args.output is not None:
-        from lunar_rover_sim.evaluation.trajectory_plots import save_plots
-
         json_path = args.output / 'evaluation.json'
         paths = save_plots(result, args.output, bag_of(args.truth))
         atomic_write(json_path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)

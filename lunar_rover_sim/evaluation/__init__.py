@@ -1,1 +1,1 @@
-"""Judging an estimated trajectory against the truth."""
+"""Evaluation of estimated trajectories against the truth."""

@@ -1,8 +1,8 @@
-"""Bringing an estimate into the frame of the truth.
+"""Alignment of an estimate with the truth.
 
 Least squares over positions, min sum |y_i - (s R x_i + t)|^2, after Umeyama, Least-squares
 estimation of transformation parameters between two point patterns, IEEE PAMI 13 (4), 1991,
-Eqs. (39)-(43). What gravity makes observable may be kept: `yaw` turns about z only.
+Eqs. (39)-(43). `yaw` turns about z only: roll and pitch, which gravity makes observable, are kept.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from lunar_rover_sim.parameters import nearest
 
 MODES = ('se3', 'sim3', 'yaw', 'origin', 'none')
 
-# Of the spread of the points across their main direction, relative to along it: below that a
-# rotation about the main direction is not determined by doubles.
+# Spread of the points across their main direction, relative to that along it. Below it, double
+# precision does not determine a rotation about the main direction.
 _STRAIGHT = 1e-6
 
 
@@ -37,7 +37,7 @@ class Alignment:
 
 
 def align(estimate: Trajectory, truth: Trajectory, mode: str = 'se3') -> Alignment:
-    """Return what brings the estimate onto the truth; both have equal stamps.
+    """Return the transform that brings the estimate onto the truth; both have equal stamps.
 
     mode: `se3` (rotation, translation), `sim3` (and scale), `yaw` (turn about z, translation),
         `origin` (first pose onto first pose), `none`.

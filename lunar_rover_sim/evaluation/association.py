@@ -1,4 +1,4 @@
-"""Which true pose belongs to which estimated one: by stamp, truth interpolated."""
+"""Association of estimated with true poses by their stamps; the truth is interpolated."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ PAIR_TOLERANCE = 0.1  # of the distance between the poses of a pair
 
 @dataclasses.dataclass(frozen=True)
 class Statistics:
-    """What is told of a list of errors, in their unit; `count` is their number."""
+    """Statistics of a list of errors, in their unit; `count` is their number."""
 
     rmse: float
     mean: float

@@ -1,7 +1,7 @@
-"""Trajectories in the files that others write and read: TUM, EuRoC, KITTI.
+"""Trajectory files: TUM, EuRoC, KITTI.
 
-- TUM: `stamp x y z qx qy qz qw`, stamps in seconds; ORB-SLAM3 writes ns there for EuRoC input,
-  which is told by their size.
+- TUM: `stamp x y z qx qy qz qw`, stamps in seconds. For EuRoC input ORB-SLAM3 writes ns there;
+  the size of the numbers shows which they are.
 - EuRoC: CSV, `stamp [ns], x, y, z, qw, qx, qy, qz` and more columns, which are not read.
 - KITTI: the upper three rows of T_fixed_moving, 12 numbers, no stamps; those come from a file with
   one stamp a line (seconds, or integer ns), or are numbered at 10 Hz.
@@ -14,13 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from lunar_rover_sim.bag.stamps import in_seconds
+from lunar_rover_sim.bag.stamps import in_seconds, NS_PER_S
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
+from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
-
-FORMATS = ('tum', 'euroc', 'kitti')
-NS_PER_S = 1_000_000_000
 
 # Stamps above this are ns: as seconds they would lie 30,000 years ahead.
 _NS_FROM = 1e12
@@ -67,35 +65,35 @@ def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
 
 
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:
-    """Write a TUM file; stamps keep their ns."""
-    with Path(path).open('w', encoding='ascii') as file:
-        for ns, p, q in _poses(trajectory):
-            numbers = ' '.join(repr(float(v)) for v in (*p, q[1], q[2], q[3], q[0]))
-            file.write(f'{in_seconds(ns)} {numbers}\n')
+    """Write a TUM file, stamps exact to the ns; raise EvaluationError if that fails."""
+    lines = (f'{in_seconds(ns)} {_numbers(*p, q[1], q[2], q[3], q[0])}\n'
+             for ns, p, q in _poses(trajectory))
+    atomic_write(path, ''.join(lines), EvaluationError)
 
 
 def write_euroc(path: Path | str, trajectory: Trajectory) -> None:
-    """Write an EuRoC `data.csv` of poses."""
-    with Path(path).open('w', encoding='ascii') as file:
-        file.write('#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],'
-                   'q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n')
-        for ns, p, q in _poses(trajectory):
-            file.write(f'{ns},' + ','.join(repr(float(v)) for v in (*p, *q)) + '\n')
+    """Write an EuRoC `data.csv` of poses; raise EvaluationError if that fails."""
+    title = ('#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],'
+             'q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n')
+    lines = (f'{ns},{_numbers(*p, *q, separator=",")}\n' for ns, p, q in _poses(trajectory))
+    atomic_write(path, title + ''.join(lines), EvaluationError)
 
 
 def write_kitti(path: Path | str, trajectory: Trajectory, times: Path | str | None = None) -> None:
-    """Write a KITTI file and, if `times` is given, the stamps in seconds."""
-    with Path(path).open('w', encoding='ascii') as file:
-        for _, p, q in _poses(trajectory):
-            rows = np.hstack([matrix_from_wxyz(q), p[:, None]])
-            file.write(' '.join(repr(float(v)) for v in rows.ravel()) + '\n')
+    """Write a KITTI file and, if `times` is given, the stamps in seconds.
+
+    Raises EvaluationError where a file cannot be written.
+    """
+    lines = (_numbers(*np.hstack([matrix_from_wxyz(q), p[:, None]]).ravel()) + '\n'
+             for _, p, q in _poses(trajectory))
+    atomic_write(path, ''.join(lines), EvaluationError)
     if times is not None:
-        lines = [f'{in_seconds(int(ns))}\n' for ns in trajectory.stamps_ns]
-        Path(times).write_text(''.join(lines), encoding='ascii')
+        stamps = (f'{in_seconds(int(ns))}\n' for ns in trajectory.stamps_ns)
+        atomic_write(times, ''.join(stamps), EvaluationError)
 
 
 def read_trajectory(path: Path | str, times: Path | str | None = None) -> Trajectory:
-    """Read a file in whichever of the formats its first line shows."""
+    """Read a trajectory file of any format; its suffix and its first line show which."""
     path = Path(path)
     for line, words in _rows(path, 1, None):
         count = len(words)
@@ -114,6 +112,11 @@ def _poses(trajectory: Trajectory) -> Iterator[tuple[int, np.ndarray, np.ndarray
     for ns, p, q in zip(trajectory.stamps_ns, trajectory.positions_m,
                         trajectory.orientations_wxyz, strict=True):
         yield int(ns), p, q
+
+
+def _numbers(*values: float, separator: str = ' ') -> str:
+    """Return numbers that read back exactly."""
+    return separator.join(repr(float(value)) for value in values)
 
 
 def _rows(path: Path, least: int, most: int | None) -> Iterator[tuple[int, list[str]]]:

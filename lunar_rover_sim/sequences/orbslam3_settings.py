@@ -1,7 +1,7 @@
 """Settings files of ORB-SLAM3, version 1.0 and the older layout.
 
-What its readers want, and do not tell: every real number with a decimal point, whole numbers
-(width, height, fps, counts) without one, `Viewer.*` also where nothing is shown. A pinhole camera
+Its readers require, without documenting it: every real number with a decimal point, whole numbers
+(width, height, fps, counts) without one, `Viewer.*` also without a viewer. A pinhole camera
 with `Stereo.T_c1_c2` is written for stereo, since the rectified type crashes. Stereo starts only
 with more than 500 keypoints in a frame, hence the large number of features.
 """
@@ -20,7 +20,7 @@ from lunar_rover_sim.sequences.sensors import SensorSuite
 SENSORS = ('mono', 'stereo', 'stereo-inertial', 'rgbd')
 DEPTH_FACTOR = 5000.0  # of 16-bit depth images, per metre, as the TUM data sets have it
 
-# How many baselines away a point still counts as near.
+# Largest distance of a near point, in baselines.
 _THRESHOLD_BASELINES = 60.0
 
 
@@ -34,7 +34,7 @@ def settings(suite: SensorSuite, sensor: str, legacy: bool = False, features: in
     if sensor not in SENSORS:
         raise ConfigError(f'sensor: {sensor!r} is not valid; {nearest(sensor, SENSORS)}')
     if sensor == 'stereo-inertial' and not suite.imu_rate_hz > 0.0:
-        raise ConfigError('sensor: stereo-inertial needs an IMU, of which there is no signal')
+        raise ConfigError('sensor: stereo-inertial needs an IMU, and there is no signal of one')
     lines = ['%YAML:1.0', '']
     lines += _legacy(suite, sensor, rgb_depth_factor) if legacy else \
         _version_1(suite, sensor, rgb_depth_factor)
