@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import StereoError
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import DisparityMap
@@ -72,14 +72,14 @@ class SgmMatcher:
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16.
 
-        Raises ConfigError if their shapes differ or the search range exceeds the width.
+        Raises StereoError if their shapes differ or the search range exceeds the width.
         """
         config = self.config
         if left.shape != right.shape:
-            raise ConfigError(f'right: shape {right.shape} is not valid; valid is that of the '
+            raise StereoError(f'right: shape {right.shape} is not valid; valid is that of the '
                               f'left image, {left.shape}')
         if left.shape[1] <= config.num_disparities + config.min_disparity:
-            raise ConfigError(f'num_disparities: {config.num_disparities} is not valid; valid is '
+            raise StereoError(f'num_disparities: {config.num_disparities} is not valid; valid is '
                               f'less than the image width, {left.shape[1]}')
         left8, right8 = _gray(left), _gray(right)
         height, width = left8.shape

@@ -21,7 +21,6 @@ from lunar_rover_sim.slam.reference.odometry import Odometry
 CAMERA = Camera((300.0, 300.0), (159.5, 119.5), 0.1)
 MONO = Camera(CAMERA.focal_px, CAMERA.centre_px)
 TEXEL_M = 0.004
-SKY = 100   # rows of a picture that show the sky when level
 
 
 def ground() -> np.ndarray:

@@ -4,11 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, StereoError
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.config import SgmConfig
-from lunar_rover_sim.stereo.depth import (depth_from_disparity, disparity_from_depth,
-                                          DisparityMap)
+from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth, DisparityMap
 from lunar_rover_sim.stereo.error import disparity_errors_px, stereo_errors, StereoErrors
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 
@@ -169,7 +168,7 @@ def test_refusals(values, message):
 
 def test_shapes_are_checked():
     matcher = SgmMatcher(SgmConfig(num_disparities=64))
-    with pytest.raises(ConfigError, match='right: shape'):
+    with pytest.raises(StereoError, match='right: shape'):
         matcher.match(np.zeros((10, 200), np.uint8), np.zeros((10, 201), np.uint8))
-    with pytest.raises(ConfigError, match='less than the image width'):
+    with pytest.raises(StereoError, match='less than the image width'):
         matcher.match(np.zeros((10, 50), np.uint8), np.zeros((10, 50), np.uint8))
