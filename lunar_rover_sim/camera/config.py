@@ -12,7 +12,7 @@ from lunar_rover_sim.parameters import param, Parameters
 
 @dataclasses.dataclass(frozen=True)
 class CameraConfig(Parameters):
-    """Two equal pinhole cameras; where they sit is the rover's affair."""
+    """Two equal pinhole cameras; the rover's description says where they are mounted."""
 
     width: int = param(640, 'image width', unit='px', low=16, high=8192)
     height: int = param(480, 'image height', unit='px', low=16, high=8192)
@@ -59,7 +59,7 @@ class SensorConfig(Parameters):
                       low=8, high=16)
     companding: str = param(
         'sqrt', 'how mono8 and rgb8 follow from the converter: linear, its upper 8 bits; sqrt, '
-        'the root of the signal above black, which spends levels as shot noise demands',
+        'the root of the signal above black, so that shot noise is the same at all levels',
         choices=('sqrt', 'linear'))
     exposure_mode: str = param(
         'sunlit', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '

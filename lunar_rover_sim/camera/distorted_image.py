@@ -1,4 +1,4 @@
-"""Where the pixels of a distorted image look in a pinhole image."""
+"""The pinhole image that a distorted image is made from."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def padding(camera: CameraConfig) -> tuple[int, int]:
 
 
 def source_pixels(camera: CameraConfig) -> Array:
-    """Return (h, w, 2): where in the pinhole image each pixel of the distorted one looks [px]."""
+    """Return (h, w, 2): the place in the pinhole image that each distorted pixel shows [px]."""
     centre = np.array([0.5 * (camera.width - 1), 0.5 * (camera.height - 1)])
     pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
     ideal = undistort((pixels - centre) / camera.focal_px, camera.distortion)

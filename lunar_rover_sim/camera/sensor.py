@@ -1,8 +1,8 @@
-"""The image sensor: what radiance becomes, in the order of nature.
+"""The image sensor: what becomes of radiance, step by step.
 
 radiance [W m-2 sr-1] -> irradiance on the sensor pi/4 L tau / N^2 -> photo-electrons in a pixel ->
 point spread, vignetting -> shot noise, dark signal, fixed pattern, read noise -> converter.
-The arithmetic runs in shaders/sensor.frag; here are its constants.
+The arithmetic runs in rendering/shaders/sensor.frag; its constants are here.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class SensorModel:
 
     @property
     def output_type(self) -> type:
-        """Type of the pixels that are put out."""
+        """Type of the output pixels."""
         return _NUMBER_TYPES[self.config.encoding]
 
     @property
@@ -63,7 +63,7 @@ class SensorModel:
         return self.config.companding == 'sqrt' and self.config.encoding != 'mono16'
 
     def linear(self, image: NDArray[Any]) -> NDArray[np.float32]:
-        """Return the signal above black, as a share of full scale, that pixels stand for."""
+        """Return the signal above black that pixels represent, as a share of full scale."""
         level = image.astype(np.float32) / np.float32(np.iinfo(image.dtype).max)
         black = np.float32(self.config.black_level)
         return level * level if self.companded else (level - black) / (1 - black)

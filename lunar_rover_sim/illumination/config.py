@@ -9,7 +9,7 @@ from lunar_rover_sim.parameters import param, Parameters
 
 @dataclasses.dataclass(frozen=True)
 class SunConfig(Parameters):
-    """Where the sun stands; it does not move during a run."""
+    """The position and the light of the sun, which does not move during a run."""
 
     azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
                                unit='deg', low=-360.0, high=360.0)
@@ -23,7 +23,7 @@ class SunConfig(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class ReflectanceConfig(Parameters):
-    """Which regolith lies there, and how bright it is; see `hapke` for the sets."""
+    """Kind and brightness of the regolith; the parameter sets are in `hapke`."""
 
     ground: str = param('highland', 'parameter set of the ground',
                         choices=('highland', 'mare', 'rock', 'basalt'))
@@ -37,7 +37,7 @@ class ReflectanceConfig(Parameters):
 class LampConfig(Parameters):
     """A spot light with inverse square fall-off and a shadow of its own.
 
-    It sits low and to the left: light from the cameras' own place would show no relief.
+    It sits low and to the left of the cameras, since light from their position shows no relief.
     """
 
     power_w: float = param(0.0, 'radiant flux; 0 switches it off', unit='W', low=0.0, high=1e4)

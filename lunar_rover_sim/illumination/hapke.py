@@ -5,7 +5,8 @@ r(i, e, g) = w / (4 pi) mu0e / (mu0e + mue) [(1 + B(g)) p(g) + H(mu0e) H(mue) - 
 after Hapke, "Theory of Reflectance and Emittance Spectroscopy", 2nd ed., 2012: eq. 9.47 (shadow
 hiding opposition effect B, isotropic multiple scattering), 6.7 (two-lobe Henyey-Greenstein p),
 8.56 (H) and 12.63 (macroscopic roughness, with mu0e, mue and S of eqs. 12.45-12.54). Radiance is
-L = J r with J the normal irradiance. The shader `hapke.glsl` says the same; a test compares them.
+L = J r with J the normal irradiance. The shader `hapke.glsl` computes the same; a test compares
+them.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class HapkeParameters:
-    """One kind of ground.
+    """Parameters of one kind of ground.
 
     w: single-scattering albedo; b, c: width and balance of the Henyey-Greenstein lobes (c > 0
     scatters back); b_s0, h_s: amplitude and angular half-width of the opposition effect;
@@ -39,7 +40,7 @@ class HapkeParameters:
 
 
 def hockey_stick(b: float) -> float:
-    """Return the c that goes with b (Hapke, 2012, eq. 6.9; used by Sato et al., 2014)."""
+    """Return c as a function of b (Hapke, 2012, eq. 6.9; used by Sato et al., 2014)."""
     return 3.29 * float(np.exp(-17.4 * b * b)) - 0.908
 
 

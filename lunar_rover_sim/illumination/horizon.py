@@ -1,18 +1,20 @@
-"""Which ground the sun sees: shadow boundaries over nested height grids.
+"""Which ground the sun sees: boundaries of shadows over nested height grids.
 
 The sun does not move during a run, so this is done once per (world, sun). For every sample of
 every level two numbers are kept, both measured along the central ray from the ground to the sun:
 
-- clearance_m: how far the ray passes above (negative: below) what limits it, square to the ray;
-- occluder_m: the distance to that limit.
+- clearance_m: how far the ray passes above (negative: below) the relief that limits it, measured
+  perpendicular to the ray;
+- occluder_m: the distance to that relief.
 
-Their quotient is the angle between the centre of the sun's disc and the horizon. Kept apart, each
+Their quotient is the angle between the centre of the sun's disc and the horizon. Each of them
 varies linearly across the edge of a shadow, so that the edge is crisp and straight between
-samples, and the penumbra of the disc follows from the quotient.
+samples. The penumbra of the disc follows from the quotient.
 
 The shadow that falls from a point at horizontal distance t sunward reaches down to
 S = h(t) - t tan e here. S obeys S(P) = max(h(P'), S(P')) - step tan e with P' one step sunward, so
-one sweep away from the sun serves the whole grid (as the sweep of Stewart, 1998, does per sector).
+one sweep away from the sun serves the whole grid. Stewart ("Fast Horizon Computation at All Points
+of a Terrain With Visibility and Shading Applications", 1998) does the same per sector.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ from lunar_rover_sim.world.grid import HeightGrid
 
 F32 = NDArray[np.float32]
 
-# Sweeps run at the sun's elevation and below it: shadow heights of a lower sun are those of far
-# occluders, and their difference gives the distance.
+# Sweeps run at the elevation of the sun and below it. The difference of their shadow heights gives
+# the distance of the occluder.
 _ELEVATION_OFFSETS_DEG = (-0.6, -0.3, 0.0)
 _NOTHING = np.float32(-1e6)
 _MAX_SWEEP_DEG = 80.0
@@ -63,8 +65,8 @@ class SunGeometry:
 class ShadowLevel:
     """Shadow boundaries of one height grid.
 
-    shadow_m: (3, n, n) float32, for the three sweeps the height [m] down to which shadow reaches
-        at each sample from anything that stands sunward (not from the sample itself)
+    shadow_m: (3, n, n) float32, for each sweep the height down to which the shadow of the relief
+        towards the sun reaches at each sample; the sample itself casts none [m]
     """
 
     def __init__(self, grid: HeightGrid, sun: SunGeometry, outer: ShadowLevel | None,
@@ -94,7 +96,7 @@ class ShadowLevel:
     def clearance(self) -> tuple[F32, F32]:
         """Return (clearance_m, occluder_m), each (n, n) float32."""
         clearance, occluder = np.empty_like(self.heights_m), np.empty_like(self.heights_m)
-        # Few rows at a time stay in the processor's cache.
+        # A few rows at a time fit into the processor's cache.
         for first in range(0, len(self.heights_m), _ROWS):
             rows = slice(first, first + _ROWS)
             clearance[rows], occluder[rows] = split(self.heights_m[rows] - self.shadow_m[:, rows],
@@ -125,11 +127,11 @@ def split(above_m: F32, sun: SunGeometry) -> tuple[F32, F32]:
     cosine = np.float32(np.cos(sun.sweep_rad[2]))
     clearance *= cosine
     occluder /= cosine
-    # A very high sun was swept lower than it stands: give the difference back.
+    # A very high sun was swept lower than it stands: add the difference.
     lift = np.float32(sun.elevation_rad - sun.sweep_rad[2])
     if lift > 0.0:
         clearance += lift * occluder
-    # Only the quotient matters where both are huge; keep within what half floats hold.
+    # Where both are huge only the quotient matters: scale them to the range of half floats.
     scale = np.float32(100.0) / np.maximum(np.maximum(np.abs(clearance), occluder * 0.02),
                                            np.float32(100.0))
     return clearance * scale, occluder * scale
@@ -152,7 +154,7 @@ def shadow_levels(levels: Sequence[HeightGrid], sun: SunGeometry) -> list[Shadow
 
 
 def _sweep(heights_m: F32, cell_m: float, sun: SunGeometry, outer: ShadowLevel | None) -> F32:
-    """Return (3, n, n) shadow heights; see the module's text.
+    """Return (3, n, n) shadow heights [m]; see the description of this module.
 
     The grid is turned so that the sun lies towards larger rows and not towards smaller columns;
     a line towards the sun then crosses every row, `shear` columns farther each time. Lines are a

@@ -1,10 +1,10 @@
-"""Light that lit ground scatters into shadows: one bounce.
+"""Indirect light: what lit ground scatters into shadows, once.
 
 From every point of a coarsened height grid the relief is scanned along a few azimuths. A piece of
 ground that rises above all nearer ones, from angle a1 to a2 over the point's own plane, is seen
-under the projected solid angle (sin^2 a2 - sin^2 a1) / 2 per radian of azimuth; it sends its
-radiance, taken as diffuse, if the sun sees it. Second bounces (with a ground albedo of 0.1, a
-tenth of the first) and the direction dependence of the scattering ground are left out.
+under the projected solid angle (sin^2 a2 - sin^2 a1) / 2 per radian of azimuth. It sends its
+radiance, taken as diffuse, if the sun sees it. Light that is scattered twice (a tenth as much,
+with a ground albedo of 0.1) and the direction dependence of the scattering ground are left out.
 """
 
 from __future__ import annotations
@@ -24,11 +24,13 @@ _STEPS = 20             # distances double every third step
 
 def indirect_light(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[np.float64],
                    albedo: float) -> tuple[F32, F32]:
-    """Return (irradiance, surroundings), both per normal irradiance of the sun.
+    """Return (irradiance, surroundings), both (n, n) and per normal irradiance of the sun.
 
-    heights_m: (n, n); lit: (n, n) share of the sun's disc that is seen; direction: (3,) to the
-    sun; albedo: diffuse albedo of the ground. irradiance: what other ground sends to a point of
-    the grid; surroundings: exitance of the ground around, which upright faces half see.
+    irradiance: what other ground sends to each point of the grid; surroundings: exitance of the
+    ground around it, of which upright faces see one half
+
+    heights_m: (n, n); cell_m: its pitch; lit: (n, n) share of the sun's disc that is seen
+    direction: (3,) unit vector to the sun; albedo: diffuse albedo of the ground
     """
     gradient = np.asarray(np.gradient(heights_m, np.float32(cell_m)), np.float32)
     gy, gx = gradient[0], gradient[1]
@@ -37,12 +39,12 @@ def indirect_light(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[n
     angles = 2.0 * np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     total = np.zeros_like(exitance)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        # Summed in their order, whichever is ready first.
+        # In a fixed order, so that the rounding of the sum is always the same.
         for part in pool.map(lambda angle: _along(heights_m, gx, gy, exitance, cell_m,
                                                   np.cos(angle), np.sin(angle)), angles):
             total += part
     irradiance = total * np.float32(2.0 / _AZIMUTHS)
-    # Mean over about a metre, weighted as an upright face sees it: mostly the near ground.
+    # A mean over about a metre with the weights of an upright face, which sees mostly near ground.
     surroundings = 0.5 * cv2.GaussianBlur(exitance, (0, 0), max(0.4 / cell_m, 0.6)) \
         + 0.5 * cv2.GaussianBlur(exitance, (0, 0), max(1.6 / cell_m, 1.2))
     return irradiance, surroundings
@@ -70,7 +72,7 @@ def _along(z: F32, gx: F32, gy: F32, exitance: F32, cell_m: float, c: float, s: 
         sine2 = rise / (np.float32(1.0) + rise)
         gain = np.maximum(sine2 - highest[to], np.float32(0.0))
         highest[to] += gain
-        # What rises between two samples is taken to be as bright as their mean.
+        # The ground between two samples is taken to be as bright as their mean.
         gain *= exitance[of] + previous[to]
         total[to] += gain
         previous[to] = exitance[of]

@@ -1,8 +1,8 @@
 """Shadows of rocks, from their silhouettes as the sun sees them.
 
-A rock is convex, so its silhouette is a convex polygon in the plane square to the sun, and the
-signed distance to the polygon's edges tells how far a sun ray passes beside the rock: exactly,
-whatever the pitch of the grid that keeps the result.
+A rock is convex, so that its silhouette is a convex polygon in the plane perpendicular to the sun
+rays. The signed distance to the edges of the polygon is the distance at which a sun ray passes the
+rock. It is exact, whatever the pitch of the grid that stores the result.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ F32 = NDArray[np.float32]
 _BATCH = 1_500_000
 _MAX_REACH_M = 40.0
 _FALL = 0.05        # slope of the ground away from the rock that its shadow may follow
-_LIT_RAD = 0.014    # this far above the horizon nothing but the disc itself matters
+_LIT_RAD = 0.014    # where the sun stands higher above the horizon the ground is fully lit
 _MARGIN_CELLS = 2.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Silhouettes:
-    """Convex outlines in the sun's plane; coordinates are along `axes` rows 0 and 1 [m].
+    """Convex outlines in the plane perpendicular to the sun rays [m]; see `axes`, rows 0 and 1.
 
     edges: (m, k, 3) unit outward normal and offset; unused ones repeat another
     centre: (m, 3) in all three axes; half_width: (m,); top: (m,) largest second coordinate
@@ -124,7 +124,7 @@ def _edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int6
 
 def stamp(clearance_m: F32, occluder_m: F32, grid: HeightGrid, rocks: Silhouettes,
           sun: SunGeometry) -> None:
-    """Merge the shadows of rocks into clearance and occluder distance of a grid, in place."""
+    """Merge the shadows of rocks into clearance and occluder distance of a grid, in place [m]."""
     if len(rocks.edges) == 0 or sun.elevation_rad <= -0.02:
         return
     angle = (clearance_m / occluder_m).ravel()
@@ -181,7 +181,7 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes,
     inside = grid.contains(position[:, :2]) & (height > 0.0)
     steps = np.ceil(reach * abs(heading[major]) / cell).astype(int) + 1
     columns = np.ceil(2 * wide / cell).astype(int) + 2
-    # Rocks whose windows are of nearly the same size are done together.
+    # Rocks with windows of nearly the same size are processed together.
     step_class = np.ceil(np.log2(steps) * 2).astype(int)
     column_class = np.ceil(np.log2(columns) * 2).astype(int)
     key = np.where(inside, step_class * 64 + column_class, -1)

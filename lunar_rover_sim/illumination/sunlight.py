@@ -18,16 +18,16 @@ from lunar_rover_sim.illumination.indirect_light import indirect_light
 from lunar_rover_sim.world.model import World
 
 F32 = NDArray[np.float32]
-# Cells of a level per cell of bounced light; cells half as wide change the light in shadow by 1 %.
+# Cells of a level per cell of indirect light; half as many change the light in shadow by 1 %.
 _COARSE = 8
 log = logging.getLogger(__name__)
 
 
 class Sunlight:
-    """Shadow boundaries of all levels and of the rocks.
+    """The light of the sun on all levels and on the rocks.
 
     clearance: per level (clearance_m, occluder_m), each (n, n) float32; see `horizon`
-    scattered: per level bounced irradiance and lit surroundings; see `indirect_light`
+    scattered: per level indirect irradiance and lit surroundings; see `indirect_light`
     """
 
     def __init__(self, world: World, sun: SunConfig, reflectance: ReflectanceConfig,
@@ -46,7 +46,7 @@ class Sunlight:
 
     def _scattered(self, k: int, sun: SunConfig, reflectance: ReflectanceConfig, direction: Array,
                    indirect: bool) -> tuple[F32, F32]:
-        """Return bounced irradiance and surroundings of one level, on a coarser grid."""
+        """Return indirect irradiance and surroundings of one level, on a coarser grid."""
         grid = self.world.levels[k]
         n = -(-grid.n // _COARSE)
         if not indirect or direction[2] <= 0.0 or sun.irradiance == 0.0:
@@ -66,20 +66,20 @@ class Sunlight:
         return indirect_light(heights, grid.cell_m * grid.n / n, share, direction, albedo)
 
     def light_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
-        """Return clearance and occluder distance [m] of (..., 3) points, by terrain alone."""
+        """Return clearance and occluder distance of (..., 3) points, without rocks [m]."""
         return self.ground.clearance_of(points_m)
 
     def surroundings_at(self, xy_m: ArrayLike) -> float:
-        """Return the exitance of the ground around, per normal irradiance of the sun."""
+        """Return the exitance of the ground around a place, per normal irradiance of the sun."""
         grid, values = self.world.ground, self.scattered[0][1]
         index = (np.asarray(xy_m) / grid.half_extent_m * 0.5 + 0.5) * (len(values) - 1)
         column, row = np.clip(np.rint(index), 0, len(values) - 1).astype(int)
         return float(values[row, column])
 
     def rock_light(self) -> F32:
-        """Return (m, 4) clearance and occluder distance [m] at foot and top of each rock.
+        """Return (m, 4) clearance and occluder distance at foot and top of each rock [m].
 
-        What limits the light is the relief or another rock, whichever is higher.
+        The light is limited by the relief or by another rock, whichever is higher.
         """
         rocks = self.world.rocks
         light = np.zeros((len(rocks), 4), np.float32)

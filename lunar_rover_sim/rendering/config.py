@@ -14,21 +14,24 @@ from lunar_rover_sim.parameters import group, param, Parameters
 class DetailConfig(Parameters):
     """How much is drawn."""
 
-    full_resolution_m: float = param(3.5, 'the mesh has the resolution of the ground up to here',
-                                     unit='m', low=0.5, high=100.0)
-    exact_m: float = param(14.0, 'beyond the former, up to here, every pixel is intersected with '
-                           'the ground itself', unit='m', low=0.0, high=100.0)
+    full_resolution_m: float = param(
+        3.5, 'up to this distance the mesh has the resolution of the ground', unit='m', low=0.5,
+        high=100.0)
+    exact_m: float = param(
+        14.0, 'beyond full_resolution_m and up to this distance, every pixel is intersected with '
+        'the ground itself', unit='m', low=0.0, high=100.0)
     cells_per_distance: float = param(
-        64.0, 'beyond, the cell of the mesh is the distance divided by this', low=5.0, high=1000.0)
-    relief_rms_slope: float = param(0.11, 'RMS slope of either tile of relief below the grid',
-                                    low=0.0, high=0.6)
+        64.0, 'farther away, the cell of the mesh is the distance divided by this', low=5.0,
+        high=1000.0)
+    relief_rms_slope: float = param(
+        0.11, 'RMS slope of each of the two tiles of relief below the grid', low=0.0, high=0.6)
     pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',
                                 low=0.0, high=0.4)
     pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,
                              high=1.0)
     rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn', unit='px', low=0.0,
                                high=20.0)
-    bounce: bool = param(True, 'light that lit ground scatters into shadows')
+    bounce: bool = param(True, 'indirect light: lit ground scatters light into shadows')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +46,7 @@ class RenderConfig(Parameters):
     lamp: LampConfig = group(LampConfig)
 
     def validate(self) -> None:
-        """Check what ties the sets together."""
+        """Check parameters that depend on each other."""
         if self.camera.near_m >= self.camera.far_m:
             raise ConfigError(f'camera.near_m: {self.camera.near_m} is not valid; valid is '
                               f'< camera.far_m ({self.camera.far_m:g})')

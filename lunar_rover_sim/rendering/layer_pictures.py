@@ -1,4 +1,4 @@
-"""Pictures of a frame and its truth layers for people."""
+"""Pictures of a frame and its truth layers, to look at."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def depth_picture(depth_m: NDArray[np.floating]) -> U8:
 
 
 def error_picture(error: NDArray[np.floating], full: float) -> U8:
-    """Return (h, w, 3) BGR colours of an error >= 0, `full` being the hottest; NaN black."""
+    """Return (h, w, 3) BGR colours of an error from 0 to `full`; NaN is dark grey."""
     known = np.isfinite(error)
     level = np.clip(np.where(known, error, 0.0) / full * 255, 0, 255).astype(np.uint8)
     colours = cv2.applyColorMap(level, cv2.COLORMAP_INFERNO)
@@ -49,7 +49,7 @@ def gray8(image: NDArray[np.generic]) -> U8:
 
 
 def tone_mapped(radiance: NDArray[np.floating]) -> U8:
-    """Return a (h, w, 3) picture of radiance as the eye would like it (99.5 % white, gamma)."""
+    """Return a (h, w, 3) picture of radiance with gamma 2.2; the 99.5th percentile is white."""
     lit = radiance[radiance > 0]
     white = float(np.percentile(lit, 99.5)) if lit.size else 1.0
     level = np.clip(radiance / white, 0.0, 1.0)**(1.0 / 2.2) * 255
@@ -57,7 +57,7 @@ def tone_mapped(radiance: NDArray[np.floating]) -> U8:
 
 
 def disparity_picture(disparity_px: NDArray[np.floating]) -> U8:
-    """Return (h, w, 3) BGR colours of disparity, large warm, small cold; what is < 0 is black."""
+    """Return (h, w, 3) BGR colours of disparity, large warm, small cold; below 0 black."""
     known = disparity_px >= 0.0
     most = max(float(disparity_px.max(initial=1.0)), 1.0)
     level = np.clip(disparity_px / most * 255, 0, 255).astype(np.uint8)
@@ -68,10 +68,10 @@ def disparity_picture(disparity_px: NDArray[np.floating]) -> U8:
 
 def contact_sheet(frame: StereoFrame, disparity_px: NDArray[np.floating],
                   sgm_depth_m: NDArray[np.floating]) -> U8:
-    """Return one picture of nine: the pair, ideal image; depth, normals, labels; what SGM makes.
+    """Return one picture of nine: the pair and the ideal image; the truth; the stereo matching.
 
-    The last row is disparity (invalid: < 0), depth from it (NaN), and the error of that depth as a
-    share of the true one, 10 % being the hottest.
+    The last row shows disparity_px (h, w), invalid < 0; sgm_depth_m (h, w) made from it, invalid
+    NaN; and the error of that depth as a share of the true one, from 0 to 10 %.
     """
     assert frame.left is not None and frame.right is not None and frame.depth_m is not None
     assert frame.normal is not None and frame.label is not None and frame.radiance is not None

@@ -1,4 +1,4 @@
-"""What the lighting shaders are told once: sun and reflectance."""
+"""The constants of the lighting shaders: sun and reflectance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.rendering.config import RenderConfig
 
-# Mean slope of the relief that is still not drawn near the camera; far away it is all of it.
+# Mean slope of the relief that is too fine to be drawn near the camera. Far away no fine relief is
+# drawn, and the mean slope is that of the parameter set.
 _NEAR_THETA_DEG = 8.0
 
 
@@ -18,7 +19,7 @@ def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, 
     ground = hapke.parameter_set(config.reflectance.ground)
     rocks = hapke.parameter_set(config.reflectance.rocks)
     scale = config.reflectance.albedo_scale
-    horizontal = max(math.hypot(*sun_direction[:2]), 0.02)  # a sun overhead: slopes stay finite
+    horizontal = max(math.hypot(*sun_direction[:2]), 0.02)  # stays finite for a sun overhead
     values: dict[str, Any] = {
         'u_sun': tuple(sun_direction),
         'u_heading': tuple(sun_direction / horizontal),

@@ -1,4 +1,4 @@
-// What ground, rocks and rover share. Vectors are world axes; positions relative to the camera.
+// Shared by ground, rocks and rover. Vectors are in world axes, positions relative to the camera.
 #include "hapke.glsl"
 #include "view.glsl"
 
@@ -6,7 +6,7 @@ uniform vec3 u_sun;             // unit vector to the sun
 uniform float u_irradiance;     // of the sun, normal [W/m2]
 uniform float u_sun_radius;     // angular radius of the disc [rad]
 
-// Share of the disc above a straight horizon `angle` below its centre; max error 0.01.
+// Share of the disc above a straight horizon that lies `angle` below its centre; error < 0.01.
 float disc(float angle, float radius) {
     float x = clamp(angle / radius, -1.0, 1.0);
     return 0.5 + x * (0.6366 - 0.1366 * x * x);

@@ -1,4 +1,4 @@
-// Lit regolith: grid-scale slope and shadow, two tiles of finer relief, albedo, bounced light.
+// Lit regolith: slope and shadow of the grid, two tiles of finer relief, albedo, indirect light.
 #include "common.glsl"
 #include "ray.glsl"
 uniform sampler2D u_depth;
@@ -20,11 +20,11 @@ layout(location = 1) out float o_depth;
 #endif
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 
-// Sampled at pixel centres, not fetched: on llvmpipe, whole numbers and checked bounds take longer.
+// Sampled at pixel centres: on llvmpipe texelFetch takes longer, since it checks bounds.
 float depth_at(vec2 p) { return textureLod(u_depth, p * u_texel, 0.0).r; }
 
 #ifdef REFINE
-// Where the mesh is coarser than the grid, find where the ray really meets the grid's triangles.
+// Where the mesh is coarser than the grid, find where the ray meets the triangles of the grid.
 uniform sampler2D u_heights;
 uniform vec3 u_refine;          // nearest and farthest depth, bound of the mesh's error [m]
 uniform vec4 u_lattice;         // 1 / cell [1/m], half and last whole index of cells, 1 / samples
@@ -45,7 +45,7 @@ float ground_at(vec2 xy) {
 
 float refined(float depth, vec3 ray) {
     vec3 origin = u_camera;
-    // Loops end as soon as no pixel of a block needs them.
+    // A loop ends as soon as no pixel of a block needs it.
     int steps = depth > u_refine.x && depth < u_refine.y ? 8 : 0;
     float reach = min(u_refine.z / max(-ray.z, 0.25 * u_refine.z), 0.06 * depth);
     float t = depth - reach, low = t, high = -1.0, f_low = -1.0, f_high = 0.0;
@@ -67,7 +67,7 @@ float refined(float depth, vec3 ray) {
 }
 #endif
 
-// Most pixels take one mip level alone, which is half the work; the change is still soft.
+// Most pixels use a single mip level, which halves the work; levels still change smoothly.
 float mip(float level) {
     float whole = floor(level);
     return max(whole + clamp((level - whole - 0.35) * (1.0 / 0.3), 0.0, 1.0), 0.0);
@@ -106,11 +106,11 @@ void main() {
         edge.y = min(edge.y + 1.0, u_last_row + 0.5);
         depth = depth_at(edge);
     }
-    // Rare: most blocks of pixels jump over it.
+    // Most blocks of pixels skip this.
     if (depth > 0.0 && edge.y > u_first_row + 1.0 && depth_at(edge - vec2(0.0, 1.0)) == 0.0)
         covered = covered_share(edge, is_sky);
 #endif
-    // Newer llvmpipe jumps over branches that no pixel of a block takes.
+    // Recent llvmpipe skips branches that no pixel of a block takes.
     if (depth > 0.0) {
         vec3 ray = pixel_ray(pixel());
 #ifdef REFINE
@@ -148,7 +148,7 @@ void main() {
         vec2 slope_b = (b.xy - 0.501961) * u_tile.w * turn;
         vec2 slope = ground.xy + slope_a + slope_b;
         vec3 normal = normalize(vec3(-slope, 1.0));
-        // Faces of the fine relief that turn away from the camera hide behind those that face it.
+        // Faces of the fine relief that turn away from the camera are hidden by those that face it.
         float least = clamp(dot(normalize(vec3(-ground.xy, 1.0)), view), 0.02, 0.08);
         normal = normalize(normal + view * max(least - dot(normal, view), 0.0));
         vec2 heading = u_heading.xy;

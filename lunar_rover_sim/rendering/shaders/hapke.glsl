@@ -1,4 +1,4 @@
-// Hapke's reflectance [1/sr]; the same formulae as illumination/hapke.py, which names their sources.
+// Hapke's reflectance [1/sr]; the same formulae as illumination/hapke.py, which gives their sources.
 struct Hapke { float w; float b; float c; float b_s0; float h_s; };
 
 // cos_psi and psi are those of the azimuth between incidence and emission.

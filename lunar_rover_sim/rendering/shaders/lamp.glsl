@@ -1,4 +1,4 @@
-// The rover's lamp.
+// The light of the rover's lamp, with its shadow map.
 uniform vec3 u_lamp, u_lamp_axis;       // position relative to the camera, axis
 uniform vec2 u_lamp_beam;               // peak intensity [W/sr], exponent of the cosine
 uniform mat4 u_lamp_clip;               // from the lamp's own relative axes
@@ -13,7 +13,7 @@ float lamp_irradiance(vec3 relative, vec3 normal, out vec3 to_lamp) {
     float cosine = max(-dot(to_lamp, u_lamp_axis), 1e-3);
     vec4 q = u_lamp_clip * vec4(arm, 1.0);
     vec2 at = (0.5 + 0.5 * q.xy / max(q.w, 1e-6)) * vec2(textureSize(u_lamp_depth, 0)) - 0.5;
-    // A pixel of the map covers ground of different depth, the more the flatter light falls.
+    // A pixel of the map covers a range of depths, which is the wider the more grazing the light is.
     float slack = 0.004 + u_lamp_pixel / max(dot(normal, to_lamp), 0.04);
     float own = dot(arm, u_lamp_axis) * (1.0 - slack) - 0.01;
     vec2 cell = floor(at), part = at - cell;

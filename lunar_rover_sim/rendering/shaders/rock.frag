@@ -21,11 +21,11 @@ void main() {
     o_truth = vec4(normal, 16.0 + v_index);
 #else
     vec3 view = -normalize(v_relative);
-    // Lumps and pits in proportion to the rock, grain as fine as the ground's.
+    // Lumps and pits scale with the rock; grain is as fine as that of the ground.
     vec3 facing = abs(v_local);
     vec2 plane = facing.z > max(facing.x, facing.y) ? v_local.xy
         : (facing.x > facing.y ? v_local.yz : v_local.xz + 0.37);
-    // By distance, since derivatives break where `plane` changes.
+    // The level follows from the distance: derivatives are wrong where `plane` changes.
     float texels = log2(dot(v_relative, u_axis) * u_pixel * float(textureSize(u_tile_a, 0).x));
     vec2 scale = vec2(u_grain.z / v_diameter, u_grain.x);
     vec2 level = max(texels + log2(scale) + 0.5, 0.0);

@@ -1,4 +1,4 @@
-// Painted and metal parts: Lambert's law.
+// The rover: all its parts reflect by Lambert's law.
 in vec3 v_relative, v_normal;
 in float v_albedo;
 #include "common.glsl"
@@ -7,7 +7,7 @@ layout(location = 1) out float o_depth;
 #endif
 uniform vec4 u_body_light;      // clearance and occluder distance at the foot and at the top
 uniform vec2 u_body_span;       // world height of foot and top [m]
-uniform float u_ground_light;   // irradiance that lit ground around sends up
+uniform float u_ground_light;   // exitance of the lit ground around the rover [W/m2]
 
 void main() {
     vec3 normal = normalize(v_normal);

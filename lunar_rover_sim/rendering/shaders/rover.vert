@@ -1,3 +1,4 @@
+// The rover: each vertex moves with its link.
 in vec3 a_position, a_normal;
 in float a_albedo, a_link;
 uniform mat4 u_links[5];

@@ -1,19 +1,19 @@
 // Radiance to digital numbers: point spread, vignetting, electrons, noise, converter.
-uniform sampler2D u_radiance;   // the left image before the right one
+uniform sampler2D u_radiance;   // the left image above the right one
 uniform float u_height;         // rows of one image
 uniform vec2 u_texel;           // 1 / size of the pair of images
 uniform sampler2D u_pattern;    // fall-off times gain, offset; in units of u_pattern_span
 uniform vec2 u_pattern_span;    // gain, twice the largest offset [e-]
-uniform float u_spread;         // weight of each direct neighbour, that of the pixel being 1
+uniform float u_spread;         // weight of each direct neighbour; the pixel itself has 1
 uniform float u_electrons;      // electrons per radiance on the axis
 uniform float u_dark;           // dark signal [e-]
 uniform vec2 u_noise;           // shot (0 or 1), read [e-]
 uniform vec3 u_adc;             // 1 / full well, black level, largest number
 uniform vec2 u_out;             // numbers of the output per number, 1 / largest of the output
-uniform uint u_frame;           // a number of its own for every seed and frame
+uniform uint u_frame;           // a different number for each seed and frame
 layout(location = 0) out float o_level;
 
-// The whole part of positive numbers up to 2^23, by their bits; llvmpipe converts one by one.
+// The integer part of positive numbers up to 2^23, by their bits; llvmpipe converts slowly.
 uvec2 whole(vec2 x) { return floatBitsToUint(floor(x) + 8388608.0) & 0x7FFFFFu; }
 
 uint hash(uint s) {
@@ -30,7 +30,7 @@ float gaussian(uint s) {
 }
 
 #ifdef DISTORTED
-// Where in the undistorted image each pixel looks.
+// The place in the undistorted image that each pixel shows.
 uniform sampler2D u_source;
 float radiance_at(vec2 q) {
     ivec2 c = ivec2(floor(q));
@@ -43,7 +43,7 @@ float radiance_at(vec2 q) {
 #endif
 
 void main() {
-    // Sampled at pixel centres, not fetched: on llvmpipe, fetches take longer.
+    // Sampled at pixel centres: on llvmpipe texelFetch takes longer.
     vec2 at = gl_FragCoord.xy * u_texel;
 #ifdef DISTORTED
     vec2 q = textureLod(u_source, at, 0.0).rg;
@@ -56,7 +56,7 @@ void main() {
 #else
     float value = textureLod(u_radiance, at, 0.0).r;
 #ifdef SPREAD
-    // The neighbours above and below are those of the same image.
+    // Neighbours above and below must belong to the same image.
     float row = gl_FragCoord.y < u_height ? gl_FragCoord.y : gl_FragCoord.y - u_height;
     float up = row > 1.0 ? u_texel.y : 0.0, down = row < u_height - 1.0 ? u_texel.y : 0.0;
     float near = textureLod(u_radiance, at - vec2(u_texel.x, 0.0), 0.0).r

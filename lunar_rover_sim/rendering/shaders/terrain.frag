@@ -1,4 +1,4 @@
-// Geometry only: depth along the optical axis. The ground is lit once per pixel afterwards.
+// Depth along the optical axis only. The light of each pixel is computed in a later pass.
 in vec3 v_relative;
 #include "view.glsl"
 uniform float u_inner;          // half extent of the finer level inside this one [m]
