@@ -21,7 +21,7 @@ MAX_CAMPAIGN_BYTES = 1 << 18
 MAX_EPISODES = 100_000
 MAX_VARIED = 200
 ELEVATION = 'render_node.sun.elevation_deg'
-# Low suns are what makes the poles of the Moon hard; a campaign that says nothing gets them.
+# A low sun is what makes the poles of the Moon difficult: the default of a campaign.
 DEFAULT_ELEVATION = Distribution('uniform', (0.0, 15.0))
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_.-]{0,63}')
 
@@ -58,9 +58,10 @@ class CampaignConfig(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class Campaign:
-    """A campaign file, read: `settings` and `vary` by the full name of the parameter.
+    """A campaign file as read.
 
-    folder: where the campaign file lies; a base scenario beside it is found from there.
+    settings, vary: value, or distribution, by full name of the parameter
+    folder: that of the campaign file, in which a base scenario by relative path is looked up
     """
 
     config: CampaignConfig
@@ -87,7 +88,7 @@ def campaign_names() -> list[str]:
 
 
 def load_campaign(name_or_path: str | Path) -> Campaign:
-    """Return a campaign by packaged name or path; ConfigError says what is wrong with it."""
+    """Return a campaign by packaged name or path; raise ConfigError if it is not valid."""
     path = find_file('campaign', str(name_or_path))
     return parse_campaign(read_text(path, MAX_CAMPAIGN_BYTES), path)
 
@@ -121,7 +122,7 @@ def parse_campaign(text: str, path: Path) -> Campaign:
 
 
 def _named(settings: Mapping[str, Any], vary: Mapping[str, Distribution]) -> set[str]:
-    """Return every name that is set or varied, those inside of choices included."""
+    """Return all names that are set or varied, including those inside choices."""
     names = {*settings, *vary}
     for distribution in vary.values():
         for value in distribution.numbers if distribution.kind == 'choice' else ():

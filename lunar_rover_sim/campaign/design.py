@@ -1,4 +1,4 @@
-"""Designs: where in the unit cube the episodes of a campaign lie."""
+"""Designs of experiments: the points of the unit cube that the episodes of a campaign take."""
 
 from __future__ import annotations
 
@@ -8,34 +8,33 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 LATIN_HYPERCUBE, SOBOL, RANDOM, GRID = 'latin_hypercube', 'sobol', 'random', 'grid'
 DESIGNS = (SOBOL, LATIN_HYPERCUBE, RANDOM, GRID)
 
 
-def places(design: str, count: int, dimensions: int, seed: int) -> NDArray[np.float64]:
-    """Return (count, dimensions) places in [0, 1), the same for the same arguments.
+def unit_points(design: str, count: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Return (count, dimensions) points in [0, 1), the same for the same arguments.
 
-    latin_hypercube: every one of `count` equal slices of every dimension is met once (McKay,
-    Beckman and Conover, 1979). sobol: a scrambled low-discrepancy sequence (Owen, 1998); more
-    episodes go on where fewer ended. random: independent.
+    latin_hypercube: each of `count` equal slices of each dimension holds one point (McKay, Beckman
+    and Conover, 1979). sobol: a scrambled low-discrepancy sequence (Owen, 1998), of which more
+    episodes are a continuation. random: independent points.
     """
-    from scipy.stats import qmc
-
     generator = np.random.default_rng(seed)
     if not count or not dimensions:
         return np.zeros((count, dimensions))
     if design == LATIN_HYPERCUBE:
         return qmc.LatinHypercube(dimensions, seed=generator).random(count)
     if design == SOBOL:
-        # Balanced in powers of two: a whole one is drawn, its beginning is used.
+        # Balanced in powers of two: so many points are drawn, and the first are used.
         sampler = qmc.Sobol(dimensions, scramble=True, seed=generator)
         return sampler.random_base2(max(count - 1, 0).bit_length())[:count]
     return generator.random((count, dimensions))
 
 
 def grid_rows(values: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
-    """Return every combination of the values, the last one changing fastest."""
+    """Return all combinations of the values, the last one changing fastest."""
     return list(itertools.product(*values))
 
 

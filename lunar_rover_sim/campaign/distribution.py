@@ -1,4 +1,4 @@
-"""Distributions of parameters: from a place in [0, 1] to a value.
+"""Distributions of parameters: from a probability in [0, 1] to a value, by the quantile.
 
 A distribution is written as a mapping of one kind to its numbers:
 
@@ -8,7 +8,7 @@ A distribution is written as a mapping of one kind to its numbers:
     {integer: [a, b]}        any whole number from a to b, both included
     {choice: [v, w, ...]}    one of the values; mappings set several parameters at once
 
-and, for a grid, `levels: n`: how many values, evenly placed, the first and the last included.
+and, for a grid, `levels: n`: the number of values, at even steps of the probability from 0 to 1.
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ import dataclasses
 import math
 from typing import Any
 
+from scipy.special import ndtr, ndtri
+
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import brief, nearest
 
 KINDS = ('uniform', 'log_uniform', 'normal', 'integer', 'choice')
-MOST_CHOICES = 1000
-MOST_LEVELS = 1000
+MAX_CHOICES = 1000
+MAX_LEVELS = 1000
 _CUT_SIGMAS = 3.0
 _LARGEST = 1e12
 # Digits that are kept: enough for any parameter, and files stay readable.
@@ -34,7 +36,7 @@ _DIGITS = 9
 class Distribution:
     """One distribution; `numbers` are its two numbers, or its values for a choice.
 
-    levels: values of a grid; 0 where the file names none.
+    levels: number of values in a grid; 0 if the file names none
     """
 
     kind: str
@@ -59,31 +61,31 @@ class Distribution:
         if isinstance(numbers, (str, bytes)) or not isinstance(numbers, Sequence):
             raise ConfigError(f'{name}.{kind}: {brief(numbers)} is not a list')
         levels = text.get('levels', 0)
-        if not _is_int(levels) or not 0 <= levels <= MOST_LEVELS:
+        if not _is_int(levels) or not 0 <= levels <= MAX_LEVELS:
             raise ConfigError(f'{name}.levels: {brief(levels)} is not valid; valid is a whole '
-                              f'number from 2 to {MOST_LEVELS}')
+                              f'number from 2 to {MAX_LEVELS}')
         if kind == 'choice':
-            if not 1 <= len(numbers) <= MOST_CHOICES:
+            if not 1 <= len(numbers) <= MAX_CHOICES:
                 raise ConfigError(f'{name}.choice: {len(numbers)} values given; valid are 1 to '
-                                  f'{MOST_CHOICES}')
+                                  f'{MAX_CHOICES}')
             return cls(kind, tuple(numbers), len(numbers))
         if levels == 1:
             raise ConfigError(f'{name}.levels: 1 is not valid; valid is 2 or more, or a choice')
         return cls(kind, _two_numbers(f'{name}.{kind}', kind, numbers), levels)
 
-    def at(self, place: float) -> Any:
-        """Return the value at a place in [0, 1]."""
+    def quantile(self, probability: float) -> Any:
+        """Return the value below which a share in [0, 1] of the distribution lies."""
         if self.kind == 'choice':
-            return self.numbers[min(int(place * len(self.numbers)), len(self.numbers) - 1)]
+            return self.numbers[min(int(probability * len(self.numbers)), len(self.numbers) - 1)]
         a, b = self.numbers
         if self.kind == 'integer':
-            return min(a + int(place * (b - a + 1)), b)
+            return min(a + int(probability * (b - a + 1)), b)
         if self.kind == 'log_uniform':
-            value = math.exp(math.log(a) + place * (math.log(b) - math.log(a)))
+            value = math.exp(math.log(a) + probability * (math.log(b) - math.log(a)))
         elif self.kind == 'normal':
-            value = _normal(place, a, b)
+            value = _normal(probability, a, b)
         else:
-            value = a + place * (b - a)
+            value = a + probability * (b - a)
         if self.kind != 'normal':
             value = min(max(_rounded(value), a), b)
         return _rounded(value)
@@ -96,7 +98,7 @@ class Distribution:
             a, b = self.numbers
             count = min(self.levels, b - a + 1)
             return [a + round(k * (b - a) / max(count - 1, 1)) for k in range(count)]
-        return [self.at(k / (self.levels - 1)) for k in range(self.levels)]
+        return [self.quantile(k / (self.levels - 1)) for k in range(self.levels)]
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what `parse` reads."""
@@ -123,12 +125,10 @@ def _two_numbers(name: str, kind: str, numbers: Sequence[Any]) -> tuple[Any, Any
     return (a, b) if kind == 'integer' else (float(a), float(b))
 
 
-def _normal(place: float, mean: float, sd: float) -> float:
+def _normal(probability: float, mean: float, sd: float) -> float:
     """Return the quantile of a normal distribution cut off at `_CUT_SIGMAS`."""
-    from scipy.special import ndtr, ndtri
-
     low = ndtr(-_CUT_SIGMAS)
-    return float(mean + sd * ndtri(low + place * (1.0 - 2.0 * low)))
+    return float(mean + sd * ndtri(low + probability * (1.0 - 2.0 * low)))
 
 
 def _rounded(value: float) -> float:

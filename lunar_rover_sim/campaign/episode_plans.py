@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lunar_rover_sim.campaign.campaign_file import Campaign
-from lunar_rover_sim.campaign.design import episode_seed, GRID, grid_rows, places
+from lunar_rover_sim.campaign.design import episode_seed, GRID, grid_rows, unit_points
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
@@ -43,9 +43,9 @@ def draw(campaign: Campaign) -> list[dict[str, Any]]:
     if campaign.config.design == GRID:
         rows = grid_rows([d.grid() for d in campaign.vary.values()])
     else:
-        cube = places(campaign.config.design, campaign.count, len(names), campaign.config.seed)
-        rows = [tuple(campaign.vary[name].at(float(place))
-                      for name, place in zip(names, row)) for row in cube]
+        cube = unit_points(campaign.config.design, campaign.count, len(names), campaign.config.seed)
+        rows = [tuple(campaign.vary[name].quantile(float(share))
+                      for name, share in zip(names, row)) for row in cube]
     result = []
     for index, row in enumerate(rows):
         drawn: dict[str, Any] = {}
@@ -107,10 +107,10 @@ def _base(campaign: Campaign) -> str:
 
 
 def _self_contained(scenario: Scenario) -> Scenario:
-    """Return the scenario without what another folder or machine would read otherwise.
+    """Return the scenario without anything that depends on the folder or machine.
 
-    The rover is in the scenario in full; paths of elevation models and calibrations are made
-    absolute; places that a run chooses itself are left out.
+    The rover is spelled out; paths of elevation models and calibrations are made absolute; paths
+    that each run chooses by itself are left out.
     """
     changes: dict[str, Any] = {
         name: dataclasses.replace(scenario.node(name), world='', rover='')

@@ -11,7 +11,8 @@ import yaml
 
 from lunar_rover_sim.campaign.campaign_file import (Campaign, campaign_names, load_campaign,
                                                     parse_campaign)
-from lunar_rover_sim.campaign.design import episode_seed, LATIN_HYPERCUBE, places, RANDOM, SOBOL
+from lunar_rover_sim.campaign.design import (episode_seed, LATIN_HYPERCUBE, RANDOM, SOBOL,
+                                             unit_points)
 from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.campaign.episode_plans import draw, episode, plan
 from lunar_rover_sim.errors import ConfigError
@@ -26,24 +27,24 @@ def parsed(text: str, folder: Path = Path('/nowhere')) -> Campaign:
 
 def test_latin_hypercube_meets_every_slice_once() -> None:
     """In each dimension there is one place in each of n slices."""
-    cube = places(LATIN_HYPERCUBE, 50, 4, seed=3)
+    cube = unit_points(LATIN_HYPERCUBE, 50, 4, seed=3)
     assert (np.sort(np.floor(cube * 50).astype(int), axis=0) == np.arange(50)[:, None]).all()
 
 
 def test_sobol_is_balanced_and_goes_on() -> None:
-    """Of 64 places each 64th is met once; more episodes begin with the same ones."""
-    cube = places(SOBOL, 64, 5, seed=1)
+    """Of 64 points each lies in another 64th; more episodes begin with the same ones."""
+    cube = unit_points(SOBOL, 64, 5, seed=1)
     assert (np.sort(np.floor(cube * 64).astype(int), axis=0) == np.arange(64)[:, None]).all()
-    assert places(SOBOL, 40, 5, seed=1) == pytest.approx(cube[:40], abs=0.0)
-    assert places(SOBOL, 200, 5, seed=1)[:64] == pytest.approx(cube, abs=0.0)
+    assert unit_points(SOBOL, 40, 5, seed=1) == pytest.approx(cube[:40], abs=0.0)
+    assert unit_points(SOBOL, 200, 5, seed=1)[:64] == pytest.approx(cube, abs=0.0)
 
 
 @pytest.mark.parametrize('design', [LATIN_HYPERCUBE, SOBOL, RANDOM])
 def test_designs_repeat(design: str) -> None:
-    """The same seed gives the same places, another one others."""
-    first = places(design, 33, 3, seed=7)
-    assert (first == places(design, 33, 3, seed=7)).all()
-    assert not np.allclose(first, places(design, 33, 3, seed=8))
+    """The same seed gives the same points, another one others."""
+    first = unit_points(design, 33, 3, seed=7)
+    assert (first == unit_points(design, 33, 3, seed=7)).all()
+    assert not np.allclose(first, unit_points(design, 33, 3, seed=8))
     assert first.min() >= 0.0
     assert first.max() < 1.0
 
@@ -55,14 +56,14 @@ def test_designs_repeat(design: str) -> None:
     ({'integer': [1, 4]}, 1, 4, 2.5),
     ({'choice': [1, 2, 6]}, 1, 6, 3.0)])
 def test_distributions(text: dict[str, Any], low: float, high: float, mean: float) -> None:
-    """Bounds hold at both ends; the mean over even places is that of the distribution."""
+    """Bounds hold at both ends; the mean over even probabilities is that of the distribution."""
     distribution = Distribution.parse('x', text)
     even = (np.arange(3000) + 0.5) / 3000
-    values = np.array([distribution.at(float(u)) for u in even])
+    values = np.array([distribution.quantile(float(u)) for u in even])
     assert low <= values.min() <= values.max() <= high
     assert values.mean() == pytest.approx(mean, rel=2e-3)
-    assert low <= distribution.at(0.0) <= high
-    assert low <= distribution.at(float(np.nextafter(1.0, 0.0))) <= high
+    assert low <= distribution.quantile(0.0) <= high
+    assert low <= distribution.quantile(float(np.nextafter(1.0, 0.0))) <= high
     assert Distribution.parse('x', distribution.to_mapping()) == distribution
 
 
@@ -70,7 +71,7 @@ def test_normal_is_normal() -> None:
     """Quantiles are those of the theory, but for the cut at three sigma (0.27 %)."""
     distribution = Distribution.parse('x', {'normal': [0.0, 1.0]})
     for place, quantile in ((0.5, 0.0), (0.8413, 1.0), (0.1587, -1.0)):
-        assert distribution.at(place) == pytest.approx(quantile, abs=5e-3)
+        assert distribution.quantile(place) == pytest.approx(quantile, abs=5e-3)
 
 
 def test_grid_takes_every_combination() -> None:
