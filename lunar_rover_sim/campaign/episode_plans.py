@@ -43,9 +43,10 @@ def draw(campaign: Campaign) -> list[dict[str, Any]]:
     if campaign.config.design == GRID:
         rows = grid_rows([d.grid() for d in campaign.vary.values()])
     else:
-        cube = unit_points(campaign.config.design, campaign.count, len(names), campaign.config.seed)
+        points = unit_points(campaign.config.design, campaign.count, len(names),
+                             campaign.config.seed)
         rows = [tuple(campaign.vary[name].quantile(float(share))
-                      for name, share in zip(names, row)) for row in cube]
+                      for name, share in zip(names, row)) for row in points]
     result = []
     for index, row in enumerate(rows):
         drawn: dict[str, Any] = {}
