@@ -204,7 +204,7 @@ def read(path: pathlib.Path) -> list[Mutant]:
                        row['outcome']) for row in csv.DictReader(file)]
 
 
-def test(path: pathlib.Path, jobs: int, again: bool, timeout_s: float) -> None:
+def test(path: pathlib.Path, jobs: int, again: bool, timeout_s: float, clean: bool) -> None:
     """Test the mutants of a file that have no outcome yet, or those that survived."""
     sample = read(path)
     todo = [m for m in sample if m.outcome in (('survived',) if again else ('',))]
@@ -225,7 +225,7 @@ def test(path: pathlib.Path, jobs: int, again: bool, timeout_s: float) -> None:
 
         # The whole suite must pass before a failure means anything.
         tree = trees.get()
-        for tests in sorted({tuple(tests_of(mutant.module)) for mutant in todo}):
+        for tests in sorted({tuple(tests_of(m.module)) for m in todo}) if clean else ():
             if tree.run(list(tests), 10.0 * timeout_s) != 'survived':
                 sys.exit(f'{" ".join(tests)}: fails without any change\n{tree.output[-2000:]}')
         trees.put(tree)
@@ -255,12 +255,14 @@ def main() -> None:
     drawing.add_argument('--seed', type=int, default=1)
     testing.add_argument('--jobs', type=int, default=1)
     testing.add_argument('--again', action='store_true', help='test the survivors once more')
+    testing.add_argument('--unchecked', action='store_true',
+                         help='do not run the tests without any change first')
     testing.add_argument('--timeout', type=float, default=120.0, metavar='S')
     args = parser.parse_args()
     if args.command == 'draw':
         write(args.results, draw(args.number, args.seed))
     else:
-        test(args.results, args.jobs, args.again, args.timeout)
+        test(args.results, args.jobs, args.again, args.timeout, not args.unchecked)
         summarise(read(args.results))
 
 

@@ -1,0 +1,162 @@
+"""What parameters may be, by what they are: lengths, times, shares, angles; and known defaults."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
+from lunar_rover_sim.physics.config import ContactConfig, ImuConfig, PhysicsConfig, StartPose
+from lunar_rover_sim.stereo.config import SgmConfig
+from lunar_rover_sim.world.config import (AlbedoConfig, CraterConfig, DemConfig, MeshConfig,
+                                          ReliefConfig, RockConfig, SurroundingsConfig,
+                                          WorldConfig)
+
+SETS = [AlbedoConfig, CameraConfig, ContactConfig, CraterConfig, DemConfig, GaitConfig, ImuConfig,
+        LampConfig, MeshConfig, PhysicsConfig, ReflectanceConfig, ReliefConfig, RockConfig,
+        SensorConfig, SgmConfig, StartPose, SunConfig, SurroundingsConfig, WorldConfig]
+
+# Units of what cannot be negative; places and coordinates are named otherwise.
+MAGNITUDES = {'m', 's', 'Hz', 'Hz/s', '1/s', '1/m', 'N/m', 'N s/m', 'W', 'W/m^2', '1/J', 'e-',
+              'e-/s', '%', 'of 255', 'px'}
+PLACES = {'x_m', 'y_m', 'position_m', 'center', 'height_scale', 'min_disparity'}
+
+
+def parameters():
+    """Return (set, name, info) of every number of the sets, without nested ones."""
+    found = []
+    for kind in SETS:
+        for field in dataclasses.fields(kind):
+            value = getattr(kind(), field.name)
+            if isinstance(value, (int, float)) and not isinstance(value, bool):
+                found.append((kind, field.name, field.metadata['info']))
+    return found
+
+
+def chosen(keep):
+    return [pytest.param(kind, name, id=f'{kind.__name__}.{name}')
+            for kind, name, info in parameters() if keep(name, info)]
+
+
+def refuses(kind, name, value):
+    """Return whether a value is out of the range of its parameter."""
+    try:
+        kind(**{name: value})
+    except ConfigError as error:
+        return f'{name}: {value}' in str(error)
+    return False
+
+
+def a_little(kind, name):
+    """Return the smallest step that counts for a parameter."""
+    return 1 if isinstance(getattr(kind(), name), int) else 1e-9
+
+
+@pytest.mark.parametrize('kind,name', chosen(
+    lambda name, info: info.unit in MAGNITUDES and name not in PLACES and '-1' not in info.doc))
+def test_a_magnitude_is_not_negative(kind, name):
+    assert refuses(kind, name, -a_little(kind, name))
+
+
+@pytest.mark.parametrize('kind,name', chosen(
+    lambda name, info: any(word in info.doc for word in ('0:', '0 switches', '0 keeps',
+                                                         '0 trusts', '0 matches'))))
+def test_a_zero_that_has_a_meaning_is_valid(kind, name):
+    assert getattr(kind(**{name: type(getattr(kind(), name))(0)}), name) == 0
+
+
+@pytest.mark.parametrize('kind,name', [
+    *[(ContactConfig, field.name) for field in dataclasses.fields(ContactConfig)],
+    *[(GaitConfig, name) for name in ('duty_factor', 'foot_width_deg', 'max_angle_lead_deg',
+                                      'max_phase_rate_hz', 'max_yaw_rate_radps', 'cmd_timeout_s',
+                                      'phase_acceleration_hzps', 'settle_rate_hz', 'blend_time_s',
+                                      'max_joint_velocity_radps')],
+    (CraterConfig, 'min_diameter_m'), (CraterConfig, 'max_diameter_m'), (MeshConfig, 'scale'),
+    (ReliefConfig, 'baseline_m'), (ReliefConfig, 'far_baseline_m'), (SensorConfig, 'exposure_s')])
+def test_what_is_divided_by_or_never_ends_at_zero_is_greater(kind, name):
+    """Without friction, stiffness, acceleration or time nothing would ever hold or happen."""
+    assert refuses(kind, name, 0.0)
+
+
+@pytest.mark.parametrize('kind,name', chosen(
+    lambda name, info: info.doc.startswith(('share', 'fraction', 'mean fraction', 'k: area'))))
+def test_a_share_is_not_more_than_the_whole(kind, name):
+    assert refuses(kind, name, 1.0 + 1e-9) and refuses(kind, name, -1e-9)
+
+
+@pytest.mark.parametrize('kind,name,least,most', [
+    (SunConfig, 'elevation_deg', -90.0, 90.0), (LampConfig, 'pitch_deg', -90.0, 90.0),
+    (LampConfig, 'cone_deg', 0.0, 180.0), (CameraConfig, 'horizontal_fov_deg', 0.0, 180.0),
+    (ReliefConfig, 'rms_slope_deg', 0.0, 90.0), (ReliefConfig, 'far_rms_slope_deg', 0.0, 90.0),
+    (RockConfig, 'tilt_deg', 0.0, 90.0), (GaitConfig, 'max_angle_lead_deg', 0.0, 120.0),
+    (ReliefConfig, 'hurst', 0.0, 1.0), (ReliefConfig, 'far_hurst', 0.0, 1.0),
+    (SgmConfig, 'uniqueness_percent', 0, 100), (SgmConfig, 'dark_level', 0, 255),
+    (SensorConfig, 'target_level', 0.0, 1.0), (SensorConfig, 'auto_lag', 0.0, 1.0),
+    (SensorConfig, 'transmission', 0.0, 1.0), (SensorConfig, 'black_level', 0.0, 1.0),
+    (SensorConfig, 'bits', 8, 16)])
+def test_beyond_what_geometry_allows_nothing_is_valid(kind, name, least, most):
+    step = a_little(kind, name)
+    assert refuses(kind, name, least - step) and refuses(kind, name, most + step)
+
+
+@pytest.mark.parametrize('kind,name,values', [
+    (GaitConfig, 'stance_smoothing', (0.0, 1.0)), (GaitConfig, 'flight_smoothing', (0.05, 1.0)),
+    (GaitConfig, 'position_gain', (0.0, 20.0)), (GaitConfig, 'velocity_gain', (0.0, 1.0)),
+    (SunConfig, 'elevation_deg', (-0.5, 0.0, 90.0)), (SunConfig, 'azimuth_deg', (-180.0, 360.0)),
+    (LampConfig, 'pitch_deg', (-90.0, 0.0, 90.0)), (PhysicsConfig, 'gravity_mps2', (0.0, 9.81)),
+    (CraterConfig, 'slope', (1.5, 2.0, 3.0)), (RockConfig, 'burial', (0.1, 0.5, 0.8)),
+    (SensorConfig, 'bits', (8, 10, 12, 14, 16)), (SensorConfig, 'f_number', (0.95, 22.0)),
+    (CameraConfig, 'width', (160, 1920, 4096)), (SgmConfig, 'block_size', (1, 3, 21)),
+    (ReliefConfig, 'hurst', (0.1, 0.5, 0.95)), (GaitConfig, 'cmd_timeout_s', (0.02, 3600.0))])
+def test_what_somebody_may_ask_for_is_valid(kind, name, values):
+    for value in values:
+        assert getattr(kind(**{name: value}), name) == value
+
+
+def test_defaults_that_are_known_from_nature():
+    """The Moon's gravity, the solar constant (Kopp & Lean 2011), the sun's apparent diameter."""
+    assert PhysicsConfig().gravity_mps2 == pytest.approx(1.625, abs=0.01)
+    assert SunConfig().irradiance == pytest.approx(1360.8, abs=5.0)
+    diameter = 2.0 * math.degrees(math.asin(6.957e8 / 1.496e11))
+    assert SunConfig().angular_diameter_deg == pytest.approx(diameter, abs=0.005)
+    # Angle of internal friction of lunar soil: 30 to 50 deg (Lunar Sourcebook, ch. 9).
+    assert math.tan(math.radians(30.0)) < ContactConfig().sliding_friction \
+        < math.tan(math.radians(50.0))
+    # Simple craters: depth a fifth of the diameter, rim 4 % (Pike 1977).
+    assert CraterConfig().fresh_depth == pytest.approx(0.2, abs=0.02)
+    assert CraterConfig().fresh_rim == pytest.approx(0.04, abs=0.01)
+
+
+def test_the_default_sensor_is_four_pixels_of_its_data_sheet():
+    """Sony IMX273: 3.45 um, 10.7 ke-, 2.3 e- of read noise, 12 bits; summed over 2 x 2."""
+    sensor = SensorConfig()
+    assert sensor.pixel_pitch_m == pytest.approx(2 * 3.45e-6)
+    assert sensor.full_well_e == pytest.approx(4 * 10_700)
+    assert sensor.read_noise_e == pytest.approx(math.sqrt(4) * 2.3)
+    assert sensor.bits == 12 and sensor.encoding == 'mono8'
+    assert sensor.shot_noise and sensor.read_noise and sensor.fixed_pattern
+    # Photons of sunlight carry 2 to 4e-19 J: fewer electrons than one for each.
+    assert 1e17 < sensor.electrons_per_joule < 1.0 / 3e-19
+
+
+def test_the_default_rover_walks_as_a_trot_with_three_spokes():
+    """Feet of one diagonal together, a pitch of 120 deg, more stance than flight."""
+    gait = GaitConfig()
+    assert gait.pitch_rad == pytest.approx(2.0 * math.pi / 3.0)
+    left_front, right_front, left_rear, right_rear = gait.offsets
+    assert left_front == right_rear and right_front == left_rear
+    assert (left_front - right_front) % 1.0 == 0.5
+    assert 0.5 < gait.duty_factor < 0.75
+    assert gait.foot_width_deg == pytest.approx(math.degrees(gait.pitch_rad) / 2.0)
+
+
+def test_parameter_sets_cannot_be_changed():
+    for kind in SETS:
+        one = kind()
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(one, dataclasses.fields(kind)[0].name, None)

@@ -1,0 +1,172 @@
+"""Relief below the grid: slopes, horizons ray by ray, its cover, its roughness, its levels."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from lunar_rover_sim.world import fine_relief
+from lunar_rover_sim.world.fine_relief import TileRecipe
+
+BARE = TileRecipe(n=128, period_m=0.64, rms_slope=0.2, longest_m=0.1, hurst=0.8, pit_cover=0.0,
+                  pit_m=(0.01, 0.05), pebble_cover=0.0, pebble_m=(0.01, 0.05))
+
+
+def recipe(**values):
+    return TileRecipe(**{**BARE.__dict__, **values})
+
+
+def waves(n, texel, seed=0):
+    """Return smooth periodic heights: waves of a fifth of the period or longer."""
+    rng = np.random.default_rng(seed)
+    phase = 2.0 * np.pi * np.arange(n) / n
+    height = np.zeros((n, n))
+    for _ in range(10):
+        kx, ky = rng.integers(-4, 5, 2)
+        height += np.sin(kx * phase + ky * phase[:, None] + rng.uniform(0.0, 6.3))
+    return (0.01 * texel * n * height / 2.0).astype(np.float32)
+
+
+def test_slopes_of_waves_are_their_central_differences():
+    """sin(k x) has the difference quotient cos(k x) sin(k h) / h."""
+    n, texel = 64, 0.002
+    k = 2.0 * np.pi * 3.0 / (n * texel)
+    x = np.arange(n) * texel
+    quotient = np.sin(k * texel) / texel
+    for axis, height in enumerate((np.tile(np.sin(k * x), (n, 1)),
+                                   np.tile(np.sin(k * x)[:, None], (1, n)))):
+        slope = fine_relief.slopes(height.astype(np.float32), texel)
+        along = np.cos(k * x) * quotient
+        expected = np.tile(along, (n, 1)) if axis == 0 else np.tile(along[:, None], (1, n))
+        np.testing.assert_allclose(slope[..., axis], expected, atol=2e-3 * quotient)
+        np.testing.assert_allclose(slope[..., 1 - axis], 0.0, atol=1e-4 * quotient)
+
+
+@pytest.mark.parametrize('azimuth_deg', [0.0, 20.0, 45.0, 71.0, 90.0, 115.0, 160.0, 200.0, 250.0,
+                                         300.0, 340.0])
+def test_horizons_are_those_of_rays_over_the_periodic_ground(azimuth_deg):
+    n, texel = 96, 0.002
+    height = waves(n, texel)
+    tangents = np.linspace(0.0, 0.5, 33)
+    azimuth = np.radians(azimuth_deg)
+    found = fine_relief.horizon(height, texel, azimuth, tangents)
+    steps = np.arange(1.0, 1.2 * n, 0.5)
+    rows, columns = np.mgrid[0:n:7, 0:n:7]
+    expected = np.zeros(rows.shape)
+    for step in steps:
+        there = map_coordinates(height, [rows + step * np.sin(azimuth),
+                                         columns + step * np.cos(azimuth)], order=1,
+                                mode='grid-wrap')
+        expected = np.maximum(expected, (there - height[rows, columns]) / (step * texel))
+    assert expected.max() < 0.5 and np.mean(expected > 0.1) > 0.3
+    # Waves of a quarter of the period: slopes change by 0.02 from a texel to the next. Rows
+    # at the sunward end see a quarter of a period of neighbours only: a few low horizons there.
+    error = np.abs(found[::7, ::7] - expected)
+    assert error.max() < 0.06 and np.quantile(error, 0.97) < 0.025 and error.mean() < 0.006
+
+
+def test_horizons_are_cut_to_the_range_that_is_asked_for():
+    height = waves(64, 0.002)
+    tangents = np.linspace(0.05, 0.15, 9)
+    found = fine_relief.horizon(height, 0.002, 0.4, tangents)
+    whole = fine_relief.horizon(height, 0.002, 0.4, np.linspace(0.0, 0.5, 41))
+    assert found.min() == pytest.approx(0.05) and found.max() == pytest.approx(0.15)
+    np.testing.assert_allclose(found, np.clip(whole, 0.05, 0.15), atol=0.02)
+
+
+@pytest.mark.parametrize('rms_slope', [0.1, 0.25])
+def test_the_fractal_relief_has_its_slope_its_exponent_and_no_favourite_direction(rms_slope):
+    height = fine_relief.relief(recipe(n=512, rms_slope=rms_slope), np.random.default_rng(0))
+    assert height.mean() == pytest.approx(0.0, abs=1e-6)
+    slope = fine_relief.slopes(height, BARE.period_m / 512)
+    assert np.sqrt((slope.astype(float)**2).sum(axis=2).mean()) == pytest.approx(rms_slope,
+                                                                                 rel=1e-3)
+    assert np.std(slope[..., 0]) == pytest.approx(np.std(slope[..., 1]), rel=0.05)
+    # The power of the height falls by k^(-2 - 2 hurst), far above the 10 / m of the longest wave.
+    power = np.abs(np.fft.fft2(height))**2
+    axis = np.fft.fftfreq(512, BARE.period_m / 512)
+    frequency = np.hypot(axis, axis[:, None])
+    bands = np.geomspace(40.0, 320.0, 8)
+    mean = [power[(frequency >= low) & (frequency < high)].mean()
+            for low, high in zip(bands, bands[1:])]
+    exponent = np.polyfit(np.log(np.sqrt(bands[1:] * bands[:-1])), np.log(mean), 1)[0]
+    assert exponent == pytest.approx(-2.0 - 2.0 * 0.8, abs=0.15)
+
+
+def test_relief_ends_at_its_longest_wave_and_is_periodic():
+    height = fine_relief.relief(recipe(n=512, longest_m=0.04), np.random.default_rng(0))
+    power = np.abs(np.fft.fft2(height))**2
+    frequency = np.hypot(*np.meshgrid(*[np.fft.fftfreq(512, BARE.period_m / 512)] * 2))
+    # Below half of 1 / longest the power falls by (1/2)^4 squared over (1 + ...) squared.
+    low = power[(frequency > 4.0) & (frequency < 12.0)].mean()
+    middle = power[(frequency > 25.0) & (frequency < 35.0)].mean()
+    assert low < 0.3 * middle
+    inside = np.abs(np.diff(height, axis=1)).mean()
+    assert np.abs(height[:, 0] - height[:, -1]).mean() < 1.3 * inside
+    assert np.abs(height[0] - height[-1]).mean() < 1.3 * np.abs(np.diff(height, axis=0)).mean()
+
+
+@pytest.mark.parametrize('cover', [0.02, 0.08])
+def test_pebbles_cover_their_share_and_stand_on_the_ground(cover):
+    """A stone's own outline is cut smaller than its diameter: half to nine tenths of its circle.
+
+    It is at most 0.65 of its diameter high, and leans.
+    """
+    plain = recipe(n=512, rms_slope=1e-6, pebble_cover=cover, pebble_m=(0.01, 0.04))
+    height = fine_relief.relief(plain, np.random.default_rng(0))
+    above = height - np.median(height)
+    share = np.mean(above > 1e-4)
+    assert 0.4 * cover < share < 0.9 * cover
+    assert above.min() > -1e-4
+    assert 0.25 * 0.01 < above.max() < 0.04 * (0.65 + 3.0 * 0.2)
+
+
+def test_pits_are_bowls_with_rims():
+    plain = recipe(n=512, rms_slope=1e-6, pit_cover=0.05, pit_m=(0.02, 0.06))
+    height = fine_relief.relief(plain, np.random.default_rng(0))
+    ground = height - np.median(height)
+    # Depths of 0.05 to 0.17 diameters, and rims of a fifth of that; pits may overlap.
+    assert -0.17 * 0.06 * 2.0 < ground.min() < -0.05 * 0.02
+    assert 0.0 < ground.max() < 0.22 * 0.17 * 0.06 * 2.0
+    assert 0.02 < np.mean(ground < -2e-4) < 0.1
+    # A single pit is round: its mean over rings falls from the rim to the floor.
+    assert np.mean(ground > 2e-5) > 0.02
+
+
+def test_stones_and_pits_cross_the_border_of_the_tile():
+    """Rolled by half a period the tile is as rough along its seams as anywhere else."""
+    full = recipe(n=256, pebble_cover=0.1, pit_cover=0.1)
+    height = fine_relief.relief(full, np.random.default_rng(5))
+    steps = np.abs(np.roll(height, -1, axis=1) - height).mean(axis=0)
+    assert steps[-1] < 2.0 * np.median(steps)
+    steps = np.abs(np.roll(height, -1, axis=0) - height).mean(axis=1)
+    assert steps[-1] < 2.0 * np.median(steps)
+
+
+def test_levels_hold_means_and_deviations():
+    """A horizon of two values in a chequer: level by level the mean stays, the deviation is known.
+
+    Codes of 8 bits: a slope in steps of scale / 255, a horizon in steps of range / 127.5.
+    """
+    n, centre, half_range = 16, 0.2, 0.4
+    slope = np.zeros((n, n, 2), np.float32)
+    slope[..., 0], slope[..., 1] = 0.25, -0.5
+    tangent = np.where((np.arange(n) + np.arange(n)[:, None]) % 2, 0.5, 0.1).astype(np.float32)
+    levels = fine_relief.mip_levels(slope, tangent, 2.0, centre, half_range)
+    assert [len(level) for level in levels] == [16, 8, 4, 2, 1]
+    for k, level in enumerate(levels):
+        code = level.astype(float)
+        assert level.dtype == np.uint8 and level.shape == (n >> k, n >> k, 4)
+        np.testing.assert_allclose((code[..., 0] - 128.0) / 255.0 * 2.0, 0.25, atol=1 / 255)
+        np.testing.assert_allclose((code[..., 1] - 128.0) / 255.0 * 2.0, -0.5, atol=1 / 255)
+        horizon = (code[..., 2] / 127.5 - 1.0) * half_range + centre
+        expected, deviation = (tangent, 0.0) if k == 0 else (0.3, 0.2)
+        np.testing.assert_allclose(horizon, expected, atol=half_range / 200)
+        np.testing.assert_allclose(code[..., 3] / 127.5 * half_range, deviation,
+                                   atol=half_range / 200)
+
+
+def test_codes_stay_within_a_byte():
+    slope = np.full((4, 4, 2), 9.0, np.float32)
+    tangent = np.full((4, 4), -9.0, np.float32)
+    level = fine_relief.mip_levels(slope, tangent, 2.0, 0.2, 0.4)[0]
+    assert np.all(level[..., :2] == 255) and np.all(level[..., 2] == 0)
