@@ -12,6 +12,7 @@ from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, S
 from lunar_rover_sim.illumination.hapke import reflectance, SETS
 from lunar_rover_sim.illumination.lamp import beam_exponent, peak_intensity
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
 
 
 @pytest.mark.parametrize('cone_deg', [10.0, 60.0, 150.0])
@@ -34,7 +35,7 @@ def test_lamplit_ground_is_as_bright_as_the_inverse_square_says(pitch_deg):
     config = dataclasses.replace(scene.config(-1.0), lamp=lamp)
     T = scene.pose(0.0, 0.0, 0.1, 0.0)
     with Renderer(scene.plane(), scene.ROVER, config) as renderer:
-        frame = renderer.render(T, np.zeros(4), 0, ('radiance', 'depth'))
+        frame = renderer.render(RoverPose(T), 0, ('radiance', 'depth'))
         T_world_left = T @ renderer.rig.T_base_left
         depth = np.where(np.isfinite(frame.depth_m), frame.depth_m, 1e3)
         points = renderer.rig.rays() * depth[..., None] @ T_world_left[:3, :3].T
