@@ -32,7 +32,8 @@ class GraphNode(Node):
         self.finished = False
         self.failure: LunarRoverSimError | None = None
         self._woken = Future()
-        super().__init__(name)
+        # `parameters.declare` checks all overrides, also those with unknown names.
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
 
     @property
     def ending(self) -> bool:

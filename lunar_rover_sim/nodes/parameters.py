@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, cast, TypeVar
 
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
                                 SetParametersResult)
@@ -26,17 +26,23 @@ _RESERVED = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 def declare(node: Node, cls: type[C]) -> C:
     """Declare every parameter of `cls` on the node and return `cls` with the node's overrides.
 
+    node: was made with automatically_declare_parameters_from_overrides
     Raises ConfigError if an override has the wrong type, is out of range, or has a name that is
     not declared.
     """
     defaults = cls()
-    overrides: dict[str, Parameter] = node._parameter_overrides
+    # rclpy's annotation of the result is wrong.
+    declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))
+    overrides = {name: parameter for name, parameter in declared.items()
+                 if not name.startswith(_RESERVED)}
     names = [name for name, *_ in defaults.flatten()]
     shared = {name for name, *_ in NodeConfig().flatten()}
     for name in overrides:
-        if name not in names and name not in shared and not name.startswith(_RESERVED):
+        if name not in names and name not in shared:
             raise ConfigError(f'{name}: no such parameter of {node.get_name()}; '
                               f'{nearest(name, names)}')
+        # It is declared again below, with its descriptor.
+        node.undeclare_parameter(name)
     values = {name: _plain(overrides[name].value) for name in names if name in overrides}
     config = cls.from_mapping(values)
     for name, value, info, kind in config.flatten():
