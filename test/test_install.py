@@ -49,13 +49,15 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copy(ROOT / name, folder / 'source')
     offline = ['--no-deps', '--no-index', '--disable-pip-version-check', '--quiet']
     pip = [sys.executable, '-m', 'pip']
+    # With this tree on PYTHONPATH, pip would take the package for installed.
+    without = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
     subprocess.run([*pip, 'wheel', *offline, '--no-build-isolation', '--wheel-dir', str(folder),
-                    str(folder / 'source')], check=True, timeout=120)
+                    str(folder / 'source')], check=True, timeout=120, env=without)
     (wheel,) = folder.glob('*.whl')
     environment = folder / 'environment'
     venv.create(environment)
     subprocess.run([*pip, '--python', str(environment / 'bin' / 'python'), 'install', *offline,
-                    str(wheel)], check=True, timeout=120)
+                    str(wheel)], check=True, timeout=120, env=without)
     return environment
 
 
