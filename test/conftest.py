@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from lunar_rover_sim.run.domain import OwnDomain
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
 
 # A small world and small images: the graph is the same, the machine is not kept busy.
@@ -50,7 +50,7 @@ def world_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
 @pytest.fixture(scope='session')
 def world_folder(world_cache: None) -> Path:
     """Return the folder of the small world that the small scenario uses with seed 1."""
-    scenario = load_scenario('baseline', SMALL_WORLD)
+    scenario = Scenario.load('baseline', SMALL_WORLD)
     return Path(cached(scenario.world, scenario.shared.seed))
 
 

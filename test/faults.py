@@ -36,7 +36,7 @@ from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.run.domain import OwnDomain
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
 
 LIMIT_S = 10.0
@@ -361,7 +361,7 @@ def main() -> int:
               for _ in range(max(1, round(5 * args.scale)))]
     if args.only not in ('', 'cmd_vel'):
         shouts = []
-    scenario = load_scenario('baseline', SMALL_WORLD)
+    scenario = Scenario.load('baseline', SMALL_WORLD)
     world = Path(cached(scenario.world, scenario.shared.seed))
     total = len(faults) + sum(map(len, shouts))
     done: list[Fault] = []

@@ -179,8 +179,8 @@ import json
 from importlib import resources
 import lunar_rover_sim
 from lunar_rover_sim.files.resources import config_path, packaged_names
-from lunar_rover_sim.run.scenario import load_scenario
-load_scenario('baseline')
+from lunar_rover_sim.run.scenario import Scenario
+Scenario.load('baseline')
 print(json.dumps([
     lunar_rover_sim.__file__, str(config_path('rover.yaml')), packaged_names('campaign'),
     resources.files('lunar_rover_sim.rendering').joinpath('shaders/common.glsl').is_file()]))

@@ -15,7 +15,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
 from lunar_rover_sim.run.plan import resolve
-from lunar_rover_sim.run.scenario import load_scenario, Scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.config import PROCEDURAL
 
 
@@ -72,7 +72,7 @@ def plan(campaign: Campaign) -> Iterator[EpisodePlan]:
 def episode(campaign: Campaign, name: str, drawn: Mapping[str, Any]) -> EpisodePlan:
     """Return one episode: the base scenario, the settings, and what was drawn."""
     values = {**campaign.settings, **drawn}
-    scenario = load_scenario(_base(campaign), _overrides(values))
+    scenario = Scenario.load(_base(campaign), _overrides(values))
     scenario = resolve(_self_contained(scenario))
     return EpisodePlan(name, dict(drawn), scenario.to_yaml(), scenario.run.duration_s)
 

@@ -25,7 +25,7 @@ from lunar_rover_sim.errors import (CampaignError, ConfigError, GraphError, Luna
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.run.plan import BAG_FOLDER, resolve
 from lunar_rover_sim.run.resumable import record_once
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.export import export
 
 
@@ -34,7 +34,7 @@ def make(attempt: Path, episode: Path) -> None:
     task = read_json(attempt / TASK_FILE)
     plan = attempt / PLAN_FILE
     try:
-        scenario = resolve(load_scenario(str(plan)))
+        scenario = resolve(Scenario.load(str(plan)))
         if scenario.to_yaml() != plan.read_text(encoding='utf-8'):
             raise CampaignError('the scenario that would be run is not the one that was planned')
         record_once(

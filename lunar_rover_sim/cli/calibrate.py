@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import gait_measurement
 
 
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     if not 1.0 <= args.measure <= gait_measurement.MAX_MEASURE_S:
         raise ConfigError(f'--measure: {args.measure:g} is not valid; valid is 1 to '
                           f'{gait_measurement.MAX_MEASURE_S:g} [s]')
-    scenario = load_scenario(args.scenario, args.overrides)
+    scenario = Scenario.load(args.scenario, args.overrides)
     settings = gait_measurement.WalkSettings(scenario.rover, scenario.physics_node,
                                              scenario.gait_controller_node, args.measure)
     rates, turns = gait_measurement.COARSE if args.coarse else gait_measurement.FINE

@@ -16,7 +16,7 @@ from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.world_folder import load_world
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw and save."""
-    scenario = load_scenario(args.scenario, args.overrides, args.seed)
+    scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed)
     refuse_existing(args.output)
     console = Console()
     with console.status('building the world'):

@@ -12,7 +12,7 @@ from rich.console import Console
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import ConfigError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
 from lunar_rover_sim.slam.estimators import Estimator, stock_program, SYSTEMS
@@ -110,7 +110,7 @@ def _settings(args: argparse.Namespace) -> int:
         with open_bag(source) as bag:
             suite = recorded_sensors(bag)
     else:
-        scenario = load_scenario(args.source)
+        scenario = Scenario.load(args.source)
         suite = described_sensors(scenario.rover, scenario.render_node.camera,
                                   scenario.physics_node.imu, scenario.render_node.frame_rate_hz,
                                   scenario.physics_node.state_rate_hz)

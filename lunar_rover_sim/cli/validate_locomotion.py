@@ -13,7 +13,7 @@ from rich.progress import Progress
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import locomotion, locomotion_report
 from lunar_rover_sim.studies.command_tracking import COMMANDS, CommandTracking, measure_commands
 from lunar_rover_sim.studies.gait_measurement import WalkSettings
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         for value in values:
             if not low < value < 1e4:
                 raise ConfigError(f'{name}: {value:g} is not valid; valid is > {low:g}')
-    scenario = load_scenario(args.scenario, args.overrides)
+    scenario = Scenario.load(args.scenario, args.overrides)
     gait, physics = scenario.gait_controller_node, scenario.physics_node
     table = GaitCalibration.of(gait)
     overlays = [read_curve(path) for path in args.overlay]

@@ -13,7 +13,7 @@ from rich.table import Table
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.folders import make_new
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.stereo import study
 
 
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Match the pairs of each scenario, print the table, save it."""
     if args.frames < 1:
         raise ConfigError(f'frames: {args.frames} is not valid; valid is >= 1')
-    scenarios = [load_scenario(name, args.overrides, args.seed) for name in args.scenarios]
+    scenarios = [Scenario.load(name, args.overrides, seed=args.seed) for name in args.scenarios]
     make_new(args.output)
     console = Console()
     results: dict[str, dict[str, float]] = {}

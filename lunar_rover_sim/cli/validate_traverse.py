@@ -13,7 +13,7 @@ from rich.progress import Progress
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import traverse_report
 from lunar_rover_sim.studies.traverse import study, TraverseSettings
 from lunar_rover_sim.studies.traverse_result import Traverse
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
                              ('--duration', args.duration, 10.0), ('--workers', args.workers, 1)):
         if not low <= value < 1e6:
             raise ConfigError(f'{name}: {value:g} is not valid; valid is >= {low:g}')
-    scenario = load_scenario(args.scenario, args.overrides)
+    scenario = Scenario.load(args.scenario, args.overrides)
     gait = scenario.gait_controller_node
     table = GaitCalibration.of(gait)
     make_new(args.output)

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.rendering.snapshot import four_views
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.export import write as write_mesh
 from lunar_rover_sim.world.map_sheet import write as write_sheet
@@ -108,7 +108,7 @@ def run_build(args: argparse.Namespace) -> int:
     settings = overrides(args)
     if args.seed is not None:
         settings.append(f'world.seed={args.seed}')
-    scenario = load_scenario(args.scenario, settings, args.seed)
+    scenario = Scenario.load(args.scenario, settings, seed=args.seed)
     folder = Path(args.output)
     if folder.exists() and not args.overwrite:
         raise WorldError(f'{folder}: exists already; choose another folder, remove it, or say '

@@ -15,8 +15,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from lunar_rover_sim.run.plan import prepare, resolve, SCENARIO_FILE, STOP_ORDER
-from lunar_rover_sim.run.scenario import load_scenario
-from lunar_rover_sim.world.cache import cached
+from lunar_rover_sim.run.scenario import Scenario
 
 _ARGUMENTS = {
     'scenario': ('baseline', 'name of a packaged scenario, or a YAML file'),
@@ -37,10 +36,10 @@ def _start(context):
         overrides.append(f'run.duration_s={values["duration"]}')
     if values['time_mode']:
         overrides.append(f'time_mode={values["time_mode"]}')
-    scenario = resolve(load_scenario(values['scenario'], overrides,
-                                     int(values['seed']) if values['seed'] else None))
+    scenario = resolve(Scenario.load(values['scenario'], overrides,
+                                     seed=int(values['seed']) if values['seed'] else None))
     folder = Path(values['output']).resolve()
-    world = Path(values['world'] or cached(scenario.world, scenario.shared.seed)).resolve()
+    world = Path(values['world'] or scenario.world_folder()).resolve()
     nodes = {
         # Not `parameters`: launch writes those for `/**`, and the sections of the scenario win.
         plan.name: Node(package='lunar_rover_sim', executable=plan.name, name=plan.name,

@@ -124,12 +124,6 @@ def scenario_names() -> list[str]:
     return packaged_names('scenario')
 
 
-def load_scenario(name_or_path: str, overrides: Iterable[str] = (),
-                  seed: int | None = None) -> Scenario:
-    """Load a scenario; see `Scenario.load`."""
-    return Scenario.load(name_or_path, overrides, seed=seed)
-
-
 def _read(path: Path) -> dict[str, Any]:
     """Return section → nested values of a scenario file; ConfigError for unknown sections."""
     document = parse_yaml(read_text(path, MAX_SCENARIO_BYTES), str(path))

@@ -30,7 +30,7 @@ from std_msgs.msg import Header
 from lunar_rover_sim import topics
 from lunar_rover_sim.nodes import conversions
 from lunar_rover_sim.run.domain import OwnDomain
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
 
 CLI = [sys.executable, '-m', 'lunar_rover_sim.cli.main']
@@ -51,7 +51,7 @@ def main() -> int:
     args = parser.parse_args()
     args.output.mkdir(parents=True)
     world = SMALL_WORLD if args.small else []
-    scenario = load_scenario('baseline', world)
+    scenario = Scenario.load('baseline', world)
     cached(scenario.world, scenario.shared.seed)
     with OwnDomain() as own:
         domain = own.id

@@ -17,7 +17,7 @@ from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.campaign.episode_plans import draw, episode, plan
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.plan import resolve
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 
 
 def parsed(text: str, folder: Path = Path('/nowhere')) -> Campaign:
@@ -111,7 +111,7 @@ def test_an_episode_is_a_whole_scenario(tmp_path: Path) -> None:
     for one in plan(campaign):
         path = tmp_path / 'scenario.yaml'
         path.write_text(one.scenario_yaml)
-        scenario = load_scenario(str(path))
+        scenario = Scenario.load(str(path))
         assert resolve(scenario).to_yaml() == one.scenario_yaml
         assert scenario.render_node.sun.azimuth_deg == one.drawn['render_node.sun.azimuth_deg']
         assert (scenario.drive_node.shape, scenario.drive_node.laps) == ('circle', 2)

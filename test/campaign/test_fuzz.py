@@ -17,7 +17,7 @@ from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.episode_plans import draw, episode
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.resources import config_folder
-from lunar_rover_sim.run.scenario import load_scenario, Scenario
+from lunar_rover_sim.run.scenario import Scenario
 
 hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies
@@ -27,7 +27,7 @@ LIMIT_CPU_S = 5.0     # a file of the largest size that is read at all takes thi
 HANG_S = 120
 SCENARIO = (config_folder() / 'scenarios' / 'baseline.yaml').read_text(encoding='utf-8')
 CAMPAIGN = (config_folder() / 'campaigns' / 'polar_suns.yaml').read_text(encoding='utf-8')
-RESOLVED = load_scenario('baseline').to_yaml()
+RESOLVED = Scenario.load('baseline').to_yaml()
 
 # What has broken parsers before: sizes, types, encodings, escapes, tags, bombs.
 VALUES: list[Any] = [
@@ -143,7 +143,7 @@ def test_scenarios(folder: Path) -> None:
         path.write_bytes(text.encode('utf-8', 'surrogatepass'))
         with limited():
             try:
-                scenario = load_scenario(str(path))
+                scenario = Scenario.load(str(path))
             except ConfigError as error:
                 one_line(error)
                 return
@@ -202,7 +202,7 @@ def test_hostile_files(text: str, match: str, tmp_path: Path) -> None:
     path = tmp_path / 'scenario.yaml'
     path.write_text(text)
     with limited(), pytest.raises(ConfigError, match=match) as caught:
-        load_scenario(str(path))
+        Scenario.load(str(path))
     one_line(caught.value)
 
 

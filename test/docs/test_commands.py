@@ -13,7 +13,7 @@ from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.files.resources import packaged_names
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import NODE_CONFIGS, TrajectoryRecorderNodeConfig
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 
 NODES = {**NODE_CONFIGS, 'trajectory_recorder_node': TrajectoryRecorderNodeConfig}
 # Programs of others; ours are looked at word by word.
@@ -51,7 +51,7 @@ def check_ours(words: list[str]) -> None:
     overrides = getattr(arguments, 'overrides', [])
     scenario = getattr(arguments, 'scenario', None)
     if scenario in packaged_names('scenario') and scenario != 'dem':
-        load_scenario(scenario, [text for text in overrides if not text.startswith('rover=')])
+        Scenario.load(scenario, [text for text in overrides if not text.startswith('rover=')])
 
 
 def check_node(node: str, words: list[str]) -> None:

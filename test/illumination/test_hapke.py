@@ -61,10 +61,10 @@ def test_phase_curve_falls_all_the_way():
 
 
 def test_low_albedo_is_half_as_bright():
-    from lunar_rover_sim.run.scenario import load_scenario
+    from lunar_rover_sim.run.scenario import Scenario
 
     def normal_albedo(name):
-        ground = load_scenario(name).render_node.reflectance
+        ground = Scenario.load(name).render_node.reflectance
         kind = hapke.parameter_set(ground.ground)
         return float(np.pi * hapke.reflectance(1.0, 1.0, 1.0, kind, albedo=ground.albedo_scale))
     assert normal_albedo('low_albedo') / normal_albedo('baseline') == pytest.approx(0.5, abs=0.03)

@@ -31,7 +31,7 @@ from lunar_rover_sim.rendering.scene import LEFT, Request, RIGHT
 from lunar_rover_sim.rendering.scene_passes import ScenePasses
 from lunar_rover_sim.rendering.sensor_pass import SensorPass
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 
 STILL = np.zeros(4)
 
@@ -276,7 +276,7 @@ def test_all_gl_objects_are_released(monkeypatch, world):
 def test_a_renderer_of_a_scenario(world):
     """It takes seed, rover and configuration of the scenario, and its world unless one is given.
     """
-    scenario = load_scenario('baseline', ['render_node.camera.width=160',
+    scenario = Scenario.load('baseline', ['render_node.camera.width=160',
                                           'render_node.camera.height=120'], seed=3)
     state = RoverPose(pose_on(world, 1.0, 0.0))
     with Renderer.from_scenario(scenario, world) as renderer:

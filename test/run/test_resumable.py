@@ -11,9 +11,9 @@ import synthetic_bag
 from lunar_rover_sim.errors import BagError, GraphError
 from lunar_rover_sim.run.recording import Recording
 from lunar_rover_sim.run.resumable import record_once, why_incomplete_recording
-from lunar_rover_sim.run.scenario import load_scenario, Scenario
+from lunar_rover_sim.run.scenario import Scenario
 
-SCENARIO = load_scenario('flat')
+SCENARIO = Scenario.load('flat')
 
 
 class Recorder:
@@ -64,7 +64,7 @@ def test_an_unfinished_recording_is_made_again(tmp_path: Path, recorder: Recorde
 def test_another_scenario_is_never_replaced(tmp_path: Path, recorder: Recorder) -> None:
     record_once(SCENARIO, tmp_path / 'a', recorder=recorder)
     with pytest.raises(BagError, match='a: was recorded from another scenario'):
-        record_once(load_scenario('flat', seed=7), tmp_path / 'a', recorder=recorder)
+        record_once(Scenario.load('flat', seed=7), tmp_path / 'a', recorder=recorder)
     assert recorder.calls == 1 and why_incomplete_recording(tmp_path / 'a') is None
 
 

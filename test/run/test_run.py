@@ -18,7 +18,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
 
@@ -28,7 +28,7 @@ OPTIONAL = {topics.TF.name, topics.TF_STATIC.name}
 
 def test_contract(recorded_run: Path) -> None:
     """Every topic of the contract is there: type, QoS, count, frame, stamps at their rate."""
-    scenario = load_scenario('baseline')
+    scenario = Scenario.load('baseline')
     periods_ns = {topics.STATE: scenario.physics_node.state_period_ns,
                   topics.FRAME: scenario.render_node.frame_period_ns}
     with open_bag(recorded_run / 'bag') as bag:

@@ -10,7 +10,7 @@ import yaml
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.plan import resolve
-from lunar_rover_sim.run.scenario import load_scenario, scenario_names
+from lunar_rover_sim.run.scenario import Scenario, scenario_names
 
 NAMES = ('baseline', 'dem', 'feature_sparse', 'flat', 'low_albedo', 'permanent_shadow')
 
@@ -23,16 +23,16 @@ def test_the_named_scenarios_are_there() -> None:
 @pytest.mark.parametrize('name', NAMES)
 def test_resolved_scenario_round_trip(name: str, tmp_path: Path) -> None:
     """The scenario in a bag's folder gives the same run again."""
-    scenario = resolve(load_scenario(name, seed=7))
+    scenario = resolve(Scenario.load(name, seed=7))
     path = tmp_path / f'{name}.yaml'
     path.write_text(scenario.to_yaml())
-    assert load_scenario(str(path)) == scenario
-    assert resolve(load_scenario(str(path))) == scenario
+    assert Scenario.load(str(path)) == scenario
+    assert resolve(Scenario.load(str(path))) == scenario
 
 
 def test_overrides() -> None:
     """`--set` reaches nodes, groups, the world, the rover and shared parameters."""
-    scenario = load_scenario('baseline', [
+    scenario = Scenario.load('baseline', [
         'gait_controller_node.duty_factor=0.55', 'render_node.sun.elevation_deg=3',
         'world.craters.density=2e-2', 'rover.chassis.mass_kg=2.5', 'seed=9'])
     assert scenario.gait_controller_node.duty_factor == 0.55
@@ -56,16 +56,16 @@ def test_overrides() -> None:
 def test_wrong_overrides(override: str, match: str) -> None:
     """Names and values that do not exist are refused in one line."""
     with pytest.raises(ConfigError, match=match) as error:
-        load_scenario('baseline', [override])
+        Scenario.load('baseline', [override])
     assert '\n' not in str(error.value)
 
 
 def test_unknown_scenario() -> None:
     """The nearest names are offered."""
     with pytest.raises(ConfigError, match='did you mean baseline'):
-        load_scenario('basline')
+        Scenario.load('basline')
     with pytest.raises(ConfigError, match='no such scenario file'):
-        load_scenario('nowhere/x.yaml')
+        Scenario.load('nowhere/x.yaml')
 
 
 @pytest.mark.parametrize(('text', 'match'), [
@@ -81,29 +81,29 @@ def test_broken_files(text: str, match: str, tmp_path: Path) -> None:
     path = tmp_path / 'x.yaml'
     path.write_text(text)
     with pytest.raises(ConfigError, match=match) as error:
-        load_scenario(str(path))
+        Scenario.load(str(path))
     assert '\n' not in str(error.value)
 
 
 def test_duration_is_rounded_up_to_whole_frames() -> None:
     """So that every topic ends with the run."""
-    scenario = resolve(load_scenario('flat', ['run.duration_s=1.01']))
+    scenario = resolve(Scenario.load('flat', ['run.duration_s=1.01']))
     assert scenario.physics_node.duration_s == 1.1
-    assert resolve(load_scenario('flat', ['run.duration_s=1.1'])).run.duration_s == 1.1
+    assert resolve(Scenario.load('flat', ['run.duration_s=1.1'])).run.duration_s == 1.1
 
 
 def test_lockstep_waits_for_the_nodes_of_the_run() -> None:
     """Who is not started is not waited for."""
-    full = resolve(load_scenario('baseline'))
+    full = resolve(Scenario.load('baseline'))
     assert full.physics_node.wait.topics == ('joint_commands', 'stereo/left/camera_info',
                                              'recorder/written')
     assert full.gait_controller_node.wait.topics == ('cmd_vel',)
-    blind = resolve(load_scenario(
+    blind = resolve(Scenario.load(
         'baseline', ['run.nodes=[physics_node, gait_controller_node, recorder_node]']))
     assert blind.physics_node.wait.topics == ('joint_commands', 'recorder/written')
     assert blind.gait_controller_node.wait.topics == ()
     assert not any(t.startswith('stereo') for t in blind.recorder_node.acknowledge)
-    live = resolve(load_scenario('baseline', ['time_mode=real_time']))
+    live = resolve(Scenario.load('baseline', ['time_mode=real_time']))
     assert live.physics_node.wait.topics == full.physics_node.wait.topics
     assert live.gait_controller_node.wait.topics == live.recorder_node.acknowledge == ()
 
@@ -120,7 +120,7 @@ def test_scenarios_are_ros_parameter_files() -> None:
             assert isinstance(value, (bool, int, float, str))
 
     for name in NAMES:
-        document = yaml.safe_load(load_scenario(name).to_yaml())
+        document = yaml.safe_load(Scenario.load(name).to_yaml())
         for section in document.values():
             assert set(section) == {'ros__parameters'}
         leaves(document)
@@ -128,14 +128,14 @@ def test_scenarios_are_ros_parameter_files() -> None:
 
 def test_scenario_is_frozen() -> None:
     """Nothing changes a scenario after it was validated."""
-    scenario = load_scenario('flat')
+    scenario = Scenario.load('flat')
     with pytest.raises(dataclasses.FrozenInstanceError):
         scenario.run.duration_s = 3.0  # type: ignore[misc]
 
 
 def test_a_users_own_participant_is_awaited_too() -> None:
     """What a scenario names comes on top of the run's own nodes, with the lag it names."""
-    scenario = resolve(load_scenario('baseline', [
+    scenario = resolve(Scenario.load('baseline', [
         'physics_node.wait.topics=[slam/pose, joint_commands]',
         'physics_node.wait.lags_s=[0.3, 0.01]']))
     lags_ns = scenario.physics_node.wait.lag_ns_by_topic()

@@ -15,7 +15,7 @@ from lunar_rover_sim.frames import se3
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam.euroc_reader import Camera, Frame
 from lunar_rover_sim.slam.reference.odometry import Odometry
 
@@ -25,7 +25,7 @@ PERIOD_NS = 100_000_000
 @pytest.fixture(scope='module')
 def drive() -> tuple[list[Frame], Trajectory, Camera]:
     """Give 30 frames of 1.5 cm along a curve over `baseline`, nodding, noise and shadows on."""
-    scenario = load_scenario('baseline')
+    scenario = Scenario.load('baseline')
     world = worlds.small()
     frames, poses = [], []
     with Renderer(world, scenario.rover, scenario.render_node, seed=1) as renderer:

@@ -3,7 +3,7 @@
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.scenario import load_scenario
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import preset, PRESETS, WorldConfig
@@ -34,7 +34,7 @@ def test_mapping_round_trip():
 
 @pytest.mark.parametrize('name', PRESETS)
 def test_scenarios_have_the_preset_worlds(name):
-    assert load_scenario(name).world == preset(name)
+    assert Scenario.load(name).world == preset(name)
 
 
 def test_unknown_preset():
