@@ -161,3 +161,15 @@ def test_validate_imu_reads_the_noise_back(tmp_path, capsys):
 def test_validate_imu_refuses(arguments):
     with pytest.raises(ConfigError, match='valid|did you mean|does not exist'):
         validate(*arguments)
+
+
+def test_presets_are_those_of_the_published_data_sets():
+    """EuRoC's imu0/sensor.yaml and TUM VI's calibration: white noise and walk, m/s^2 and rad/s."""
+    published = {
+        'adis16448': {'accel_noise_density': 2.0e-3, 'accel_bias_random_walk': 3.0e-3,
+                      'gyro_noise_density': 1.6968e-4, 'gyro_bias_random_walk': 1.9393e-5},
+        'bmi160': {'accel_noise_density': 1.4e-3, 'accel_bias_random_walk': 8.6e-5,
+                   'gyro_noise_density': 8.0e-5, 'gyro_bias_random_walk': 2.2e-6},
+        'none': dict.fromkeys(('accel_noise_density', 'accel_bias_random_walk',
+                               'gyro_noise_density', 'gyro_bias_random_walk'), 0.0)}
+    assert {name: dataclasses.asdict(preset) for name, preset in PRESETS.items()} == published

@@ -176,9 +176,9 @@ def test_a_crater_as_deep_as_the_oldest_does_not_change():
 
 
 @pytest.mark.parametrize('x0,y0,reach,rows,columns', [
-    (5.0, 6.0, 2.5, (4, 9), (3, 8)), (5.4, 6.6, 2.0, (5, 9), (4, 8)), (0.0, 19.0, 3.0, (16, 20),
-                                                                       (0, 4)),
-    (-1.0, 10.0, 2.0, (8, 13), (0, 2)), (20.0, 10.0, 2.0, (8, 13), (18, 20))])
+    (5.0, 6.0, 2.5, (4, 9), (3, 8)), (5.4, 6.6, 2.0, (5, 9), (4, 8)),
+    (0.0, 19.0, 3.0, (16, 20), (0, 4)), (-1.0, 10.0, 2.0, (8, 13), (0, 2)),
+    (10.0, -1.0, 2.0, (0, 2), (8, 13)), (20.0, 10.0, 2.0, (8, 13), (18, 20))])
 def test_a_window_holds_all_cells_within_reach(x0, y0, reach, rows, columns):
     found = stamping.window_of(x0, y0, reach, 20)
     assert (found[0].start, found[0].stop) == rows and (found[1].start, found[1].stop) == columns

@@ -144,3 +144,44 @@ def test_around_a_fresh_crater_rocks_gather_at_its_rim():
     for age, amplitude in ((0.0, 6.0), (0.125, 3.0), (0.25, 0.0), (0.8, 0.0)):
         found, law = densities(age), expected(amplitude)
         np.testing.assert_allclose(found / found[-1], law / law[-1], rtol=0.25)
+
+
+def test_every_class_of_sizes_has_its_number():
+    """Classes split the logarithm of the diameter evenly; each is as frequent as the law says."""
+    config = RockConfig(abundance=0.01, min_diameter_m=0.03, max_diameter_m=0.12, size_classes=4)
+    counts = np.zeros(4)
+    seeds = 8
+    for seed in range(seeds):
+        rocks, _ = scatter(seed=seed, abundance=0.01, min_diameter_m=0.03, max_diameter_m=0.12,
+                           size_classes=4)
+        counts += np.bincount(rocks.size, minlength=4)
+    edges = 0.03 * 4.0**(np.arange(5) / 4.0)
+    np.testing.assert_allclose(rocks.size_classes_m, np.sqrt(edges[1:] * edges[:-1]), rtol=1e-9)
+    above = rockfield.number_per_m2(config, edges) * ((N - 1) * CELL)**2 * seeds
+    expected = above[:-1] - above[1:]
+    # Poisson; a few of a crowd find no place.
+    assert np.all(np.abs(counts - expected) < 4.0 * np.sqrt(expected) + 0.02 * expected)
+    assert counts[-1] > 20
+
+
+def test_over_a_pit_a_rock_sinks_until_only_its_crown_is_left():
+    """Holes of one sample, 3 m deep: the foot cannot reach the floor, and the rock stays in sight.
+
+    At least 15 % of its height stand out over the lower of the ground at its middle and the mean
+    of the ground around it.
+    """
+    rng = np.random.default_rng(0)
+    heights = np.where(rng.random((N, N)) < 0.1, -3.0, 0.0).astype(np.float32)
+    ground = HeightGrid(heights, CELL)
+    config = RockConfig(**{**MANY, 'burial': 0.15, 'tilt_deg': 0.0, 'min_diameter_m': 0.3})
+    rocks = rockfield.scatter(config, ground, LIBRARY, Craters.join([]), 0.0, rng)
+    low, high = spans(rocks, matrix_from_wxyz(rocks.orientation_wxyz))
+    ring = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    around = 0.45 * rocks.diameter_m[:, None, None] * np.stack([np.cos(ring), np.sin(ring)], -1)
+    xy = rocks.position_m[:, :2]
+    level = np.minimum(ground.height_at(xy), ground.height_at(xy[:, None] + around).mean(axis=1))
+    standing = (high - level) / (high - low)
+    assert len(rocks) > 20
+    assert np.mean(standing > 0.149) > 0.97
+    # Many are sunk as far as that goes.
+    assert np.mean(np.abs(standing - 0.15) < 0.002) > 0.3
