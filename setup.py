@@ -61,6 +61,8 @@ setup(
                  'import-linter>=2', 'isort>=5', 'mypy>=1.10', 'vulture>=2.11', 'types-PyYAML',
                  'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100', 'setuptools>=70.1',
                  'distributed>=2024.4'],
+        # Random changes of the code, to see which of them the tests notice.
+        'mutation': ['cosmic-ray>=8.4'],
         'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],
     },
     entry_points={'console_scripts': [

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.distorted_image import padding, source_pixels
 from lunar_rover_sim.camera.distortion import distort, is_invertible, undistort
 from lunar_rover_sim.errors import ConfigError
 
@@ -89,3 +90,24 @@ def test_the_camera_names_the_image_that_is_too_wide_for_its_lens():
     with pytest.raises(ConfigError, match='can be inverted over 62 deg'):
         CameraConfig(distortion=lens, horizontal_fov_deg=62.0)
     CameraConfig(distortion=lens, horizontal_fov_deg=58.0)
+
+
+@pytest.mark.parametrize('lens', [LENSES[0], (0.12, -0.05, 0.001, 0.0, 0.03)])
+def test_each_distorted_pixel_shows_the_place_that_the_lens_moves_there(lens):
+    """Distorting the place in the pinhole image gives the pixel back; the padding holds all."""
+    camera = CameraConfig(width=160, height=120, distortion=lens)
+    source = source_pixels(camera)
+    centre = np.array([79.5, 59.5])
+    back = distort((source - centre) / camera.focal_px, lens) * camera.focal_px + centre
+    u, v = np.meshgrid(np.arange(160.0), np.arange(120.0))
+    np.testing.assert_allclose(back, np.stack([u, v], axis=-1), atol=1e-5)
+    x, y = padding(camera)
+    assert source[..., 0].min() > -x and source[..., 0].max() < 159 + x
+    assert source[..., 1].min() > -y and source[..., 1].max() < 119 + y
+    # No more than needed: a barrel looks beyond the image, a pincushion needs next to nothing.
+    beyond = max(-source[..., 0].min(), source[..., 0].max() - 159.0, 0.0)
+    assert x <= beyond + 4
+
+
+def test_a_straight_image_needs_no_padding():
+    assert padding(CameraConfig()) == (0, 0)

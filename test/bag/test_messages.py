@@ -1,0 +1,196 @@
+"""Single messages: their stamps in both byte orders, and what is wrong with a bad one."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rosbags.typesys import get_typestore, Stores
+
+from lunar_rover_sim.bag import message_validity as validity
+from lunar_rover_sim.bag.stamps import in_seconds, stamp_ns
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+T = STORE.types
+SEC, NANOSEC = 1_234_567, 890_123_456
+NS = SEC * 10**9 + NANOSEC
+
+
+def header():
+    return T['std_msgs/msg/Header'](
+        stamp=T['builtin_interfaces/msg/Time'](sec=SEC, nanosec=NANOSEC), frame_id='base_link')
+
+
+def vector(x=0.0, y=0.0, z=0.0):
+    return T['geometry_msgs/msg/Vector3'](x=x, y=y, z=z)
+
+
+def quaternion(x=0.0, y=0.0, z=0.0, w=1.0):
+    return T['geometry_msgs/msg/Quaternion'](x=x, y=y, z=z, w=w)
+
+
+def transform(**values):
+    return T['geometry_msgs/msg/TransformStamped'](
+        header=header(), child_frame_id='imu_link', transform=T['geometry_msgs/msg/Transform'](
+            translation=vector(**values), rotation=quaternion()))
+
+
+def imu(**values):
+    nine = np.zeros(9)
+    return T['sensor_msgs/msg/Imu'](**{
+        'header': header(), 'orientation': quaternion(), 'orientation_covariance': nine,
+        'angular_velocity': vector(), 'angular_velocity_covariance': nine,
+        'linear_acceleration': vector(), 'linear_acceleration_covariance': nine, **values})
+
+
+def joints(**values):
+    return T['sensor_msgs/msg/JointState'](**{
+        'header': header(), 'name': ['a', 'b'], 'position': np.zeros(2), 'velocity': np.zeros(2),
+        'effort': np.zeros(0), **values})
+
+
+MESSAGES = {
+    'sensor_msgs/msg/Imu': imu(), 'sensor_msgs/msg/JointState': joints(),
+    'rosgraph_msgs/msg/Clock': T['rosgraph_msgs/msg/Clock'](clock=header().stamp),
+    'builtin_interfaces/msg/Time': header().stamp, 'std_msgs/msg/Header': header(),
+    'geometry_msgs/msg/TransformStamped': transform(),
+    'tf2_msgs/msg/TFMessage': T['tf2_msgs/msg/TFMessage'](transforms=[transform(), transform()])}
+
+
+@pytest.mark.parametrize('little', [True, False])
+@pytest.mark.parametrize('msgtype', MESSAGES)
+def test_the_stamp_is_read_from_the_bytes(msgtype, little):
+    raw = STORE.serialize_cdr(MESSAGES[msgtype], msgtype, little_endian=little)
+    assert stamp_ns(msgtype, raw) == NS
+    assert stamp_ns(msgtype, memoryview(raw)) == NS
+
+
+def test_messages_without_a_stamp_have_none():
+    empty = T['tf2_msgs/msg/TFMessage'](transforms=[])
+    assert stamp_ns('tf2_msgs/msg/TFMessage',
+                    STORE.serialize_cdr(empty, 'tf2_msgs/msg/TFMessage')) is None
+    text = T['std_msgs/msg/String'](data='0123456789012345')
+    kind = 'std_msgs/msg/String'
+    assert stamp_ns(kind, STORE.serialize_cdr(text, kind)) is None
+    numbers = T['std_msgs/msg/Float64MultiArray'](
+        layout=T['std_msgs/msg/MultiArrayLayout'](dim=[], data_offset=0), data=np.ones(9))
+    kind = 'std_msgs/msg/Float64MultiArray'
+    assert stamp_ns(kind, STORE.serialize_cdr(numbers, kind)) is None
+    assert stamp_ns('std_msgs/msg/Empty', b'\0\1\0\0' + 20 * b'\0') is None
+    assert stamp_ns('no_msgs/msg/Such', 40 * b'\0') is None
+
+
+def test_a_message_cut_within_its_stamp_has_none():
+    raw = STORE.serialize_cdr(MESSAGES['sensor_msgs/msg/Imu'], 'sensor_msgs/msg/Imu')
+    assert stamp_ns('sensor_msgs/msg/Imu', raw[:11]) is None
+    assert stamp_ns('sensor_msgs/msg/Imu', raw[:12]) == NS
+
+
+@pytest.mark.parametrize('ns,text', [
+    (0, '0.000000000'), (1, '0.000000001'), (-1, '-0.000000001'), (10**9, '1.000000000'),
+    (-1_500_000_000, '-1.500000000'), (NS, '1234567.890123456')])
+def test_stamps_are_written_with_nine_decimals(ns, text):
+    assert in_seconds(ns) == text
+
+
+@pytest.mark.parametrize('message,msgtype,problem', [
+    (imu(), 'sensor_msgs/msg/Imu', ''),
+    (imu(linear_acceleration=vector(y=np.nan)), 'sensor_msgs/msg/Imu',
+     'linear_acceleration.y is nan'),
+    (imu(angular_velocity_covariance=np.r_[np.zeros(8), -np.inf]), 'sensor_msgs/msg/Imu',
+     'angular_velocity_covariance holds -inf'),
+    (joints(position=np.array([0.0, np.inf])), 'sensor_msgs/msg/JointState', 'position holds inf'),
+    (T['tf2_msgs/msg/TFMessage'](transforms=[transform(), transform(z=np.nan)]),
+     'tf2_msgs/msg/TFMessage', 'transforms[1].transform.translation.z is nan')])
+def test_the_first_number_that_is_not_finite_is_named(message, msgtype, problem):
+    assert validity.FiniteCheck(STORE).problem(msgtype, message) == problem
+
+
+def image(encoding='mono8', width=4, height=3, step=None, data=None, big=False):
+    step = width * validity.BYTES_PER_PIXEL.get(encoding, 1) if step is None else step
+    data = np.arange(step * height, dtype=np.uint8) if data is None else data
+    return SimpleNamespace(encoding=encoding, width=width, height=height, step=step, data=data,
+                           is_bigendian=big)
+
+
+@pytest.mark.parametrize('picture,problem', [
+    (image(), ''), (image('rgb8'), ''), (image('32FC1', step=20), ''),
+    (image('yuv'), "encoding 'yuv' is not known"),
+    (image(step=3), 'step 3 is less than a row of 4 pixels'),
+    (image(data=np.zeros(11, np.uint8)), 'data holds 11 bytes, not 12'),
+    (image(data=np.zeros(13, np.uint8)), 'data holds 13 bytes, not 12'),
+    (image(width=0, step=1), 'it has no pixels'), (image(height=0), 'it has no pixels')])
+def test_the_layout_of_images(picture, problem):
+    assert validity.image_problem(picture) == problem
+
+
+def test_pixels_of_images_in_all_kinds():
+    """Rows may be longer than their pixels; numbers may be of either byte order."""
+    numbers = np.array([[1, 2, 300], [4, 500, 6]], np.uint16)
+    padded = np.zeros((2, 8), np.uint8)
+    for big in (False, True):
+        padded[:, :6] = numbers.astype('>u2' if big else '<u2').view(np.uint8)
+        found = validity.pixels(image('mono16', 3, 2, 8, padded.ravel(), big))
+        assert found.dtype == np.uint16 and np.array_equal(found, numbers)
+    colours = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+    assert np.array_equal(validity.pixels(image('rgb8', 3, 2, data=colours.ravel())), colours)
+    depth = np.array([[0.5, np.inf]], np.float32)
+    found = validity.pixels(image('32FC1', 2, 1, data=depth.view(np.uint8).ravel()))
+    assert np.array_equal(found, depth)
+
+
+def depth_image(*values):
+    depth = np.array([values], np.float32)
+    return image('32FC1', len(values), 1, data=depth.view(np.uint8).ravel())
+
+
+def test_depths_lie_in_front_of_the_camera():
+    """True depth is known everywhere; that from matching may be unknown, which is NaN."""
+    assert validity.true_depth_problem(depth_image(0.1, np.inf)) == ''
+    assert validity.true_depth_problem(depth_image(0.1, np.nan)) == '1 pixels are NaN'
+    assert 'not in front' in validity.true_depth_problem(depth_image(0.1, 0.0))
+    assert validity.depth_problem(depth_image(0.1, np.nan, np.inf)) == ''
+    assert '2 pixels are not in front' in validity.depth_problem(depth_image(-0.1, 0.0, 1.0))
+
+
+def test_disparity_messages():
+    good = SimpleNamespace(f=450.0, t=0.1, image=depth_image(3.0, -1.0))
+    assert validity.disparity_problem(good) == ''
+    for name in ('f', 't'):
+        for wrong in (0.0, -1.0, np.nan):
+            bad = SimpleNamespace(**{**vars(good), name: wrong})
+            assert 'must be positive' in validity.disparity_problem(bad)
+    bad = SimpleNamespace(**{**vars(good), 'image': image()})
+    assert validity.disparity_problem(bad) == "encoding 'mono8'; valid is 32FC1"
+    bad = SimpleNamespace(**{**vars(good), 'image': depth_image(1.0, np.nan)})
+    assert validity.disparity_problem(bad) == 'pixels are NaN or infinite'
+
+
+def test_quaternions_have_length_one():
+    check = validity.quaternion_problem('orientation')
+    half = np.sqrt(0.25)
+    assert check(imu(orientation=quaternion(half, -half, half, -half))) == ''
+    assert check(imu(orientation=quaternion(0.6, 0.0, 0.0, 0.8 + 3e-6))).endswith('not 1')
+    assert check(imu(orientation=quaternion(w=0.0))) == 'orientation has length 0.000000, not 1'
+
+
+def test_every_joint_has_its_values():
+    assert validity.joints_problem(joints()) == ''
+    assert validity.joints_problem(joints(effort=np.zeros(2))) == ''
+    assert validity.joints_problem(joints(effort=np.zeros(1))) \
+        == 'effort holds 1 values for 2 joints'
+    assert validity.joints_problem(joints(velocity=np.zeros(3))) \
+        == 'velocity holds 3 values for 2 joints'
+
+
+def test_camera_infos_have_focal_lengths_and_a_size():
+    good = {'k': np.diag([400.0, 400.0, 1.0]).ravel(), 'width': 640, 'height': 480,
+            'p': np.hstack([np.diag([400.0, 400.0, 1.0]), np.zeros((3, 1))]).ravel()}
+    assert validity.camera_info_problem(SimpleNamespace(**good)) == ''
+    for name, index in (('k', 0), ('k', 4), ('p', 0)):
+        wrong = good[name].copy()
+        wrong[index] = 0.0
+        bad = SimpleNamespace(**{**good, name: wrong})
+        assert 'are not positive' in validity.camera_info_problem(bad)
+    for name in ('width', 'height'):
+        assert validity.camera_info_problem(SimpleNamespace(**{**good, name: 0})) \
+            == 'it has no size'

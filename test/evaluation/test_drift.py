@@ -1,0 +1,83 @@
+"""Drift: a wrong scale, a slow turn and a jump, whose percentages follow by hand."""
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.evaluation.trajectory import Trajectory
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.evaluation.trajectory_files import read_euroc, read_tum
+
+
+def path(points, period_s=0.1):
+    points = np.asarray(points, float)
+    stamps = np.round(np.arange(len(points)) * period_s * 1e9).astype(np.int64)
+    return Trajectory(stamps, points, np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1)), 'path')
+
+
+def bent(n=201):
+    """Return 10 m of path in steps of 5 cm, in the plane, bent in the middle by 90 deg."""
+    steps = np.where(np.arange(n - 1)[:, None] < (n - 1) // 2, [[0.05, 0.0, 0.0]],
+                     [[0.0, 0.05, 0.0]])
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+@pytest.mark.parametrize('distance_m', [0.5, 1.0, 2.0])
+@pytest.mark.parametrize('error', [0.02, -0.05])
+def test_a_wrong_scale_is_that_drift_over_any_straight_distance(distance_m, error):
+    truth = path(np.linspace([0.0, 0.0, 0.0], [10.0, 0.0, 0.0], 201))
+    result = evaluate(truth, path((1.0 + error) * truth.positions_m),
+                      align='none', distance_m=distance_m)
+    assert result.drift_percent == pytest.approx(100.0 * abs(error), rel=1e-9)
+    assert result.rpe_distance_m.mean == pytest.approx(distance_m * abs(error), rel=0.01)
+    assert result.end_drift_percent == pytest.approx(100.0 * abs(error), rel=1e-9)
+    assert result.length_m == pytest.approx(10.0)
+
+
+def test_the_end_drift_is_the_gap_at_the_end_over_the_whole_path():
+    """10 m of path; the estimate ends 0.3 m too far east, and starts somewhere else."""
+    truth = path(bent())
+    late = truth.positions_m.copy()
+    late[150:] += [0.3, 0.0, 0.0]
+    result = evaluate(truth, path(late + [5.0, -2.0, 1.0]), align='none')
+    assert result.end_drift_percent == pytest.approx(3.0)
+    assert result.ate_m.min == pytest.approx(np.sqrt(30.0))
+
+
+def test_relative_errors_over_time_are_those_of_a_second():
+    """Half a metre a second, 4 % too fast: 2 cm in a second, 4 cm in two."""
+    truth = path(np.linspace([0.0, 0.0, 0.0], [10.0, 0.0, 0.0], 201))
+    estimate = path(1.04 * truth.positions_m)
+    assert evaluate(truth, estimate, align='none').rpe_time_m.mean == pytest.approx(0.02)
+    twice = evaluate(truth, estimate, align='none', time_s=2.0)
+    assert twice.rpe_time_m.mean == pytest.approx(0.04)
+
+
+def test_a_rover_that_stands_has_no_drift_in_percent():
+    truth = path(np.zeros((20, 3)))
+    result = evaluate(truth, truth, align='none')
+    assert np.isnan([result.drift_percent, result.end_drift_percent, result.scale]).all()
+    assert result.ate_m.max == 0.0
+
+
+@pytest.mark.parametrize('word,ns', [
+    ('12.5', 12_500_000_000), ('0.000000001', 1), ('.25', 250_000_000), ('7', 7_000_000_000),
+    ('1.0000000019', 1_000_000_001), ('+3.5', 3_500_000_000), ('1e1', 10_000_000_000),
+    ('1403636579.763555584', 1_403_636_579_763_555_584)])
+def test_stamps_in_seconds_are_read_exactly(tmp_path, word, ns):
+    """Digits are counted, not rounded by a double; other notations are read as numbers."""
+    (tmp_path / 'tum.txt').write_text(f'{word} 0 0 0 0 0 0 1\n')
+    assert read_tum(tmp_path / 'tum.txt').stamps_ns.tolist() == [ns]
+
+
+def test_columns_of_the_formats(tmp_path):
+    """TUM writes x y z w, EuRoC w x y z: a turn about x by 90 deg, a place of 1, 2, 3."""
+    half = np.sqrt(0.5)
+    (tmp_path / 'tum.txt').write_text(f'1 1 2 3 {half} 0 0 {half}\n2 1 2 4 0 0 0 1\n')
+    (tmp_path / 'euroc.csv').write_text(f'#t\n1000000000,1,2,3,{half},{half},0,0,9,9\n'
+                                        '2000000000,1,2,4,1,0,0,0,9,9\n')
+    for read, name in ((read_tum, 'tum.txt'), (read_euroc, 'euroc.csv')):
+        found = read(tmp_path / name)
+        assert found.stamps_ns.tolist() == [10**9, 2 * 10**9]
+        np.testing.assert_allclose(found.positions_m, [[1.0, 2.0, 3.0], [1.0, 2.0, 4.0]])
+        np.testing.assert_allclose(np.abs(found.orientations_wxyz),
+                                   [[half, half, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
