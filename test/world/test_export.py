@@ -120,7 +120,6 @@ def test_preview_is_a_picture(tmp_path):
         pixels = np.asarray(image.convert('L'), float)
     assert pixels.shape[0] > 600 and pixels.std() > 20.0
     flat = worlds.small(**worlds.BARE, albedo={'variation': 0.0, 'grain': 0.0})
-    map_sheet.sheet(flat)
     with pytest.raises(WorldError, match='cannot be written'):
         map_sheet.write(flat, tmp_path / 'nowhere' / 'sheet.png')
 
