@@ -139,6 +139,8 @@ def test_the_default_sensor_is_four_pixels_of_its_data_sheet():
     assert sensor.full_well_e == pytest.approx(4 * 10_700)
     assert sensor.read_noise_e == pytest.approx(math.sqrt(4) * 2.3)
     assert sensor.bits == 12 and sensor.encoding == 'mono8'
+    # Natural vignetting is the fourth power of the cosine, whole.
+    assert sensor.vignetting == 1.0
     assert sensor.shot_noise and sensor.read_noise and sensor.fixed_pattern
     # Photons of sunlight carry 2 to 4e-19 J: fewer electrons than one for each.
     assert 1e17 < sensor.electrons_per_joule < 1.0 / 3e-19
