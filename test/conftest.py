@@ -1,4 +1,4 @@
-"""What tests of the real graph share: a small world, a domain of one's own, one recorded run."""
+"""What tests of the real graph share: a small world, a ROS domain, one recorded run."""
 
 from __future__ import annotations
 

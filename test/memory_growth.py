@@ -89,7 +89,7 @@ def record(args: argparse.Namespace, rows: list[dict[str, object]], file: TextIO
                 time.sleep(PERIOD_S)
     finally:
         if run.poll() is None:
-            # Not SIGINT: whoever is started in the background of a shell ignores it.
+            # Not SIGINT: a process started in the background of a shell ignores it.
             run.terminate()
             run.wait()
         if not args.keep_bag:

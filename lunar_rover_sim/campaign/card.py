@@ -103,8 +103,8 @@ def markdown(card: dict[str, Any]) -> str:
               for name, how in campaign.get('vary', {}).items()]
     lines += ['', '## Limits', '',
               'Images are rendered, not photographed. Semi-global matching leaves holes and errors'
-              ' on purpose; ground truth has none. Slip and sinkage follow a contact model, not '
-              'measured regolith.', '']
+              ' on purpose; ground truth has none. Slip and penetration follow a contact model,'
+              ' not measured regolith.', '']
     if card['failed']:
         lines += ['## Failed episodes', '',
                   *(f'- {name}: {_cell(error)}' for name, error in card['failed'].items()), '']

@@ -140,7 +140,7 @@ class _Measurement:
         self._mechanical_j = self._electric_j = 0.0
         self._tilts_deg: list[float] = []
         self._reference: list[float] | None = None
-        self._sinkage_m = 0.0
+        self._penetration_m = 0.0
         self.path_m: list[Array] = []
 
     def add(self, legs: LegCommand) -> None:
@@ -153,7 +153,7 @@ class _Measurement:
                                  state.joint_velocity_radps.tolist()):
             self._mechanical_j += max(torque * speed, 0.0) * dt
             self._electric_j += max(motor.electric_power_w(torque, speed), 0.0) * dt
-        self._sinkage_m = max(self._sinkage_m, self._tips.deepest_m())
+        self._penetration_m = max(self._penetration_m, self._tips.deepest_m())
         reference = legs.angle_rad.tolist()
         if self._reference is not None:
             commanded = self._stance_m(reference, self._reference)
@@ -189,7 +189,7 @@ class _Measurement:
             self._mechanical_j / (weight * distance) if distance else math.nan,
             self._electric_j / (weight * distance) if distance else math.nan,
             float(tilts.mean()), float(np.percentile(tilts, 95.0)), float(tilts.max()),
-            self._sinkage_m, path)
+            self._penetration_m, path)
 
 
 def _tilt_deg(state: RoverState) -> float:
