@@ -12,6 +12,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
 from lunar_rover_sim.physics.config import ContactConfig, ImuConfig, PhysicsConfig, StartPose
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.world.config import (AlbedoConfig, CraterConfig, DemConfig, MeshConfig,
                                           ReliefConfig, RockConfig, SurroundingsConfig,
@@ -155,6 +156,15 @@ def test_the_default_rover_walks_as_a_trot_with_three_spokes():
     assert (left_front - right_front) % 1.0 == 0.5
     assert 0.5 < gait.duty_factor < 0.75
     assert gait.foot_width_deg == pytest.approx(math.degrees(gait.pitch_rad) / 2.0)
+
+
+def test_the_default_lamp_shows_relief_to_the_cameras():
+    """It sits beside the cameras and below them, at the front: what it lights casts shadows."""
+    x, y, z = LampConfig().position_m
+    mount = RoverDescription().stereo
+    assert 0.0 < z < mount.position_m[2]
+    assert mount.baseline_m / 2.0 < y < 0.15
+    assert abs(x - mount.position_m[0]) < 0.1
 
 
 def test_parameter_sets_cannot_be_changed():
