@@ -65,5 +65,6 @@ def test_the_rover_starts_square_to_the_slope_just_above_it(east, north, yaw_deg
         geoms = [g for g in range(model.ngeom) if '_tip_' in model.geom(g).name]
         centre = data.geom_xpos[geoms]
         gap = (centre @ normal) - ROVER.legs.tip_radius_m
-        assert 0.0 < gap.min() < 0.006
+        # A millimetre on level ground; on a slope the least that surely touches nothing.
+        assert 0.0 < gap.min() < (0.0011 if east == north == 0.0 else 0.006)
         np.testing.assert_allclose(np.sort(gap)[:4], gap.min(), atol=1e-6)

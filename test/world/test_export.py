@@ -1,5 +1,6 @@
 """Meshes and pictures of worlds, and the command line."""
 
+import dataclasses
 import errno
 import os
 
@@ -112,6 +113,15 @@ def test_slope_and_horizon_of_a_plane():
     # Along x and y together: half the squared slope.
     assert shade.rms_slope_deg(tilted, 4.0) == pytest.approx(
         np.degrees(np.arctan(0.1 / np.sqrt(2.0))))
+
+
+@pytest.mark.parametrize('samples,kept', [(257, 257), (513, 513), (769, 385), (1025, 513)])
+def test_ground_is_thinned_out_to_513_samples_along_a_side(samples, kept):
+    grid = HeightGrid(np.zeros((samples, samples), np.float32), 0.1)
+    flat = dataclasses.replace(worlds.small(**worlds.BARE), levels=(grid,),
+                               albedo=np.ones((samples, samples), np.float32))
+    scene = export.to_scene(flat, rocks=False)
+    assert len(scene.geometry['ground'].vertices) == kept**2
 
 
 def test_preview_is_a_picture(tmp_path):
