@@ -163,3 +163,27 @@ def test_fade_leaves_no_ring():
     # Slopes of terrain over 0.75 m, averaged over 100 m of border: centimetres, no step.
     assert np.abs(steps).max() < 0.1
     assert outer.contains((h + 1.5, 0.0))
+
+
+def test_each_crater_is_drawn_where_it_is_resolved():
+    """On its level it spans 8 cells or more, 6 on the ground, and its centre lies on that level.
+
+    What would be coarser than 24 cells, and lies wholly on the next finer level, is drawn there.
+    """
+    world = worlds.world()
+    craters, levels = world.craters, world.levels
+    place = np.abs(craters.position_m).max(axis=1)
+    for k, level in enumerate(levels):
+        here = craters.level == k
+        assert here.sum() > 20
+        cells = craters.diameter_m[here] / level.cell_m
+        assert cells.min() >= (8.0 if k else 6.0)
+        assert cells.min() < (8.2 if k else 6.2)
+        assert place[here].max() <= level.half_extent_m
+        if k:
+            finer = levels[k - 1].half_extent_m - 64 * levels[k - 1].cell_m
+            inside = place[here] + 1.3 * craters.diameter_m[here] < finer
+            assert np.all(cells[inside] >= 24.0)
+            # Craters of the levels between came down from the coarser one.
+            came = (craters.level == k - 1) & (craters.diameter_m >= 8.0 * level.cell_m)
+            assert craters.diameter_m[came].max() < 24.0 * level.cell_m
