@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.driven_distance import every_step
+from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import picture, read_imu, read_odometry
-from lunar_rover_sim.frames import path_length
 from lunar_rover_sim.inspection.matching import disparity_map, is_textured
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.stereo.depth import disparity_from_depth
@@ -83,14 +82,13 @@ def _path(bag: Bag) -> dict[str, float]:
     odometry = read_odometry(bag)
     if not len(odometry.stamps_ns):
         return {}
-    steps = np.array([position for _, position in every_step(
-        zip(odometry.stamps_ns.tolist(), odometry.positions_m))])
-    distance = path_length(steps[:, :2])
+    steps = list(every_step(zip(odometry.stamps_ns.tolist(), odometry.positions_m.tolist())))
+    distance = driven_distance_m(steps)
     up = frames.matrix_from_wxyz(odometry.orientations_wxyz)[:, 2, 2]
     duration_s = float(odometry.stamps_ns[-1]) / 1e9
     return {'distance_m': distance,
             'mean_speed_mps': distance / duration_s if duration_s > 0.0 else 0.0,
-            'climb_m': float(np.ptp(steps[:, 2])),
+            'climb_m': float(np.ptp([position[2] for _, position in steps])),
             'largest_tilt_deg': float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))).max())}
 
 

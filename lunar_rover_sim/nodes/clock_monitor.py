@@ -16,7 +16,8 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.nodes import conversions, qos
+from lunar_rover_sim.bag.messages import time_ns
+from lunar_rover_sim.nodes import qos
 
 _PERIOD_S = 0.1
 
@@ -33,7 +34,7 @@ class ClockMonitor:
                                        qos.newest())
 
     def _clock_callback(self, message: Clock) -> None:
-        self._now_ns = conversions.time_ns(message.clock)
+        self._now_ns = time_ns(message.clock)
 
     def now_ns(self) -> int:
         """Return the newest simulated time [ns]; 0 before the first clock message."""

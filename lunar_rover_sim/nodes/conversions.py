@@ -37,11 +37,6 @@ def time_msg(stamp_ns: int) -> Time:
     return Time(sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S)
 
 
-def time_ns(stamp: Time) -> int:
-    """Return the stamp of a message [ns]."""
-    return stamp.sec * NS_PER_S + stamp.nanosec
-
-
 def fill_clock(msg: Clock, stamp: Time) -> Clock:
     """Write simulated time into `msg` and return it."""
     msg.clock = stamp

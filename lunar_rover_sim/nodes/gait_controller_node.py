@@ -8,6 +8,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.errors import GaitError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import GaitController
@@ -61,12 +62,12 @@ class GaitControllerNode(node_main.GraphNode):
     def _newest_ns(self) -> int | None:
         if not self._states:
             return self._now_ns or None
-        return conversions.time_ns(self._states[-1].header.stamp)
+        return time_ns(self._states[-1].header.stamp)
 
     def _answer_while_open(self) -> None:
         while self._states:
             state = self._states[0]
-            now_ns = conversions.time_ns(state.header.stamp)
+            now_ns = time_ns(state.header.stamp)
             if self._waits:
                 if not self._listener.gate.is_open(now_ns):
                     return
@@ -85,7 +86,7 @@ class GaitControllerNode(node_main.GraphNode):
     def _use_velocities(self, now_ns: int) -> None:
         """Hand the controller the velocity commands with stamps up to `now_ns`."""
         while self._velocities:
-            stamp_ns = conversions.time_ns(self._velocities[0].header.stamp)
+            stamp_ns = time_ns(self._velocities[0].header.stamp)
             if stamp_ns > now_ns:
                 return
             self._set_velocity(self._velocities.popleft().twist, stamp_ns)
@@ -106,7 +107,7 @@ class GaitControllerNode(node_main.GraphNode):
 
     def _watch(self) -> None:
         if self._waits and self._states:
-            self._listener.check_silence(conversions.time_ns(self._states[0].header.stamp))
+            self._listener.check_silence(time_ns(self._states[0].header.stamp))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -9,9 +9,10 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 
+from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.nodes import conversions, qos
+from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.run.lockstep import StampGate
 from lunar_rover_sim.run.node_config import WaitConfig
@@ -99,7 +100,7 @@ class LockstepListener:
 
     def _subscribe(self, topic: str, type_name: str, durable: bool) -> None:
         def handled(msg: Any) -> None:
-            self._take_answer(topic, conversions.time_ns(msg.header.stamp), msg)
+            self._take_answer(topic, time_ns(msg.header.stamp), msg)
 
         def stamp_only(raw: bytes) -> None:
             stamp = stamp_ns(type_name, raw)

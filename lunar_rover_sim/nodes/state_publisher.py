@@ -78,11 +78,10 @@ class StatePublisher:
         conversions.fill_clock(messages[topics.CLOCK.name], stamp)
 
     def _moving_transforms(self, state: RoverState, stamp: Time) -> Any:
-        T_odom_base = frames.se3(frames.matrix_from_wxyz(state.orientation_wxyz),
-                                 state.position_m)
         links = link_poses(self._rover, state.joint_angle_rad)
         return TFMessage(transforms=[
-            conversions.transform(frames.ODOM_FRAME, frames.BASE_FRAME, T_odom_base, stamp),
+            conversions.transform(frames.ODOM_FRAME, frames.BASE_FRAME, state.T_world_base,
+                                  stamp),
             *(conversions.transform(frames.BASE_FRAME, leg, links[leg], stamp)
               for leg in LEG_NAMES)])
 

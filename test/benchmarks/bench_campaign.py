@@ -28,7 +28,7 @@ import rclpy
 from std_msgs.msg import Header
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.nodes import conversions
+from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
@@ -85,7 +85,7 @@ def first_frame(folder: Path, domain: int, settings: list[str]) -> tuple[float, 
     node = rclpy.create_node('bench_campaign')
     stamps: list[int] = []
     node.create_subscription(Header, topics.RECORDED.name,
-                             lambda m: stamps.append(conversions.time_ns(m.stamp)), 10)
+                             lambda m: stamps.append(time_ns(m.stamp)), 10)
     start = time.monotonic()
     run = subprocess.Popen(
         [*CLI, 'run', 'baseline', '-o', str(folder), '--duration', '60', '--domain', str(domain),

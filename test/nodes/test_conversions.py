@@ -18,6 +18,7 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
 from lunar_rover_sim import frames, topics  # noqa: E402
+from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
 from lunar_rover_sim.physics.config import ImuConfig  # noqa: E402
@@ -195,5 +196,5 @@ def test_velocity_commands() -> None:
     assert conversions.velocity_of(conversions.twist(0.1, -0.2)) == (0.1, -0.2)
     stamped = conversions.twist_stamped(0.1, -0.2, conversions.time_msg(3_000_000_007))
     assert conversions.velocity_of(stamped.twist) == (0.1, -0.2)
-    assert conversions.time_ns(stamped.header.stamp) == 3_000_000_007
+    assert time_ns(stamped.header.stamp) == 3_000_000_007
     assert stamped.header.frame_id == 'base_link'
