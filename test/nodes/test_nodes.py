@@ -23,7 +23,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
 
-from lunar_rover_sim.nodes.conversions import time_ns  # noqa: E402
+from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 
 LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
 SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
