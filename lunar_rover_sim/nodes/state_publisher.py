@@ -6,6 +6,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.nodes import conversions, qos
@@ -58,9 +59,12 @@ class StatePublisher:
         self._fill(state, stamp)
         if self._tf is not None:
             self._tf.publish(self._moving_transforms(state, stamp))
-        # In one go, after all are filled: readers then wake up once, not once per message.
-        for name, message in self._messages.items():
-            self._publishers[name].publish(message)
+        # Sent in one go, after all are serialised: readers then wake up once per state, not once
+        # per message.
+        serialised = [(name, serialize_message(message))
+                      for name, message in self._messages.items()]
+        for name, data in serialised:
+            self._publishers[name].publish(data)
 
     def _fill(self, state: RoverState, stamp: Time) -> None:
         messages = self._messages
