@@ -17,9 +17,9 @@ from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
 def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> list[Path]:
     """Write top_view.png, error.png and scale.png into `output` and return their paths.
 
-    bag: the world it was recorded on is drawn below the top view, where it is still there.
+    bag: its world is drawn below the top view, if the world's folder still exists
 
-    Raises EvaluationError where the files cannot be written.
+    Raises EvaluationError if the files cannot be written.
     """
     figures = {'top_view.png': _top_view(result, bag), 'error.png': _error(result),
                'scale.png': _scale(result)}

@@ -1,7 +1,7 @@
 """KITTI odometry sequences: image_0, image_1, calib.txt, times.txt, poses.txt.
 
-Poses are those of the left camera in the frame of the first one, the upper three rows of each
-matrix (Geiger et al., CVPR 2012); one line an image.
+Each image has a line with the pose of the left camera in the frame of the first one: the upper
+three rows of the matrix (Geiger et al., CVPR 2012).
 """
 
 from __future__ import annotations

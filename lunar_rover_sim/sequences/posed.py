@@ -13,13 +13,13 @@ from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 
-_MOST_WAITING = 2000    # poses in memory
+_MOST_WAITING = 2000    # poses kept in memory
 
 
 class PosedSequence(Sequence):
-    """Numbers the images and passes the pose of each to `write_pose`, in order, once it is known.
+    """Numbers the images; passes the pose of each to `write_pose`, in order, when it is known.
 
-    POSES: name of the file of poses, for messages.
+    POSES: name of the file with the poses, for messages
     """
 
     POSES = ''
@@ -53,7 +53,7 @@ class PosedSequence(Sequence):
         self._settle()
 
     def notes(self) -> list[str]:
-        """Return whether poses are missing; SequenceError where a single image has none."""
+        """Return a note if there are no poses; raise SequenceError if an image lacks its pose."""
         if self._waiting:
             raise SequenceError(f'{self._path}: no odometry at the stamp of the image at '
                                 f'{in_seconds(self._waiting[0])} s, which {self.POSES} needs')

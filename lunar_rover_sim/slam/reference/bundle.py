@@ -1,11 +1,12 @@
 """Bundle adjustment of a window of keyframes.
 
-Reprojection errors in the left image and, where there is one, of the column in the right image,
-under Huber's weights; poses are corrected from the left, Exp(w) R x + t. Levenberg and Marquardt's
-steps, points eliminated by the Schur complement (Triggs et al., Bundle adjustment: a modern
-synthesis, 2000, 6.1), which leaves a dense system of a few poses. scipy's sparse least squares was
-tried in its place: with one camera its inexact steps leave four times the error in three times the
-time, and made exact they take ten times as long.
+The cost is Huber's loss of the reprojection errors: column and row in the left image, and the
+column in the right image of a stereo pair. Poses are perturbed from the left, Exp(w) R x + t. The
+solver takes Levenberg-Marquardt steps. The Schur complement eliminates the points (Triggs et al.,
+Bundle adjustment: a modern synthesis, 2000, 6.1), which leaves a dense system of a few poses.
+
+SciPy's sparse least squares was tried instead. With one camera its inexact steps leave four times
+the error in three times the time; with exact steps it takes ten times as long.
 """
 
 from __future__ import annotations
@@ -21,16 +22,19 @@ from lunar_rover_sim.slam.euroc_reader import Camera
 
 _HUBER_PX = 1.0
 _MAX_STEPS = 15
-_DONE = 1e-4             # relative gain of a step with which it ends
-_DAMPING = 1e-4          # at first, relative to the diagonal
+_DONE = 1e-4             # the solver stops when the relative gain of a step is below this
+_DAMPING = 1e-4          # of the first step, relative to the diagonal
 
 
 @dataclasses.dataclass
 class Problem:
-    """Poses and points, and who sees what.
+    """Poses, points and observations.
 
-    T_camera_world: (m, 4, 4); fixed: (m,) poses that stay; points_m: (n, 3), world;
-    camera_of, point_of: (k,) indices; seen_px: (k, 3) u, v and u in the right image or NaN
+    T_camera_world: (m, 4, 4) poses
+    fixed: (m,) whether a pose is kept as it is
+    points_m: (n, 3) points, world frame
+    camera_of, point_of: (k,) indices of pose and point of each observation
+    seen_px: (k, 3) observations: u, v, and u in the right image, NaN if it is unknown
     """
 
     T_camera_world: Array
@@ -41,7 +45,7 @@ class Problem:
     seen_px: Array
 
     def solve(self, camera: Camera) -> Array:
-        """Improve poses and points in place; return the (k, 3) errors that are left [px]."""
+        """Improve poses and points in place; return the remaining (k, 3) errors [px]."""
         error = self._errors(camera, self.T_camera_world, self.points_m)
         size = self._size()
         damping, cost = _DAMPING, _huber(error)
@@ -60,12 +64,12 @@ class Problem:
             cost -= gain
             system = self._system(camera, error)
         if not camera.baseline_m and np.count_nonzero(self.fixed) == 1:
-            # Nothing holds the scale; what is outside the window has the old one.
+            # One camera does not determine the scale. Keep that of the poses outside the window.
             self._grow(size / max(self._size(), 1e-12))
         return error
 
     def _offsets(self) -> Array:
-        """Return (m, 3) from the fixed camera to each."""
+        """Return (m, 3) vectors from the first fixed camera to every camera."""
         centres = -np.einsum('mji,mj->mi', self.T_camera_world[:, :3, :3],
                              self.T_camera_world[:, :3, 3])
         return np.asarray(centres - centres[np.argmax(self.fixed)])
@@ -74,7 +78,7 @@ class Problem:
         return float(np.linalg.norm(self._offsets()))
 
     def _grow(self, factor: float) -> None:
-        """Scale everything about the fixed camera; errors stay as they are."""
+        """Scale poses and points about the first fixed camera; errors do not change."""
         offsets = self._offsets()
         pose = self.T_camera_world[np.argmax(self.fixed)]
         centre = -pose[:3, :3].T @ pose[:3, 3]
@@ -104,7 +108,7 @@ class Problem:
         return U[free], V, W[free], a[free], b
 
     def _step(self, system: tuple[Array, ...], damping: float) -> tuple[Array, Array]:
-        """Return poses and points after a step with that damping."""
+        """Return poses and points after a step with this damping."""
         U, V, W, a, b = system
         count = len(U)
         grown = np.eye(3) * damping * np.einsum('nii->ni', V)[:, None] + 1e-9 * np.eye(3)
@@ -124,7 +128,7 @@ class Problem:
 
 
 def residuals(camera: Camera, T_camera_world: Array, points_m: Array, seen_px: Array) -> Array:
-    """Return (k, 3) errors [px] of left u, v and right u; 0 where there is no right one."""
+    """Return (k, 3) errors [px] of left u, v and right u; 0 where right u is unknown."""
     p = np.einsum('kij,kj->ki', T_camera_world[:, :3, :3], points_m) + T_camera_world[:, :3, 3]
     z = np.maximum(p[:, 2], 1e-3)
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
@@ -140,7 +144,7 @@ def _huber(error: Array) -> float:
 
 
 def _derivatives(camera: Camera, T_camera_world: Array, points_m: Array) -> tuple[Array, Array]:
-    """Return d residuals / d (w, t), (k, 3, 6), and by the point, (k, 3, 3)."""
+    """Return the derivatives of the residuals by (w, t), (k, 3, 6), and by point, (k, 3, 3)."""
     R = T_camera_world[:, :3, :3]
     turned = np.einsum('kij,kj->ki', R, points_m)
     x, y, z = (turned + T_camera_world[:, :3, 3]).T
@@ -150,7 +154,7 @@ def _derivatives(camera: Camera, T_camera_world: Array, points_m: Array) -> tupl
         np.stack([fx * iz, zero, -fx * x * iz**2], axis=-1),
         np.stack([zero, fy * iz, -fy * y * iz**2], axis=-1),
         np.stack([fx * iz, zero, -fx * (x - camera.baseline_m) * iz**2], axis=-1)], axis=1)
-    cross = np.zeros((len(z), 3, 3))   # -[R x]_x: of Exp(w) R x by w
+    cross = np.zeros((len(z), 3, 3))   # -[R x]_x, the derivative of Exp(w) R x by w
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = turned[:, 2], -turned[:, 1], turned[:, 0]
     cross -= cross.transpose(0, 2, 1)
     return np.concatenate([at_camera @ cross, at_camera], axis=2), at_camera @ R

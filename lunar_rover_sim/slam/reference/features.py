@@ -14,10 +14,10 @@ from lunar_rover_sim.slam.euroc_reader import Image
 BORDER_PX = 12
 _LK = {'winSize': (15, 15), 'maxLevel': 3,
        'criteria': (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)}
-_MAX_BACK_PX = 0.5      # forth and back must come home
-_MAX_ROW_PX = 0.6       # a pair is rectified
-_DISPARITIES = 128      # that are searched
-_GRID = (6, 8)          # cells in which corners are found, rows and columns
+_MAX_BACK_PX = 0.5      # a point tracked forth and back ends this close to its start
+_MAX_ROW_PX = 0.6       # largest difference in row within a rectified pair
+_DISPARITIES = 128      # search range [px]
+_GRID = (6, 8)          # rows and columns of cells; corners are detected in each
 
 
 def detect(image: Image, known_px: Array, wanted: int) -> Array:
@@ -38,14 +38,14 @@ def detect(image: Image, known_px: Array, wanted: int) -> Array:
             found.append(corners.reshape(-1, 2) + (left, top))
     if not found:
         return np.zeros((0, 2))
-    # Round after round, the best of every cell first, so that the weak ones are what is left out.
+    # The best corner of every cell comes first, then the second best: weak ones are left out.
     order = np.argsort(np.concatenate([np.arange(len(f)) for f in found]), kind='stable')
     return np.concatenate(found)[order][:wanted].astype(np.float64)
 
 
 def track(before: Image, after: Image, px: Array,
           guess_px: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
-    """Follow (n, 2) points into the next image; return where they are, and which were found."""
+    """Track (n, 2) points into the next image; return their places and which were found."""
     if not len(px):
         return px, np.zeros(0, bool)
     there, found = _flow(before, after, px, px if guess_px is None else guess_px)
@@ -57,15 +57,15 @@ def track(before: Image, after: Image, px: Array,
 
 
 def disparities(left: Image, right: Image, px: Array) -> Array:
-    """Return (n,) disparities [px] of points in the left image, NaN where there is none.
+    """Return (n,) disparities [px] of points in the left image, NaN if no match was found.
 
-    Semi-global matching, then a sub-pixel step. Ground seen from low is sheared between the
-    images by a tenth of a pixel a row and more, so the right one is warped first by the plane
-    that most disparities lie on.
+    Semi-global matching is followed by a sub-pixel step. A low camera sees the ground sheared
+    between the images by 0.1 px per row and more. So the right image is first warped by the
+    plane that fits most disparities.
     """
     padded = [cv2.copyMakeBorder(image, 0, 0, _DISPARITIES, 0, cv2.BORDER_REPLICATE)
               for image in (left, right)]
-    # Five by five pixels, smoothness as OpenCV advises for them, and a check from right to left.
+    # 5 x 5 pixels with the smoothness that OpenCV recommends for them, and a left-right check.
     matcher = cv2.StereoSGBM.create(0, _DISPARITIES, 5, 200, 800, 1, 31, 5, 100, 2)
     dense = matcher.compute(*padded)[:, _DISPARITIES:].astype(np.float64) / 16.0
     u, v = np.rint(px).astype(int).T
@@ -92,7 +92,7 @@ def disparities(left: Image, right: Image, px: Array) -> Array:
 
 
 def _plane(at: Array, disparity: Array) -> Array:
-    """Return the plane of most disparities, by reweighted least squares."""
+    """Return the plane (3,) that fits most disparities, by reweighted least squares."""
     plane: Array = np.zeros(3)
     weight: Array = np.ones(len(at))
     for _ in range(8):

@@ -11,14 +11,14 @@ from lunar_rover_sim.slam.euroc_reader import Camera
 
 _RANSAC_PX = 2.0
 _CONFIDENCE = 0.999
-_START_ANGLE_RAD = np.radians(1.5)   # median parallax with which a single camera starts
-_START_FLOW = 0.04                   # median way in the image, of the focal length
-_SAME_RAD = np.radians(3.0)          # motions that differ by more are not both right
-_START_SHARE = 0.6                   # of the tracks, that must agree with it
+_START_ANGLE_RAD = np.radians(1.5)   # least median parallax to start with a single camera
+_START_FLOW = 0.04                   # least median image motion, in focal lengths
+_SAME_RAD = np.radians(3.0)          # rotations that differ by less are the same motion
+_START_SHARE = 0.6                   # least share of the tracks that agree with a motion
 
 
 def project(camera: Camera, T_camera_world: Array, points_m: Array) -> Array:
-    """Return (n, 2) pixels of (n, 3) points; those behind the camera land anywhere."""
+    """Return (n, 2) pixels of (n, 3) points; pixels of points behind the camera are meaningless."""
     p = points_m @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
     return p[:, :2] / np.maximum(p[:, 2:], 1e-3) * camera.focal_px + camera.centre_px
 
@@ -31,9 +31,9 @@ def from_disparity(camera: Camera, px: Array, disparity_px: Array) -> Array:
 
 def locate(camera: Camera, points_m: Array, px: Array,
            least: int) -> tuple[Array | None, NDArray[np.bool_]]:
-    """Return T_camera_world of a view of known points, and which of them agree (P3P, RANSAC).
+    """Return T_camera_world of a view of known points, and which points agree (P3P, RANSAC).
 
-    None where fewer than `least` points, or less than a third, agree.
+    The pose is None if fewer than `least` points, or less than a third, agree.
     """
     none = np.zeros(len(px), bool)
     least = max(least, len(px) // 3)
@@ -47,7 +47,7 @@ def locate(camera: Camera, points_m: Array, px: Array,
     rotation, shift = cv2.solvePnPRefineLM(points_m[good], px[good], camera.matrix, None,
                                            rotation, shift)
     T = se3(cv2.Rodrigues(rotation)[0], np.ravel(shift))
-    # Points at the edge of the threshold may have changed sides.
+    # The refinement may have moved points across the threshold.
     agree = np.linalg.norm(project(camera, T, points_m) - px, axis=1) < _RANSAC_PX
     return (T, agree) if agree.sum() >= least else (None, none)
 
@@ -71,8 +71,8 @@ def two_views(camera: Camera, px_a: Array,
               px_b: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
     """Return T_b_a, points in a with median depth 1, and which agree; None without parallax.
 
-    Two motions explain two views of a plane about equally well (H&Z 13.3); that which turns less
-    is taken, since the wrong one turns by tens of degrees.
+    Two motions explain two views of a plane about equally well (H&Z 13.3). The wrong one turns
+    by tens of degrees, so the motion with the smaller rotation is returned.
     """
     if np.median(np.linalg.norm(px_b - px_a, axis=1)) < _START_FLOW * camera.focal_px[0]:
         return None
@@ -101,7 +101,7 @@ def two_views(camera: Camera, px_a: Array,
 
 
 def _motions(camera: Camera, px_a: Array, px_b: Array) -> list[Array]:
-    """Return T_b_a, up to scale, by the essential matrix and, for a plane, by the homography."""
+    """Return candidates of T_b_a, up to scale, from essential matrix and homography."""
     cv2.setRNGSeed(0)
     motions = []
     E, mask = cv2.findEssentialMat(px_a, px_b, camera.matrix, method=cv2.RANSAC,

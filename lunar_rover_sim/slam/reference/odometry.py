@@ -1,7 +1,7 @@
-"""Visual odometry: corners are tracked, frames located, keyframes adjusted in a window.
+"""Visual odometry: corners are tracked, frames located, a window of keyframes adjusted.
 
-A stereo pair gives the depth of new points at once. A single camera starts once two frames leave
-enough parallax; the median depth of the first points is its unit.
+A stereo pair gives the depth of new points at once. A single camera starts as soon as two frames
+have enough parallax; its unit of length is the median depth of the first points.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from lunar_rover_sim.slam.reference.geometry import (angles_rad, from_disparity,
                                                      triangulate, two_views)
 
 _CORNERS = 400
-_WINDOW = 8              # keyframes that are adjusted together
-_FIXED = 2               # of those, the oldest, that stay
+_WINDOW = 8              # keyframes adjusted together
+_FIXED = 2               # oldest keyframes of the window, which are kept as they are
 _KEYFRAME_FLOW_PX = 25.0
 _KEYFRAME_FRAMES = 8
-_MIN_KNOWN = 120         # tracks with a point, below which a keyframe is due
+_MIN_KNOWN = 120         # a keyframe is due if fewer tracks have a point
 _MIN_INLIERS = 15
 _GIVE_UP_FRAMES = 10
 _MIN_ANGLE_RAD = np.radians(1.0)
@@ -41,7 +41,7 @@ class _Keyframe:
 
 
 class Odometry:
-    """Tracks one sequence; `add` the frames, then take the `trajectory`."""
+    """Tracks one sequence: `add` the frames, then call `trajectory`."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -111,7 +111,7 @@ class Odometry:
         self._ids, self._px = np.delete(self._ids, which), np.delete(self._px, which, axis=0)
 
     def _follow(self, before: Image, image: Image) -> None:
-        """Track into the next image, starting where the last motion leads."""
+        """Track into the next image, starting at the places that the last motion predicts."""
         guess = self._px.copy()
         known, points = self._known()
         guess[known] += (project(self._camera, self._motion @ self._pose, points)
@@ -182,7 +182,7 @@ class Odometry:
         self._points.update(zip(new, points @ T[:3, :3].T + T[:3, 3]))
 
     def _triangulate(self) -> None:
-        """Give a point to every track that has none and was seen from well apart."""
+        """Give a point to every track that has none and enough parallax."""
         for keyframe in self._keyframes[-_WINDOW:-1]:
             shared = [k for k, i in enumerate(self._ids.tolist())
                       if i in keyframe.seen and i not in self._points]
@@ -200,7 +200,7 @@ class Odometry:
             self._points.update((i, p) for i, p, g in zip(ids, points, good) if g)
 
     def _adjust(self) -> None:
-        """Adjust the last keyframes and what they see; drop what does not fit."""
+        """Adjust the last keyframes and their points; drop observations that do not fit."""
         window = self._keyframes[-_WINDOW:]
         often = {i for i in {i for k in window for i in k.seen} & self._points.keys()
                  if sum(i in k.seen for k in window) > 1}
@@ -208,7 +208,7 @@ class Odometry:
             return
         index = {i: n for n, i in enumerate(sorted(often))}
         rows = [(c, i, px) for c, k in enumerate(window) for i, px in k.seen.items() if i in often]
-        # What two views began with is mended as long as the first is in the window.
+        # The start from two views is still adjusted while the first keyframe is in the window.
         fixed = np.arange(len(window)) < (1 if len(window) == len(self._keyframes) else _FIXED)
         problem = Problem(np.array([k.T_camera_world for k in window]), fixed,
                           np.array([self._points[i] for i in index]),
