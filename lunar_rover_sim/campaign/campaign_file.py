@@ -12,7 +12,7 @@ from typing import Any
 from lunar_rover_sim.campaign.design import DESIGNS, GRID, SOBOL
 from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.resources import find_file, packaged_names
+from lunar_rover_sim.files.resources import find_file
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.parameters import brief, param, Parameters
 from lunar_rover_sim.sequences.formats import FORMATS
@@ -80,11 +80,6 @@ class Campaign:
         """Return the campaign as plain values, in the layout of its file."""
         return {**self.config.to_mapping(), 'settings': dict(self.settings),
                 'vary': {name: d.to_mapping() for name, d in self.vary.items()}}
-
-
-def campaign_names() -> list[str]:
-    """Return the names of the packaged campaigns."""
-    return packaged_names('campaign')
 
 
 def load_campaign(name_or_path: str | Path) -> Campaign:

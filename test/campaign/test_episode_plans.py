@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
-from lunar_rover_sim.campaign.campaign_file import (Campaign, campaign_names, load_campaign,
-                                                    parse_campaign)
+from lunar_rover_sim.campaign.campaign_file import Campaign, load_campaign, parse_campaign
 from lunar_rover_sim.campaign.design import (episode_seed, LATIN_HYPERCUBE, RANDOM, SOBOL,
                                              unit_points)
 from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.campaign.episode_plans import draw, episode, plan
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.resources import packaged_names
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -135,8 +135,9 @@ def test_the_base_may_lie_beside_the_campaign(tmp_path: Path) -> None:
 
 def test_packaged_campaigns_are_valid() -> None:
     """Their first and last episodes are valid scenarios."""
-    assert campaign_names()
-    for name in campaign_names():
+    names = packaged_names('campaign')
+    assert names
+    for name in names:
         campaign = load_campaign(name)
         assert campaign.config.description
         drawn = draw(campaign)

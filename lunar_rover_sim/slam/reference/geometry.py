@@ -18,7 +18,7 @@ _START_SHARE = 0.6                   # least share of the tracks that agree with
 
 
 def project(camera: Camera, T_camera_world: Array, points_m: Array) -> Array:
-    """Return (n, 2) pixels of (n, 3) points; pixels of points behind the camera are meaningless."""
+    """Return (n, 2) pixels of (n, 3) points; those of points behind the camera mean nothing."""
     p = points_m @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
     return p[:, :2] / np.maximum(p[:, 2:], 1e-3) * camera.focal_px + camera.centre_px
 
