@@ -154,7 +154,8 @@ class Parameters:
 def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
     """Return the mapping with dotted keys turned into nested mappings.
 
-    Raises ConfigError, in which `where` is the prefix of names, if a key is not text.
+    Raises ConfigError, in which `where` is the prefix of names, if a key is not text, or if a
+    parameter is given twice: nested and dotted.
     """
     result: dict[str, Any] = {}
     for key, value in mapping.items():
@@ -162,12 +163,29 @@ def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
             raise ConfigError(f'{where + "." if where else ""}{brief(key)}: a parameter name is '
                               'text')
         head, _, tail = key.partition('.')
+        name = f'{where}.{head}' if where else head
         if tail:
             value = {tail: value}
-        if isinstance(value, Mapping) and isinstance(result.get(head), Mapping):
-            result[head] = merge(nest(result[head]), nest(value))
-        else:
+        if head not in result:
             result[head] = value
+        elif isinstance(value, Mapping) and isinstance(result[head], Mapping):
+            result[head] = _united(nest(result[head], name), nest(value, name), name)
+        else:
+            raise ConfigError(f'{_shown(name)}: is given twice')
+    return result
+
+
+def _united(one: dict[str, Any], other: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return two nested mappings as one; raise ConfigError if they share a parameter."""
+    result = dict(one)
+    for key, value in other.items():
+        name = f'{where}.{key}'
+        if key not in result:
+            result[key] = value
+        elif isinstance(value, Mapping) and isinstance(result[key], Mapping):
+            result[key] = _united(nest(result[key], name), nest(value, name), name)
+        else:
+            raise ConfigError(f'{_shown(name)}: is given twice')
     return result
 
 

@@ -1,7 +1,8 @@
 """YAML as users write it: plain values only, and `1e-3` is a number.
 
 Files are untrusted. Tags, anchors and aliases are refused (nine lines with aliases can stand for
-a billion values, and ROS 2 does not read them either); depth and size are bounded.
+a billion values, and ROS 2 does not read them either); depth and size are bounded. A key that is
+given twice is refused: YAML forbids it, and PyYAML would silently take the last value.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 import yaml
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.parameters import brief
 
 _MAX_DEPTH = 32
 
@@ -39,6 +41,17 @@ class _Loader(yaml.SafeLoader):
             return super().compose_node(parent, index)
         finally:
             self._depth -= 1
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Construct a mapping; raise ConstructorError if a key is given twice."""
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f'{brief(key.value)} is given twice', key.start_mark)
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)
 
 
 _Loader.add_implicit_resolver(

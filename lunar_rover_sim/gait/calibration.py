@@ -18,7 +18,9 @@ from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
-from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.parameters import brief, nearest
+from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.rover.description import RoverDescription
 
 Array = NDArray[np.float64]
 
@@ -27,6 +29,9 @@ DEAD_SPEED_MPS = 2e-4   # a slower command (forward, or at the feet by yaw) mean
 # Estimates for the default rover (0.3 m x 0.21 m between the feet, 8 cm spokes): advance per
 # cycle, and half of the effective track width in a turn, in which the feet slip.
 _ADVANCE_M, _HALF_TRACK_M = 0.14, 0.25
+# Bounds of a table: beyond any legged robot.
+_MAX_PHASE_RATE_HZ, _MAX_SPEED_MPS, _MAX_YAW_RATE_RADPS = 50.0, 10.0, 50.0
+_MAX_BACKWARD = 0.1     # entries may be negative by this share of the largest: feet slip
 _HEADER = """\
 # Map from velocity to gait, measured on flat ground: rows are phase rates, columns are turns
 # (0 straight on, 1 on the spot). Written by `lunar_rover_sim calibrate gait`.
@@ -66,15 +71,31 @@ class GaitCalibration:
         rates, turns = np.array(self.phase_rates_hz), np.array(self.turns)
         forward = _table('forward_mps', self.forward_mps, (len(rates), len(turns)))
         yaw_rate = _table('yaw_rate_radps', self.yaw_rate_radps, (len(rates), len(turns)))
-        if len(rates) < 1 or rates[0] <= 0.0 or np.any(np.diff(rates) <= 0.0):
+        if (len(rates) < 1 or not np.all(np.isfinite(rates)) or rates[0] <= 0.0
+                or np.any(np.diff(rates) <= 0.0) or rates[-1] > _MAX_PHASE_RATE_HZ):
             raise ConfigError(f'phase_rates_hz: {list(self.phase_rates_hz)} is not valid; valid is'
-                              ' one or more, > 0 and increasing [Hz]')
+                              f' one or more, > 0, <= {_MAX_PHASE_RATE_HZ:g} and increasing [Hz]')
+        for name, value, high in (('duty_factor', self.duty_factor, 1.0),
+                                  ('foot_width_deg', self.foot_width_deg, 180.0)):
+            if not isinstance(value, (int, float)) or not 0.0 < value < high:
+                raise ConfigError(f'{name}: {brief(value)} is not valid; valid is > 0 and '
+                                  f'< {high:g}')
+        if not isinstance(self.conditions, Mapping):
+            raise ConfigError(f'conditions: {brief(self.conditions)} is not a mapping')
         if len(turns) < 2 or np.any(np.diff(turns) <= 0.0) or turns[0] != 0.0 or turns[-1] != 1.0:
             raise ConfigError(f'turns: {list(self.turns)} is not valid; valid is increasing from 0'
                               ' to 1')
         if np.any(forward[:, 0] <= 0.0) or np.any(yaw_rate[:, -1] <= 0.0):
             raise ConfigError('forward_mps, yaw_rate_radps: the first column must walk forward and'
                               ' the last one turn left (> 0)')
+        _check_range('forward_mps', forward, _MAX_SPEED_MPS)
+        _check_range('yaw_rate_radps', yaw_rate, _MAX_YAW_RATE_RADPS)
+        for name, straight in (('forward_mps', forward[:, 0]),
+                               ('yaw_rate_radps', yaw_rate[:, -1])):
+            if np.any(straight < 0.9 * np.maximum.accumulate(straight)):
+                raise ConfigError(f'{name}: {straight.tolist()} is not valid; a faster phase rate '
+                                  'must not be slower by more than 10 %: the table cannot be '
+                                  'inverted')
         half_track = float(np.median(forward[:, 0] / yaw_rate[:, -1]))
         course = np.arctan2(yaw_rate * half_track, forward)
         # By symmetry the first column goes straight on and the last one turns on the spot.
@@ -144,6 +165,26 @@ class GaitCalibration:
             raise ConfigError(f'calibration: {path} is not a table of numbers: {error}') from None
         except ConfigError as error:
             raise ConfigError(f'calibration: {path}: {error}') from None
+
+    def differences(self, rover: RoverDescription | None = None,
+                    physics: PhysicsConfig | None = None) -> list[str]:
+        """Return how the conditions of the measurement differ from those of a rover or ground.
+
+        Each line names a quantity with both values. Speeds are less exact then.
+        """
+        now: dict[str, float] = {}
+        if rover is not None:
+            now.update(rover_mass_kg=rover.total_mass_kg, spoke_length_m=rover.legs.spoke_length_m)
+        if physics is not None:
+            now.update(gravity_mps2=physics.gravity_mps2,
+                       sliding_friction=physics.contact.sliding_friction,
+                       stiffness_npm=physics.contact.stiffness_npm)
+        result = []
+        for name, value in now.items():
+            then = self.conditions.get(name)
+            if isinstance(then, (int, float)) and not math.isclose(then, value, rel_tol=0.01):
+                result.append(f'{name} {then:g}, here {value:g}')
+        return result
 
     def save(self, path: str | Path) -> None:
         """Write the table as YAML, whole or not at all; an existing file is replaced.
@@ -230,6 +271,14 @@ def _table(name: str, rows: Sequence[Sequence[float]], shape: tuple[int, int]) -
         raise ConfigError(f'{name}: not a table of {shape[0]} rows (phase rates) of {shape[1]}'
                           ' finite numbers (turns)')
     return table
+
+
+def _check_range(name: str, table: Array, most: float) -> None:
+    largest = float(table.max())
+    for value in table.ravel().tolist():
+        if not -_MAX_BACKWARD * largest <= value <= most:
+            raise ConfigError(f'{name}: {value:g} is not valid; valid is >= '
+                              f'{-_MAX_BACKWARD * largest:g} and <= {most:g}')
 
 
 def _increasing(values: Array) -> Array:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import TypeVar
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.rover.description import Legs, RoverDescription
+
+G = TypeVar('G', bound='GaitConfig')
+
+PACKAGED_SPOKES = Legs().spokes     # for a gait that no rover is named for
 
 # Phase offsets [cycles] of front_left, front_right, rear_left, rear_right.
 GAIT_ARRAYS: dict[str, tuple[float, float, float, float]] = {
@@ -22,7 +28,8 @@ GAIT_ARRAYS: dict[str, tuple[float, float, float, float]] = {
 class GaitConfig(Parameters):
     """How the legs move; all but `spokes` and `calibration` may change while the rover walks."""
 
-    spokes: int = param(3, 'spokes per leg: one cycle turns a leg by 360 / spokes', low=2, high=12)
+    spokes: int = param(0, 'spokes per leg, one cycle turns a leg by 360 / spokes; 0: those of '
+                        'the rover', low=0, high=12)
     duty_factor: float = param(0.6, 'share of the cycle that a leg is in stance', low=0.0,
                                high=1.0, open_low=True, open_high=True, live=True)
     foot_width_deg: float = param(60.0, 'angle swept in stance, less than the spoke pitch',
@@ -66,6 +73,8 @@ class GaitConfig(Parameters):
 
     def validate(self) -> None:
         """Raise ConfigError where duty, foot width, smoothing or offsets are not compatible."""
+        if self.spokes == 1:
+            raise ConfigError('spokes: 1 is not valid; valid is 0, or 2 to 12')
         self.shaping()
         for offset in self.phase_offsets:
             if offset >= 1.0:
@@ -75,18 +84,24 @@ class GaitConfig(Parameters):
     @property
     def pitch_rad(self) -> float:
         """Angle between neighbouring spokes [rad]."""
-        return 2.0 * math.pi / self.spokes
+        return 2.0 * math.pi / (self.spokes or PACKAGED_SPOKES)
 
     @property
     def offsets(self) -> tuple[float, ...]:
         """Phase offsets [cycles] of the four legs, by name or custom."""
         return GAIT_ARRAYS.get(self.gait, self.phase_offsets)
 
-    def check_spokes(self, spokes: int) -> None:
-        """Raise ConfigError if the legs of the rover have another number of spokes."""
-        if self.spokes != spokes:
+    def for_rover(self: G, rover: RoverDescription) -> G:
+        """Return the parameters with the number of spokes that the rover's legs have.
+
+        Raises ConfigError if the parameters name another number, or if the foot width is not
+        compatible with it.
+        """
+        spokes = rover.legs.spokes
+        if self.spokes not in (0, spokes):
             raise ConfigError(f'spokes: {self.spokes} is not valid for the gait; valid is '
-                              f"{spokes}, as many as the rover's legs have")
+                              f"{spokes}, as many as the rover's legs have, or 0")
+        return dataclasses.replace(self, spokes=spokes)
 
     def shaping(self) -> ShapingFunction:
         """Return the shaping function of these parameters."""

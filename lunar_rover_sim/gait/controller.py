@@ -81,8 +81,7 @@ class GaitController:
 
         Raises ConfigError if its gait does not fit its rover or its calibration cannot be read.
         """
-        config = scenario.gait_controller_node
-        config.check_spokes(scenario.rover.legs.spokes)
+        config = scenario.gait_controller_node.for_rover(scenario.rover)
         return cls(config, GaitCalibration.of(config))
 
     @property

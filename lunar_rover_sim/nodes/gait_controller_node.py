@@ -28,9 +28,13 @@ class GaitControllerNode(node_main.GraphNode):
 
     def __init__(self) -> None:
         super().__init__('gait_controller_node')
-        self._config = config = declare(self, GaitNodeConfig)
-        config.check_spokes(load_rover(config.rover or None).legs.spokes)
-        self._controller = GaitController(config, GaitCalibration.of(config))
+        config = declare(self, GaitNodeConfig)
+        rover = load_rover(config.rover or None)
+        self._config = config = config.for_rover(rover)
+        calibration = GaitCalibration.of(config)
+        for difference in calibration.differences(rover):
+            self.get_logger().warning(f'calibration: measured with {difference}')
+        self._controller = GaitController(config, calibration)
         self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
         self._states: collections.deque[JointState] = collections.deque()
         self._velocities: collections.deque[TwistStamped] = collections.deque()

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.path_following.profile import VelocityProfile
@@ -42,9 +43,14 @@ class Driver:
     """
 
     def __init__(self, config: DriveConfig, half_extent_m: float | None = None) -> None:
-        """Make a driver for a world that extends to +-half_extent_m [m]; None has no edge."""
+        """Make a driver for a world that extends to +-half_extent_m [m]; None has no edge.
+
+        Raises ConfigError if a waypoint in odom is outside the world or nearer than `border_m`
+        to its edge.
+        """
         self._config = config
         self._half_extent_m = math.inf if half_extent_m is None else half_extent_m
+        check_waypoints(config, self._half_extent_m)
         self._profile = VelocityProfile(config)
         self.reset()
 
@@ -156,6 +162,23 @@ class Driver:
         while stamp_ns - self._history[0][0] > span_ns:
             self._history.popleft()
         return full
+
+
+def check_waypoints(config: DriveConfig, half_extent_m: float) -> None:
+    """Raise ConfigError if a waypoint in odom cannot be reached within the world.
+
+    half_extent_m: the world extends to +-half_extent_m [m]; the driver stops `border_m` before
+    """
+    if config.mode not in ('waypoints', 'spline') or config.shape != 'none' or config.relative:
+        return
+    limit_m = half_extent_m - config.border_m
+    for name in ('waypoints_x_m', 'waypoints_y_m'):
+        for value in getattr(config, name):
+            if abs(value) > limit_m:
+                raise ConfigError(
+                    f'{name}: {value:g} is not valid; valid is within +-{limit_m:g} [m], since '
+                    f'the world ends at +-{half_extent_m:g} m and border_m is '
+                    f'{config.border_m:g} m')
 
 
 def _stopped(reason: str) -> DriveCommand:

@@ -24,17 +24,31 @@ from lunar_rover_sim.topics import LEGS
 LEG_NAMES = LEGS
 JOINT_NAMES = tuple(f'{leg}_joint' for leg in LEG_NAMES)
 
+# Beyond any rover that has been built; what is larger is a mistake of units.
+MAX_MASS_KG, MAX_LENGTH_M = 2000.0, 10.0
+
 
 @dataclasses.dataclass(frozen=True)
 class Chassis(Parameters):
     """The chassis: a solid box."""
 
-    mass_kg: float = param(2.0, 'mass without legs', unit='kg', low=0.0, open_low=True)
-    length_m: float = param(0.30, 'length along x', unit='m', low=0.0, open_low=True)
-    width_m: float = param(0.16, 'width along y', unit='m', low=0.0, open_low=True)
-    height_m: float = param(0.08, 'height along z', unit='m', low=0.0, open_low=True)
+    mass_kg: float = param(2.0, 'mass without legs', unit='kg', low=0.0, open_low=True,
+                           high=MAX_MASS_KG)
+    length_m: float = param(0.30, 'length along x', unit='m', low=0.0, open_low=True,
+                            high=MAX_LENGTH_M)
+    width_m: float = param(0.16, 'width along y', unit='m', low=0.0, open_low=True,
+                           high=MAX_LENGTH_M)
+    height_m: float = param(0.08, 'height along z', unit='m', low=0.0, open_low=True,
+                            high=MAX_LENGTH_M)
     com_m: tuple[float, ...] = param((0.0, 0.0, -0.01), 'centre of mass in base_link', unit='m',
                                      length=3)
+
+    def validate(self) -> None:
+        """Raise ConfigError if the centre of mass is outside the chassis."""
+        half = (0.5 * self.length_m, 0.5 * self.width_m, 0.5 * self.height_m)
+        if any(abs(c) > h for c, h in zip(self.com_m, half)):
+            raise ConfigError(f'com_m: {list(self.com_m)} is not valid; valid is within the '
+                              f'chassis, +-{half[0]:g}, +-{half[1]:g}, +-{half[2]:g} [m]')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,14 +57,18 @@ class Legs(Parameters):
 
     spokes: int = param(3, 'spokes per leg', low=2, high=12)
     spoke_length_m: float = param(0.08, 'distance from the axle to the end of the tip', unit='m',
-                                  low=0.0, open_low=True)
-    spoke_radius_m: float = param(0.005, 'radius of the rod', unit='m', low=0.0, open_low=True)
+                                  low=0.0, open_low=True, high=MAX_LENGTH_M)
+    spoke_radius_m: float = param(0.005, 'radius of the rod', unit='m', low=0.0, open_low=True,
+                                  high=MAX_LENGTH_M)
     tip_radius_m: float = param(0.008, 'radius of the rounded tip', unit='m', low=0.0,
-                                open_low=True)
-    mass_kg: float = param(0.06, 'mass of one leg', unit='kg', low=0.0, open_low=True)
-    axle_x_m: float = param(0.115, 'axles are at +x and -x', unit='m', low=0.0, open_low=True)
-    axle_y_m: float = param(0.105, 'leg planes are at +y and -y', unit='m', low=0.0, open_low=True)
-    axle_z_m: float = param(-0.02, 'axle height', unit='m')
+                                open_low=True, high=MAX_LENGTH_M)
+    mass_kg: float = param(0.06, 'mass of one leg', unit='kg', low=0.0, open_low=True,
+                           high=MAX_MASS_KG)
+    axle_x_m: float = param(0.115, 'axles are at +x and -x', unit='m', low=0.0, open_low=True,
+                            high=MAX_LENGTH_M)
+    axle_y_m: float = param(0.105, 'leg planes are at +y and -y', unit='m', low=0.0,
+                            open_low=True, high=MAX_LENGTH_M)
+    axle_z_m: float = param(-0.02, 'axle height', unit='m', low=-MAX_LENGTH_M, high=MAX_LENGTH_M)
 
     def validate(self) -> None:
         """Raise ConfigError if the tip is larger than the spoke is long."""
@@ -164,6 +182,15 @@ class RoverDescription(Parameters):
     motor: Motor = group(Motor)
     stereo: StereoMount = group(StereoMount)
     imu: ImuMount = group(ImuMount)
+
+    def validate(self) -> None:
+        """Raise ConfigError if the centre of mass is not above the area between the legs."""
+        x, y, _ = self.chassis.com_m
+        if abs(x) >= self.legs.axle_x_m or abs(y) >= self.legs.axle_y_m:
+            raise ConfigError(
+                f'chassis.com_m: {list(self.chassis.com_m)} is not valid; valid is between the '
+                f'axles, |x| < {self.legs.axle_x_m:g} and |y| < {self.legs.axle_y_m:g} [m]: the '
+                'rover could not stand')
 
     @property
     def total_mass_kg(self) -> float:

@@ -18,6 +18,8 @@ FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.rate == topics.FRAME)
 
 LOCKSTEP, REAL_TIME = 'lockstep', 'real_time'
 
+MAX_DURATION_S = 2e9    # the seconds of builtin_interfaces/Time have 32 bits
+
 
 @dataclasses.dataclass(frozen=True)
 class NodeConfig(Parameters):
@@ -72,7 +74,7 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     real_time_factor: float = param(1.0, 'simulated time per wall time in time_mode real_time',
                                     low=0.01, high=100.0)
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
-                              unit='s', low=0.0)
+                              unit='s', low=0.0, high=MAX_DURATION_S)
     start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')
 
     @property

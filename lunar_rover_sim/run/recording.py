@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
+import logging
 from pathlib import Path
 import time
 
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.clock_reader import ClockReader
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.node_processes import NodeProcesses
@@ -16,6 +18,8 @@ from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.supervisor import Limits, supervise
 from lunar_rover_sim.world.world_folder import load_world
+
+logger = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,6 +77,11 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     else:
         world_folder = scenario.world_folder()
     scenario = resolve(scenario)
+    if 'gait_controller_node' in scenario.run.nodes:
+        # The gait node compares the rover; it does not know the ground.
+        calibration = GaitCalibration.of(scenario.gait_controller_node)
+        for difference in calibration.differences(physics=scenario.physics_node):
+            logger.warning('gait calibration: measured with %s', difference)
     folder = Path(folder).resolve()
     plans = prepare(scenario, folder, world_folder)
     now_ns = 0

@@ -22,8 +22,9 @@ from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Param
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import (DriveNodeConfig, GaitNodeConfig, LOCKSTEP,
-                                             NODE_CONFIGS, NodeConfig, PhysicsNodeConfig,
-                                             RecorderNodeConfig, RenderNodeConfig)
+                                             MAX_DURATION_S, NODE_CONFIGS, NodeConfig,
+                                             PhysicsNodeConfig, RecorderNodeConfig,
+                                             RenderNodeConfig)
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.model import World
@@ -39,9 +40,16 @@ class RunConfig(Parameters):
     """The nodes of a run and its duration."""
 
     duration_s: float = param(20.0, 'simulated time, rounded up to whole camera frames', unit='s',
-                              low=0.0, open_low=True)
+                              low=0.0, open_low=True, high=MAX_DURATION_S)
     nodes: tuple[str, ...] = param(tuple(NODE_CONFIGS), 'nodes to start',
                                    choices=tuple(NODE_CONFIGS))
+
+    def validate(self) -> None:
+        """Raise ConfigError if a node is named twice."""
+        for name in self.nodes:
+            if self.nodes.count(name) > 1:
+                raise ConfigError(f'nodes: {name} is given {self.nodes.count(name)} times; valid '
+                                  'is once')
 
 
 @dataclasses.dataclass(frozen=True)

@@ -43,7 +43,7 @@ class WalkSettings:
     measure_s: float = MEASURE_S
 
     def __post_init__(self) -> None:
-        self.gait.check_spokes(self.rover.legs.spokes)
+        object.__setattr__(self, 'gait', self.gait.for_rover(self.rover))
 
     def simulation(self) -> Simulation:
         """Return a simulation on flat ground, on which there is room to walk straight on."""

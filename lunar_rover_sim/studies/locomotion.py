@@ -89,8 +89,8 @@ def study(calibration: GaitCalibration, rover: RoverDescription | None = None,
     duration_s: length of each walk, from the command on [s]
     progress: called after each case with the number of cases done, and of all
     """
-    rover, gait = rover or RoverDescription(), gait or GaitConfig()
-    gait.check_spokes(rover.legs.spokes)
+    rover = rover or RoverDescription()
+    gait = (gait or GaitConfig()).for_rover(rover)
     physics = physics or PhysicsConfig()
     ground, cases = flat_world(), []
     for gravity in gravities_mps2:

@@ -41,7 +41,7 @@ class TraverseSettings:
     duration_s: float = 600.0
 
     def __post_init__(self) -> None:
-        self.gait.check_spokes(self.rover.legs.spokes)
+        object.__setattr__(self, 'gait', self.gait.for_rover(self.rover))
 
 
 def traverse(world: World, seed: int, settings: TraverseSettings) -> Traverse:

@@ -10,6 +10,8 @@ from lunar_rover_sim.files.resources import config_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
+from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.rover.description import Chassis, RoverDescription
 
 PACKAGED = config_folder() / 'gait_calibration.yaml'
 
@@ -143,6 +145,18 @@ def test_a_map_that_cannot_be_written_is_an_error(tmp_path):
      'walk forward'),
     ('{phase_rates_hz: [x], turns: [0, 1], forward_mps: [[1, 0]], yaw_rate_radps: [[0, 1]]}',
      'not a table of numbers'),
+    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1, -0.02]],'
+     ' yaw_rate_radps: [[0, 1]]}', 'forward_mps: -0.02 is not valid; valid is >= -0.01'),
+    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1, 0]],'
+     ' yaw_rate_radps: [[0, 1.0e+300]]}', r'yaw_rate_radps: 1e\+300 is not valid; .* <= 50'),
+    ('{phase_rates_hz: [1.0e+300], turns: [0, 1], forward_mps: [[0.1, 0]],'
+     ' yaw_rate_radps: [[0, 1]]}', 'phase_rates_hz: .* <= 50'),
+    ('{phase_rates_hz: [1, 2], turns: [0, 1], forward_mps: [[0.2, 0], [0.1, 0]],'
+     ' yaw_rate_radps: [[0, 1], [0, 2]]}', 'forward_mps: .*cannot be inverted'),
+    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1, 0]], yaw_rate_radps: [[0, 1]],'
+     ' duty_factor: 0}', 'duty_factor: 0 is not valid'),
+    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1, 0]], yaw_rate_radps: [[0, 1]],'
+     ' conditions: [3]}', 'conditions: .*not a mapping'),
 ])
 def test_files_that_are_no_table_are_refused_by_name(tmp_path, text, message):
     path = tmp_path / 'bad.yaml'
@@ -150,6 +164,16 @@ def test_files_that_are_no_table_are_refused_by_name(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message) as caught:
         GaitCalibration.load(path)
     assert str(path) in str(caught.value) and '\n' not in str(caught.value)
+
+
+def test_other_conditions_are_named():
+    table = GaitCalibration.load(config_folder() / 'gait_calibration.yaml')
+    assert table.differences(RoverDescription(), PhysicsConfig()) == []
+    heavy = RoverDescription(chassis=Chassis(mass_kg=4.0))
+    assert table.differences(heavy) == ['rover_mass_kg 2.24, here 4.24']
+    assert table.differences(physics=PhysicsConfig(gravity_mps2=9.81)) == \
+        ['gravity_mps2 1.62, here 9.81']
+    assert GaitCalibration.default().differences(heavy, PhysicsConfig()) == []
 
 
 def test_a_missing_file_is_named_with_the_remedy(tmp_path):

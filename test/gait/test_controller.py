@@ -10,6 +10,7 @@ from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.gait.config import GAIT_ARRAYS, GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.stride import Stride
+from lunar_rover_sim.rover.description import RoverDescription
 
 DT_NS = 5_000_000
 DT = DT_NS * 1e-9
@@ -276,9 +277,14 @@ def test_the_number_of_spokes_cannot_change_while_walking():
 
 
 def test_the_gait_must_have_the_spokes_of_the_rover():
-    GaitConfig().check_spokes(3)
+    six = RoverDescription.from_mapping({'legs': {'spokes': 6}})
+    assert GaitConfig(foot_width_deg=40.0).for_rover(six).spokes == 6
     with pytest.raises(ConfigError, match='spokes: 3 is not valid for the gait; valid is 6'):
-        GaitConfig().check_spokes(6)
+        GaitConfig(spokes=3).for_rover(six)
+    with pytest.raises(ConfigError, match='foot_width_deg: 60 .*60'):
+        GaitConfig().for_rover(six)
+    with pytest.raises(ConfigError, match='spokes: 1 is not valid'):
+        GaitConfig(spokes=1)
 
 
 @pytest.mark.parametrize('bad', [[0.0, math.nan, 0.0, 0.0], [0.0] * 3, [math.inf] * 4, 'none'])

@@ -48,9 +48,15 @@ def test_a_scenario_on_a_world_of_my_own() -> None:
 
 def test_a_gait_of_another_rover_is_refused() -> None:
     """As gait_controller_node says it."""
-    scenario = Scenario.load('flat', ['rover.legs.spokes=5'])
+    scenario = Scenario.load('flat', ['rover.legs.spokes=5', 'gait_controller_node.spokes=3'])
     with pytest.raises(ConfigError, match='spokes: 3 is not valid for the gait; valid is 5'):
         GaitController.from_scenario(scenario)
+
+
+def test_the_gait_has_the_spokes_of_the_rover() -> None:
+    """They are given once."""
+    scenario = Scenario.load('flat', ['rover.legs.spokes=5'])
+    assert GaitController.from_scenario(scenario).config.spokes == 5
 
 
 def test_a_calibration_that_is_missing_is_named() -> None:

@@ -1,5 +1,6 @@
 """The driver on a kinematic unicycle: profiles, routes, and the reasons to stop."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -44,6 +45,14 @@ def far_from(route, path):
     """Return the distance of each point of a path from a route [m]."""
     dense = route.at(np.arange(0.0, route.length_m, 0.02))
     return np.array([np.min(np.linalg.norm(dense - p, axis=1)) for p in path])
+
+
+def test_waypoints_outside_the_world_are_refused():
+    route = DriveConfig(mode='waypoints', waypoints_x_m=(1.0, 9.8), waypoints_y_m=(0.0, 0.0))
+    with pytest.raises(ConfigError, match=r'waypoints_x_m: 9.8 is not valid; valid is within'):
+        Driver(route, 10.0)
+    Driver(route, 100.0)
+    Driver(dataclasses.replace(route, relative=True), 10.0)     # the start is not known yet
 
 
 def test_nothing_drives_nowhere_even_upside_down():

@@ -177,6 +177,11 @@ def test_a_rover_survives_the_file(tmp_path):
     ('chassis: [1, 2]', 'is not a mapping'),
     ('chassis: {mass_kg: heavy}', 'is not a number'),
     ('{', 'not valid YAML'),
+    ('chassis: {mass_kg: 1.0e+30}', 'mass_kg: 1e[+]30 is not valid; valid is > 0 and <= 2000'),
+    ('legs: {axle_x_m: 40}', 'axle_x_m: 40.0 is not valid'),
+    ('chassis: {com_m: [0, 0, 0.2]}', r'chassis.com_m: \[0.0, 0.0, 0.2\] .* within the chassis'),
+    ('{chassis: {com_m: [0.1, 0, 0]}, legs: {axle_x_m: 0.09}}', 'com_m: .* between the axles'),
+    ('{legs: {spokes: 3}, legs: {spokes: 4}}', "'legs' is given twice"),
 ])
 def test_a_bad_file_is_refused_in_one_line(tmp_path, text, message):
     path = tmp_path / 'rover.yaml'

@@ -52,6 +52,8 @@ def test_overrides() -> None:
     ('render_node.frame_rate_hz=30', 'valid is a divisor of physics_node.state_rate_hz'),
     ('physics_node.state_rate_hz=300', 'state_rate_hz: 300 is not valid'),
     ('run.nodes=[rviz]', "run.nodes: 'rviz' is not valid"),
+    ('run.nodes=[physics_node, physics_node]', 'run.nodes: physics_node is given 2 times'),
+    ('run.duration_s=1e10', r'run.duration_s: 10000000000.0 is not valid; .*<= 2e[+]09'),
 ])
 def test_wrong_overrides(override: str, match: str) -> None:
     """Names and values that do not exist are refused in one line."""
@@ -75,6 +77,10 @@ def test_unknown_scenario() -> None:
     ('physics_node: {ros__parameters: 3}', 'not a mapping of parameters'),
     ('a: [', 'not valid YAML'),
     ('!!python/object:os.system {}', 'not valid YAML'),
+    ('run: {ros__parameters: {}}\nrun: {ros__parameters: {}}', "'run' is given twice"),
+    ('run: {ros__parameters: {duration_s: 1, duration_s: 2}}', "'duration_s' is given twice"),
+    ('render_node: {ros__parameters: {sun: {azimuth_deg: 1}, sun.azimuth_deg: 2}}',
+     'render_node.sun.azimuth_deg: is given twice'),
 ])
 def test_broken_files(text: str, match: str, tmp_path: Path) -> None:
     """A file that is no scenario is refused in one line."""
