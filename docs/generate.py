@@ -35,6 +35,7 @@ MODULES = {
     'Frames': ['frames'],
     'World': ['world.build', 'world.world_folder', 'world.grid'],
     'Physics and gait': ['physics.state', 'physics.imu', 'gait.shaping'],
+    'Soft ground': ['regolith.soil', 'regolith.overlay'],
     'Images and stereo': ['rendering.frame', 'camera.rig', 'stereo.depth', 'stereo.error',
                           'illumination.hapke'],
     'Bags and sequences': ['bag.series', 'bag.content_hash', 'sequences.export'],

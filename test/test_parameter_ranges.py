@@ -12,15 +12,17 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
 from lunar_rover_sim.physics.config import ContactConfig, ImuConfig, PhysicsConfig, StartPose
+from lunar_rover_sim.regolith.config import GroundConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.world.config import (AlbedoConfig, CraterConfig, DemConfig, MeshConfig,
                                           ReliefConfig, RockConfig, SurroundingsConfig,
                                           WorldConfig)
 
-SETS = [AlbedoConfig, CameraConfig, ContactConfig, CraterConfig, DemConfig, GaitConfig, ImuConfig,
-        LampConfig, MeshConfig, PhysicsConfig, ReflectanceConfig, ReliefConfig, RockConfig,
-        SensorConfig, SgmConfig, StartPose, SunConfig, SurroundingsConfig, WorldConfig]
+SETS = [AlbedoConfig, CameraConfig, ContactConfig, CraterConfig, DemConfig, GaitConfig,
+        GroundConfig, ImuConfig, LampConfig, MeshConfig, PhysicsConfig, ReflectanceConfig,
+        ReliefConfig, RockConfig, SensorConfig, SgmConfig, StartPose, SunConfig,
+        SurroundingsConfig, WorldConfig]
 
 # Units of what cannot be negative; places and coordinates are named otherwise.
 MAGNITUDES = {'m', 's', 'Hz', 'Hz/s', '1/s', '1/m', 'N/m', 'N s/m', 'W', 'W/m^2', '1/J', 'e-',

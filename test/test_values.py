@@ -8,7 +8,8 @@ import pytest
 
 import lunar_rover_sim
 
-ROOMS = ('world', 'physics', 'gait', 'illumination', 'camera', 'stereo', 'evaluation')
+ROOMS = ('world', 'regolith', 'physics', 'gait', 'illumination', 'camera', 'stereo',
+         'evaluation')
 
 
 def value_classes():

@@ -6,6 +6,7 @@ import dataclasses
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.regolith.config import GroundConfig
 
 # At 1 ms and 0.25 m/s a walk of 20 s ends 0.1 % (discrete) or 1.7 % (implicitfast) from where it
 # ends with steps of 0.1 ms.
@@ -61,6 +62,7 @@ class PhysicsConfig(Parameters):
     integrator: str = param('discrete', 'numerical integration in MuJoCo',
                             choices=INTEGRATORS)
     contact: ContactConfig = group(ContactConfig)
+    ground: GroundConfig = group(GroundConfig)
     start: StartPose = group(StartPose)
 
     @property

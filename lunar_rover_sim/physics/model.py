@@ -7,6 +7,7 @@ import numpy as np
 
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.contact import set_contact
+from lunar_rover_sim.physics.soil_contact import add_soil
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import GROUND_BIT, IMU_SITE, ROCK_BIT, rover_spec
 from lunar_rover_sim.world.grid import HeightGrid
@@ -39,13 +40,16 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     _add_ground(spec, world.ground)
     _add_rocks(spec, world)
+    if config.ground.deforms:
+        add_soil(spec, rover)
     # Nothing reads this sensor. MuJoCo computes `cfrc_ext`, the contact force on each body, only
     # for a model that has such a one.
     spec.add_sensor(name='acceleration', type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
                     objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU_SITE)
     model = spec.compile()
     _fill_ground(model, world.ground)
-    rover_geoms = np.flatnonzero(model.geom_bodyid > 0)
+    of_rover = (model.geom_bodyid > 0) & (model.body_mocapid[model.geom_bodyid] < 0)
+    rover_geoms = np.flatnonzero(of_rover)
     set_contact(model, config.contact, rover_geoms, rover.legs.tip_radius_m)
     return model
 

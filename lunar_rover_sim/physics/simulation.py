@@ -18,7 +18,10 @@ from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.placement import place
+from lunar_rover_sim.physics.soft_ground import GroundContact, SoftGround
+from lunar_rover_sim.physics.soil_contact import set_soil
 from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.world.model import World
@@ -86,6 +89,12 @@ class Simulation:
         self._gravity = np.array([0.0, 0.0, -config.gravity_mps2])
         self._steps = 0
         self._state: RoverState
+        self._soft_ground: SoftGround | None = None
+        if config.ground.deforms:
+            soil = config.ground.soil(config.gravity_mps2)
+            rows = set_soil(model, rover, soil, config.contact)
+            self._soft_ground = SoftGround(model, data, rover, world.ground, soil, rows)
+        self._ground_contact: GroundContact | None = None
         place(model, data, world.ground, rover, config.start)
         self._last_quat = self._qpos[3:7].copy()
         self._last_imu_velocity = np.zeros(3)
@@ -94,6 +103,9 @@ class Simulation:
         mujoco.mj_getState(model, data, self._start, _STATE)
         self._start_state = self._state
         self._start_motion = self._last_quat, self._last_imu_velocity
+        self._start_contact = self._ground_contact
+        if self._soft_ground is not None:
+            self._soft_ground.keep_start()
 
     @classmethod
     def from_scenario(cls, scenario: SimulatedScenario, world: World | None = None) -> Simulation:
@@ -154,6 +166,16 @@ class Simulation:
         """The present state."""
         return self._state
 
+    @property
+    def ground_contact(self) -> GroundContact | None:
+        """Sinkage and slip of each leg at the present state; None on rigid ground."""
+        return self._ground_contact
+
+    @property
+    def overlay(self) -> Overlay | None:
+        """What the rover has changed of the ground, to be read; None on rigid ground."""
+        return self._soft_ground.overlay if self._soft_ground is not None else None
+
     def advance(self, n_steps: int) -> RoverState:
         """Make n >= 1 steps of `config.step_s` and return the state at their end.
 
@@ -165,12 +187,17 @@ class Simulation:
         model, data = self.model, self.data
         step, step_wrench, step_torque = mujoco.mj_step, self._leg_wrench, self._motor
         wrench, torque = np.zeros((4, 6)), np.zeros(4)
+        soft_ground = self._soft_ground
         for _ in range(n_steps):
+            if soft_ground is not None:
+                soft_ground.before_step()
             step(model, data)
             wrench += step_wrench
             torque += step_torque
         self._steps += n_steps
         self._check()
+        if soft_ground is not None:
+            self._ground_contact = soft_ground.observe()
         wrench /= n_steps
         torque /= n_steps
         self._state = self._observe(wrench, torque, n_steps * self.config.step_ns * 1e-9)
@@ -181,6 +208,9 @@ class Simulation:
         catch_warnings()
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, self._start, _STATE)
+        if self._soft_ground is not None:
+            self._soft_ground.reset()
+        self._ground_contact = self._start_contact
         self._steps = 0
         self._state = self._start_state
         self._last_quat, self._last_imu_velocity = self._start_motion

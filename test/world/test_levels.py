@@ -47,6 +47,17 @@ def test_rays_meet_the_ground_where_the_world_says():
     assert np.abs(z - ground.height_at(xy)).max() < 1e-3
 
 
+def test_one_position_has_the_height_of_many():
+    ground = worlds.small().ground
+    edge = ground.half_extent_m
+    xy = np.random.default_rng(1).uniform(-1.02 * edge, 1.02 * edge, (2000, 2))
+    corners = np.array([[edge, edge], [-edge, -edge], [edge, -edge], [np.nan, 0.0]])
+    xy = np.concatenate([xy, corners, 0.025 * np.round(xy[:100] / 0.025)])
+    single = [ground.height_at_point(x, y) for x, y in xy.tolist()]
+    np.testing.assert_allclose(single, ground.height_at(xy), rtol=0.0, atol=1e-12)
+    assert np.isnan(single).any() and np.isfinite(single).sum() > 1900
+
+
 def test_collisions_use_the_same_triangles():
     # One cell whose diagonals differ: a ball pressed into its middle shows which one is there.
     heights = np.zeros((3, 3), np.float32)

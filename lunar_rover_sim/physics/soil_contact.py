@@ -1,0 +1,96 @@
+"""The model of soft ground in MuJoCo: for each spoke tip a small plane of its own, that can sink.
+
+MuJoCo's contact of tip and plane is the elastic part of the soil. `physics/soft_ground.py` moves
+the plane, which is the plastic part. Tips no longer touch the height field; they touch rocks as
+before, and the chassis touches both.
+
+With a constant impedance d the row f = (-b v - k r - a) / R, R = A (1 - d) / d, of a contact (see
+`physics/contact.py`) is a spring K and a damper C for `solref` = (-K A (1 - d), -C A (1 - d)).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.physics.config import ContactConfig
+from lunar_rover_sim.regolith.soil import Soil
+from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.mjcf import ROCK_BIT, tip_geom
+
+IMPEDANCE = 0.5
+YIELDING_DAMPING = 0.01   # of the damping: what is left while the soil yields, which dissipates
+PARKED_M = -1e4           # height of the plane of a tip that is in the air
+
+
+@dataclasses.dataclass(frozen=True)
+class SoilRows:
+    """Where the soil of each tip is in the model, in the order of legs and spokes.
+
+    first_tip, tips: geoms of the tips are first_tip, first_tip + 2, ... in MuJoCo's order
+    solref_held, solref_yielding: (n, 2) parameters of the pairs
+    """
+
+    first_tip: int
+    tips: int
+    mocap: tuple[int, ...]
+    pairs: tuple[int, ...]
+    solref_held: np.ndarray
+    solref_yielding: np.ndarray
+
+
+def add_soil(spec: mujoco.MjSpec, rover: RoverDescription) -> None:
+    """Give each tip of a rover's model a plane, which only this tip touches."""
+    for leg in LEG_NAMES:
+        for spoke in range(rover.legs.spokes):
+            tip = tip_geom(leg, spoke)
+            spec.geom(tip).conaffinity = ROCK_BIT
+            body = spec.worldbody.add_body(name=_soil(tip), mocap=True, pos=[0.0, 0.0, PARKED_M])
+            body.add_geom(name=_soil(tip), type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.1, 0.1, 0.1],
+                          contype=0, conaffinity=0)
+            spec.add_pair(name=_soil(tip), geomname1=tip, geomname2=_soil(tip), condim=6)
+
+
+def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,
+             contact: ContactConfig) -> SoilRows:
+    """Write elasticity and friction of a soil into a compiled model with `add_soil`.
+
+    Raises ConfigError where the model's time step cannot resolve them.
+    """
+    names = [tip_geom(leg, spoke) for leg in LEG_NAMES for spoke in range(rover.legs.spokes)]
+    tips = [_id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in names]
+    pairs = [_id(model, mujoco.mjtObj.mjOBJ_PAIR, _soil(name)) for name in names]
+    bodies = [_id(model, mujoco.mjtObj.mjOBJ_BODY, _soil(name)) for name in names]
+    if tips != list(range(tips[0], tips[0] + 2 * len(tips), 2)):
+        raise ConfigError('the geoms of the tips do not follow each other in the model')
+    weights = model.body_invweight0[model.geom_bodyid[tips], 0]
+    k = soil.elastic_npm * weights * (1.0 - IMPEDANCE)
+    b = soil.damping_nspm * weights * (1.0 - IMPEDANCE)
+    step = model.opt.timestep
+    bound = min(0.5 * float((IMPEDANCE / k).min()) ** 0.5, float((IMPEDANCE / b).min()))
+    if step > bound:
+        raise ConfigError(f'step_s: {step:g} is too long for soil of {soil.elastic_npm:g} N/m and'
+                          f' {soil.damping_nspm:g} N s/m under {soil.gravity_mps2:g} m/s^2; valid'
+                          f' is <= {bound:.2g} [s], or a lower ground.elastic_npm')
+    held = np.stack([-k, -b], axis=-1)
+    for row, pair in enumerate(pairs):
+        model.pair_dim[pair] = 6
+        model.pair_solref[pair] = held[row]
+        # Shear keeps its damping while the soil yields.
+        model.pair_solreffriction[pair] = held[row]
+        model.pair_solimp[pair] = IMPEDANCE, IMPEDANCE, rover.legs.tip_radius_m, 0.5, 2.0
+        model.pair_friction[pair] = (soil.friction, soil.friction, contact.torsional_friction_m,
+                                     contact.rolling_friction_m, contact.rolling_friction_m)
+    return SoilRows(tips[0], len(tips), tuple(int(model.body_mocapid[body]) for body in bodies),
+                    tuple(pairs), held, held * [1.0, YIELDING_DAMPING])
+
+
+def _soil(tip: str) -> str:
+    return f'soil_{tip}'
+
+
+def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
+    return int(mujoco.mj_name2id(model, kind, name))

@@ -1,0 +1,223 @@
+"""What the rover has changed of the ground: height and compaction on a sparse fine grid.
+
+The sample (ix, iy) lies at x = 5 mm ix, y = 5 mm iy; whole numbers, 0 at the origin of the world.
+Samples exist in tiles of 40 x 40 (20 cm) around what was touched; elsewhere both values are 0.
+Larger tiles would hold more of what is not touched: a track is 2 to 4 cm wide.
+
+Height change [m] is added to the height of the untouched world. Compaction [m] is the height that
+a column of soil has lost by being pressed together: heights and compaction add up to 0 over the
+whole overlay, but for the rounding to float32, which `residue_m` carries on to the next change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+CELL_M = 0.005
+TILE = 40
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundChanges:
+    """Values of samples, absolute, so that the newest message on a sample is all that counts.
+
+    index: (n, 2) int32, ix and iy, sorted; height_m, compaction_m: (n,) float32
+    """
+
+    index: NDArray[np.int32]
+    height_m: NDArray[np.float32]
+    compaction_m: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+class _Tile:
+    __slots__ = ('height', 'compaction', 'changed')
+
+    def __init__(self) -> None:
+        self.height = np.zeros((TILE, TILE), np.float32)
+        self.compaction = np.zeros((TILE, TILE), np.float32)
+        self.changed = np.zeros((TILE, TILE), bool)
+
+
+class Overlay:
+    """The changes of the ground; arrays are indexed [iy, ix] as those of a HeightGrid."""
+
+    def __init__(self) -> None:
+        self._tiles: dict[tuple[int, int], _Tile] = {}
+        self._dirty: set[tuple[int, int]] = set()
+        self.residue_m = 0.0
+
+    # Reading
+
+    def height_change(self, xy_m: ArrayLike) -> NDArray[np.float64]:
+        """Return the height change [m] at (..., 2) positions [m], bilinear between samples."""
+        return self._interpolate(xy_m, 'height')
+
+    def compaction(self, xy_m: ArrayLike) -> NDArray[np.float64]:
+        """Return the compaction [m] at (..., 2) positions [m], bilinear between samples."""
+        return self._interpolate(xy_m, 'compaction')
+
+    def at(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Return height change and compaction [m] at one position, bilinear; a fast path."""
+        gx, gy = x_m / CELL_M, y_m / CELL_M
+        ix, iy = math.floor(gx), math.floor(gy)
+        tx, jx = divmod(ix, TILE)
+        ty, jy = divmod(iy, TILE)
+        if jx < TILE - 1 and jy < TILE - 1:
+            tile = self._tiles.get((tx, ty))
+            if tile is None:
+                return 0.0, 0.0
+            (h00, h01), (h10, h11) = tile.height[jy:jy + 2, jx:jx + 2].tolist()
+            (c00, c01), (c10, c11) = tile.compaction[jy:jy + 2, jx:jx + 2].tolist()
+        else:
+            height, compaction = self.window(ix, iy, 2, 2)
+            (h00, h01), (h10, h11) = height.tolist()
+            (c00, c01), (c10, c11) = compaction.tolist()
+        u, v = gx - ix, gy - iy
+        return ((h00 * (1.0 - u) + h01 * u) * (1.0 - v) + (h10 * (1.0 - u) + h11 * u) * v,
+                (c00 * (1.0 - u) + c01 * u) * (1.0 - v) + (c10 * (1.0 - u) + c11 * u) * v)
+
+    def window(self, ix: int, iy: int, nx: int,
+               ny: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return copies of height change and compaction, (ny, nx), from the sample (ix, iy) on."""
+        height, compaction = np.zeros((ny, nx)), np.zeros((ny, nx))
+        for key, there, here in _pieces(ix, iy, nx, ny):
+            tile = self._tiles.get(key)
+            if tile is not None:
+                height[here] = tile.height[there]
+                compaction[here] = tile.compaction[there]
+        return height, compaction
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory of the samples."""
+        return len(self._tiles) * TILE * TILE * 9
+
+    def sums_m(self) -> tuple[float, float]:
+        """Return the sums of height change and of compaction over all samples [m]."""
+        tiles = [self._tiles[key] for key in sorted(self._tiles)]
+        return (math.fsum(v for t in tiles for v in t.height[t.height != 0.0].tolist()),
+                math.fsum(v for t in tiles for v in t.compaction[t.compaction != 0.0].tolist()))
+
+    # Writing
+
+    def put(self, ix: int, iy: int, height_m: NDArray[np.float64],
+            compaction_m: NDArray[np.float64]) -> None:
+        """Write a window back, rounded to float32, and take the rounding into the residue."""
+        height, compaction = height_m.astype(np.float32), compaction_m.astype(np.float32)
+        self.residue_m += (math.fsum((height_m - height).ravel().tolist())
+                           + math.fsum((compaction_m - compaction).ravel().tolist()))
+        ny, nx = height.shape
+        for key, there, here in _pieces(ix, iy, nx, ny):
+            tile = self._tiles.get(key)
+            if tile is None:
+                if not (height[here].any() or compaction[here].any()):
+                    continue
+                tile = self._tiles[key] = _Tile()
+            tile.changed[there] |= ((tile.height[there] != height[here])
+                                    | (tile.compaction[there] != compaction[here]))
+            tile.height[there] = height[here]
+            tile.compaction[there] = compaction[here]
+            self._dirty.add(key)
+
+    def apply(self, changes: GroundChanges) -> None:
+        """Take over the values of another overlay."""
+        tiles, inside = np.divmod(changes.index, TILE)
+        for key in sorted(set(map(tuple, tiles.tolist()))):
+            chosen = (tiles[:, 0] == key[0]) & (tiles[:, 1] == key[1])
+            tile = self._tiles.setdefault(key, _Tile())
+            there = inside[chosen, 1], inside[chosen, 0]
+            tile.height[there] = changes.height_m[chosen]
+            tile.compaction[there] = changes.compaction_m[chosen]
+            tile.changed[there] = True
+            self._dirty.add(key)
+
+    def take_changes(self) -> GroundChanges:
+        """Return the samples that have changed since the last call, and forget that they did."""
+        changes = self._collect(sorted(self._dirty), only_changed=True)
+        for key in self._dirty:
+            self._tiles[key].changed[:] = False
+        self._dirty.clear()
+        return changes
+
+    def snapshot(self) -> GroundChanges:
+        """Return all samples that are not 0."""
+        return self._collect(sorted(self._tiles), only_changed=False)
+
+    def copy(self) -> Overlay:
+        """Return an independent overlay of the same values, with nothing changed since."""
+        other = Overlay()
+        other.apply(self.snapshot())
+        other.take_changes()
+        other.residue_m = self.residue_m
+        return other
+
+    def restore(self, other: Overlay) -> None:
+        """Take over all values of another overlay; what differs counts as changed."""
+        for key in sorted(self._tiles.keys() | other._tiles.keys()):
+            tile, source = self._tiles.setdefault(key, _Tile()), other._tiles.get(key) or _Tile()
+            tile.changed |= ((tile.height != source.height)
+                             | (tile.compaction != source.compaction))
+            tile.height[:] = source.height
+            tile.compaction[:] = source.compaction
+            self._dirty.add(key)
+        self.residue_m = other.residue_m
+
+    def _collect(self, keys: list[tuple[int, int]], only_changed: bool) -> GroundChanges:
+        index, heights, compactions = [], [], []
+        for key in keys:
+            tile = self._tiles[key]
+            chosen = tile.changed if only_changed else (
+                (tile.height != 0.0) | (tile.compaction != 0.0))
+            jy, jx = np.nonzero(chosen)
+            index.append(np.stack([jx + key[0] * TILE, jy + key[1] * TILE], axis=-1))
+            heights.append(tile.height[chosen])
+            compactions.append(tile.compaction[chosen])
+        if not index:
+            return GroundChanges(np.zeros((0, 2), np.int32), np.zeros(0, np.float32),
+                                 np.zeros(0, np.float32))
+        return GroundChanges(np.concatenate(index).astype(np.int32), np.concatenate(heights),
+                             np.concatenate(compactions))
+
+    def _interpolate(self, xy_m: ArrayLike, name: str) -> NDArray[np.float64]:
+        grid = np.asarray(xy_m, dtype=float) / CELL_M
+        low = np.floor(grid)
+        u, v = np.moveaxis(grid - low, -1, 0)
+        ix, iy = np.moveaxis(low.astype(np.int64), -1, 0)
+        result = np.zeros(grid.shape[:-1])
+        for dx, dy, weight in ((0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)),
+                               (0, 1, (1.0 - u) * v), (1, 1, u * v)):
+            result += weight * self._samples(ix + dx, iy + dy, name)
+        return result
+
+    def _samples(self, ix: NDArray[np.int64], iy: NDArray[np.int64],
+                 name: str) -> NDArray[np.float64]:
+        values = np.zeros(np.shape(ix))
+        tx, ty = ix // TILE, iy // TILE
+        for key in sorted(set(zip(np.ravel(tx).tolist(), np.ravel(ty).tolist()))):
+            tile = self._tiles.get(key)
+            if tile is not None:
+                chosen = (tx == key[0]) & (ty == key[1])
+                values[chosen] = getattr(tile, name)[iy[chosen] % TILE, ix[chosen] % TILE]
+        return values
+
+
+_Piece = tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]
+
+
+def _pieces(ix: int, iy: int, nx: int, ny: int) -> Iterator[_Piece]:
+    """Yield (tile, its slices, slices of the window) of a window that begins at (ix, iy)."""
+    for ty in range(iy // TILE, (iy + ny - 1) // TILE + 1):
+        y0, y1 = max(iy, ty * TILE), min(iy + ny, (ty + 1) * TILE)
+        for tx in range(ix // TILE, (ix + nx - 1) // TILE + 1):
+            x0, x1 = max(ix, tx * TILE), min(ix + nx, (tx + 1) * TILE)
+            yield ((tx, ty),
+                   (slice(y0 - ty * TILE, y1 - ty * TILE), slice(x0 - tx * TILE, x1 - tx * TILE)),
+                   (slice(y0 - iy, y1 - iy), slice(x0 - ix, x1 - ix)))

@@ -1,0 +1,204 @@
+"""Feet in soil: they sink as far as it bears, hold on slopes, leave prints, and stand in them."""
+
+import numpy as np
+from physics_scene import make_world, plane_heights, rough_heights, ROVER, simulate, trot, WEIGHT_N
+import pytest
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.physics.config import StartPose
+from lunar_rover_sim.regolith.ball import bearing_n, depth_m
+from lunar_rover_sim.regolith.config import GroundConfig
+from lunar_rover_sim.regolith.soil import PRESETS
+
+R = ROVER.legs.tip_radius_m
+
+
+def soft(preset='highland', **values):
+    return GroundConfig(model='regolith', preset=preset, **values)
+
+
+def drop(preset, step_s, height_m):
+    """Return the sinkage of a rover that falls from a height above flat ground."""
+    start = StartPose(settle_s=0.0)
+    with simulate(ground=soft(preset), step_s=step_s, start=start) as simulation:
+        model, data = simulation.model, simulation.data
+        low = min(data.geom_xpos[g][2] for g in range(model.ngeom)
+                  if '_tip_' in model.geom(g).name and model.geom(g).bodyid[0] <= 5)
+        data.qpos[2] += height_m - (low - R)
+        data.qvel[:] = 0.0
+        for _ in range(round(0.5 / step_s)):
+            simulation.advance(1)
+        # At rest the tips are pressed on by the weight, elastically.
+        elastic_m = 0.25 * WEIGHT_N / PRESETS[preset].elastic_npm
+        return float(simulation.ground_contact.sinkage_m.mean()) - elastic_m
+
+
+@pytest.mark.parametrize('preset', ['highland', 'highland_dense'])
+@pytest.mark.parametrize('step_s, tolerance', [(0.001, 0.10), (0.00025, 0.03)])
+def test_a_fall_sinks_as_deep_as_its_energy(preset, step_s, tolerance):
+    """2 mm: the depth where the integral of F is m g h, with m g z on the way."""
+    z = np.linspace(0.0, 0.05, 50001)
+    force = np.array([bearing_n(v, R, PRESETS[preset].zeta_npm3) for v in z])
+    work = np.cumsum(force) * (z[1] - z[0])
+    expected = z[np.argmax(work > 0.25 * WEIGHT_N * (z + 0.002))]
+    assert drop(preset, step_s, 0.002) == pytest.approx(expected, rel=tolerance)
+
+
+def test_sinkage_at_rest_lies_between_that_of_a_load_laid_down_and_one_let_go():
+    with simulate(ground=soft()) as simulation:
+        sinkage = simulation.ground_contact.sinkage_m
+        assert simulation.state.contact_force_n[:, 2] == pytest.approx(WEIGHT_N / 4, rel=0.01)
+    least = depth_m(WEIGHT_N / 4, R, PRESETS['highland'].zeta_npm3)
+    assert np.all(sinkage >= least)
+    assert np.all(sinkage < 2.5 * least)
+
+
+def test_a_rover_at_rest_does_not_sink_on():
+    with simulate(ground=soft('highland_loose')) as simulation:
+        before = simulation.ground_contact.sinkage_m, simulation.state.position_m
+        simulation.advance(5000)
+        assert np.abs(simulation.ground_contact.sinkage_m - before[0]).max() < 1e-6
+        assert np.abs(simulation.state.position_m - before[1]).max() < 1e-6
+
+
+@pytest.mark.parametrize('gravity', [3.71, 9.81])
+def test_static_sinkage_does_not_depend_on_gravity(gravity):
+    """Scaling: zeta and stiffness in proportion to g, damping to its root; time shrinks by it."""
+    sinkages = []
+    for g in (1.62, gravity):
+        step_s = round(0.0005 * (1.62 / g) ** 0.5, 6)
+        with simulate(ground=soft(), gravity_mps2=g, step_s=step_s) as simulation:
+            sinkages.append(simulation.ground_contact.sinkage_m)
+    np.testing.assert_allclose(sinkages[1], sinkages[0], rtol=0.02)
+
+
+def slide_m(preset, slope_deg):
+    world = make_world(plane_heights(slope_deg, 11, 1.0), 1.0)
+    with simulate(world, ground=soft(preset), start=StartPose(yaw_deg=90.0)) as simulation:
+        before = simulation.state.position_m
+        return np.linalg.norm(simulation.advance(1000).position_m - before)
+
+
+@pytest.mark.parametrize('preset', ['highland_loose', 'highland', 'highland_dense'])
+def test_a_slope_holds_up_to_the_friction_angle(preset):
+    limit = np.degrees(np.arctan(PRESETS[preset].friction))
+    # Creep below 0.05 mm/s, three degrees below; free, three degrees above.
+    assert slide_m(preset, limit - 3.0) < 5e-5
+    assert slide_m(preset, limit + 3.0) > 0.02
+
+
+def test_the_distance_walked_hardly_depends_on_the_step():
+    """Within 3 % from 1 ms to 0.25 ms; `validate terramechanics` walks longer, on all soils."""
+    distances = []
+    for step_s in (0.001, 0.00025):
+        with simulate(ground=soft(), step_s=step_s) as simulation:
+            before = simulation.state.position_m
+            after = trot(simulation, 3.0).position_m
+            distances.append(np.linalg.norm((after - before)[:2]))
+    assert distances[0] > 0.3
+    assert distances[0] == pytest.approx(distances[1], rel=0.03)
+
+
+def test_softer_soil_lets_feet_sink_deeper_and_slip_more():
+    sinkage, slip = [], []
+    for preset in ('highland_dense', 'highland', 'highland_loose'):
+        with simulate(ground=soft(preset)) as simulation:
+            seen = []
+            trot(simulation, 2.5, observe=lambda _: seen.append(simulation.ground_contact))
+            sinkage.append(np.mean([c.sinkage_m.max() for c in seen]))
+            slip.append(np.mean([c.slip_mps.mean() for c in seen]))
+    assert sinkage == sorted(sinkage) and slip == sorted(slip)
+    assert 0.005 < sinkage[0] and sinkage[2] < 0.06
+
+
+def test_a_walk_leaves_tracks_that_account_for_their_volume():
+    with simulate(make_world(rough_heights()), ground=soft()) as simulation:
+        trot(simulation, 4.0)
+        overlay = simulation.overlay
+        height, compaction = overlay.sums_m()
+        snapshot = overlay.snapshot()
+        # The feet of the rover at rest are spread over 0.23 m already.
+        lane_m = simulation.state.position_m[0] + 0.23
+    assert compaction > 0.5
+    assert abs(height + compaction + overlay.residue_m) < 1e-12
+    # Prints are half a centimetre to a few centimetres deep, rims some millimetres high.
+    assert -0.06 < snapshot.height_m.min() < -0.008
+    assert 0.0005 < snapshot.height_m.max() < 0.02
+    # Both lanes: an hour at 0.12 m/s is 432 m.
+    assert overlay.memory_bytes / lane_m * 432.0 < 100 * 2 ** 20
+
+
+def test_prints_lie_below_the_feet_and_are_as_deep_as_they_sank():
+    with simulate(ground=soft()) as simulation:
+        model, data = simulation.model, simulation.data
+        for geom in range(model.ngeom):
+            if model.geom(geom).name.endswith('_tip_0') and model.geom(geom).bodyid[0] <= 5:
+                x, y, z = data.geom_xpos[geom]
+                around = np.round(np.array([x, y]) / 0.005) * 0.005
+                distance2 = np.sum((around - [x, y]) ** 2)
+                bottom = z - np.sqrt(R ** 2 - distance2)
+                assert simulation.overlay.height_change(around) == pytest.approx(bottom, abs=1e-3)
+
+
+def test_a_leg_stands_higher_in_its_own_print_than_it_would_sink_anew():
+    """Compacted soil bears what it bore: put back into its prints the rover hardly sinks more."""
+    with simulate(ground=soft()) as simulation:
+        first = simulation.state.position_m[2]
+        simulation.data.qpos[2] += 0.03
+        simulation.data.qvel[:] = 0.0
+        simulation.advance(20)
+        assert np.all(simulation.ground_contact.sinkage_m == 0.0)
+        simulation.data.qpos[2] = first + 0.001
+        simulation.data.qvel[:] = 0.0
+        simulation.advance(1000)
+        assert simulation.state.position_m[2] == pytest.approx(first, abs=0.0015)
+
+
+def test_cohesion_bears():
+    with simulate(ground=soft('highland_loose')) as loose, \
+            simulate(ground=soft('highland_loose', cohesion_kpa=0.3)) as cohesive:
+        assert np.all(cohesive.ground_contact.sinkage_m
+                      < 0.5 * loose.ground_contact.sinkage_m)
+
+
+def test_the_same_commands_give_the_same_ground():
+    def record(simulation):
+        states = []
+        trot(simulation, 1.5, observe=lambda s: states.append(s.position_m))
+        return np.array(states), simulation.overlay.snapshot()
+
+    world = make_world(rough_heights())
+    with simulate(world, ground=soft()) as simulation:
+        start = simulation.overlay.snapshot()
+        first = record(simulation)
+        simulation.reset()
+        assert np.array_equal(simulation.overlay.snapshot().height_m, start.height_m)
+        again = record(simulation)
+    with simulate(world, ground=soft()) as simulation:
+        other = record(simulation)
+    for states, snapshot in (again, other):
+        assert np.array_equal(states, first[0])
+        assert np.array_equal(snapshot.index, first[1].index)
+        assert snapshot.height_m.tobytes() == first[1].height_m.tobytes()
+
+
+def test_soil_that_does_not_bear_digs_the_rover_in_with_a_name(caplog):
+    with simulate(ground=soft('highland_loose', bearing_mnpm3=0.03)) as simulation:
+        assert simulation.ground_contact.dug_in
+        trot(simulation, 1.0)
+        # Its belly carries it.
+        assert simulation.state.position_m[2] > -0.01
+    assert 'has dug itself in' in caplog.text
+
+
+def test_rigid_ground_has_no_overlay():
+    with simulate() as simulation:
+        assert simulation.overlay is None and simulation.ground_contact is None
+
+
+def test_a_step_too_long_for_the_soil_is_refused():
+    with pytest.raises(ConfigError, match=r'step_s: 0.001 is too long for soil of 1e\+06 N/m'
+                       r' .* valid is <= [\d.e-]+'):
+        simulate(ground=soft(elastic_npm=1e6))
+    with pytest.raises(ConfigError, match='gravity_mps2: 0 is not valid'):
+        simulate(ground=soft(), gravity_mps2=0.0)

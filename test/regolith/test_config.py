@@ -1,0 +1,62 @@
+"""Soils: presets, overrides, gravity, and what is refused."""
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.regolith.ball import depth_m
+from lunar_rover_sim.regolith.config import GroundConfig
+from lunar_rover_sim.regolith.soil import PRESETS
+
+
+def test_presets_are_soils_under_the_gravity_of_the_simulation():
+    for name, soil in PRESETS.items():
+        assert GroundConfig(preset=name).soil(soil.gravity_mps2) == soil
+    assert not GroundConfig().deforms and GroundConfig(model='regolith').deforms
+
+
+def test_every_number_of_a_preset_can_be_set():
+    ground = GroundConfig(bearing_mnpm3=2.0, friction=0.7, cohesion_kpa=0.5, compacted=0.1,
+                          repose_deg=31.0, elastic_npm=3000.0, damping_nspm=70.0)
+    soil = ground.soil(1.62)
+    assert (soil.zeta_npm3, soil.friction, soil.cohesion_pa, soil.compacted, soil.repose_deg,
+            soil.elastic_npm, soil.damping_nspm) == (2e6, 0.7, 500.0, 0.1, 31.0, 3000.0, 70.0)
+
+
+@pytest.mark.parametrize('gravity', [1.62, 3.71, 9.81])
+def test_without_cohesion_the_sinkage_does_not_depend_on_gravity(gravity):
+    soil = PRESETS['highland'].under(gravity)
+    assert depth_m(0.56 * gravity, 0.008, soil.zeta_npm3) == pytest.approx(
+        depth_m(0.56 * 1.62, 0.008, PRESETS['highland'].zeta_npm3))
+    # Equal Froude number: damping over the root of stiffness and mass stays.
+    assert soil.damping_nspm / np.sqrt(soil.elastic_npm) == pytest.approx(
+        PRESETS['highland'].damping_nspm / np.sqrt(PRESETS['highland'].elastic_npm))
+
+
+def test_cohesion_bears_by_the_bearing_capacity_of_prandtl():
+    """N_c = 46.1 and N_q = 33.3 at 35 deg (tables of Vesic 1975), on a round footing."""
+    ground = GroundConfig(friction=float(np.tan(np.radians(35.0))), cohesion_kpa=1.0)
+    assert ground.soil(1.62).cohesive_bearing_pa == pytest.approx(1e3 * (46.1 + 33.3), rel=0.01)
+    assert PRESETS['highland'].cohesive_bearing_pa == 0.0
+
+
+@pytest.mark.parametrize('values, message', [
+    ({'model': 'sand'}, "model: 'sand' is not valid"),
+    ({'preset': 'higland'}, "preset: 'higland' is not valid; did you mean highland"),
+    ({'preset': 'mud'}, "preset: 'mud' is not valid; valid are highland, "),
+    ({'bearing_mnpm3': 0.0}, 'bearing_mnpm3: 0 is not valid; valid is 0.02 to 50, or -1'),
+    ({'bearing_mnpm3': 80.0}, r'bearing_mnpm3: 80.0 is not valid; valid is .* <= 50 \[MN/m\^3\]'),
+    ({'friction': 0.05}, 'friction: 0.05 is not valid; valid is 0.1 to 1.6'),
+    ({'friction': 3.0}, 'friction: 3.0 is not valid'),
+    ({'cohesion_kpa': -0.5}, 'cohesion_kpa: -0.5 is not valid; valid is 0 to 10'),
+    ({'cohesion_kpa': 50.0}, 'cohesion_kpa: 50.0 is not valid'),
+    ({'repose_deg': 80.0}, 'repose_deg: 80.0 is not valid'),
+    ({'compacted': 1.5}, 'compacted: 1.5 is not valid')])
+def test_soils_that_do_not_exist_are_refused(values, message):
+    with pytest.raises(ConfigError, match=message):
+        GroundConfig.from_mapping(values)
+
+
+def test_grains_need_gravity():
+    with pytest.raises(ConfigError, match='gravity_mps2: 0 is not valid on ground.model'):
+        GroundConfig(model='regolith').soil(0.0)

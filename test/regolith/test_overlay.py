@@ -1,0 +1,153 @@
+"""Tracks: what is pressed in comes out beside it or is compacted, and nothing stands too steep."""
+
+import math
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.regolith.footprint import press
+from lunar_rover_sim.regolith.overlay import CELL_M, Overlay, TILE
+from lunar_rover_sim.regolith.repose import base_heights, relax
+from lunar_rover_sim.world.grid import HeightGrid
+
+R = 0.008
+
+
+def flat(n: int = 81, slope: float = 0.0) -> HeightGrid:
+    x = (np.arange(n) - (n - 1) / 2) * 0.025
+    return HeightGrid(np.tile(slope * x, (n, 1)).astype(np.float32), 0.025)
+
+
+def trample(overlay: Overlay, ground: HeightGrid, prints: int = 60, seed: int = 1,
+            repose_deg: float = 38.0) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(prints):
+        x, y = rng.uniform(-0.25, 0.25, 2)
+        z = ground.height_at_point(x, y) + R
+        low = z - rng.uniform(0.001, 0.03)
+        press(overlay, ground, (x, y, z), (x, y, low), R, 0.6)
+        window = press(overlay, ground, (x, y, low), (x - 0.004, y + 0.002, low), R, 0.6)
+        relax(overlay, ground, *window, repose_deg)
+
+
+def steepest_deg(overlay: Overlay, ground: HeightGrid, n: int = 160) -> float:
+    window = -n // 2, -n // 2, n, n
+    total = overlay.window(*window)[0] + base_heights(ground, *window)
+    rises = [np.abs(total[:, 1:] - total[:, :-1]), np.abs(total[1:] - total[:-1]),
+             np.abs(total[1:, 1:] - total[:-1, :-1]) / math.sqrt(2.0),
+             np.abs(total[1:, :-1] - total[:-1, 1:]) / math.sqrt(2.0)]
+    return math.degrees(math.atan(max(r.max() for r in rises) / CELL_M))
+
+
+@pytest.mark.parametrize('slope', [0.0, 0.3])
+def test_rim_and_compaction_are_the_print(slope):
+    overlay, ground = Overlay(), flat(slope=slope)
+    trample(overlay, ground)
+    height, compaction = overlay.sums_m()
+    assert compaction > 0.5
+    assert abs(height + compaction + overlay.residue_m) < 1e-12
+    # What float32 keeps back is far less than one sample of a print.
+    assert abs(overlay.residue_m) < 1e-6
+    assert overlay.snapshot().height_m.max() > 0.001
+
+
+@pytest.mark.parametrize('repose_deg', [33.0, 38.0])
+def test_no_slope_is_steeper_than_the_angle_of_repose(repose_deg):
+    overlay, ground = Overlay(), flat(slope=0.2)
+    trample(overlay, ground, repose_deg=repose_deg)
+    assert 0.8 * repose_deg < steepest_deg(overlay, ground) < repose_deg + 1.0
+
+
+def test_ground_that_is_steep_by_itself_stays():
+    overlay, ground = Overlay(), flat(slope=1.0)
+    relax(overlay, ground, -20, -20, 40, 40, 35.0)
+    assert len(overlay.snapshot()) == 0
+    trample(overlay, ground, prints=3)
+    assert overlay.memory_bytes < 20 * TILE * TILE * 9
+
+
+def test_a_print_is_the_ball():
+    overlay, ground = Overlay(), flat()
+    press(overlay, ground, (0.0, 0.0, R - 0.004), (0.0, 0.0, R - 0.004), R, 1.0)
+    for x, depth in ((0.0, 0.004), (CELL_M, 0.004 - R + math.sqrt(R ** 2 - CELL_M ** 2))):
+        assert overlay.height_change([x, 0.0]) == pytest.approx(-depth, abs=1e-9)
+        assert overlay.compaction([x, 0.0]) == pytest.approx(depth, abs=1e-9)
+    # Halfway between samples it is linear.
+    low, high = overlay.height_change([[0.0, 0.0], [CELL_M, 0.0]])
+    assert overlay.height_change([0.5 * CELL_M, 0.0]) == pytest.approx(0.5 * (low + high))
+
+
+def test_more_soil_goes_where_the_tip_moves_to():
+    overlay, ground = Overlay(), flat()
+    press(overlay, ground, (0.0, 0.0, R - 0.004), (-0.02, 0.0, R - 0.004), R, 0.0)
+    behind, ahead = overlay.height_change([[0.01, 0.0], [-0.03, 0.0]])
+    assert ahead > 2.0 * behind >= 0.0
+
+
+def test_one_position_equals_many():
+    overlay, ground = Overlay(), flat()
+    trample(overlay, ground)
+    xy = np.random.default_rng(2).uniform(-0.3, 0.3, (400, 2))
+    single = np.array([overlay.at(x, y) for x, y in xy])
+    np.testing.assert_allclose(single[:, 0], overlay.height_change(xy), atol=1e-12)
+    np.testing.assert_allclose(single[:, 1], overlay.compaction(xy), atol=1e-12)
+    assert np.count_nonzero(single[:, 0]) > 50
+
+
+def test_changes_rebuild_the_ground_elsewhere():
+    overlay, ground, other = Overlay(), flat(), Overlay()
+    for seed in range(3):
+        trample(overlay, ground, prints=8, seed=seed)
+        changes = overlay.take_changes()
+        assert len(changes) > 20
+        other.apply(changes)
+    assert len(overlay.take_changes()) == 0
+    for one, two in zip(vars(overlay.snapshot()).values(), vars(other.snapshot()).values()):
+        assert np.array_equal(one, two)
+    # Whoever joins late takes the snapshot.
+    late = Overlay()
+    late.apply(overlay.snapshot())
+    xy = np.random.default_rng(3).uniform(-0.3, 0.3, (100, 2))
+    assert np.array_equal(late.height_change(xy), overlay.height_change(xy))
+
+
+def test_indices_are_samples_of_5_mm_and_sorted_by_tile():
+    overlay, ground = Overlay(), flat()
+    press(overlay, ground, (-0.3, 0.2, R - 0.003), (-0.3, 0.2, R - 0.003), R, 1.0)
+    changes = overlay.take_changes()
+    deepest = changes.index[np.argmin(changes.height_m)]
+    assert deepest.tolist() == [-60, 40]
+    assert changes.index.dtype == np.int32 and changes.height_m.dtype == np.float32
+
+
+def test_going_back_tells_what_changed():
+    overlay, ground = Overlay(), flat()
+    trample(overlay, ground, prints=5)
+    kept = overlay.copy()
+    overlay.take_changes()
+    press(overlay, ground, (0.4, 0.4, R - 0.003), (0.4, 0.4, R - 0.003), R, 0.5)
+    pressed = overlay.take_changes()
+    overlay.restore(kept)
+    back = overlay.take_changes()
+    assert {tuple(i) for i in back.index} == {tuple(i) for i in pressed.index}
+    assert np.array_equal(overlay.snapshot().height_m, kept.snapshot().height_m)
+
+
+def test_the_same_steps_give_the_same_bits():
+    snapshots = []
+    for _ in range(2):
+        overlay = Overlay()
+        trample(overlay, flat())
+        snapshots.append(overlay.snapshot())
+    assert snapshots[0].height_m.tobytes() == snapshots[1].height_m.tobytes()
+
+
+def test_beyond_the_world_there_is_nothing_to_press():
+    overlay, ground = Overlay(), flat(n=11)
+    edge = ground.half_extent_m
+    press(overlay, ground, (edge, 0.0, R), (edge, 0.0, R - 0.005), R, 0.5)
+    snapshot = overlay.snapshot()
+    assert len(snapshot) > 0
+    assert (snapshot.index[:, 0] * CELL_M <= edge + 1e-9).all()
+    height, compaction = overlay.sums_m()
+    assert abs(height + compaction + overlay.residue_m) < 1e-12
