@@ -36,6 +36,7 @@ setup(
         'Jinja2>=3.1',
         'matplotlib>=3.8',
         'mcap>=1.2',
+        "backports.zstd>=1.0; python_version < '3.14'",     # as rosbags has it
         'moderngl>=5.12',
         # 4 needs Python 3.11.
         'mujoco>=3.17,<5; python_version<"3.11"',

@@ -16,9 +16,10 @@ from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim import topics as contract
 from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.checksums import has_end
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.parameters import brief, nearest
 
 
 class RawMessage(NamedTuple):
@@ -53,6 +54,29 @@ class Bag:
             self._reader.open()
         except Exception as error:  # whatever the parsers make of a file that is no bag
             raise BagError(f'{self.path}: cannot be read as a bag: {_words(error)}') from None
+        try:
+            self._check_counts()
+        except BagError:
+            self.close()
+            raise
+        if (self.incomplete is None and self.storage_path.suffix == '.mcap'
+                and not has_end(self.storage_path)):
+            self.incomplete = f'{self.storage_path.name} has no end'
+
+    def _check_counts(self) -> None:
+        """Raise BagError if a count or time of the metadata is not one; rosbags takes them all."""
+        reader = self.reader
+        values: dict[str, Any] = {f'messages on {c.topic}': c.msgcount for c in reader.connections}
+        try:
+            values['messages'] = reader.message_count
+            if reader.message_count:
+                values.update({'start [ns]': reader.start_time, 'end [ns]': reader.end_time})
+        except TypeError:
+            values['message_count'] = 'not a number'
+        for name, value in values.items():
+            if not _is_count(value):
+                raise BagError(f'{self.path}: {marker.METADATA_NAME}: {name}: {brief(value)} is '
+                               'not valid; valid is a whole number >= 0 of 64 bits')
 
     @property
     def reader(self) -> AnyReader:
@@ -213,6 +237,10 @@ def storage_file(path: Path) -> Path:
         if files:
             return files[0]
     raise BagError(f'{path}: is no bag: it holds neither .mcap nor .db3 files')
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
 
 
 def _words(error: Exception) -> str:

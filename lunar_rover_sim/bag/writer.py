@@ -24,6 +24,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import get_typestore, Stores
 
 from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.checksums import write_checksums
 from lunar_rover_sim.bag.definitions import learn
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.stamps import NS_PER_S, StampTable
@@ -154,6 +155,8 @@ class BagWriter:
                 marker.mark(self.path, incomplete)
                 writer.set_custom_data('incomplete', incomplete)
             writer.close()
+            if self._file.suffix == '.mcap':
+                write_checksums(self._file)
             for path in (self._file, self.path / marker.METADATA_NAME):
                 _sync(path)
             if not incomplete:

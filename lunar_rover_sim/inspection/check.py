@@ -11,7 +11,8 @@ from collections.abc import Callable
 import math
 from pathlib import Path
 
-from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.checksums import damage
+from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.inspection import imu_checks, message_checks, stereo_checks
 from lunar_rover_sim.inspection.report import Report, Status
@@ -20,24 +21,50 @@ from lunar_rover_sim.inspection.rover_data import (measured_period_ns, read_rove
 from lunar_rover_sim.topics import FRAME, STATE
 
 _RATE_TOLERANCE_NS = 1000
+_LATEST_NS = 5 * NS_PER_S    # the runner gives the last answers less time than this
 
 
 def check(path: Path | str, progress: Callable[[], None] | None = None) -> Report:
     """Check a bag; `progress` is called once per message. Raises BagError if it cannot be read."""
     report = Report()
+    ends_ns: list[int] = []
     with open_bag(path) as bag:
         if bag.incomplete:
             report.add('complete', Status.FAIL, bag.incomplete)
         else:
             report.add('complete', Status.PASS, f'{bag.message_count} messages on '
                        f'{len(bag.types)} topics')
+        checksums(bag, report)
         if not bag.namespaces:
             report.add('contract', Status.FAIL, 'no odometry and no stereo images in the bag')
         for namespace in bag.namespaces:
             rover = read_rover_data(bag, namespace, progress)
             several = len(bag.namespaces) > 1
+            ends_ns.append(rover.end_ns)
             _check(rover, report.of(f'{namespace.lstrip("/")} ' if several else ''))
+        one_clock(bag, max(ends_ns, default=0), report)
     return report
+
+
+def checksums(bag: Bag, report: Report) -> None:
+    """The file fits its checksums. Those of chunks are verified whenever messages are read."""
+    if bag.incomplete or bag.storage_path.suffix != '.mcap':
+        report.add('checksums', Status.SKIP, 'the file has none')
+        return
+    found = damage(bag.storage_path)
+    report.verdict('checksums', [found] if found else [], 'fit')
+
+
+def one_clock(bag: Bag, end_ns: int, report: Report) -> None:
+    """No message is stamped long after the last state: that would be another clock."""
+    if not end_ns:
+        return
+    late: dict[str, int] = {}
+    for message in bag.raw(start_ns=end_ns + _LATEST_NS):
+        late[message.topic] = message.time_ns
+    problems = [f'{topic}: up to {ns / NS_PER_S:.3f} s, {(ns - end_ns) / NS_PER_S:.0f} s after '
+                'the last state (stamped with wall time?)' for topic, ns in late.items()]
+    report.verdict('one clock', problems, f'all within {_LATEST_NS // NS_PER_S} s of the states')
 
 
 def _check(rover: RoverData, report: Report) -> None:

@@ -41,6 +41,7 @@ RECORDER = """
             writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
     except BagError as error:
         print(error)
+        print(writer.newest_ns)
         sys.exit(1)
     os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -220,15 +221,16 @@ def test_a_full_disk_is_one_error_and_a_bag_to_recover(tmp_path, storage, compre
     limit = 5_000_000 if compression == 'none' else 2_000_000
     done = record(tmp_path / 'bag', storage, compression, limit)
     assert done.returncode == 1, done.stderr
-    assert done.stdout.count('\n') == 1
-    assert 'cannot be written' in done.stdout and 'marked incomplete' in done.stdout
+    said, reached_ns = done.stdout.splitlines()
+    assert 'cannot be written' in said and 'marked incomplete' in said
     reason = marker.why_incomplete(tmp_path / 'bag')
-    assert reason in done.stdout
+    assert reason in said
     count = recover(tmp_path / 'bag')
     with open_bag(tmp_path / 'bag') as bag:
         assert bag.incomplete == reason
         assert len(list(bag.raw())) == bag.message_count == count
-        assert bag.end_ns >= 0.9e9
+        # SQLite loses at most a second, MCAP at most two chunks.
+        assert bag.end_ns >= int(reached_ns) - 1.1e9 > 0
 
 
 def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path, items):

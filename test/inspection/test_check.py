@@ -134,6 +134,12 @@ DAMAGES: dict[str, tuple[Callable[[list[Item]], list[Item]], str, str]] = {
     'topic missing': (
         lambda b: [i for i in b if i.topic != 'ground_truth/imu_bias'], 'topics',
         'ground_truth/imu_bias'),
+    'command stamped with wall time': (
+        lambda b: [*b, Item('cmd_vel', 'geometry_msgs/msg/TwistStamped', synthetic.msg(
+            'geometry_msgs/TwistStamped', header=synthetic.header(1_800_000_000 * 10**9, ''),
+            twist=synthetic.msg('geometry_msgs/Twist', linear=synthetic.vector((0, 0, 0)),
+                                angular=synthetic.vector((0, 0, 0)))))],
+        'one clock', '/cmd_vel: up to 1800000000.000 s'),
     'world hash missing': (
         lambda b: [i for i in b if i.topic != 'world_hash'], 'world hash', 'not in the bag'),
     'world hash nonsense': (
