@@ -8,8 +8,10 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.path_following.driver import Driver
 from lunar_rover_sim.run.node_config import DriveNodeConfig
@@ -33,6 +35,10 @@ class DriveNode(node_main.GraphNode):
         stamped = config.enable_stamped_cmd_vel
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
                                                 topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
+        # In lockstep the first command is held until everybody reads it.
+        self._matching = Matching(self, [self._publisher],
+                                  config.participants if config.lockstep else ())
+        self._held: list[bytes] = []
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
 
@@ -42,8 +48,18 @@ class DriveNode(node_main.GraphNode):
         if now_ns is None or now_ns // self._period_ns <= self._last_period:
             return
         self._last_period = now_ns // self._period_ns
+        self._held.append(raw)
+        self.work()
+
+    def work(self) -> None:
+        """Answer the odometry held so far, if the readers of the answers are matched."""
+        while self._held and self._matching.is_complete:
+            self._answer(self._held.pop(0))
+
+    def _answer(self, raw: bytes) -> None:
         odom = deserialize_message(raw, Odometry)
         T_world_base = conversions.pose_of(odom)
+        now_ns = time_ns(odom.header.stamp)
         command = self._driver.update(now_ns, T_world_base[:3, 3],
                                       frames.wxyz_from_matrix(T_world_base[:3, :3]))
         if command.status != self._status:

@@ -14,6 +14,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
+from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import GaitNodeConfig
@@ -44,6 +45,9 @@ class GaitControllerNode(node_main.GraphNode):
         self._message = JointState()    # refilled for every answer
         self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
                                                 qos.offered(topics.JOINT_COMMANDS))
+        # In lockstep the first answer is held until everybody reads it.
+        self._matching = Matching(self, [self._publisher],
+                                  config.participants if config.lockstep else ())
         self._listener = LockstepListener(self, config.wait, self._newest_ns,
                                           self._answer_while_open,
                                           {topics.CMD_VEL: self._velocities.append}
@@ -69,7 +73,7 @@ class GaitControllerNode(node_main.GraphNode):
         return time_ns(self._states[-1].header.stamp)
 
     def _answer_while_open(self) -> None:
-        while self._states:
+        while self._states and self._matching.is_complete:
             state = self._states[0]
             now_ns = time_ns(state.header.stamp)
             if self._waits:
@@ -108,6 +112,10 @@ class GaitControllerNode(node_main.GraphNode):
                 f'({self._refused} so far); valid is finite', throttle_duration_sec=1.0)
         for report in self._controller.take_reports():
             self.get_logger().warning(report)
+
+    def work(self) -> None:
+        """Answer the states that were held until all readers were matched."""
+        self._answer_while_open()
 
     def _watch(self) -> None:
         if self._waits and self._states:

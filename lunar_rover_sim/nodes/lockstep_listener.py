@@ -7,7 +7,6 @@ import time
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
 
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
@@ -26,8 +25,8 @@ _DISCOVERY_S = 0.02
 class LockstepListener:
     """A `StampGate` that is fed by subscriptions.
 
-    A topic is subscribed as soon as it has a publisher, with the publisher's type and durability.
-    So any message with a stamp takes part: joint commands, camera_info, a user's pose.
+    A topic without a handler is subscribed as soon as it has a publisher, with its type. So any
+    message with a stamp takes part: joint commands, camera_info, a user's pose.
 
     now_ns: returns the newest simulated time [ns] that the node knows of, None before the first.
         A stamp more than a second after it is refused, because it would hold the gate open until
@@ -50,6 +49,9 @@ class LockstepListener:
         self._without_publisher = list(self.gate.topics)
         self._refused = 0
         self._last_progress_s = time.monotonic()
+        for topic in self._types:
+            if topic in self._without_publisher:
+                self._subscribe(topic, self._types[topic])
         # A timer: rclpy reports new publishers only to a subscription, whose type must be known.
         self._timer = node.create_timer(_DISCOVERY_S, self._discover)
 
@@ -92,13 +94,18 @@ class LockstepListener:
             infos = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
             if infos:
                 self._without_publisher.remove(topic)
-                durable = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                              for info in infos)
-                self._subscribe(topic, infos[0].topic_type, durable)
+                self._check_type(topic, infos[0].topic_type)
+                if topic not in self._types:
+                    self._subscribe(topic, infos[0].topic_type)
         if not self._without_publisher:
             self._timer.cancel()
 
-    def _subscribe(self, topic: str, type_name: str, durable: bool) -> None:
+    def _check_type(self, topic: str, type_name: str) -> None:
+        expected = self._types.get(topic, type_name)
+        if type_name != expected:
+            raise GraphError(f'{topic}: type {type_name} is not valid; time waits for {expected}')
+
+    def _subscribe(self, topic: str, type_name: str) -> None:
         def handled(msg: Any) -> None:
             self._take_answer(topic, time_ns(msg.header.stamp), msg)
 
@@ -109,14 +116,11 @@ class LockstepListener:
                                  'cannot wait for them')
             self._take_answer(topic, stamp)
 
-        expected = self._types.get(topic, type_name)
-        if type_name != expected:
-            raise GraphError(f'{topic}: type {type_name} is not valid; time waits for {expected}')
         # Messages without a handler may be large: they are not deserialised.
         raw = topic not in self._handlers
         self._node.create_subscription(message_class(type_name), topic,
                                        stamp_only if raw else handled,
-                                       qos.adapted(qos.STATE_DEPTH, durable), raw=raw)
+                                       qos.adapted(qos.STATE_DEPTH, durable=False), raw=raw)
 
     def _take_answer(self, topic: str, stamp: int, msg: Any = None) -> None:
         now_ns = self._now_ns()

@@ -16,3 +16,8 @@ def message_class(type_name: str) -> Any:
     except (ImportError, AttributeError):
         raise GraphError(f'{type_name}: no such message type is installed; install the package '
                          f'{package}') from None
+
+
+def name_of(cls: Any) -> str:
+    """Return the `package/msg/Name` of a message class."""
+    return f'{cls.__module__.partition(".")[0]}/msg/{cls.__name__}'

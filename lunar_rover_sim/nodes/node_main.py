@@ -10,12 +10,14 @@ from types import FrameType
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.nodes import qos_overrides
 
 _SPIN_S = 0.1   # the longest time until an idle node notices a signal
 
@@ -32,8 +34,11 @@ class GraphNode(Node):
         self.finished = False
         self.failure: LunarRoverSimError | None = None
         self._woken = Future()
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._has_parameters = False
         # `parameters.declare` checks all overrides, also those with unknown names.
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self._has_parameters = True
 
     @property
     def ending(self) -> bool:
@@ -57,15 +62,31 @@ class GraphNode(Node):
     def work(self) -> None:
         """Do what takes too long for a callback. Called after `wake`, and every 0.1 s or so."""
 
+    def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
+        """Create a publisher whose QoS the parameters `qos_overrides` may change."""
+        if self._has_parameters:    # rclpy's own publishers are made before
+            kwargs.setdefault('qos_overriding_options', qos_overrides.OPTIONS)
+        return super().create_publisher(*args, **kwargs)
+
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
                             *args: Any, **kwargs: Any) -> Any:
-        """Create a subscription whose callback may raise errors of this package."""
+        """Create a subscription whose callback may raise errors of this package.
+
+        The parameters `qos_overrides` may change its QoS.
+        """
+        if self._has_parameters:
+            kwargs.setdefault('qos_overriding_options', qos_overrides.OPTIONS)
         return super().create_subscription(msg_type, topic, self._guarded(callback), *args,
                                            **kwargs)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[..., None],
                      *args: Any, **kwargs: Any) -> Any:
-        """Create a timer whose callback may raise errors of this package."""
+        """Create a timer on the steady clock whose callback may raise errors of this package.
+
+        With use_sim_time a timer of the node's own clock would wait for /clock, which physics
+        makes by its timers, and which stands still while others wait for somebody.
+        """
+        kwargs.setdefault('clock', self._steady_clock)
         return super().create_timer(timer_period_sec, self._guarded(callback), *args, **kwargs)
 
     def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
@@ -116,6 +137,7 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         spinner = executor()
         node = factory()
+        qos_overrides.check_topics(node)
         spinner.add_node(node)
         while not stopped and not node.ending:
             node.spin()

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.nodes import qos_overrides
 from lunar_rover_sim.parameters import nearest, ParamInfo
 from lunar_rover_sim.run.node_config import NodeConfig
 
@@ -20,7 +21,7 @@ _ARRAY_TYPES = {'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
                 'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
                 'tuple[str, ...]': Parameter.Type.STRING_ARRAY}
 # Parameters that rclpy itself gives every node.
-_RESERVED = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+_RESERVED = ('use_sim_time', 'start_type_description_service', qos_overrides.PREFIX)
 
 
 def declare(node: Node, cls: type[C]) -> C:
@@ -30,6 +31,7 @@ def declare(node: Node, cls: type[C]) -> C:
     Raises ConfigError if an override has the wrong type, is out of range, or has a name that is
     not declared.
     """
+    qos_overrides.check_values(node)
     defaults = cls()
     # rclpy's annotation of the result is wrong.
     declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))

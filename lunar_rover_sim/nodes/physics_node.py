@@ -13,6 +13,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
+from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
 from lunar_rover_sim.physics.imu import ImuNoise
@@ -46,6 +47,9 @@ class PhysicsNode(node_main.GraphNode):
         self._paused = config.start_paused
 
         self._publisher = StatePublisher(self, rover, self._imu)
+        self._matching = Matching(self, self._publisher.publishers,
+                                  tuple(dict.fromkeys([*config.wait.topics,
+                                                       *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
                                     self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
 
@@ -87,7 +91,7 @@ class PhysicsNode(node_main.GraphNode):
     # Time
 
     def _advance_while_open(self) -> None:
-        if self._paused or not self._config.lockstep:
+        if self._paused or not self._config.lockstep or not self._is_matched():
             return
         for _ in range(_MAX_STATES_PER_CALLBACK):
             if not self._listener.gate.is_open(self._now_ns) or self._at_end():
@@ -99,8 +103,7 @@ class PhysicsNode(node_main.GraphNode):
             self._finish()
 
     def _advance_by_wall_clock(self) -> None:
-        if self._paused or not self._listener.has_all_publishers:
-            # Some awaited publishers have not been discovered yet.
+        if self._paused or not self._is_matched():
             self._restart_wall_clock()
             return
         wall_s = time.monotonic() - self._wall_start_s
@@ -119,6 +122,10 @@ class PhysicsNode(node_main.GraphNode):
                 self._finish()
                 break
             self._advance()
+
+    def _is_matched(self) -> bool:
+        """Return whether all whom time waits for have been discovered, in both directions."""
+        return self._listener.has_all_publishers and self._matching.is_complete
 
     def _restart_wall_clock(self) -> None:
         self._wall_start_s, self._wall_start_ns = time.monotonic(), self._now_ns
@@ -140,10 +147,10 @@ class PhysicsNode(node_main.GraphNode):
     def _watch(self) -> None:
         if self._paused:
             self._listener.note_progress()
+        elif not self._is_matched():
+            self._listener.check_publishers()
         elif self._config.lockstep:
             self._listener.check_silence(self._now_ns)
-        else:
-            self._listener.check_publishers()
 
     # Commands
 
@@ -175,13 +182,15 @@ class PhysicsNode(node_main.GraphNode):
         return response
 
     def _step_callback(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._paused and self._listener.gate.is_open(self._now_ns)
+        response.success = (self._paused and self._is_matched()
+                            and self._listener.gate.is_open(self._now_ns))
         if response.success:
             self._advance()
             response.message = f'at {self._now_ns / 1e9:.3f} s'
         else:
             response.message = 'not paused; call ~/pause first' if not self._paused else \
-                'waiting for ' + ', '.join(self._listener.gate.missing(self._now_ns))
+                'waiting for ' + ', '.join(self._listener.gate.missing(self._now_ns)
+                                           or self._matching.missing() or ['readers'])
         return response
 
 

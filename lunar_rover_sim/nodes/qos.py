@@ -1,9 +1,8 @@
 """Quality of service of every topic, in one place.
 
-Publishers are RELIABLE and TRANSIENT_LOCAL, with a history at least as long as any lag of
-lockstep, so a participant that is discovered late still gets the first messages. Subscriptions
-request that history in lockstep only, so that in real time they also match publishers without it
-(a teleoperation, a script).
+All is RELIABLE. Latched topics are TRANSIENT_LOCAL. All others are VOLATILE: who joins late gets
+what is sent from then on, nothing of the past. In lockstep nodes hold their first message until
+the readers are matched (`matching`). The parameters `qos_overrides` change single profiles.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ def depth(topic: Topic | None) -> int:
 
 def offered(topic: Topic) -> QoSProfile:
     """Return the profile of a publisher of this package."""
-    return _profile(depth(topic), durable=True)
+    return _profile(depth(topic), durable=topic.rate == LATCHED)
 
 
 def requested(topic: Topic, lockstep: bool) -> QoSProfile:
     """Return the profile of a subscription of this package; in real time the history is short."""
     if topic.rate == LATCHED:
         return _profile(1, durable=True)
-    return _profile(depth(topic) if lockstep else COMMAND_DEPTH, durable=lockstep)
+    return _profile(depth(topic) if lockstep else COMMAND_DEPTH, durable=False)
 
 
 def newest(durable: bool = False) -> QoSProfile:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 import time
 
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header, String
@@ -48,8 +49,13 @@ class RecorderNode(node_main.GraphNode):
             self._scenario_publisher = self.create_publisher(
                 String, topics.SCENARIO.name, qos.offered(topics.SCENARIO))
             self._scenario_publisher.publish(String(data=_read(config.scenario_file)))
-        self._publisher = self.create_publisher(Header, topics.RECORDED.name,
-                                                qos.offered(topics.RECORDED))
+        # Others take this publisher for a sign that the recorder is there. So it is made when all
+        # that is to be acknowledged, and what the participants publish, has been subscribed.
+        self._publisher: Publisher | None = None
+        self._sent_ns = 0
+        self._needed = {name for name in map(self.resolve_topic_name,
+                                             (*config.acknowledge, *config.participants))
+                        if self._is_wanted(name)}
         self._last_discovery_s = self._last_new_topic_s = time.monotonic()
         self.create_timer(_DISCOVERY_S, self._discover)
 
@@ -59,6 +65,7 @@ class RecorderNode(node_main.GraphNode):
         super().destroy_node()
 
     def _discover(self) -> None:
+        self._publish_written()
         now_s = time.monotonic()
         if (now_s - self._last_new_topic_s > _SETTLED_S
                 and now_s - self._last_discovery_s < _SETTLED_DISCOVERY_S):
@@ -70,6 +77,9 @@ class RecorderNode(node_main.GraphNode):
             infos = self.get_publishers_info_by_topic(name)
             if infos:
                 self._subscribe(name, types[0], infos)
+        if self._publisher is None and self._needed <= self._subscribed:
+            self._publisher = self.create_publisher(Header, topics.RECORDED.name,
+                                                    qos.offered(topics.RECORDED))
 
     def _is_wanted(self, name: str) -> bool:
         if self._listed is not None:
@@ -101,15 +111,20 @@ class RecorderNode(node_main.GraphNode):
         self.create_subscription(cls, name, callback, profile, raw=True)
 
     def _acknowledge(self, name: str, stamp_ns: int) -> None:
-        """Publish up to which stamp all acknowledged topics are written, when that advances."""
+        """Note up to which stamp all acknowledged topics are written, and publish it."""
         self._newest_ns = max(self._newest_ns, stamp_ns)
         if name not in self._written_ns_by_topic:
             return
         self._written_ns_by_topic[name] = stamp_ns
-        written_ns = min(self._written_ns_by_topic.values())
-        if written_ns > self._written_ns:
-            self._written_ns = written_ns
-            self._publisher.publish(Header(stamp=conversions.time_msg(written_ns)))
+        self._written_ns = max(self._written_ns, min(self._written_ns_by_topic.values()))
+        self._publish_written()
+
+    def _publish_written(self) -> None:
+        """Publish up to which stamp everything is written, if that is new and has a reader."""
+        if (self._publisher is not None and self._written_ns > self._sent_ns
+                and self._publisher.get_subscription_count()):
+            self._sent_ns = self._written_ns
+            self._publisher.publish(Header(stamp=conversions.time_msg(self._sent_ns)))
 
 
 def _read(path: str) -> str:

@@ -21,6 +21,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -95,6 +96,8 @@ class RenderNode(node_main.GraphNode):
             topic.name: self.create_publisher(message_class(topic.type), topic.name,
                                               qos.offered(topic), event_callbacks=events)
             for topic in _TOPICS}
+        self._readers = Matching(self, list(self._publishers_by_topic.values()),
+                                 config.participants if config.lockstep else ())
         self._publish_sun()
         self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
                                  qos.requested(topics.WORLD_HASH, config.lockstep))
@@ -201,7 +204,7 @@ class RenderNode(node_main.GraphNode):
         """Return whether all awaited subscribers have been discovered."""
         while self._awaited and self._is_read(self._awaited[-1]):
             self._awaited.pop()
-        return not self._awaited
+        return not self._awaited and self._readers.is_complete
 
     def _is_read(self, name: str) -> bool:
         return self._publishers_by_topic[name].get_subscription_count() > 0

@@ -53,6 +53,12 @@ class StatePublisher:
                                                     qos.offered(topics.TF_STATIC))
             self._tf_static.publish(self._static_transforms())
 
+    @property
+    def publishers(self) -> list[Any]:
+        """Those of the messages that every state has."""
+        moving = [] if self._tf is None else [self._tf]
+        return [*self._publishers.values(), *moving]
+
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish one state with one stamp [ns]."""
         stamp = conversions.time_msg(stamp_ns)

@@ -30,6 +30,9 @@ class NodeConfig(Parameters):
     rover: str = param('', 'rover description, YAML; empty for the packaged one')
     time_mode: str = param(REAL_TIME, 'lockstep waits for answers, real_time follows the wall '
                            'clock', choices=(LOCKSTEP, REAL_TIME))
+    participants: tuple[str, ...] = param(
+        (), 'topics by whose publishers the participants of a run are recognised; a run names '
+        'all awaited ones; in lockstep no node sends before they are discovered and matched')
 
     @property
     def lockstep(self) -> bool:

@@ -6,6 +6,7 @@ It needs no ROS: `record` and the launch file both start what `prepare` returns.
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from pathlib import Path
 
@@ -38,11 +39,11 @@ class NodePlan:
     """One node process.
 
     name: of the node and of its console script
-    parameters: name → path on this machine
+    parameters: name → value: paths on this machine, topics
     """
 
     name: str
-    parameters: dict[str, str]
+    parameters: dict[str, str | bool | tuple[str, ...]]
 
     def ros_arguments(self, params_file: Path) -> list[str]:
         """Return the arguments of the process."""
@@ -50,7 +51,7 @@ class NodePlan:
         for name, value in self.parameters.items():
             # The node's name is needed, since the node's section of the file wins over `/**`. The
             # quotes keep a path of digits text.
-            arguments += ['-p', f'{self.name}:{name}:="{value}"']
+            arguments += ['-p', f'{self.name}:{name}:={json.dumps(value, ensure_ascii=False)}']
         return arguments
 
 
@@ -127,6 +128,14 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
     return tuple(result)
 
 
+def _participants(scenario: Scenario) -> tuple[str, ...]:
+    """Return the topics that any node of a resolved scenario waits for, and cmd_vel."""
+    awaited = [*scenario.physics_node.wait.topics, *scenario.gait_controller_node.wait.topics]
+    if 'drive_node' in scenario.run.nodes:
+        awaited.append(topics.CMD_VEL.name)
+    return tuple(dict.fromkeys([*scenario.shared.participants, *awaited]))
+
+
 def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
     """Write the resolved scenario and the rover to the run's folder; return the nodes' plans.
 
@@ -146,9 +155,12 @@ def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
     # Tools that read the bag later find its world here.
     (folder / WORLD_LINK).symlink_to(world)
     paths = {'world': str(world), 'rover': str(folder / ROVER_FILE)}
+    participants = _participants(scenario)
     plans = []
     for name in scenario.run.nodes:
-        parameters = dict(paths)
+        parameters: dict[str, str | bool | tuple[str, ...]] = dict(paths)
+        if participants:
+            parameters['participants'] = participants
         if name == 'recorder_node':
             parameters['output'] = str(folder / BAG_FOLDER)
             parameters['scenario_file'] = str(folder / SCENARIO_FILE)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 import signal
 import subprocess
@@ -19,87 +17,12 @@ rclpy = pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import Twist  # noqa: E402  (needs rclpy)
 from nav_msgs.msg import Odometry  # noqa: E402
+from peer import fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
-
-LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
-SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
-                'sgm.num_disparities:=32')
-
-
-class Peer:
-    """A plain rclpy node with the default QoS of a script."""
-
-    def __init__(self) -> None:
-        rclpy.init()
-        self.node = rclpy.create_node('peer')
-
-    def listen(self, kind: Any, topic: str) -> list[Any]:
-        """Return a list that fills with the messages of a topic."""
-        received: list[Any] = []
-        self.node.create_subscription(kind, topic, received.append, 10)
-        return received
-
-    def spin_until(self, condition: Callable[[], bool], limit_s: float = 30.0,
-                   meanwhile: Callable[[], None] = lambda: None) -> None:
-        """Spin until the condition holds; call `meanwhile` about 20 times a second."""
-        deadline = time.monotonic() + limit_s
-        while not condition():
-            assert time.monotonic() < deadline, 'nothing came'
-            meanwhile()
-            until = time.monotonic() + 0.05
-            while time.monotonic() < until:
-                rclpy.spin_once(self.node, timeout_sec=0.01)
-
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Call a service and return its response."""
-        client = self.node.create_client(kind, service)
-        assert client.wait_for_service(30.0)
-        for _ in range(5):
-            # A response is lost where the service has not yet discovered who asks.
-            future = client.call_async(request)
-            rclpy.spin_until_future_complete(self.node, future, timeout_sec=6.0)
-            if future.done():
-                return future.result()
-        raise AssertionError(f'{service} does not answer')
-
-
-@pytest.fixture()
-def peer(domain: int) -> Iterator[Peer]:
-    """Give a plain rclpy node in a domain of its own."""
-    peer = Peer()
-    yield peer
-    peer.node.destroy_node()
-    rclpy.try_shutdown()
-
-
-@contextmanager
-def running(name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a node as `ros2 run` would, and end it with SIGINT."""
-    process = subprocess.Popen(
-        [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    try:
-        yield process
-        process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def fails(name: str, *arguments: str) -> str:
-    """Run a node that must refuse its parameters; return its one line."""
-    finished = subprocess.run(
-        [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
-        capture_output=True, text=True, timeout=60)
-    assert finished.returncode == 1, finished.stdout + finished.stderr
-    lines = finished.stderr.strip().splitlines()
-    assert len(lines) == 1, finished.stderr
-    return lines[0]
 
 
 def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:

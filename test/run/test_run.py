@@ -50,10 +50,13 @@ def test_contract(recorded_run: Path) -> None:
             message = bag.first(name)
             if hasattr(message, 'header'):
                 assert message.header.frame_id == topic.frame_id, name
+        latched_topics = {f'/{topic.name}' for topic in topics.CONTRACT
+                          if topic.rate == topics.LATCHED}
         for connection in bag.connections:
             profile = connection.ext.offered_qos_profiles[0]
             assert profile.reliability.name == 'RELIABLE', connection.topic
-            assert profile.durability.name == 'TRANSIENT_LOCAL', connection.topic
+            durability = 'TRANSIENT_LOCAL' if connection.topic in latched_topics else 'VOLATILE'
+            assert profile.durability.name == durability, connection.topic
 
 
 def test_messages_say_what_they_must(recorded_run: Path) -> None:

@@ -1,0 +1,134 @@
+"""Who joins late gets the present, nothing of the past; QoS overrides; use_sim_time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, ExitStack
+import dataclasses
+from pathlib import Path
+import time
+
+import pytest
+
+pytestmark = pytest.mark.ros
+rclpy = pytest.importorskip('rclpy')
+
+from nav_msgs.msg import Odometry  # noqa: E402  (needs rclpy)
+from peer import fails, Peer, running, SMALL_CAMERA  # noqa: E402
+from rosgraph_msgs.msg import Clock  # noqa: E402
+from sensor_msgs.msg import Image  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from lunar_rover_sim.bag.messages import header_ns, time_ns  # noqa: E402
+from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
+from lunar_rover_sim.run.plan import prepare, resolve  # noqa: E402
+from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
+
+STATE_NS, FRAME_NS = 5_000_000, 100_000_000
+
+
+@contextmanager
+def physics(peer: Peer, world: Path, *arguments: str) -> Iterator[list[Clock]]:
+    """Run physics for a simulated second; give its clock messages."""
+    with running('physics_node', '-p', f'world:={world}', *arguments):
+        clock = peer.listen(Clock, 'clock')
+        peer.spin_until(lambda: bool(clock) and time_ns(clock[-1].clock) > 1_000_000_000)
+        yield clock
+
+
+def test_a_late_reader_gets_the_present_state_and_image(peer: Peer, world_folder: Path) -> None:
+    """The first message is less than two periods old; latched topics come all the same."""
+    with ExitStack() as stack:
+        stack.enter_context(running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA))
+        clock = stack.enter_context(physics(peer, world_folder))
+        image = peer.echo(Image, 'stereo/left/image_raw')
+        peer.spin_until(lambda: bool(image))    # that of the shown frame, drawn for this reader
+        for topic, kind, period_ns in (('odom', Odometry, STATE_NS),
+                                       ('stereo/left/image_raw', Image, FRAME_NS)):
+            messages = peer.echo(kind, topic)
+            joined_ns = time_ns(clock[-1].clock)
+            peer.spin_until(lambda messages=messages: bool(messages))
+            assert header_ns(messages[0]) > joined_ns - 2 * period_ns, topic
+        description = peer.echo(String, 'robot_description')
+        peer.spin_until(lambda: bool(description))
+
+
+def test_in_lockstep_a_late_reader_gets_nothing_of_the_past(peer: Peer,
+                                                            world_folder: Path) -> None:
+    """Physics that waits for nobody stands still at its end: there is only a past."""
+    with physics(peer, world_folder, '-p', 'time_mode:=lockstep') as clock:
+        odometry = peer.echo(Odometry, 'odom')
+        joined_ns = time_ns(clock[-1].clock)
+        peer.spin_until(lambda: bool(odometry))
+        assert header_ns(odometry[0]) > joined_ns - 2 * STATE_NS
+
+
+def test_a_recorder_that_starts_late_records_from_then_on(peer: Peer, world_folder: Path,
+                                                          tmp_path: Path) -> None:
+    """No odometry of the time before it."""
+    with physics(peer, world_folder) as clock:
+        before_ns = time_ns(clock[-1].clock)
+        with running('recorder_node', '-p', f'output:={tmp_path / "bag"}', '-p',
+                     'topics:=[odom]'):
+            peer.spin_until(lambda: time_ns(clock[-1].clock) > before_ns + 3_000_000_000)
+    with open_bag(tmp_path / 'bag') as bag:
+        stamps = [bag.stamp_ns(message) for message in bag.raw(['/odom'])]
+    assert stamps[0] > before_ns
+    assert len(stamps) > 10
+
+
+def test_qos_overrides_work(peer: Peer, world_folder: Path) -> None:
+    """A durable odometry, by the parameter that ROS 2 defines: a late reader gets the first."""
+    with physics(peer, world_folder, '-p', 'qos_overrides./odom.publisher.durability:='
+                 'transient_local', '-p', 'qos_overrides./odom.publisher.depth:=3'):
+        odometry = peer.echo(Odometry, 'odom')
+        peer.spin_until(lambda: len(odometry) > 3)
+        infos = peer.node.get_publishers_info_by_topic('/odom')
+        assert [info.qos_profile.durability.name for info in infos] == ['TRANSIENT_LOCAL']
+        infos = peer.node.get_publishers_info_by_topic('/imu/data_raw')
+        assert [info.qos_profile.durability.name for info in infos] == ['VOLATILE']
+
+
+@pytest.mark.parametrize(('override', 'said'), [
+    ('/odm.publisher.depth:=3', 'physics_node does not publish /odm; did you mean /odom'),
+    ('/odom.publisher.durability:=eternal', 'valid is volatile or transient_local'),
+    ('/odom.publisher.depth:=0', '0 is not valid; valid is >= 1'),
+    ('/odom.publisher.patience:=3', 'no such parameter'),
+])
+def test_wrong_overrides_are_refused(override: str, said: str, world_folder: Path,
+                                     domain: int) -> None:
+    """With one line that names the parameter, as for any other."""
+    line = fails('physics_node', '-p', f'world:={world_folder}', '-p', f'qos_overrides.{override}')
+    assert said in line and 'qos_overrides./od' in line
+
+
+@pytest.mark.parametrize('time_mode', ['lockstep', 'real_time'])
+def test_every_node_works_with_use_sim_time(time_mode: str, world_folder: Path, tmp_path: Path,
+                                            domain: int) -> None:
+    """As SetParameter('use_sim_time', True) gives it: time goes on, frames and commands come.
+
+    Without it: every other test.
+    """
+    scenario = resolve(Scenario.load('baseline', [
+        f'time_mode={time_mode}', 'world.size_m=12.8', 'world.surroundings.samples=257',
+        'render_node.camera.width=160', 'render_node.camera.height=120',
+        'render_node.sgm.num_disparities=32'], duration_s=1.0))
+    folder = tmp_path / 'run'
+    plans = [dataclasses.replace(plan, parameters={**plan.parameters, 'use_sim_time': True})
+             for plan in prepare(scenario, folder, world_folder)]
+    with NodeProcesses(plans, folder, domain) as nodes:
+        deadline = time.monotonic() + 60.0
+        while not nodes.has_finished():
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+    with open_bag(folder / 'bag') as bag:
+        assert bag.counts['/joint_commands'] > 100
+        assert bag.counts['/stereo/left/image_raw'] > 1
+        assert bag.counts['/cmd_vel'] > 3
+
+
+def test_physics_alone_with_use_sim_time_ends_at_ctrl_c(peer: Peer, world_folder: Path) -> None:
+    """`running` checks the status."""
+    with physics(peer, world_folder, '-p', 'use_sim_time:=true'):
+        pass
