@@ -71,7 +71,11 @@ def test_a_recorder_that_starts_late_records_from_then_on(peer: Peer, world_fold
         before_ns = time_ns(clock[-1].clock)
         with running('recorder_node', '-p', f'output:={tmp_path / "bag"}', '-p',
                      'topics:=[odom]'):
-            peer.spin_until(lambda: time_ns(clock[-1].clock) > before_ns + 3_000_000_000)
+            peer.spin_until(lambda: any(
+                info.node_name == 'recorder_node'
+                for info in peer.node.get_subscriptions_info_by_topic('/odom')))
+            joined_ns = time_ns(clock[-1].clock)
+            peer.spin_until(lambda: time_ns(clock[-1].clock) > joined_ns + 500_000_000)
     with open_bag(tmp_path / 'bag') as bag:
         stamps = [bag.stamp_ns(message) for message in bag.raw(['/odom'])]
     assert stamps[0] > before_ns
