@@ -46,11 +46,15 @@ MEANINGS: dict[str, str] = {
     'corners': 'FAST corners (threshold 20 of 255) per left image',
     'sgm_density': 'share of the ground pixels with a disparity from semi-global matching',
     'sgm_error_px': 'median absolute error of that disparity against the true depth [px]',
+    'sgm_bias_px': 'median signed error of it, disparity less true disparity [px]',
     'accel_noise_density': 'standard deviation of raw minus truth and bias, times the root of '
                            'the sample period [m/s^2/sqrt(Hz)]',
     'gyro_noise_density': 'the same of the gyroscope [rad/s/sqrt(Hz)]',
     'bytes': 'size of the bag [bytes]',
 }
+
+
+_MEDIANS = ('sgm_error_px', 'sgm_bias_px')
 
 
 def statistics(path: Path | str) -> dict[str, Any]:
@@ -117,13 +121,13 @@ def _samples(bag: Bag) -> Iterator[_Sample]:
 
 
 def _images(bag: Bag) -> dict[str, float]:
-    """Return means over the sampled frames; of the error, the median."""
+    """Return means over the sampled frames; of the errors of disparity, medians."""
     linear = recorded_scenario(bag).get('render_node', 'sensor.companding') == 'linear'
     collected: dict[str, list[float]] = {}
     for sample in _samples(bag):
         for name, value in _describe(bag, sample, linear).items():
             collected.setdefault(name, []).append(value)
-    return {name: float(np.median(values) if name == 'sgm_error_px' else np.mean(values))
+    return {name: float(np.median(values) if name in _MEDIANS else np.mean(values))
             for name, values in collected.items()}
 
 
@@ -152,6 +156,7 @@ def _describe(bag: Bag, sample: _Sample, linear: bool) -> dict[str, float]:
             true_px = disparity_from_depth(sample.depth_m, message.f, message.t)
             errors_px = disparity_errors_px(disparity, true_px, matched)
             result['sgm_error_px'] = float(np.median(np.abs(errors_px)))
+            result['sgm_bias_px'] = float(np.median(errors_px))
     return result
 
 

@@ -54,9 +54,15 @@ def run(args: argparse.Namespace) -> int:
         table.add_column(name, justify='right')
     for row in next(iter(results.values())):
         values = [results[name][row] for name in results]
-        table.add_row(row, *(f'{v:.3f}' if row.endswith('[px]') else f'{100 * v:.1f} %'
-                             for v in values))
+        table.add_row(row, *(_formatted(row, v) for v in values))
     console.print(table)
     atomic_write(args.output / 'stereo.json', json.dumps(results, indent=1) + '\n', ConfigError)
     console.print(f'written to {args.output}')
     return 0
+
+
+def _formatted(row: str, value: float) -> str:
+    """Return a figure as the table shows it: shares in per cent, errors in px, some signed."""
+    if not row.endswith('[px]'):
+        return f'{100 * value:.1f} %'
+    return f'{value:+.3f}' if 'signed' in row else f'{value:.3f}'

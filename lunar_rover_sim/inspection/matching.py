@@ -4,8 +4,9 @@ Only well textured pixels are judged, since in shadows semi-global matching foll
 There its error e is described by e = shift + lag * dd/dv + scale * d, d the true disparity and v
 the row. A wrong principal point or rounding gives a shift, a wrong focal length or baseline a
 scale, and a depth image that is displaced against the images a lag. The five-path variant of
-OpenCV's matcher aggregates from above only and lags by itself: on synthetic planes by 0.75 rows
-(0.10 px at a slope of 0.10 px a row, 0.19 px at 0.25), where the eight-path variant does not lag.
+OpenCV's matcher aggregates from above only and lags by itself, unless its result is refined: on
+synthetic planes by 0.75 rows (0.10 px at a slope of 0.10 px a row, 0.19 px at 0.25), where the
+eight-path variant does not lag.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class FrameError:
     """Disparity of one frame against its true depth, over its textured pixels.
 
     pixels: number of judged pixels; with fewer than MIN_PIXELS all errors are NaN
-    median_px: median of the absolute error
+    median_px, bias_px: median of the absolute and of the signed error
     shift_px, lag_rows, scale: as in the module's description
     outliers: share that is off by more than 2 px
     matched: share of all pixels with a true disparity in range that were matched
@@ -39,6 +40,7 @@ class FrameError:
     stamp_ns: int
     pixels: int
     median_px: float
+    bias_px: float
     shift_px: float
     lag_rows: float
     scale: float
@@ -86,7 +88,7 @@ def frame_error(stamp_ns: int, disparity: DisparityMap, true_px: NDArray[np.floa
     count = int(judged.sum())
     if count < MIN_PIXELS:
         nan = float('nan')
-        return FrameError(stamp_ns, count, nan, nan, nan, nan, nan, matched)
+        return FrameError(stamp_ns, count, nan, nan, nan, nan, nan, nan, matched)
     error = disparity_errors_px(disparity, true_px, judged).astype(float)
     model = np.stack([np.ones(count), slope[judged], true_px[judged]], axis=1)
     centre = np.median(error)
@@ -98,5 +100,5 @@ def frame_error(stamp_ns: int, disparity: DisparityMap, true_px: NDArray[np.floa
         fit = np.linalg.lstsq(model[inlier], error[inlier], rcond=1e-6)[0]
         inlier = np.abs(error - model @ fit) < _INLIER_PX
     shift, lag, scale = (float(value) for value in fit)
-    return FrameError(stamp_ns, count, float(np.median(np.abs(error))), shift, lag, scale,
-                      float(np.mean(np.abs(error) > _OUTLIER_PX)), matched)
+    return FrameError(stamp_ns, count, float(np.median(np.abs(error))), float(centre),
+                      shift, lag, scale, float(np.mean(np.abs(error) > _OUTLIER_PX)), matched)

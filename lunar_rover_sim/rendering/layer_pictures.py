@@ -33,6 +33,20 @@ def error_picture(error: NDArray[np.floating], full: float) -> U8:
     return np.asarray(colours, np.uint8)
 
 
+def signed_error_picture(error: NDArray[np.floating], full: float) -> U8:
+    """Return (h, w, 3) BGR colours of an error: blue at -full, white at 0, red at full.
+
+    NaN is dark grey.
+    """
+    known = np.isfinite(error)
+    level = np.clip(np.where(known, error, 0.0) / full, -1.0, 1.0)
+    shares = np.stack([1.0 - np.maximum(level, 0.0), 1.0 - np.abs(level),
+                       1.0 + np.minimum(level, 0.0)], axis=-1)
+    colours = np.rint(255.0 * shares).astype(np.uint8)
+    colours[~known] = (40, 40, 40)
+    return colours
+
+
 def label_picture(label: NDArray[np.int32]) -> U8:
     """Return (h, w, 3) BGR colours of labels; sky black, ground grey, rover white."""
     palette = np.random.default_rng(1).integers(60, 256, (4096, 3), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""Disparity against truth: density, bad pixels, end-point error, and why pixels are missing.
+"""Disparity against truth: density, bad pixels, bias, end-point error; why pixels are missing.
 
 Shares of bad pixels and end-point error are those of the Middlebury benchmark (Scharstein and
 Szeliski, "A Taxonomy and Evaluation of Dense Two-Frame Stereo Correspondence Algorithms", Int. J.
@@ -18,6 +18,11 @@ from lunar_rover_sim.stereo.depth import DisparityMap
 
 F32 = NDArray[np.float32]
 
+# The signed errors are counted in bins, so that the median of many frames needs no list of all.
+_BIN_PX = 1.0 / 64.0
+_LARGEST_BINNED_PX = 4.0
+_BINS = round(2.0 * _LARGEST_BINNED_PX / _BIN_PX)
+
 
 @dataclasses.dataclass(frozen=True)
 class StereoErrors:
@@ -28,6 +33,9 @@ class StereoErrors:
     matched: of these, pixels with a disparity
     bad1, bad2: matched pixels that are wrong by more than 1 and 2 px
     error_sum_px, error_squared_px: sums of the absolute and squared error of matched pixels [px]
+    signed_sum_px: sum of disparity minus true disparity of matched pixels [px]
+    signed_counts: matched pixels by that difference, in equal bins from -4 to 4 px; the outermost
+        hold all that lie beyond. Empty while there are none
     lit, lit_matched: judged pixels that are not in shadow, and those of them that are matched
     margin, occluded, shadowed, saturated, flat: unmatched pixels by cause, which is the first that
         applies: outside the part that the matcher looks at, not seen by the other camera, in
@@ -47,10 +55,26 @@ class StereoErrors:
     shadowed: int = 0
     saturated: int = 0
     flat: int = 0
+    signed_sum_px: float = 0.0
+    signed_counts: tuple[int, ...] = ()
 
     def __add__(self, other: StereoErrors) -> StereoErrors:
-        return StereoErrors(*(a + b for a, b in zip(dataclasses.astuple(self),
-                                                    dataclasses.astuple(other))))
+        def total(name: str) -> Any:
+            a, b = getattr(self, name), getattr(other, name)
+            if name != 'signed_counts':
+                return a + b
+            return tuple(map(sum, zip(a, b))) if a and b else a or b
+        return StereoErrors(*(total(field.name) for field in dataclasses.fields(self)))
+
+    @property
+    def median_px(self) -> float:
+        """Median of disparity minus true disparity, interpolated in a bin of 1/64 px [px]."""
+        below = np.cumsum(self.signed_counts)
+        if not len(below) or below[-1] == 0:
+            return float('nan')
+        k = int(np.searchsorted(below, 0.5 * below[-1]))
+        share = (0.5 * below[-1] - (below[k] - self.signed_counts[k])) / self.signed_counts[k]
+        return float((k + share) * _BIN_PX - _LARGEST_BINNED_PX)
 
     def summary(self) -> dict[str, float]:
         """Return shares of 1 and errors in px; NaN where there is nothing to divide by."""
@@ -63,6 +87,8 @@ class StereoErrors:
             'density on lit ground': share(self.lit_matched, self.lit),
             'bad-1': share(self.bad1, self.matched),
             'bad-2': share(self.bad2, self.matched),
+            'median signed error [px]': self.median_px,
+            'mean signed error [px]': share(self.signed_sum_px, self.matched),
             'end-point error [px]': share(self.error_sum_px, self.matched),
             'RMS error [px]': float(np.sqrt(share(self.error_squared_px, self.matched))),
             'invalid: margin of search': share(self.margin, unmatched),
@@ -106,7 +132,10 @@ def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | 
     ground = (truth_px > 0.0) & (truth_px <= disparity.max_disparity_px) \
         & (column - truth_px >= 0.0) & (truth_px >= max(disparity.min_disparity_px, 0.25))
     matched = ground & disparity.valid
-    error = np.abs(disparity_errors_px(disparity, truth_px, matched))
+    signed = disparity_errors_px(disparity, truth_px, matched).astype(float)
+    error = np.abs(signed)
+    place = np.floor((signed + _LARGEST_BINNED_PX) / _BIN_PX)
+    counts = np.bincount(np.clip(place, 0, _BINS - 1).astype(int), minlength=_BINS)
     mean = cv2.blur(image, (block_px, block_px))
     deviation = np.sqrt(np.maximum(cv2.blur(image * image, (block_px, block_px)) - mean**2, 0.0))
     dark = mean < shadow_level
@@ -129,6 +158,7 @@ def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | 
     lit = ground & ~dark
     return StereoErrors(int(ground.sum()), int(matched.sum()), int((error > 1.0).sum()),
                         int((error > 2.0).sum()), float(error.sum()),
-                        float((error.astype(float)**2).sum()), int(lit.sum()),
+                        float((error**2).sum()), int(lit.sum()),
                         int((lit & matched).sum()), int(margin.sum()), int(occluded.sum()),
-                        int(shadowed.sum()), int(saturated.sum()), int(flat.sum()))
+                        int(shadowed.sum()), int(saturated.sum()), int(flat.sum()),
+                        float(signed.sum()), tuple(counts.tolist()))

@@ -18,6 +18,7 @@ from lunar_rover_sim.errors import StereoError
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import DisparityMap
+from lunar_rover_sim.stereo.refinement import refined
 
 _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
           'hh4': cv2.STEREO_SGBM_MODE_HH4, '3way': cv2.STEREO_SGBM_MODE_SGBM_3WAY}
@@ -87,20 +88,50 @@ class SgmMatcher:
         disparity = np.full((height, width), invalid, np.float32)
         top = self._first_row(left8, right8)
         if height - top > config.block_size:
-            fixed = self._matcher.compute(left8[top:], right8[top:])
-            part = disparity[top:]
-            np.multiply(fixed, np.float32(1.0 / 16.0), out=part)
-            part[fixed < 16 * config.min_disparity] = invalid
-            if config.min_contrast > 0.0:
-                part[_variance(left8[top:], config.block_size) < config.min_contrast**2] = invalid
-            # Blocks at the upper edge are cut off.
-            part[:config.block_size // 2] = invalid
+            self._match_below(left8[top:], right8[top:], disparity[top:])
         reach = config.min_disparity + config.num_disparities
         margin = config.block_size // 2
-        x = max(reach - 1, 0) + margin
-        window = (x, margin, max(width - x - margin, 0), height - 2 * margin)
+        # A match needs a right column within the image at the least disparity looked for.
+        first = margin + max(config.min_disparity, 0)
+        last = width - margin + min(config.min_disparity, 0)
+        window = (first, margin, max(last - first, 0), height - 2 * margin)
         return DisparityMap(disparity, float(config.min_disparity), float(reach - 1), 1.0 / 16.0,
                             window, *self._geometry)
+
+    def _match_below(self, left: NDArray[np.uint8], right: NDArray[np.uint8],
+                     out: NDArray[np.float32]) -> None:
+        """Write the disparity of the valid pixels of two (h, w) images into `out`."""
+        config = self.config
+        fixed = self._fixed_point(left, right)
+        found = np.multiply(fixed, np.float32(1.0 / 16.0))
+        valid = fixed >= 16 * config.min_disparity
+        if config.refinement:
+            found = refined(found, valid, left, right)
+        if config.min_contrast > 0.0:
+            valid &= _variance(left, config.block_size) >= config.min_contrast**2
+        # The block around the match lies in the right image, and at the upper edge in the left.
+        margin = config.block_size // 2
+        there = np.subtract(np.arange(left.shape[1], dtype=np.float32), found)
+        valid &= cv2.inRange(there, float(margin), left.shape[1] - 1.0 - margin) > 0
+        valid[:margin] = False
+        np.clip(found, config.min_disparity, config.min_disparity + config.num_disparities - 1,
+                out=found)
+        np.copyto(out, found, where=valid)
+
+    def _fixed_point(self, left: NDArray[np.uint8],
+                     right: NDArray[np.uint8]) -> NDArray[np.int16]:
+        """Return 16 times the disparity, by OpenCV.
+
+        It matches only columns whose whole search range lies in the image. Padding puts it there
+        for all columns; matches in the padding are for the caller to drop.
+        """
+        config = self.config
+        before = max(config.min_disparity + config.num_disparities, 0)
+        after = max(-config.min_disparity, 0)
+        padded = (cv2.copyMakeBorder(image, 0, 0, before, after, cv2.BORDER_REPLICATE)
+                  for image in (left, right))
+        fixed = self._matcher.compute(*padded)
+        return np.asarray(fixed[:, before:before + left.shape[1]], np.int16)
 
     def _first_row(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> int:
         """Return the first row to match: a block above the first row that is not black."""

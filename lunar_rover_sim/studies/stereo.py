@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.rendering.frame import StereoFrame
-from lunar_rover_sim.rendering.layer_pictures import depth_picture, error_picture, gray8
+from lunar_rover_sim.rendering.layer_pictures import depth_picture, gray8, signed_error_picture
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
@@ -85,11 +85,12 @@ def _plot(frame: StereoFrame, disparity: DisparityMap, truth_px: NDArray[np.floa
     """Save left image, true depth, SGM depth and disparity error side by side."""
     assert frame.left is not None and frame.depth_m is not None
     error = np.where(disparity.valid & (truth_px > 0.0),
-                     np.abs(disparity.disparity_px - truth_px), np.nan)
+                     disparity.disparity_px - truth_px, np.nan)
     panels = [('left image', gray8(frame.left)),
               ('true depth, 0.3 to 20 m', depth_picture(frame.depth_m)),
               ('SGM depth', depth_picture(disparity.depth_m)),
-              ('disparity error, 0 to 2 px', error_picture(error, 2.0))]
+              ('disparity less true disparity, -1 px blue to +1 px red',
+               signed_error_picture(error, 1.0))]
     figure = Figure(figsize=(20, 4.2), layout='constrained')
     for axes, (title, picture) in zip(figure.subplots(1, 4), panels):
         axes.imshow(picture[..., ::-1])

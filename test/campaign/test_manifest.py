@@ -82,6 +82,7 @@ def test_statistics_of_the_analytic_bag(episode: Path) -> None:
     assert found['accel_noise_density'] == pytest.approx(1e-2 / 200**0.5, rel=0.15)
     assert found['gyro_noise_density'] == pytest.approx(1e-3 / 200**0.5, rel=0.15)
     assert found['sgm_error_px'] < 1e-4
+    assert abs(found['sgm_bias_px']) < 1e-4
     assert 0.0 < found['ground_share'] < 1.0
     # Levels are uniform from 30 to 230 and stand for the root of the signal: bright ground is 210,
     # 5 % of its signal is 210 sqrt(0.05) = 47.

@@ -109,9 +109,11 @@ def test_validate_stereo(tmp_path, capsys):
     summary = json.loads((out / 'stereo.json').read_text())['baseline']
     assert summary['density on lit ground'] > 0.5
     assert summary['end-point error [px]'] < 1.0
+    assert abs(summary['median signed error [px]']) < 0.05
     causes = [summary[key] for key in summary if key.startswith('invalid')]
     assert sum(causes) == pytest.approx(1.0)
     assert len(list(out.glob('*.png'))) == 2
-    assert 'bad-1' in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert 'bad-1' in printed and 'median signed error' in printed
     assert main(['validate', 'stereo', 'baseline', '-n', '0', '-o', str(tmp_path / 'x')]) == 1
     assert 'frames: 0 is not valid; valid is >= 1' in capsys.readouterr().err

@@ -63,14 +63,14 @@ def test_ground_without_contrast_has_no_disparity(contrast, kept):
     assert valid.mean() > 0.8 if kept else valid.mean() < 0.2
 
 
-def test_the_window_holds_every_pixel_whose_block_and_range_lie_in_the_image():
-    """A block of 7 at a range of 0 to 63: 3 px at each edge, and 63 more on the left."""
+def test_the_window_holds_every_pixel_that_can_be_matched():
+    """A block of 7: 3 px at each edge, and on the left the least disparity looked for."""
     left, right = pair(0)
     matcher = SgmMatcher(SgmConfig(num_disparities=64, block_size=7))
-    assert matcher.match(left, right).valid_window == (66, 3, 320 - 66 - 3, 160 - 6)
+    assert matcher.match(left, right).valid_window == (3, 3, 320 - 6, 160 - 6)
     shifted = SgmMatcher(SgmConfig(num_disparities=64, block_size=7, min_disparity=4))
     disparity = shifted.match(left, right)
-    assert disparity.valid_window == (70, 3, 320 - 70 - 3, 160 - 6)
+    assert disparity.valid_window == (7, 3, 320 - 7 - 3, 160 - 6)
     assert (disparity.min_disparity_px, disparity.max_disparity_px) == (4.0, 67.0)
     assert disparity.disparity_px.min() == 3.0
     assert np.abs(disparity.disparity_px[disparity.valid] - 12.0).max() < 1.0

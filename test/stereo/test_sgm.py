@@ -9,6 +9,7 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import depth_from_disparity, disparity_from_depth, DisparityMap
 from lunar_rover_sim.stereo.error import disparity_errors_px, stereo_errors, StereoErrors
+from lunar_rover_sim.stereo.refinement import refined
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 
 
@@ -25,6 +26,78 @@ def textured_pair(disparity_px, height=240, width=400, sky=60, seed=0):
         right[row] = np.interp(columns + disparity_px[row], np.arange(texture.shape[1]),
                                texture[row])
     return left, right
+
+
+def plane(mode, **settings):
+    """Return the signed errors [px] on ground that comes nearer from row to row."""
+    truth = np.maximum(np.arange(240) - 60, 0) * 0.25 + 3.0
+    left, right = textured_pair(truth)
+    disparity = SgmMatcher(SgmConfig(mode=mode, num_disparities=64, **settings)).match(left, right)
+    inside = np.zeros(left.shape, bool)
+    inside[70:-8, 80:-10] = True
+    return (disparity.disparity_px - truth[:, None])[disparity.valid & inside]
+
+
+@pytest.mark.parametrize('mode', ['sgbm', 'hh', 'hh4', '3way'])
+def test_no_mode_is_biased(mode):
+    error_px = plane(mode)
+    assert abs(np.median(error_px)) < 0.03
+    assert np.median(np.abs(error_px)) < 0.06
+
+
+@pytest.mark.parametrize('mode', ['sgbm', '3way'])
+def test_without_refinement_modes_that_look_down_more_than_up_are(mode):
+    assert np.median(plane(mode, refinement=False)) < -0.05
+
+
+def test_refinement_finds_a_shift_of_a_fraction_whatever_the_noise():
+    """A plane at 20.3 px, with noise of a twentieth of the contrast."""
+    left, right = textured_pair(np.full(240, 20.3), sky=0)
+    rng = np.random.default_rng(3)
+    left, right = (np.clip(image + rng.normal(0.0, 3.0, image.shape), 0, 255).astype(np.uint8)
+                   for image in (left, right))
+    start = np.full(left.shape, 19.9, np.float32)
+    found = refined(start, np.ones(left.shape, bool), left, right)[10:-10, 40:-10]
+    assert np.median(found) == pytest.approx(20.3, abs=0.03)
+    assert np.std(found) < 0.1
+
+
+def test_refinement_takes_nothing_from_across_an_edge():
+    """A block at 30 px before a wall at 10 px: each side keeps its own disparity."""
+    truth = np.full((120, 300), 10.0, np.float32)
+    truth[40:80, 150:230] = 30.0
+    rng = np.random.default_rng(5)
+    near, far = (cv2.GaussianBlur(rng.uniform(0, 255, (120, 400)).astype(np.float32), (0, 0), 1.0)
+                 for _ in range(2))
+    left, right = far[:, :300].copy(), far[:, 10:310].copy()
+    left[40:80, 150:230] = near[40:80, 150:230]
+    right[40:80, 120:200] = near[40:80, 150:230]
+    found = refined(truth, np.ones(truth.shape, bool), *(image.astype(np.uint8)
+                                                         for image in (left, right)))
+    assert np.abs(found - truth).max() < 2.0
+    assert np.abs(found[48:72, 158:222] - 30.0).max() < 0.3
+
+
+def test_the_left_margin_is_matched_as_far_as_the_right_camera_sees():
+    """At 40 px of disparity the right image ends at column 40 of the left one."""
+    left, right = textured_pair(np.full(240, 40.0))
+    disparity = SgmMatcher(SgmConfig(num_disparities=64)).match(left, right)
+    seen = disparity.valid[70:-8]
+    assert seen[:, 46:64].mean() > 0.95
+    assert np.abs(disparity.disparity_px[70:-8, 46:64][seen[:, 46:64]] - 40.0).max() < 0.5
+    assert not (disparity.disparity_px[disparity.valid] > np.nonzero(disparity.valid)[1]).any()
+    assert seen[:, :40].mean() < 0.05
+
+
+def test_points_beyond_infinity_are_matched_up_to_the_right_edge():
+    """A negative disparity, as of toed-in cameras: the right image ends on the other side."""
+    right, left = textured_pair(np.full(240, 6.0))
+    disparity = SgmMatcher(SgmConfig(min_disparity=-16, num_disparities=64)).match(left, right)
+    x, _, width, _ = disparity.valid_window
+    assert (x, x + width) == (3, 400 - 3 - 16)
+    seen = disparity.valid[70:-8]
+    assert seen[:, 10:400 - 12].mean() > 0.95
+    assert np.median(disparity.disparity_px[70:-8][seen]) == pytest.approx(-6.0, abs=0.02)
 
 
 @pytest.mark.parametrize('mode', ['sgbm', 'hh', 'hh4', '3way'])
@@ -70,7 +143,7 @@ def test_description_of_the_map():
     assert disparity.min_disparity_px == 0.0 and disparity.max_disparity_px == 63.0
     assert disparity.delta_d_px == 1.0 / 16.0
     x, y, width, height = disparity.valid_window
-    assert x >= 63 and x + width <= 400 and y + height <= 240 and width > 0 and height > 0
+    assert x == 3 and x + width <= 400 and y + height <= 240 and width > 0 and height > 0
 
 
 def test_sixteen_bits_and_colour():
@@ -123,6 +196,20 @@ def test_errors_are_signed_and_infinity_is_no_finite_depth():
     np.testing.assert_array_equal(disparity_errors_px(d, truth, d.has_finite_depth), [-1.0, 0.5])
 
 
+@pytest.mark.parametrize('shift', [-0.5, -0.11, 0.25, 7.0])
+def test_the_median_error_has_its_sign(shift):
+    """Half of the pixels scatter to either side; beyond 4 px the bins end."""
+    truth = np.full((20, 100), 10.0, np.float32)
+    scatter = np.random.default_rng(0).normal(0.0, 0.2, truth.shape)
+    found = DisparityMap((truth + shift + scatter).astype(np.float32), 0.0, 63.0, 0.0625,
+                         (0, 0, 100, 20))
+    errors = stereo_errors(found, truth, None, np.full(truth.shape, 100, np.uint8))
+    expected = min(shift, 4.0)
+    assert (errors + errors).median_px == pytest.approx(expected, abs=0.03)
+    assert errors.summary()['mean signed error [px]'] == pytest.approx(shift, abs=0.02)
+    assert np.isnan(StereoErrors().median_px)
+
+
 def test_errors_of_a_known_map():
     truth = np.full((20, 100), 10.0, np.float32)
     d = truth.copy()
@@ -142,6 +229,10 @@ def test_errors_of_a_known_map():
     assert summary['end-point error [px]'] == pytest.approx((5 * 1.5 + 2 * 3.0) / 17)
     assert summary['invalid: in shadow'] == 1.0
     assert (errors + StereoErrors()) == errors
+    # Ten of seventeen rows are right, the others too near; a bin is 1/64 px.
+    assert summary['median signed error [px]'] == pytest.approx(0.0, abs=1 / 64)
+    assert summary['mean signed error [px]'] == pytest.approx((5 * 1.5 + 2 * 3.0) / 17)
+    assert (errors + errors).summary() == pytest.approx(summary, nan_ok=True)
     # Where the matcher does not look, at full scale, or without texture there is another cause.
     window = DisparityMap(d, 0.0, 63.0, 0.0625, (10, 8, 90, 12))
     image[8], image[9] = 255, 100
