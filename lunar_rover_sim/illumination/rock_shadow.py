@@ -20,11 +20,15 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 F32 = NDArray[np.float32]
 
+Near = tuple[NDArray[np.int64], NDArray[np.int64], F32, F32, F32]
+
 _BATCH = 1_500_000
 _MAX_REACH_M = 40.0
 _FALL = 0.05        # slope of the ground away from the rock that its shadow may follow
 _LIT_RAD = 0.014    # where the sun stands higher above the horizon the ground is fully lit
-_MARGIN_CELLS = 2.0
+_MARGIN_CELLS = 2
+_OUTLINE_SHARE = 0.8        # of an outline in the rectangle around it
+_LEAST_WIDTH_CELLS = 0.4    # rocks narrower than this cast no shadow on a coarse grid
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +135,12 @@ def stamp(clearance_m: F32, occluder_m: F32, grid: HeightGrid, rocks: Silhouette
     best = np.where(angle > _LIT_RAD, np.float32(np.inf), angle)
     flat_c, flat_t = clearance_m.reshape(-1), occluder_m.reshape(-1)
     pieces = []
-    for cells, distance, along in _pairs(grid, rocks, sun):
+    for cells, owner, along, a, b in _pairs(grid, rocks, sun, _near(grid, rocks, 0.0),
+                                            _MARGIN_CELLS):
+        distance = rocks.distance(owner, a, b)
+        close = distance < 2.5 * grid.cell_m
+        cells, distance = cells[close], distance[close]
+        along = np.maximum(along[close], np.float32(0.01))
         value = distance / along
         np.minimum.at(best, cells, value)
         pieces.append((cells, distance, along, value))
@@ -139,6 +148,44 @@ def stamp(clearance_m: F32, occluder_m: F32, grid: HeightGrid, rocks: Silhouette
         wins = value == best[cells]
         flat_c[cells[wins]] = distance[wins]
         flat_t[cells[wins]] = along[wins]
+
+
+def share(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry,
+          inner_half_m: float) -> NDArray[np.uint8]:
+    """Return (n, n) shares of the grid's cells that lie in the shadow of rocks, 255 for all of it.
+
+    Coarse cells are as large as the shadows, which have no edges to keep there: what counts is
+    how much of a cell is dark. An outline counts as a rectangle of about its area. Penumbrae are
+    narrower than a cell and left out.
+
+    inner_half_m: half extent of the finer grid within, where the share does not matter
+    """
+    dark = np.zeros(grid.heights_m.size, np.float32)
+    cells_of, shares = [], []
+    near = _near(grid, rocks, inner_half_m)
+    if sun.elevation_rad > 0.0 and np.any(near):
+        width = np.float32(grid.cell_m)
+        height = np.float32(grid.cell_m * max(np.sin(sun.elevation_rad), 0.02))
+        half = (_OUTLINE_SHARE * rocks.half_width).astype(np.float32)
+        top = rocks.top.astype(np.float32)
+        middle = rocks.centre[:, 0].astype(np.float32)
+        for cells, owner, _, a, b in _pairs(grid, rocks, sun, near, 1):
+            side = np.abs(a - middle[owner])
+            across = np.minimum(half[owner], side + 0.5 * width) \
+                - np.maximum(-half[owner], side - 0.5 * width)
+            upward = np.clip((top[owner] - b) / height + np.float32(0.5), 0.0, 1.0)
+            cells_of.append(cells)
+            shares.append(np.clip(across / width, 0.0, 1.0) * upward)
+        np.add.at(dark, np.concatenate(cells_of), np.concatenate(shares))
+    return np.rint(255.0 * np.minimum(dark, 1.0)).astype(np.uint8).reshape(grid.heights_m.shape)
+
+
+def _near(grid: HeightGrid, rocks: Silhouettes, inner_half_m: float) -> NDArray[np.bool_]:
+    """Return the rocks whose shadows may fall on a grid, outside the finer one within it."""
+    away = np.abs((rocks.centre @ rocks.axes)[:, :2]).max(axis=1, initial=0.0)
+    inner = inner_half_m - _MAX_REACH_M - 2.0 * rocks.half_width
+    return (away < grid.half_extent_m + _MAX_REACH_M) & (away > inner) \
+        & (2.0 * rocks.half_width > _LEAST_WIDTH_CELLS * grid.cell_m * (inner_half_m > 0.0))
 
 
 def darken(clearance_m: F32, occluder_m: F32, points_m: Array,
@@ -164,23 +211,28 @@ def darken(clearance_m: F32, occluder_m: F32, points_m: Array,
     return clearance, occluder
 
 
-def _pairs(grid: HeightGrid, rocks: Silhouettes,
-           sun: SunGeometry) -> Iterator[tuple[NDArray[np.int64], F32, F32]]:
-    """Yield (cell, signed distance, distance along the ray) of cells near each shadow."""
+def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry, chosen: NDArray[np.bool_],
+           margin_cells: int) -> Iterator[Near]:
+    """Yield cells near each shadow: (cell, rock, distance along the ray, a, b), see Silhouettes.
+
+    chosen: the rocks that count; margin_cells: beside a shadow, how many cells count as near
+    """
     n, cell = grid.n, grid.cell_m
     heading = sun.direction_xy
     swap = abs(heading[0]) > abs(heading[1])
     major, minor = (0, 1) if swap else (1, 0)
     lean = heading[minor] / heading[major]
     position = rocks.centre @ rocks.axes
-    ground = np.nan_to_num(grid.height_at(position[:, :2]), nan=-1e3)
+    within = np.clip(position[:, :2], -grid.half_extent_m, grid.half_extent_m)
+    ground = grid.height_at(within)
     height = (rocks.top - rocks.axes[1, :2] @ position[:, :2].T) / rocks.axes[1, 2] - ground
     fall = max(np.tan(sun.elevation_rad - 0.005) - _FALL, 0.02)
-    reach = np.clip(height / fall, 0.0, _MAX_REACH_M) + rocks.half_width + 2 * cell
-    wide = rocks.half_width / abs(heading[major]) + _MARGIN_CELLS * cell
-    inside = grid.contains(position[:, :2]) & (height > 0.0)
+    reach = np.clip(height / fall, 0.0, _MAX_REACH_M) + rocks.half_width + margin_cells * cell
+    wide = rocks.half_width / abs(heading[major]) + margin_cells * cell
+    inside = chosen & (height > 0.0) \
+        & (np.abs(position[:, :2]).max(axis=1) < grid.half_extent_m + reach)
     steps = np.ceil(reach * abs(heading[major]) / cell).astype(int) + 1
-    columns = np.ceil(2 * wide / cell).astype(int) + 2
+    columns = np.ceil(2 * wide / cell).astype(int) + margin_cells
     # Rocks with windows of nearly the same size are processed together.
     step_class = np.ceil(np.log2(steps) * 2).astype(int)
     column_class = np.ceil(np.log2(columns) * 2).astype(int)
@@ -215,8 +267,4 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes,
             a = axes[0, 0] * x + axes[0, 1] * y
             b = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
             near = (along > 0.0) & (b < rocks.top[owner] + 2 * cell)
-            owner, along, a, b = owner[near], along[near], a[near], b[near]
-            cells = (iy[near] * n + ix[near])
-            distance = rocks.distance(owner, a, b)
-            close = distance < 2.5 * cell
-            yield cells[close], distance[close], np.maximum(along[close], np.float32(0.01))
+            yield iy[near] * n + ix[near], owner[near], along[near], a[near], b[near]

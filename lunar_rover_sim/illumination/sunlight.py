@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import time
 
@@ -16,6 +17,7 @@ from lunar_rover_sim.illumination.hapke import hemispherical_albedo, parameter_s
 from lunar_rover_sim.illumination.horizon import shadow_levels, SunGeometry
 from lunar_rover_sim.illumination.indirect_light import indirect_light
 from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.rocks import Rocks
 
 F32 = NDArray[np.float32]
 # Cells of a level per cell of indirect light; half as many change the light in shadow by 1 %.
@@ -26,20 +28,27 @@ log = logging.getLogger(__name__)
 class Sunlight:
     """The light of the sun on all levels and on the rocks.
 
+    rocks: those of the world, and the far ones behind them
+    rock_share: per level but the first, (n, n) uint8 share in the shadow of rocks; 255 is all
     clearance: per level (clearance_m, occluder_m), each (n, n) float32; see `horizon`
     scattered: per level indirect irradiance and lit surroundings; see `indirect_light`
     """
 
     def __init__(self, world: World, sun: SunConfig, reflectance: ReflectanceConfig,
-                 direction: Array, indirect: bool = True) -> None:
+                 direction: Array, indirect: bool = True, far: Rocks | None = None) -> None:
+        """Compute all of it; far: rocks beyond the fine ground."""
         start = time.perf_counter()
         self.world = world
         self.sun = SunGeometry.towards(direction)
         levels = shadow_levels(world.levels, self.sun)
         self.clearance = [level.clearance() for level in levels]
-        self.ground = levels[0]
-        self.silhouettes = rock_shadow.silhouettes(world.rocks, world.rock_shapes, self.sun)
+        self._levels = levels
+        self.rocks = world.rocks.joined(far) if far is not None else world.rocks
+        self.silhouettes = rock_shadow.silhouettes(self.rocks, world.rock_shapes, self.sun)
         rock_shadow.stamp(*self.clearance[0], world.ground, self.silhouettes, self.sun)
+        self.rock_share = [rock_shadow.share(grid, self.silhouettes, self.sun,
+                                             finer.half_extent_m)
+                           for finer, grid in itertools.pairwise(world.levels)]
         self.scattered = [self._scattered(k, sun, reflectance, direction, indirect)
                           for k in range(len(levels))]
         log.info('sun visibility in %.2f s', time.perf_counter() - start)
@@ -66,27 +75,38 @@ class Sunlight:
         return indirect_light(heights, grid.cell_m * grid.n / n, share, direction, albedo)
 
     def light_of(self, points_m: ArrayLike) -> tuple[F32, F32]:
-        """Return clearance and occluder distance of (..., 3) points, without rocks [m]."""
-        return self.ground.clearance_of(points_m)
+        """Return clearance and occluder distance of (m, 3) points, without rocks [m]."""
+        points = np.asarray(points_m, float)
+        clearance, occluder = self._levels[-1].clearance_of(points)
+        for level in self._levels[-2::-1]:
+            inside = np.flatnonzero(level.grid.contains(points[:, :2]))
+            if len(inside):
+                clearance[inside], occluder[inside] = level.clearance_of(points[inside])
+        return clearance, occluder
 
-    def surroundings_at(self, xy_m: ArrayLike) -> float:
-        """Return the exitance of the ground around a place, per normal irradiance of the sun."""
-        grid, values = self.world.ground, self.scattered[0][1]
-        index = (np.asarray(xy_m) / grid.half_extent_m * 0.5 + 0.5) * (len(values) - 1)
-        column, row = np.clip(np.rint(index), 0, len(values) - 1).astype(int)
-        return float(values[row, column])
+    def surroundings_at(self, xy_m: ArrayLike) -> F32:
+        """Return the exitance of the ground around (..., 2) places, per normal irradiance."""
+        xy = np.asarray(xy_m, float)
+        result = np.zeros(xy.shape[:-1], np.float32)
+        for grid, (_, values) in zip(self.world.levels[::-1], self.scattered[::-1]):
+            index = (xy / grid.half_extent_m * 0.5 + 0.5) * (len(values) - 1)
+            column, row = np.moveaxis(np.clip(np.rint(index), 0, len(values) - 1), -1, 0)
+            result = np.where(grid.contains(xy), values[row.astype(int), column.astype(int)],
+                              result)
+        return result
 
     def rock_light(self) -> F32:
-        """Return (m, 4) clearance and occluder distance at foot and top of each rock [m].
+        """Return (m, 5) light on each rock, the far ones included.
 
-        The light is limited by the relief or by another rock, whichever is higher.
+        Clearance and occluder distance at its foot and at its top [m], limited by the relief or
+        by another rock, whichever is higher; exitance of the ground around.
         """
-        rocks = self.world.rocks
-        light = np.zeros((len(rocks), 4), np.float32)
+        rocks = self.rocks
+        light = np.zeros((len(rocks), 5), np.float32)
         for column, lift in ((0, -0.2), (2, 0.35)):
             points = rocks.position_m.copy()
             points[:, 2] += lift * rocks.diameter_m
-            pair = rock_shadow.darken(*self.ground.clearance_of(points), points,
-                                      self.silhouettes)
+            pair = rock_shadow.darken(*self.light_of(points), points, self.silhouettes)
             light[:, column], light[:, column + 1] = pair
+        light[:, 4] = self.surroundings_at(rocks.position_m[:, :2])
         return light

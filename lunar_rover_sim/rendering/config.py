@@ -31,6 +31,9 @@ class DetailConfig(Parameters):
                              high=1.0)
     rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn', unit='px', low=0.0,
                                high=20.0)
+    far_rocks_m: float = param(
+        300.0, 'beyond the fine ground, rocks are drawn up to this distance from the origin in x '
+        'or y, from 0.3 m; 0: none', unit='m', low=0.0, high=2000.0)
     bounce: bool = param(True, 'indirect light: lit ground scatters light into shadows')
 
 

@@ -34,6 +34,20 @@ def coarse(shape: RockShape, vertices: int) -> RockShape:
     return RockShape(shape.name, kept.astype(np.float32), faces.astype(np.int32))
 
 
+# Semi-axes 1. Rocks of a few pixels are octahedra with axes of their own, see octahedron_axes.
+OCTAHEDRON = RockShape('octahedron', np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32),
+                       np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2],
+                                 [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]], np.int32))
+
+
+def octahedron_axes(shape: RockShape) -> Array:
+    """Return the (3,) semi-axes of an octahedron with the mean outline of a shape."""
+    points = shape.vertices.astype(float)
+    axes = 0.5 * np.ptp(points, axis=0)
+    surface = _surface(OCTAHEDRON.vertices * axes, OCTAHEDRON.faces)
+    return np.asarray(axes * np.sqrt(_surface(points, shape.faces) / surface))
+
+
 def _surface(vertices: Array, faces: NDArray[np.integer[Any]]) -> float:
     """Return the surface of a mesh."""
     corners = vertices[faces]

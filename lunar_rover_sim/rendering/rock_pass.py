@@ -9,18 +9,20 @@ from numpy.typing import NDArray
 from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.rendering.context import load_program, release_all
 from lunar_rover_sim.rendering.projection import ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import coarse, facets
+from lunar_rover_sim.rendering.rock_meshes import coarse, facets, OCTAHEDRON, octahedron_axes
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 F32 = NDArray[np.float32]
 
-_INSTANCE = '3f 3f 3f 3f 4f 2f /i'
+_INSTANCE = '3f 3f 3f 3f 4f 3f /i'
 _NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
-_FLOATS = 18
-# Levels of detail: rocks that look smaller than so many pixels are hulls of so few vertices.
-_COARSE = ((14.0, 10), (4.0, 6))
-_LEVELS = 1 + len(_COARSE)
+_FLOATS = 19
+# Rocks that look smaller than so many pixels are hulls of so few vertices, and still smaller ones
+# octahedra.
+_COARSE_PX, _COARSE_VERTICES = 14.0, 10
+_TINY_PX = 5.0
+_RADIUS = 0.75          # of a ball around a rock of diameter 1
 
 
 class RockPass:
@@ -33,7 +35,7 @@ class RockPass:
                  light: F32, surface: Surface, lamp: bool) -> None:
         """Make meshes and programs.
 
-        light: (m, 4) as `Sunlight.rock_light`; surface: textures to light with; lamp: whether
+        light: (m, 5) as `Sunlight.rock_light`; surface: textures to light with; lamp: whether
         there is one
         """
         self._context, self._surface = context, surface
@@ -47,38 +49,50 @@ class RockPass:
         self._data = np.concatenate(
             [rocks.position_m, columns[:, :, 0], columns[:, :, 1], columns[:, :, 2], light,
              rocks.albedo[:, None], np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
-        self._radius = 0.75 * rocks.diameter_m
-        # A kind is a shape at one level of detail.
+        self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
+        self._diameter = rocks.diameter_m.astype(np.float32)
+        self._axes = np.stack([octahedron_axes(shape) for shape in shapes]).astype(np.float32)
+        # A kind is a shape, fine or coarse; the last kind are octahedra, which stand for all.
+        self._tiny = 2 * len(shapes)
         self._instances: dict[int, moderngl.Buffer] = {}
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
         self._vertices: list[moderngl.Buffer] = []
         for shape in shapes:
-            for mesh in (shape, *(coarse(shape, vertices) for _, vertices in _COARSE)):
+            for mesh in (shape, coarse(shape, _COARSE_VERTICES)):
                 self._vertices.append(context.buffer(facets(mesh).tobytes()))
+        self._vertices.append(context.buffer(facets(OCTAHEDRON).tobytes()))
 
     def relight(self, light: F32) -> None:
-        """Take the light under another sun, (m, 4) as `Sunlight.rock_light`."""
-        self._data[:, 12:16] = light
+        """Take the light under another sun, (m, 5) as `Sunlight.rock_light`."""
+        self._data[:, 12:17] = light
 
     def choose(self, volume: ViewVolume, focal_px: float, least_px: float) -> None:
         """Choose what `draw` draws: rocks that are in view and look larger than `least_px`."""
-        visible = self._visible(volume, focal_px, least_px)
-        distance = np.linalg.norm(self.rocks.position_m[visible] - volume.centre_m, axis=1)
-        size = self.rocks.diameter_m[visible] * focal_px
-        kind_of = _LEVELS * self.rocks.shape[visible]
-        for least, _ in _COARSE:
-            kind_of = kind_of + (size < least * distance)
+        visible, distance = self._visible(volume, focal_px, least_px)
+        size = self._diameter[visible] * np.float32(focal_px)
+        shape = self.rocks.shape[visible]
+        kind_of = np.where(size < _TINY_PX * distance, self._tiny,
+                           2 * shape + (size < _COARSE_PX * distance))
         order = np.argsort(kind_of, kind='stable')
         data = self._data[visible[order]]
         kinds, starts, counts = np.unique(kind_of[order], return_index=True, return_counts=True)
         self._counts = dict(zip(kinds.tolist(), counts.tolist()))
         for kind, start, count in zip(kinds.tolist(), starts, counts):
-            if kind not in self._instances:
-                members = int((self.rocks.shape == kind // _LEVELS).sum())
-                self._instances[kind] = self._context.buffer(reserve=4 * _FLOATS * members,
-                                                             dynamic=True)
-            self._instances[kind].write(data[start:start + count].tobytes())
+            part = data[start:start + count]
+            if kind == self._tiny:      # the axes of the shape take the place of its vertices
+                axes = self._axes[shape[order[start:start + count]]]
+                part[:, 3:12] *= np.repeat(axes, 3, axis=1)
+            self._write(kind, part)
+
+    def _write(self, kind: int, data: F32) -> None:
+        """Write the instances of one kind."""
+        if kind not in self._instances:
+            members = len(self.rocks) if kind == self._tiny else \
+                int((self.rocks.shape == kind // 2).sum())
+            self._instances[kind] = self._context.buffer(reserve=4 * _FLOATS * members,
+                                                         dynamic=True)
+        self._instances[kind].write(data.tobytes())
 
     def draw(self, *, truth: bool = False) -> None:
         """Draw the chosen rocks, lit or as normals and labels, into the framebuffer in use."""
@@ -94,14 +108,16 @@ class RockPass:
             self._arrays[key].render(instances=count)
 
     def _visible(self, volume: ViewVolume, focal_px: float,
-                 least_px: float) -> NDArray[np.int64]:
-        """Return the indices of the rocks to draw."""
-        offset = self.rocks.position_m - volume.centre_m
-        distance = np.linalg.norm(offset, axis=1)
-        seen = self.rocks.diameter_m * focal_px > least_px * np.maximum(distance, 1e-3)
-        for plane in volume.planes:
-            seen &= offset @ plane[:3] + plane[3] > -self._radius
-        return np.flatnonzero(seen)
+                 least_px: float) -> tuple[NDArray[np.int64], F32]:
+        """Return the indices of the rocks to draw, and their distances [m]."""
+        offset = self._position - volume.centre_m[:, None].astype(np.float32)
+        distance = np.sqrt(np.einsum('ij,ij->j', offset, offset))
+        seen = self._diameter * np.float32(focal_px / least_px if least_px else np.inf) > distance
+        radius = np.float32(-_RADIUS) * self._diameter
+        for a, b, c, d in volume.planes.astype(np.float32):
+            seen &= a * offset[0] + b * offset[1] + (c * offset[2] + d) > radius
+        visible = np.flatnonzero(seen)
+        return visible, np.maximum(distance[visible], np.float32(1e-3))
 
     def release(self) -> None:
         """Release the GL objects."""

@@ -62,7 +62,7 @@ class RoverPass:
         span = base[2, 3] + radius_m * np.array([-0.5, 0.8])
         points = np.array([[*base[:2, 3], z] for z in span])
         clearance, occluder = sunlight.light_of(points)
-        surroundings = sunlight.surroundings_at(base[:2, 3])
+        surroundings = float(sunlight.surroundings_at(base[:2, 3]))
         return {'u_body_span': tuple(span),
                 'u_body_light': (clearance[0], occluder[0], clearance[1], occluder[1]),
                 'u_ground_light': irradiance * surroundings}

@@ -24,6 +24,7 @@ from lunar_rover_sim.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
 from lunar_rover_sim.rendering.surface import Surface, TileMaker
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World
 
 FRAMES_UNDER_WAY = 2    # one is lit while the geometry of the next one is drawn
@@ -57,10 +58,11 @@ class ScenePasses:
         self._targets = [self._own(FrameTargets(context, self.lit))
                          for _ in range(FRAMES_UNDER_WAY)]
         self._surface = self._own(Surface(context, world))
+        self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
         sunlight = self._light_surface()
         lamp = config.lamp.power_w > 0.0
         self._ground = self._own(GroundPass(context, world, config.detail, self._surface, lamp))
-        self._rocks = self._own(RockPass(context, world.rocks, world.rock_shapes,
+        self._rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
                                          sunlight.rock_light(), self._surface, lamp))
         self._rover = self._own(RoverPass(context, rover))
         self._rover_shadow = self._own(RoverShadow(context, rover))
@@ -85,7 +87,7 @@ class ScenePasses:
         direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
         tiles = self._tiles.start(direction)
         self._sunlight = Sunlight(self._world, sun, self._config.reflectance, direction,
-                                  indirect=self._config.detail.bounce)
+                                  indirect=self._config.detail.bounce, far=self._far_rocks)
         self._sun_axes = sun_axes(self._sunlight.sun)
         self._surface.light(self._sunlight, *tiles.result())
         return self._sunlight

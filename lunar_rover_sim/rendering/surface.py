@@ -17,6 +17,7 @@ from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.context import set_uniform
 from lunar_rover_sim.world import fine_relief
+from lunar_rover_sim.world.far_albedo import far_albedo
 from lunar_rover_sim.world.model import World
 
 F32 = NDArray[np.float32]
@@ -111,6 +112,7 @@ class Surface:
         self._levels = np.array([[1.0 / (side * grid.cell_m), 0.5 * grid.n / side,
                                   -np.log2(grid.cell_m), grid.half_extent_m]
                                  for grid in world.levels])
+        self._albedos: dict[int, F32] = {0: world.albedo}
         self._tiles: list[moderngl.Texture] = []
         self._periods_m: list[float] = []
         self._centre, self._half_range = 0.0, 0.0
@@ -122,9 +124,10 @@ class Surface:
 
         def texels(k: int) -> tuple[NDArray[np.float16], NDArray[np.uint8]]:
             grid = levels[k]
-            albedo = self._world.albedo if k == 0 else np.ones((grid.n, grid.n), np.float32)
-            return (_ground_texels(grid.heights_m, grid.cell_m, *sunlight.clearance[k]),
-                    _matter_texels(albedo, *sunlight.scattered[k]))
+            matter = _matter_texels(self._albedo(k), *sunlight.scattered[k])
+            if k > 0:
+                matter[..., 3] = sunlight.rock_share[k - 1]
+            return (_ground_texels(grid.heights_m, grid.cell_m, *sunlight.clearance[k]), matter)
 
         with ThreadPoolExecutor(2) as pool:
             for k, (ground, matter) in enumerate(pool.map(texels, range(len(levels)))):
@@ -148,6 +151,12 @@ class Surface:
             tile.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
             self._tiles.append(tile)
 
+    def _albedo(self, k: int) -> F32:
+        """Return the albedo factor of a level, which does not depend on the sun."""
+        if k not in self._albedos:
+            self._albedos[k] = far_albedo(self._world, k)
+        return self._albedos[k]
+
     def bind(self, program: moderngl.Program) -> None:
         """Bind what the ground is lit with."""
         self._ground.use(texture_units.GROUND)
@@ -167,10 +176,8 @@ class Surface:
 
     def bind_rocks(self, program: moderngl.Program) -> None:
         """Bind what rocks are lit with."""
-        self._matter.use(texture_units.MATTER)
         self._tiles[0].use(texture_units.TILE_A)
-        set_uniform(program, u_matter=texture_units.MATTER, u_tile_a=texture_units.TILE_A,
-                    u_grid=tuple(self._levels[0, :2]), u_grain=_GRAIN)
+        set_uniform(program, u_tile_a=texture_units.TILE_A, u_grain=_GRAIN)
 
     def release(self) -> None:
         """Release the GL objects."""
@@ -201,7 +208,7 @@ def _ground_texels(heights_m: F32, cell_m: float, clearance_m: F32,
 
 
 def _matter_texels(albedo: F32, irradiance: F32, surroundings: F32) -> NDArray[np.uint8]:
-    """Return (n, n, 4) texels of u_matter in shaders/ground.frag."""
+    """Return (n, n, 4) texels of u_matter in shaders/ground.frag; no rock casts a shadow."""
     n = albedo.shape[0]
     data = np.zeros((n, n, 4), np.uint8)
     for channel, value in enumerate((albedo * np.float32(0.5), np.sqrt(4.0 * irradiance),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from lunar_rover_sim.frames import matrix_from_wxyz, product_wxyz
@@ -17,6 +18,13 @@ from lunar_rover_sim.world.stamping import window_of
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
+
+
+class Elevation(Protocol):
+    """Ground to lay rocks on: a height grid or a whole world."""
+
+    def height_at(self, xy_m: ArrayLike) -> Array:
+        """Return the heights [m] at (..., 2) positions [m]."""
 
 
 def decay_per_m(config: RockConfig) -> float:
@@ -66,18 +74,29 @@ def scatter(config: RockConfig, ground: HeightGrid, shapes: tuple[RockShape, ...
     size = np.clip(np.searchsorted(np.sqrt(classes[1:] * classes[:-1]), diameter), 0,
                    len(classes) - 1)
     diameter = classes[size]
-    cumulative = _density(config, ground, craters)
-    xy, kept = _places(diameter, cumulative, ground, clear_radius_m, rng)
-    xy, size, diameter = xy[kept], size[kept], diameter[kept]
-    count = len(size)
+    cells = int(np.clip(ground.half_extent_m * 2.0 / 0.2, 8, 512))
+    density = relative_density(config, ground.half_extent_m, cells, craters)
+    xy, kept = _places(diameter, (np.cumsum(density.ravel()), cells), ground, clear_radius_m, rng)
+    rocks = laid(config, ground, shapes, xy[kept], size[kept], rng)
+    logger.info('%d rocks from %.2g to %.2g m', len(rocks), rocks.diameter_m.min(initial=np.inf),
+                rocks.diameter_m.max(initial=0.0))
+    return rocks
+
+
+def laid(config: RockConfig, ground: Elevation, shapes: tuple[RockShape, ...], xy_m: Array,
+         size: NDArray[np.integer], rng: np.random.Generator) -> Rocks:
+    """Return rocks of given sizes laid on the ground at (m, 2) places.
+
+    size: (m,) index into `size_classes`; shape, burial, tilt and albedo are drawn
+    """
+    classes = size_classes(config)
+    diameter, count = classes[size], len(size)
     shape = rng.integers(0, len(shapes), count)
     # With this beta distribution most rocks are buried shallowly, and some up to the crown.
     buried = rng.beta(2.4, 2.4 * (1.0 - config.burial) / config.burial, count)
-    position, orientation = _settle(ground, shapes, shape, diameter, xy, buried,
+    position, orientation = _settle(ground, shapes, shape, diameter, xy_m, buried,
                                     np.radians(config.tilt_deg), rng)
     albedo = np.clip(1.0 + config.albedo_variation * rng.standard_normal(count), 0.6, 1.4)
-    logger.info('%d rocks from %.2g to %.2g m', count, diameter.min(initial=np.inf),
-                diameter.max(initial=0.0))
     return _rocks(shape, size, position, orientation, albedo, classes)
 
 
@@ -95,23 +114,22 @@ def _diameters(config: RockConfig, area_m2: float, rng: np.random.Generator) -> 
     return diameter
 
 
-def _density(config: RockConfig, ground: HeightGrid, craters: Craters) -> tuple[Array, int]:
-    """Return the running sum of the density over coarse cells, and the cells along a side."""
-    n = int(np.clip(ground.half_extent_m * 2.0 / 0.2, 8, 512))
+def relative_density(config: RockConfig, half_extent_m: float, n: int, craters: Craters) -> Array:
+    """Return the (n, n) density of rocks over cells of [-h, h]^2; 1 far from fresh craters."""
     density = np.ones((n, n))
-    cell = 2.0 * ground.half_extent_m / n
+    cell = 2.0 * half_extent_m / n
     fresh = (craters.age < 0.25) & (craters.diameter_m > 0.8)
     for (x, y), diameter, age in zip(craters.position_m[fresh], craters.diameter_m[fresh],
                                      craters.age[fresh]):
-        window = window_of((x + ground.half_extent_m) / cell - 0.5,
-                           (y + ground.half_extent_m) / cell - 0.5, 1.3 * diameter / cell, n)
+        window = window_of((x + half_extent_m) / cell - 0.5, (y + half_extent_m) / cell - 0.5,
+                           1.3 * diameter / cell, n)
         if window is None:
             continue
-        axis = (np.arange(n) + 0.5) * cell - ground.half_extent_m
+        axis = (np.arange(n) + 0.5) * cell - half_extent_m
         rho = np.hypot(axis[window[1]] - x, (axis[window[0]] - y)[:, None]) / (0.5 * diameter)
         density[window] += (config.near_craters * (1.0 - age / 0.25)
                             * np.exp(-0.5 * ((rho - 1.15) / 0.4) ** 2))
-    return np.cumsum(density.ravel()), n
+    return density
 
 
 def _places(diameter: Array, cumulative: tuple[Array, int], ground: HeightGrid,
@@ -140,6 +158,14 @@ def _misplaced(xy: Array, diameter: Array, ground: HeightGrid,
     clearing = clear_radius_m + 3.0 * diameter
     bad = np.linalg.norm(xy, axis=1) < clearing
     bad |= np.abs(xy).max(axis=1) > ground.half_extent_m - diameter
+    return np.flatnonzero(bad | ~apart(xy, diameter))
+
+
+def apart(xy: Array, diameter: Array) -> NDArray[np.bool_]:
+    """Return which rocks, in descending order of size, overlap no larger one."""
+    free = np.ones(len(diameter), bool)
+    if not len(diameter):
+        return free
     tree = cKDTree(xy)
     start = 0
     while start < len(diameter):
@@ -150,12 +176,12 @@ def _misplaced(xy: Array, diameter: Array, ground: HeightGrid,
             later = np.array([j for j in near if j > i], int)
             if len(later):
                 gap = np.linalg.norm(xy[later] - xy[i], axis=1)
-                bad[later[gap < 0.45 * (diameter[later] + diameter[i])]] = True
+                free[later[gap < 0.45 * (diameter[later] + diameter[i])]] = False
         start = stop
-    return np.flatnonzero(bad)
+    return free
 
 
-def _settle(ground: HeightGrid, shapes: tuple[RockShape, ...], shape: NDArray, diameter: Array,
+def _settle(ground: Elevation, shapes: tuple[RockShape, ...], shape: NDArray, diameter: Array,
             xy: Array, buried: Array, tilt_rad: float,
             rng: np.random.Generator) -> tuple[Array, Array]:
     """Return centroids (m, 3) and orientations (m, 4) of rocks that sit in the ground."""

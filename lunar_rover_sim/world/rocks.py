@@ -41,6 +41,12 @@ class Rocks:
     albedo: NDArray[np.float32]
     size_classes_m: NDArray[np.float64]
 
+    def joined(self, others: Rocks) -> Rocks:
+        """Return these rocks and then others, which have the same classes of size."""
+        pairs = ((getattr(self, name), getattr(others, name))
+                 for name in ('shape', 'size', 'position_m', 'orientation_wxyz', 'albedo'))
+        return Rocks(*(np.concatenate(pair) for pair in pairs), self.size_classes_m)
+
     def __len__(self) -> int:
         return len(self.shape)
 

@@ -3,7 +3,8 @@
 #include "ray.glsl"
 uniform sampler2D u_depth;
 uniform sampler2DArray u_ground;    // slope x, slope y, clearance, occluder distance
-uniform sampler2DArray u_matter;    // albedo / 2, roots of 4 irradiance scattered here and around
+// Albedo / 2, roots of 4 irradiance scattered here and around, share in the shadow of far rocks.
+uniform sampler2DArray u_matter;
 uniform sampler2D u_tile_a, u_tile_b;   // slope x, slope y, horizon tangent, its deviation
 uniform vec4 u_tile;            // 1 / period of a and b [1/m], slope scale of a and b
 uniform vec4 u_turn;            // cos, sin of the turn of tile b; centre and half range of horizon
@@ -140,7 +141,9 @@ void main() {
         float along = min(size / max(abs(view.z), 0.02), 4.0 * size);
         float level = log2(along);
         vec4 ground = textureLod(u_ground, uv, mip(level + grid.z));
-        vec4 matter = textureLod(u_matter, uv, mip(level + grid.z));
+        // Far rocks' shadows are as narrow as a pixel: they are not blurred along the view.
+        vec4 matter = textureLod(u_matter, uv, layer > 0.0 ? max(log2(size) + grid.z, 0.0)
+                                                           : mip(level + grid.z));
         vec4 a = textureLod(u_tile_a, xy * u_tile.x, mip(level + u_lod.x));
         mat2 turn = mat2(u_turn.x, u_turn.y, -u_turn.y, u_turn.x);
         vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, mip(level + u_lod.y));
@@ -163,6 +166,7 @@ void main() {
         float far = clamp((level + 7.9) * (1.0 / 4.5), 0.0, 1.0);
         far *= far * (3.0 - 2.0 * far);
         lit *= mix(lit_a * lit_b, 1.0, far);
+        lit *= 1.0 - matter.a;
 #ifdef ROVER_SHADOW
         lit *= rover_visibility(relative);
 #endif

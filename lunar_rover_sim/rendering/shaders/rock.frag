@@ -1,6 +1,7 @@
 // A lit rock face.
 in vec3 v_relative, v_normal, v_local;
-in vec4 v_matter;
+in vec3 v_matter;
+flat in float v_around;
 flat in float v_index;
 flat in float v_diameter;
 #include "common.glsl"
@@ -8,8 +9,6 @@ flat in float v_diameter;
 layout(location = 1) out float o_depth;
 #endif
 uniform sampler2D u_tile_a;
-uniform sampler2DArray u_matter;
-uniform vec2 u_grid;            // from metres to texture units of the finest level
 uniform vec4 u_grain;           // 1 / period and strength of grain; periods and strength of lumps
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 uniform float u_rock_theta;
@@ -42,11 +41,8 @@ void main() {
     lit *= rover_visibility(v_relative);
 #endif
     float reflectance = hapke(lit > 0.0 ? mu0 : 0.0, mu, dot(u_sun, view), u_rock_theta, v_matter.z, u_rock);
-    vec3 matter = textureLod(u_matter, vec3((v_relative.xy + u_camera.xy) * u_grid.x + u_grid.y, 0.0),
-                             3.0).rgb;
-    float around = matter.b * matter.b * 0.25;
     o_radiance = u_irradiance * (reflectance * lit + u_diffuse.y * v_matter.z
-                                 * around * 0.5 * (1.0 - normal.z));
+                                 * v_around * 0.5 * (1.0 - normal.z));
 #ifdef LAMP
     vec3 to_lamp;
     float lamp = lamp_irradiance(v_relative, normalize(v_normal), to_lamp);
