@@ -55,9 +55,9 @@ def _patches(world: World, wavelength_m: float, grid: HeightGrid) -> F32:
     rng = np.random.default_rng([world.config.seed, *b'far albedo', round(10 * wavelength_m)])
     noise = cv2.GaussianBlur(rng.standard_normal((n, n), dtype=np.float32), (0, 0),
                              0.25 / _PITCH)
-    noise /= noise.std()
+    scale = 1.0 / float(noise.std())
     step = grid.cell_m / pitch
     first = 0.5 * (n - 1) - step * 0.5 * (grid.n - 1)
     return np.asarray(cv2.warpAffine(
-        noise, np.array([[step, 0.0, first], [0.0, step, first]]), (grid.n, grid.n),
+        scale * noise, np.array([[step, 0.0, first], [0.0, step, first]]), (grid.n, grid.n),
         flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP), np.float32)

@@ -43,9 +43,11 @@ class Rocks:
 
     def joined(self, others: Rocks) -> Rocks:
         """Return these rocks and then others, which have the same classes of size."""
-        pairs = ((getattr(self, name), getattr(others, name))
-                 for name in ('shape', 'size', 'position_m', 'orientation_wxyz', 'albedo'))
-        return Rocks(*(np.concatenate(pair) for pair in pairs), self.size_classes_m)
+        return Rocks(np.concatenate([self.shape, others.shape]),
+                     np.concatenate([self.size, others.size]),
+                     np.concatenate([self.position_m, others.position_m]),
+                     np.concatenate([self.orientation_wxyz, others.orientation_wxyz]),
+                     np.concatenate([self.albedo, others.albedo]), self.size_classes_m)
 
     def __len__(self) -> int:
         return len(self.shape)
