@@ -24,6 +24,7 @@ from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
 _NS_FROM = 1e12
 _KITTI_PERIOD_NS = 100_000_000
 _MAX_BYTES = 1 << 30
+_LARGEST = 1e12     # of a coordinate [m]: beyond the planets
 
 
 def read_tum(path: Path | str) -> Trajectory:
@@ -163,7 +164,7 @@ def _check_order(path: Path, stamps: Sequence[int], lines: Sequence[int]) -> Non
 def _stamps(path: Path, words: Sequence[str], always_ns: bool = False) -> list[int]:
     """Return ns; decimals are read as text, so that seconds keep their ns."""
     try:
-        largest = max((abs(float(word)) for word in words), default=0.0)
+        largest = max((abs(_float(word)) for word in words), default=0.0)
         ns = always_ns or largest > _NS_FROM
         to_ns: Callable[[str], int] = _integer if ns else _from_seconds
         return [to_ns(word) for word in words]
@@ -184,11 +185,18 @@ def _from_seconds(word: str) -> int:
     return round(float(word) * NS_PER_S)
 
 
+def _float(word: str) -> float:
+    if '_' in word:     # Python reads 1_0 as 10
+        raise ValueError(word)
+    return float(word)
+
+
 def _number(path: Path, line: int, word: str) -> float:
     try:
-        value = float(word)
+        value = _float(word)
     except ValueError:
         raise EvaluationError(f'{path}: line {line}: {word!r} is not a number') from None
-    if not np.isfinite(value):
-        raise EvaluationError(f'{path}: line {line}: {word} is not finite')
+    if not abs(value) <= _LARGEST:
+        raise EvaluationError(f'{path}: line {line}: {word} is not valid; valid is finite and '
+                              f'up to {_LARGEST:g}')
     return value

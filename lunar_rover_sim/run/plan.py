@@ -60,9 +60,14 @@ def resolve(scenario: Scenario) -> Scenario:
 
     The duration is rounded up to whole camera frames. In lockstep physics waits for the gait
     controller, the renderer (at most one frame behind) and the recorder; the gait controller waits
-    for drive_node.
+    for drive_node. Raises ConfigError if the scenario says where the bag goes.
     """
     nodes = scenario.run.nodes
+    for name in ('output', 'scenario_file'):
+        value = getattr(scenario.recorder_node, name)
+        if value:
+            raise ConfigError(f'recorder_node.{name}: {value!r} is not valid in a run, which '
+                              'places the bag itself; leave it out')
     frame_s = scenario.render_node.frame_period_ns / 1e9
     duration_s = math.ceil(round(scenario.run.duration_s / frame_s, 6)) * frame_s
     duration_s = round(duration_s, 9)

@@ -8,8 +8,12 @@ import logging
 from pathlib import Path
 import time
 
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.run.clock_reader import ClockReader
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.node_processes import NodeProcesses
@@ -65,9 +69,10 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     on_start: called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start
     on_progress: called ten times a second with the simulated time [ns]
 
-    ROS runs in the node processes only. Raises GraphError if rclpy is missing or a node fails,
-    BagError if `folder` exists, WorldError for a damaged world. KeyboardInterrupt stops the nodes
-    in order, so that the bag is complete up to there, before it is raised.
+    ROS runs in the node processes only. Raises GraphError if rclpy is missing, a node fails or
+    nothing was recorded, BagError if `folder` exists, WorldError for a damaged world.
+    KeyboardInterrupt stops the nodes in order, so that the bag is complete up to there, before it
+    is raised.
     """
     require_ros()
     if world is not None:
@@ -103,5 +108,22 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         bag = folder / BAG_FOLDER
         with open_bag(bag) as recorded:
             counts, simulated_s = dict(recorded.counts), recorded.end_ns / 1e9
+        _check_topics(scenario.recorder_node.topics, counts)
     return Recording(folder, bag, scenario, counts, simulated_s, wall_s, nodes.cpu_s,
                      interrupted=not finished)
+
+
+def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:
+    """Warn of listed topics without a message; raise GraphError if nothing was recorded."""
+    silent = [name for name in listed
+              if name != ALL and not counts.get('/' + name.lstrip('/'))]
+    if not silent:
+        return
+    known = [topic.name for topic in topics.CONTRACT]
+    hints = {name: nearest(name, known) for name in silent if name not in known}
+    line = '; '.join(f'{name}: nobody published' + (
+        f', {hints[name]}' if hints.get(name, '').startswith('did you mean') else '')
+        for name in silent)
+    if not any(counts.values()):
+        raise GraphError(f'recorder_node.topics: {line}: the bag is empty')
+    logger.warning('recorder_node.topics: %s', line)

@@ -30,11 +30,17 @@ class DemConfig(Parameters):
     center: tuple[float, ...] = param(
         (0.0, 0.0), 'centre of the world in the file, as `center_mode` says', length=2)
     band: int = param(1, 'raster band', low=1)
-    height_scale: float = param(1.0, 'metres per unit of height', unit='m')
+    height_scale: float = param(1.0, 'metres per unit of height; a file of 8 bits is taken as '
+                                'heights only if this is not 1', unit='m')
     pixel_m: float = param(0.0, 'pixel size, for a file that states none; 0: from the file',
                            unit='m', low=0.0)
     nodata: str = param('refuse', 'refuse or fill pixels without data under the ground; in the '
                         'surroundings they are always filled', choices=('refuse', 'fill'))
+
+    def validate(self) -> None:
+        """Raise ConfigError if the scale makes all heights equal."""
+        if self.height_scale == 0.0:
+            raise ConfigError('height_scale: 0.0 is not valid; valid is any other number [m]')
 
 
 @dataclasses.dataclass(frozen=True)

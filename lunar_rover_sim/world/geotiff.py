@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 import rasterio
 from rasterio.crs import CRS
-from rasterio.enums import Resampling
+from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.warp import transform
 from rasterio.windows import Window
@@ -20,6 +20,9 @@ from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.raster import Raster
 
 logger = logging.getLogger(__name__)
+
+_COLOURS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha,
+            ColorInterp.palette)
 
 
 class GeoRaster(Raster):
@@ -50,6 +53,12 @@ class GeoRaster(Raster):
             raise WorldError(f'dem.band: {dem.band}; {self.path} has {data.count}')
         if np.dtype(data.dtypes[dem.band - 1]).kind not in 'iuf':
             raise WorldError(f'{self.path}: {data.dtypes[dem.band - 1]} is not a type for heights')
+        colour = data.colorinterp[dem.band - 1]
+        if colour in _COLOURS or (data.dtypes[dem.band - 1] in ('uint8', 'int8')
+                                  and dem.height_scale == 1.0):
+            raise WorldError(f'{self.path}: band {dem.band} ({data.dtypes[dem.band - 1]}, '
+                             f'{colour.name}) is a picture, not heights; name another dem.band, '
+                             'or for heights in 8 bits set dem.height_scale')
         self.width, self.height = data.width, data.height
         grid = data.transform
         unit = 1.0

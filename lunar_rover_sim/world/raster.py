@@ -19,6 +19,8 @@ logger = logging.getLogger(__name__)
 
 MAX_HEIGHT_M = 1e5  # beyond any height on the Moon: a marker for missing data
 _PAD_PIXELS = 3
+# Neighbouring pixels of any ground differ by less: 84 deg, or a step of 30 m in a fine model.
+_MAX_SLOPE, _MAX_STEP_M = 10.0, 30.0
 
 
 class Raster(abc.ABC):
@@ -91,11 +93,34 @@ class Raster(abc.ABC):
                                          else ' or set dem.nodata to fill'))
             logger.warning('%s: %d of %d pixels without data are filled', self.path, missing,
                            known.size)
+        self._check_relief(heights, known)
         self.report['filled_pixels'] = int((~known).sum())
         middle = harmonic_fill((heights - heights[known][0]).astype(np.float32), known)
         self.reference_m = float(heights[known][0]
                                  + middle[middle.shape[0] // 2, middle.shape[1] // 2])
         self.report['pixel_m'] = [self.pixel_x_m, self.pixel_y_m]
+
+    def _check_relief(self, heights: NDArray, known: NDArray) -> None:
+        """Raise WorldError if neighbours differ as no ground does: an undeclared no-data value.
+
+        heights, known: as `_window` returns them, row 0 south
+        """
+        most_m = max(_MAX_SLOPE * self.pixel_m, _MAX_STEP_M)
+        for axis in (0, 1):
+            step = np.abs(np.diff(heights, axis=axis))
+            both = known[1:] & known[:-1] if axis == 0 else known[:, 1:] & known[:, :-1]
+            step[~both] = 0.0
+            if step.size and step.max() > most_m:
+                j, i = np.unravel_index(int(np.argmax(step)), step.shape)
+                pair = heights[j, i], heights[j + (axis == 0), i + (axis == 1)]
+                value = max(pair, key=abs)
+                raise WorldError(
+                    f'{self.path}: {value:g} m beside {min(pair, key=abs):g} m in the window; '
+                    f'valid are steps of at most {most_m:g} m between pixels; if {value:g} marks '
+                    'missing data, declare it (`gdal_edit.py -a_nodata`, or NaN in dem.npy)')
+        if heights[known].min() == heights[known].max():
+            logger.warning('%s: all heights in the window are %g m', self.path,
+                           heights[known].min())
 
     def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
         """Return the heights in [-h, h]^2, averaged to about a cell; None if there are none."""

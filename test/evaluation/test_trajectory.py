@@ -213,7 +213,10 @@ def test_stamps_of_orb_slam3_are_ns(tmp_path):
 
 BAD_FILES = {
     'empty.txt': ('# nothing\n', 'holds no poses'),
-    'nan.txt': ('0.1 0 0 nan 0 0 0 1\n', 'line 1: nan is not finite'),
+    'nan.txt': ('0.1 0 0 nan 0 0 0 1\n', 'line 1: nan is not valid; valid is finite'),
+    'far.txt': ('0.1 0 0 1e300 0 0 0 1\n', 'line 1: 1e300 is not valid; valid is .* 1e[+]12'),
+    'digits.txt': ('0.1 0 0 1_0 0 0 0 1\n', "line 1: '1_0' is not a number"),
+    'digits_of_time.txt': ('1_0 0 0 1 0 0 0 1\n', 'a stamp is not a finite number'),
     'inf_stamp.txt': ('inf 0 0 0 0 0 0 1\n', 'a stamp is not a finite number'),
     'words.txt': ('0.1 0 0 0 0 0 0 1\n0.2 a 0 0 0 0 0 1\n', "line 2: 'a' is not a number"),
     'short.txt': ('0.1 0 0 0 0 0 0 1\n0.2 0 0\n', 'line 2 has 3 columns'),

@@ -18,6 +18,8 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
@@ -284,3 +286,20 @@ def test_existing_output_is_refused(tmp_path: Path) -> None:
     assert finished.stderr.startswith('lunar_rover_sim: ')
     assert 'exists already' in finished.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_a_topic_that_nobody_publishes_is_named(tmp_path: Path) -> None:
+    """An empty bag is an error."""
+    run = start(tmp_path / 'run', '--duration', '0.2', '--set',
+                'run.nodes=[physics_node, recorder_node]', '--set',
+                'recorder_node.topics=[odomm]')
+    _, stderr = run.communicate(timeout=120)
+    assert run.returncode == 1
+    assert 'recorder_node.topics: odomm: nobody published, did you mean odom?: the bag is empty' \
+        in stderr
+
+
+def test_a_run_places_its_bag_itself() -> None:
+    """A place in the scenario is refused."""
+    with pytest.raises(ConfigError, match="recorder_node.output: 'here' is not valid in a run"):
+        resolve(Scenario.load('flat', ['recorder_node.output=here']))

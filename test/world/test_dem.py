@@ -11,7 +11,7 @@ from rasterio.crs import CRS
 from rasterio.transform import from_origin
 import worlds
 
-from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.parameters import merge
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
@@ -235,6 +235,21 @@ def test_refusals(tmp_path):
     refused(tmp_path / 'text.tif', 'not a raster that can be read')
     refused(tmp_path / 'absent.tif', 'no such file')
     refused(tmp_path, 'dem.npy is missing')
+    marked = heights.copy()
+    marked[20:22, 20] = -9999.0
+    refused(write_tiff(tmp_path / 'marked.tif', marked),
+            '-9999 m beside .* if -9999 marks missing')
+    colour = tmp_path / 'colour.tif'
+    with rasterio.open(colour, 'w', driver='GTiff', width=30, height=30, count=3, dtype='uint16',
+                       photometric='RGB', crs=CRS.from_user_input(MOON),
+                       transform=rasterio.Affine(2.0, 0.0, 0.0, 0.0, -2.0, 0.0)) as file:
+        file.write(np.zeros((3, 30, 30), np.uint16))
+    refused(colour, r'band 1 \(uint16, red\) is a picture, not heights')
+    grey = write_tiff(tmp_path / 'grey.tif', np.zeros((30, 30), np.uint8))
+    refused(grey, r'band 1 \(uint8, gray\) is a picture, .* set dem.height_scale')
+    open_dem(config(grey, dem={'height_scale': 0.5})).close()
+    with pytest.raises(ConfigError, match='height_scale: 0.0 is not valid'):
+        config(path, dem={'height_scale': 0.0})
     refused(path, 'cannot be projected', dem={'center_mode': 'lonlat', 'center': [0.0, 400.0]})
 
 
