@@ -58,11 +58,16 @@ def draw(campaign: Campaign) -> list[dict[str, Any]]:
     return result
 
 
+def episode_names(campaign: Campaign) -> Iterator[str]:
+    """Yield the names of the episodes, which are those of their folders."""
+    digits = max(4, len(str(campaign.count - 1)))
+    for index in range(campaign.count):
+        yield f'{index:0{digits}d}'
+
+
 def plan(campaign: Campaign) -> Iterator[EpisodePlan]:
     """Yield the episodes; ConfigError names the one whose parameters do not fit together."""
-    digits = max(4, len(str(campaign.count - 1)))
-    for index, drawn in enumerate(draw(campaign)):
-        name = f'{index:0{digits}d}'
+    for name, drawn in zip(episode_names(campaign), draw(campaign)):
         try:
             yield episode(campaign, name, drawn)
         except ConfigError as error:

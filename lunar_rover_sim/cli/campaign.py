@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 import contextlib
+import itertools
 from pathlib import Path
 import signal
 from typing import Any
@@ -12,15 +13,16 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from lunar_rover_sim.campaign.campaign_file import load_campaign
+from lunar_rover_sim.campaign.campaign_file import Campaign, load_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.dataset import Dataset, DatasetProgress
 from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
-from lunar_rover_sim.campaign.episode_plans import plan
+from lunar_rover_sim.campaign.episode_plans import draw, episode_names, plan
 from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.ros_installation import require_ros
 
+_CHECKED = 100     # episodes whose parameters a dry run checks; each takes some 10 ms
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
@@ -51,14 +53,15 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None and not args.dry_run:
         raise ConfigError('-o is missing: name the folder of the data set')
     campaign = load_campaign(args.campaign)
-    console = Console()
-    with console.status('planning'):
-        plans = list(plan(campaign))
     if args.dry_run:
-        for episode in plans:
-            console.print(f'{episode.name}: ' + ', '.join(
-                f'{name} = {value}' for name, value in episode.drawn.items()), **_PLAIN)
-        return 0
+        return _dry_run(campaign)
+    console = Console()
+    plans = []
+    with console.status('planning') as status:
+        for episode in plan(campaign):
+            plans.append(episode)
+            if len(plans) % 100 == 0:
+                status.update(f'planning: {len(plans)} of {campaign.count} episodes')
     require_ros()
     # SIGTERM stops a campaign as Ctrl-C does: unfinished episodes are dropped, the others stay.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -84,6 +87,17 @@ def run(args: argparse.Namespace) -> int:
     console.print(f'{there} of {len(plans)} episodes in {dataset.folder}; data card: '
                   f'{dataset.folder / "README.md"}', **_PLAIN)
     return 0 if there == len(plans) else 1
+
+
+def _dry_run(campaign: Campaign) -> int:
+    """Print what is drawn for each episode; check the parameters of the first ones."""
+    for _ in itertools.islice(plan(campaign), _CHECKED):
+        pass
+    for name, drawn in zip(episode_names(campaign), draw(campaign)):
+        print(f'{name}: ' + ', '.join(f'{key} = {value}' for key, value in drawn.items()))
+    if campaign.count > _CHECKED:
+        print(f'checked: the parameters of the first {_CHECKED} of {campaign.count} episodes')
+    return 0
 
 
 def _make(dataset: Dataset, tasks: list[EpisodeTask], args: argparse.Namespace,

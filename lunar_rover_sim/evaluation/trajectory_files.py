@@ -123,6 +123,8 @@ def _numbers(*values: float, separator: str = ' ') -> str:
 def _rows(path: Path, least: int, most: int | None) -> Iterator[tuple[int, list[str]]]:
     """Yield (line number, words) of all lines that are not empty or comments."""
     try:
+        if path.exists() and not path.is_file():
+            raise EvaluationError(f'{path}: is not a regular file')
         if path.stat().st_size > _MAX_BYTES:
             raise EvaluationError(f'{path}: larger than {_MAX_BYTES >> 20} MiB; not a trajectory')
         text = path.read_text(encoding='utf-8')

@@ -16,6 +16,8 @@ def open_dem(config: WorldConfig) -> Raster:
     path = pathlib.Path(config.path).expanduser()
     if not path.exists():
         raise WorldError(f'path: {path}: no such file')
+    if not path.is_dir() and not path.is_file():
+        raise WorldError(f'path: {path}: is neither a regular file nor a folder')
     raster = DemFolder(path, config) if path.is_dir() else GeoRaster(path, config)
     try:
         raster.check_ground()

@@ -184,6 +184,10 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     faces = getattr(loaded, 'faces', None)
     if faces is None or len(faces) == 0:
         raise WorldError(f'{path}: has no faces; a height field needs a surface')
+    indices, count = np.asarray(faces), len(loaded.vertices)
+    if indices.min() < 0 or indices.max() >= count:
+        raise WorldError(f'{path}: a face names vertex {int(indices.max())}, counted from 0; the '
+                         f'file has {count} vertices')
     triangles = np.asarray(loaded.triangles, np.float64) * config.mesh.scale
     if not np.all(np.isfinite(triangles)):
         raise WorldError(f'{path}: has vertices that are not finite numbers')

@@ -14,6 +14,7 @@ from lunar_rover_sim.campaign.design import (episode_seed, LATIN_HYPERCUBE, RAND
                                              unit_points)
 from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.campaign.episode_plans import draw, episode, plan
+from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.resources import packaged_names
 from lunar_rover_sim.run.plan import resolve
@@ -181,3 +182,14 @@ def test_file_table_needs_a_file() -> None:
         load_campaign('no_such.yaml')
     with pytest.raises(ConfigError, match='polar_sun: no such campaign; did you mean polar_suns'):
         load_campaign('polar_sun')
+
+
+def test_a_dry_run_of_many_episodes_is_quick(tmp_path: Path, capsys) -> None:
+    """All are named and drawn; the parameters of the first ones are checked."""
+    path = tmp_path / 'many.yaml'
+    path.write_text('base: flat\nepisodes: 2000\ndesign: random\n')
+    assert main(['campaign', str(path), '--dry-run']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2001
+    assert lines[-2].startswith('1999: render_node.sun.elevation_deg = ')
+    assert lines[-1] == 'checked: the parameters of the first 100 of 2000 episodes'

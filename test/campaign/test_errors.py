@@ -35,6 +35,13 @@ def test_yaml_is_plain(text: str) -> None:
         parse_yaml(text, 'x.yaml')
 
 
+def test_a_key_twice_is_refused() -> None:
+    """At any depth."""
+    for text in ('a: 1\na: 2', 'x: [{a: 1, a: 1}]', 'x: {y: {"a": 1, a: 2}}'):
+        with pytest.raises(ConfigError, match="'a' is given twice"):
+            parse_yaml(text, 'x.yaml')
+
+
 def test_plain_yaml_is_read() -> None:
     """What people write is read as before: exponents without a point are numbers."""
     assert parse_yaml('a: [1e-3, 1.0e6, 2.5, 1e3x, x, true, null]\nb: {c: "d"}', 'x') == {

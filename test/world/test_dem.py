@@ -1,6 +1,7 @@
 """Elevation models: windows, units, gaps, sizes, and that refinement keeps what they say."""
 
 import json
+import os
 import pathlib
 import tracemalloc
 
@@ -234,6 +235,8 @@ def test_refusals(tmp_path):
     (tmp_path / 'text.tif').write_text('not a raster')
     refused(tmp_path / 'text.tif', 'not a raster that can be read')
     refused(tmp_path / 'absent.tif', 'no such file')
+    os.mkfifo(tmp_path / 'pipe.tif')
+    refused(tmp_path / 'pipe.tif', 'neither a regular file nor a folder')
     refused(tmp_path, 'dem.npy is missing')
     marked = heights.copy()
     marked[20:22, 20] = -9999.0

@@ -1,5 +1,7 @@
 """Meshes: exact vertical rays, axes, holes, overhangs, and what is not a surface."""
 
+import os
+
 import numpy as np
 import pytest
 import trimesh
@@ -155,6 +157,14 @@ def test_what_is_not_a_surface(tmp_path):
     refused(tmp_path / 'absent.obj', 'no such file')
     (tmp_path / 'mesh.xyz').write_text('')
     refused(tmp_path / 'mesh.xyz', 'not a mesh format that is read; valid are .obj, .stl')
+    (tmp_path / 'index.ply').write_text(
+        'ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n'
+        'property float z\nelement face 1\nproperty list uchar int vertex_indices\n'
+        'end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n')
+    refused(tmp_path / 'index.ply',
+            'a face names vertex 7, .* 3 vertices|cannot be read as a mesh')
+    os.mkfifo(tmp_path / 'pipe.obj')
+    refused(tmp_path / 'pipe.obj', 'no such file')
     mesh, _ = bumps()
     mesh.export(tmp_path / 'bumps.stl')
     refused(tmp_path / 'bumps.stl', r'reaches 1.4 m beyond the mesh \(20 x 20 m\); move '
