@@ -43,6 +43,8 @@ COMMANDS = {
         'validate_locomotion',
         'pitch of the walk against a velocity interface; commands followed'),
     'validate stereo': Command('validate_stereo', 'semi-global matching against true depth'),
+    'validate terramechanics': Command(
+        'validate_terramechanics', 'soft ground against published numbers; walks, slopes, pull'),
     'validate traverse': Command(
         'validate_traverse',
         'drive waypoints over many worlds: tip-overs, slip, cost of transport'),

@@ -78,6 +78,7 @@ class Simulation:
         base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
         if legs != list(range(legs[0], legs[0] + 4)):
             raise PhysicsError('the bodies of the legs do not follow each other in the model')
+        self._base = base
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
         self._leg_wrench = data.cfrc_ext[legs[0]:legs[0] + 4]
         self._motor = data.qfrc_actuator[6:10]
@@ -160,6 +161,18 @@ class Simulation:
         # takes a control for an error and sets it to 0.
         velocity = np.minimum(np.maximum(velocity, -MAX_COMMAND_RADPS), MAX_COMMAND_RADPS)
         self._ctrl[:] = velocity * self._gear
+
+    def apply_force(self, force_n: ArrayLike) -> None:
+        """Pull at the centre of mass of the chassis with a force (3,) [N], world axes.
+
+        It holds until the next call or `reset`: a cable, as in a measurement of drawbar pull.
+        Raises PhysicsError if it is not three finite numbers.
+        """
+        force = np.asarray(force_n, dtype=float)
+        if force.shape != (3,) or not np.isfinite(force).all():
+            raise PhysicsError(f'apply_force: {brief(force_n)} is not valid; valid is three finite'
+                               ' numbers [N]')
+        self.data.xfrc_applied[self._base, :3] = force
 
     @property
     def state(self) -> RoverState:

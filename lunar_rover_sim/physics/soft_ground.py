@@ -6,7 +6,8 @@ part. The plane lies the plastic depth z below the surface. Before each step
 - the soil yields where the elastic force k e exceeds F(z), what the soil bears at that depth
   (`regolith/ball.py`): z grows until k e = F(z). Nothing yields below, so the rover stands still.
 - a tip that slips goes the way on which the soil bears its load, down or up (`DigTable`).
-- friction is Coulomb's, and what the sunken tip and rod plough, over the normal force.
+- friction is Coulomb's, and what the sunken tip and rod plough, over the normal force. It is
+  mobilised as the tip slips, by 1 - exp(-way / K) (Janosi and Hanamoto 1961).
 
 While the soil yields, it dissipates; the damping of the contact is for the time in which it holds.
 The surface below a tip is the untouched ground with the changes of the overlay where the tip
@@ -29,7 +30,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.physics.soil_contact import PARKED_M, SoilRows
 from lunar_rover_sim.regolith.ball import (bearing_n, bearing_slope_npm, contact_area_m2, DigTable,
                                            silhouette_m3)
-from lunar_rover_sim.regolith.footprint import press
+from lunar_rover_sim.regolith.footprint import press, Window
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.regolith.repose import relax
 from lunar_rover_sim.regolith.soil import Soil
@@ -42,11 +43,15 @@ ANCHOR_M = 0.002         # the surface is looked up again when a tip in it has m
 NEAR_M = 0.002           # a tip this low is about to touch down
 CREEP_MPS = 1e-4         # slower than this is creep of the solver, not slip
 LIFT_OFF_M = 0.0015      # a tip this far above its plane has left its print
-FASTEST_MPS = 4.0        # of a tip: how soon one that is in the air can touch the ground
+FASTEST_MPS = 2.0        # of a tip: how soon one that is in the air can touch the ground
+PLOUGH_STEP_M = 2e-5     # what a tip ploughs is computed again after so much depth
 STAMP_DEPTH_M, STAMP_WAY_M = 0.004, 0.004   # a print is pressed in after so much motion,
 STAMP_HELD_M = 0.0002    # and after so much once the soil holds
 SLIDE_M = 0.02           # distance after which the walls of a rut slide
+SLIDE_S = 0.1            # time in which they do, for all prints of a leg at once
+WIDEST = 40              # samples of such prints, along one side
 GREATEST_FRICTION = 10.0
+LEAST_MOBILISED = 0.05   # part of the friction of a tip that has not slipped yet
 DUG_IN_SPOKES = 0.75     # part of a spoke below ground from which on a leg is dug in
 
 
@@ -69,7 +74,8 @@ class _Tip:
 
     __slots__ = ('row', 'leg', 'plane', 'turn', 'friction', 'solref', 'due', 'in_ground',
                  'x', 'y', 'h', 'nx', 'ny', 'nz', 'reserve', 'offset', 'tilt_x', 'tilt_y',
-                 'plastic', 'sinkage', 'yielding', 'mu', 'slid', 'stamp', 'low', 'window')
+                 'plastic', 'sinkage', 'yielding', 'mu', 'plough', 'ploughed', 'slid', 'sheared',
+                 'stamp', 'low', 'window')
 
     def __init__(self, row: int, leg: int, plane: Array, turn: Array, friction: Array,
                  solref: Array) -> None:
@@ -82,11 +88,13 @@ class _Tip:
         self.x = self.y = self.h = self.nx = self.ny = 0.0
         self.nz = self.reserve = 1.0
         self.offset = self.tilt_x = self.tilt_y = 0.0   # of the surface on the untouched ground
-        self.plastic = self.sinkage = self.mu = self.slid = 0.0
+        self.plastic = self.sinkage = self.mu = self.plough = self.slid = 0.0
+        self.sheared = 0.0                              # way slipped since the touch down
+        self.ploughed = -1.0                            # depth for which `plough` holds
         # Centres of the ball in its print: when it was pressed in, and its lowest one since.
         self.stamp: tuple[float, float, float] | None = None
         self.low: tuple[float, float, float] | None = None
-        self.window: tuple[int, int, int, int] | None = None
+        self.window: Window | None = None
 
 
 _SAVED = tuple(name for name in _Tip.__slots__
@@ -123,6 +131,10 @@ class SoftGround:
         self._count = self._observed = 0
         self._slid = [0.0] * 4
         self._was_dug_in = False
+        # Windows of prints whose walls are to slide, per leg, and the step at which they do.
+        self._waiting: list[Window | None] = [None] * 4
+        self._settle_at = [0] * 4
+        self._next_settling = math.inf
         self._start: tuple[Overlay, list[list[object]]] | None = None
 
     def before_step(self) -> None:
@@ -131,6 +143,8 @@ class SoftGround:
         centres = self._centres.tolist()
         motion: list[list[float]] | None = None
         count = self._count
+        if count >= self._next_settling:
+            self._settle_due()
         self._count = count + 1
         radius = self._radius
         for tip in self._tips:
@@ -175,12 +189,15 @@ class SoftGround:
 
     def keep_start(self) -> None:
         """Keep the present ground as the one to which `reset` goes back."""
+        for leg in range(4):
+            self._settle(leg)
         self._start = self.overlay.copy(), [[getattr(tip, name) for name in _SAVED]
                                             for tip in self._tips]
         self._count = self._observed = 0
         for tip in self._tips:
             tip.due = 0
         self._slid = [0.0] * 4
+        self._refresh()
 
     def reset(self) -> None:
         """Go back to the ground at `keep_start`; the caller restores poses, planes included."""
@@ -188,6 +205,7 @@ class SoftGround:
             return
         overlay, tips = self._start
         self.overlay.restore(overlay)
+        self._waiting = [None] * 4
         for tip, values in zip(self._tips, tips):
             for name, value in zip(_SAVED, values):
                 setattr(tip, name, value)
@@ -197,6 +215,12 @@ class SoftGround:
         self._count = self._observed = 0
         self._slid = [0.0] * 4
         self._was_dug_in = False
+        self._refresh()
+
+    def _refresh(self) -> None:
+        """Compute the motion of the legs now: otherwise it is that of the last step made."""
+        for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel):
+            compute(self._model, self._data)
 
     # One tip
 
@@ -239,6 +263,7 @@ class SoftGround:
         tip.x, tip.y, tip.h = x, y, height(x, y) + tip.offset
         tip.nz = 1.0 / math.sqrt(1.0 + slope2)
         tip.nx, tip.ny = -slope_x * tip.nz, -slope_y * tip.nz
+        tip.ploughed = -1.0
         tip.reserve = max(0.0, 1.0 - math.sqrt(slope2) / self.soil.friction)
 
     def _former_depth(self, change: float, compaction: float) -> float:
@@ -263,7 +288,7 @@ class SoftGround:
             self._leave(tip)
             return
         if not tip.in_ground:
-            tip.in_ground, tip.slid = True, 0.0
+            tip.in_ground, tip.slid, tip.sheared = True, 0.0, 0.0
             tip.stamp = tip.low = tip.window = None
             self._place(tip)
         tip.sinkage = depth
@@ -286,16 +311,18 @@ class SoftGround:
             way = speed * self._step_s
             self._slid[tip.leg] += way
             tip.slid += way
+            tip.sheared += way
             dig = self._dig.slope(force / bears if bears > 0.0 else 1.0, plastic / radius)
             plastic = min(max(plastic + dig * way, 0.0), depth)
             force = k * (depth - plastic)
         if plastic != tip.plastic:
             tip.plastic = plastic
             self._place(tip)
-        self._set_friction(tip, depth, lean, force)
-        self._leave_print(tip, centre, depth - plastic)
+        self._set_friction(tip, depth, force)
+        self._leave_print(tip, centre, depth - plastic, yielding or speed > CREEP_MPS)
 
-    def _leave_print(self, tip: _Tip, centre: tuple[float, float, float], pressed: float) -> None:
+    def _leave_print(self, tip: _Tip, centre: tuple[float, float, float], pressed: float,
+                     moving: bool) -> None:
         """Note where the ball presses, and press its way into the overlay from time to time."""
         x = centre[0] + pressed * tip.nx
         y = centre[1] + pressed * tip.ny
@@ -305,7 +332,7 @@ class SoftGround:
             tip.stamp = tip.low = x, y, z
             return
         deeper = last[2] - z
-        if deeper > (STAMP_DEPTH_M if tip.yielding else STAMP_HELD_M) or \
+        if deeper > (STAMP_DEPTH_M if moving else STAMP_HELD_M) or \
                 (x - last[0]) ** 2 + (y - last[1]) ** 2 > STAMP_WAY_M ** 2:
             self._stamp(tip, (x, y, z))
         elif deeper > 0.0 and (tip.low is None or z < tip.low[2]):
@@ -358,20 +385,24 @@ class SoftGround:
             tip.yielding = yielding
             tip.solref[:] = self._solref[yielding][tip.row]
 
-    def _set_friction(self, tip: _Tip, depth: float, lean: float, force: float) -> None:
+    def _set_friction(self, tip: _Tip, depth: float, force: float) -> None:
         """Set Coulomb friction, ploughing of tip and rod, and cohesion, over the normal force.
 
         A slope carries its own soil with a part of the strength, and all of it at the friction
         angle (infinite slope): what is left for ploughing goes to 0 with it.
         """
-        plough = self._side * silhouette_m3(depth, self._radius)
-        below = depth - 2.0 * self._radius
-        if below > 0.0:
-            plough += self._side * self._rod * below * below
-        plough *= tip.reserve
-        if self.soil.cohesion_pa:
-            plough += self.soil.cohesion_pa * contact_area_m2(depth, self._radius)
-        mu = min(self.soil.friction + plough / max(force, 1e-6), GREATEST_FRICTION)
+        if abs(depth - tip.ploughed) > PLOUGH_STEP_M:
+            tip.ploughed = depth
+            plough = self._side * silhouette_m3(depth, self._radius)
+            below = depth - 2.0 * self._radius
+            if below > 0.0:
+                plough += self._side * self._rod * below * below
+            plough *= tip.reserve
+            if self.soil.cohesion_pa:
+                plough += self.soil.cohesion_pa * contact_area_m2(depth, self._radius)
+            tip.plough = plough
+        mu = min(self.soil.friction + tip.plough / max(force, 1e-6), GREATEST_FRICTION)
+        mu *= max(1.0 - math.exp(-tip.sheared / self.soil.shear_m), LEAST_MOBILISED)
         if abs(mu - tip.mu) > 0.005 * tip.mu:
             tip.mu = mu
             tip.friction[:2] = mu
@@ -381,27 +412,53 @@ class SoftGround:
         ix, iy, nx, ny = press(self.overlay, self._ground, tip.stamp or low, low, self._radius,
                                self.soil.compacted)
         tip.stamp, tip.low = low, None
-        if tip.window is not None:
-            jx, jy, mx, my = tip.window
-            right, top = max(ix + nx, jx + mx), max(iy + ny, jy + my)
-            ix, iy = min(ix, jx), min(iy, jy)
-            nx, ny = right - ix, top - iy
-        tip.window = ix, iy, nx, ny
+        tip.window = (ix, iy, nx, ny) if tip.window is None else _hull(tip.window,
+                                                                       (ix, iy, nx, ny))
         if tip.slid > SLIDE_M:
             tip.slid = 0.0
-            self._settle(tip)
+            self._settle_later(tip)
 
-    def _settle(self, tip: _Tip) -> None:
-        """Let the walls of a print slide."""
-        if tip.window is not None:
-            relax(self.overlay, self._ground, *tip.window, self.soil.repose_deg)
-            tip.window = None
+    def _settle_later(self, tip: _Tip) -> None:
+        """Let the walls of a print slide soon, with those of the same leg."""
+        if tip.window is None:
+            return
+        waiting = self._waiting[tip.leg]
+        if waiting is not None:
+            both = _hull(waiting, tip.window)
+            if max(both[2:]) <= WIDEST:
+                self._waiting[tip.leg], tip.window = both, None
+                return
+            self._settle(tip.leg)
+        self._waiting[tip.leg], tip.window = tip.window, None
+        self._settle_at[tip.leg] = self._count + round(SLIDE_S / self._step_s)
+        self._next_settling = min(self._next_settling, self._settle_at[tip.leg])
+
+    def _settle_due(self) -> None:
+        """Let walls slide whose time has come."""
+        for leg in range(4):
+            if self._waiting[leg] is not None and self._settle_at[leg] <= self._count:
+                self._settle(leg)
+        self._next_settling = min((self._settle_at[leg] for leg in range(4)
+                                   if self._waiting[leg] is not None), default=math.inf)
+
+    def _settle(self, leg: int) -> None:
+        window = self._waiting[leg]
+        if window is not None:
+            relax(self.overlay, self._ground, *window, self.soil.repose_deg)
+            self._waiting[leg] = None
 
     def _leave(self, tip: _Tip) -> None:
         """Take a tip out of the ground."""
         if tip.low is not None:
             self._stamp(tip, tip.low)
-        self._settle(tip)
+        self._settle_later(tip)
         tip.in_ground, tip.sinkage, tip.stamp = False, 0.0, None
         self._set_yielding(tip, False)
         tip.plane[:] = 0.0, 0.0, PARKED_M
+
+
+def _hull(one: Window, other: Window) -> Window:
+    """Return the window around two."""
+    ix, iy = min(one[0], other[0]), min(one[1], other[1])
+    return (ix, iy, max(one[0] + one[2], other[0] + other[2]) - ix,
+            max(one[1] + one[3], other[1] + other[3]) - iy)

@@ -18,6 +18,7 @@ _OVERRIDES = {
     'cohesion_kpa': ('cohesion_pa', 1e3, 0.0, 10.0),
     'compacted': ('compacted', 1.0, 0.0, 1.0),
     'repose_deg': ('repose_deg', 1.0, 10.0, 60.0),
+    'shear_mm': ('shear_m', 1e-3, 0.1, 50.0),
     'elastic_npm': ('elastic_npm', 1.0, 100.0, 1e6),
     'damping_nspm': ('damping_nspm', 1.0, 0.1, 1e4),
 }
@@ -50,6 +51,8 @@ class GroundConfig(Parameters):
     compacted: float = _override('compacted', 'part of the volume of a print that is compacted;'
                                  ' the rest makes its rim')
     repose_deg: float = _override('repose_deg', 'steepest slope of disturbed soil', 'deg')
+    shear_mm: float = _override('shear_mm', 'slip over which two thirds of the friction are'
+                                ' mobilised', 'mm')
     elastic_npm: float = _override('elastic_npm', 'stiffness of one tip in unloading', 'N/m')
     damping_nspm: float = _override('damping_nspm', 'damping of one tip while the soil does not'
                                     ' yield', 'N s/m')

@@ -11,6 +11,9 @@ al., S-200, 1974). `highland_loose`: a choice, for fresh ejecta and crater rims.
 in place, so they contain the cohesion of the soil. Poppy seeds: Li, Zhang and Goldman 2013; their
 friction and repose are from memory of that group's papers. How much of a print is compacted, and
 the angle of repose of small heaps, are choices: loose soil is pressed together, dense soil aside.
+So is the way over which shear is mobilised, a tenth to a quarter of the width of a tip, as for
+piles that are pushed sideways; the 1.8 cm of the Apollo rover (Lunar Sourcebook, ch. 9) belong to
+its wheels of 23 cm.
 """
 
 from __future__ import annotations
@@ -34,6 +37,8 @@ class Soil:
     cohesion_pa: besides what zeta contains [Pa]
     compacted: part of the volume of a print that goes into compaction; the rest into its rim
     repose_deg: steepest slope of disturbed soil
+    shear_m: way over which shear is mobilised: 1 - exp(-way / shear_m) of it holds (Janosi and
+        Hanamoto 1961) [m]
     elastic_npm: unloading and reloading stiffness of one tip [N/m]
     damping_nspm: damping of one tip while the soil does not yield [N s/m]
     shape: coefficients of resistive force theory
@@ -45,6 +50,7 @@ class Soil:
     cohesion_pa: float
     compacted: float
     repose_deg: float
+    shear_m: float
     elastic_npm: float
     damping_nspm: float
     shape: ResistiveForce = GENERIC
@@ -77,10 +83,12 @@ class Soil:
 
 
 PRESETS = {
-    'highland_loose': Soil(MOON, 0.3e6, 0.65, 0.0, 0.8, 33.0, 2000.0, 60.0),
-    'highland': Soil(MOON, 1.0e6, 0.84, 0.0, 0.6, 38.0, 2000.0, 60.0),
-    'highland_dense': Soil(MOON, 2.2e6, 1.0, 0.0, 0.3, 42.0, 2000.0, 60.0),
-    'mare': Soil(MOON, 1.0e6, 0.84, 0.0, 0.6, 38.0, 2000.0, 60.0),
-    'poppy_loose': Soil(EARTH, 0.254e6, 0.70, 0.0, 0.3, 36.0, 2000.0, 60.0, POPPY_LOOSE),
-    'poppy_close': Soil(EARTH, 0.464e6, 0.70, 0.0, 0.1, 36.0, 2000.0, 60.0, POPPY_CLOSE),
+    'highland_loose': Soil(MOON, 0.3e6, 0.65, 0.0, 0.8, 33.0, 0.004, 2000.0, 60.0),
+    'highland': Soil(MOON, 1.0e6, 0.84, 0.0, 0.6, 38.0, 0.0025, 2000.0, 60.0),
+    'highland_dense': Soil(MOON, 2.2e6, 1.0, 0.0, 0.3, 42.0, 0.0015, 2000.0, 60.0),
+    'mare': Soil(MOON, 1.0e6, 0.84, 0.0, 0.6, 38.0, 0.0025, 2000.0, 60.0),
+    'poppy_loose': Soil(EARTH, 0.254e6, 0.70, 0.0, 0.3, 36.0, 0.004, 2000.0, 60.0,
+                        POPPY_LOOSE),
+    'poppy_close': Soil(EARTH, 0.464e6, 0.70, 0.0, 0.1, 36.0, 0.0015, 2000.0, 60.0,
+                        POPPY_CLOSE),
 }

@@ -16,9 +16,9 @@ from lunar_rover_sim.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.physics.penetration import TipPenetration
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.studies.traverse_result import (DRIVEN, is_stranded, PATH_PERIOD_S, STRANDED,
-                                                     TIPPED_OVER, Traverse)
-from lunar_rover_sim.studies.walking import STATE_PERIOD_S
+from lunar_rover_sim.studies.traverse_result import (DRIVEN, DUG_IN, is_stranded, PATH_PERIOD_S,
+                                                     STRANDED, TIPPED_OVER, Traverse)
+from lunar_rover_sim.studies.walking import stance_way_m, STATE_PERIOD_S
 from lunar_rover_sim.world.grid import HeightGrid
 
 REST_S = 5.0                   # a rover that is tilted past the limit has this time to come back
@@ -134,6 +134,7 @@ class _Measurement:
                  period_s: float) -> None:
         self._simulation = simulation
         self._gait = controller.config
+        self._spoke_m = simulation.rover.legs.spoke_length_m
         self._period_s = period_s
         self._tips = TipPenetration(simulation, ground)
         self._true_m = self._commanded_m = 0.0
@@ -156,22 +157,11 @@ class _Measurement:
         self._penetration_m = max(self._penetration_m, self._tips.deepest_m())
         reference = legs.angle_rad.tolist()
         if self._reference is not None:
-            commanded = self._stance_m(reference, self._reference)
+            commanded = stance_way_m(self._gait, self._spoke_m, reference, self._reference)
             self._commanded_m += abs(commanded)
             self._true_m += (math.copysign(1.0, commanded)
                              * float(state.linear_velocity_mps[0]) * dt)
         self._reference = reference
-
-    def _stance_m(self, reference: list[float], before: list[float]) -> float:
-        """Return the commanded distance of the feet in stance in this period [m]."""
-        pitch, half = self._gait.pitch_rad, math.radians(0.5 * self._gait.foot_width_deg)
-        swept = []
-        for now, last in zip(reference, before):
-            local = (now + 0.5 * pitch) % pitch - 0.5 * pitch
-            if abs(local) <= half:
-                swept.append((now - last) * math.cos(local))
-        spoke_m = self._simulation.rover.legs.spoke_length_m
-        return spoke_m * sum(swept) / len(swept) if swept else 0.0
 
     def result(self, seed: int, outcome: str, driven_s: float,
                counts: tuple[int, int, int]) -> Traverse:
@@ -182,7 +172,8 @@ class _Measurement:
         weight = max(mass * self._simulation.config.gravity_mps2, 1e-9)
         tilts = np.array(self._tilts_deg or [0.0])
         if outcome == DRIVEN and is_stranded(path):
-            outcome = STRANDED
+            contact = self._simulation.ground_contact
+            outcome = DUG_IN if contact is not None and contact.dug_in else STRANDED
         return Traverse(
             seed, outcome, driven_s, distance, *counts,
             1.0 - self._true_m / self._commanded_m if self._commanded_m else math.nan,

@@ -12,7 +12,7 @@ import numpy as np
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.frames import distance_along
-from lunar_rover_sim.studies.traverse_result import DRIVEN, STRANDED, TIPPED_OVER, Traverse
+from lunar_rover_sim.studies.traverse_result import DRIVEN, DUG_IN, STRANDED, TIPPED_OVER, Traverse
 
 ALLOWED_SHARE = 0.05   # of drives that end tipped over or stranded: one in twenty
 
@@ -28,7 +28,7 @@ def tipped(results: Sequence[Traverse]) -> int:
 
 def stranded(results: Sequence[Traverse]) -> int:
     """Return how many drives ended stuck in one place."""
-    return sum(result.outcome == STRANDED for result in results)
+    return sum(result.outcome in (STRANDED, DUG_IN) for result in results)
 
 
 def acceptable(results: Sequence[Traverse]) -> bool:
@@ -36,7 +36,7 @@ def acceptable(results: Sequence[Traverse]) -> bool:
 
     A drive is lost if the rover tipped over or is stranded.
     """
-    return (all(result.outcome in (DRIVEN, TIPPED_OVER, STRANDED) for result in results)
+    return (all(result.outcome in (DRIVEN, TIPPED_OVER, STRANDED, DUG_IN) for result in results)
             and tipped(results) + stranded(results)
             <= max(1, round(ALLOWED_SHARE * len(results))))
 

@@ -10,7 +10,7 @@ from lunar_rover_sim.frames import Array
 
 PATH_PERIOD_S = 0.2                   # of the recorded path
 STRANDED_S, STRANDED_M = 60.0, 0.5    # a rover that stays so near its end for so long is stranded
-DRIVEN, TIPPED_OVER, STRANDED = 'driven', 'tipped over', 'stranded'   # outcomes
+DRIVEN, TIPPED_OVER, STRANDED, DUG_IN = 'driven', 'tipped over', 'stranded', 'dug in'  # outcomes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,7 +18,8 @@ class Traverse:
     """One drive over one world.
 
     outcome: 'driven' (all the time), 'tipped over', 'stranded' (all the time, but stuck in one
-        place at the end, although it backed up), or an error of the simulation
+        place at the end, although it backed up), 'dug in' (stranded, with feet deep in regolith),
+        or an error of the simulation
     driven_s: simulated time [s]; distance_m: length of the horizontal path at 5 Hz [m]
     waypoints, stuck, tilted: waypoints reached, times stuck, times stopped by tilt and recovered
     slip: 1 - true forward distance / commanded distance of the feet in stance

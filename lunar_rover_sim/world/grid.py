@@ -59,14 +59,18 @@ class HeightGrid:
 
     def height_at_point(self, x_m: float, y_m: float) -> float:
         """Return what `height_at` returns for one position; a fast path without arrays."""
-        half = 0.5 * (self.n - 1)
-        gx, gy = x_m / self.cell_m + half, y_m / self.cell_m + half
+        z, cell_m = self.heights_m, self.cell_m
+        last = len(z) - 1
+        gx, gy = x_m / cell_m + 0.5 * last, y_m / cell_m + 0.5 * last
         # Written so that NaN is outside, too.
-        if not (0.0 <= gx <= 2.0 * half and 0.0 <= gy <= 2.0 * half):
+        if not (0.0 <= gx <= last and 0.0 <= gy <= last):
             return math.nan
-        ix, iy = min(int(gx), self.n - 2), min(int(gy), self.n - 2)
+        ix, iy = int(gx), int(gy)
+        if ix == last:
+            ix -= 1
+        if iy == last:
+            iy -= 1
         u, v = gx - ix, gy - iy
-        z = self.heights_m
         z00, z11 = float(z[iy, ix]), float(z[iy + 1, ix + 1])
         if u >= v:
             corner = float(z[iy, ix + 1])

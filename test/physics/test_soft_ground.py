@@ -74,7 +74,8 @@ def test_static_sinkage_does_not_depend_on_gravity(gravity):
 
 def slide_m(preset, slope_deg):
     world = make_world(plane_heights(slope_deg, 11, 1.0), 1.0)
-    with simulate(world, ground=soft(preset), start=StartPose(yaw_deg=90.0)) as simulation:
+    start = StartPose(yaw_deg=90.0, settle_s=3.0)
+    with simulate(world, ground=soft(preset), start=start) as simulation:
         before = simulation.state.position_m
         return np.linalg.norm(simulation.advance(1000).position_m - before)
 
@@ -93,9 +94,9 @@ def test_the_distance_walked_hardly_depends_on_the_step():
     for step_s in (0.001, 0.00025):
         with simulate(ground=soft(), step_s=step_s) as simulation:
             before = simulation.state.position_m
-            after = trot(simulation, 3.0).position_m
+            after = trot(simulation, 5.0).position_m
             distances.append(np.linalg.norm((after - before)[:2]))
-    assert distances[0] > 0.3
+    assert distances[0] > 0.5
     assert distances[0] == pytest.approx(distances[1], rel=0.03)
 
 

@@ -17,10 +17,11 @@ def test_presets_are_soils_under_the_gravity_of_the_simulation():
 
 def test_every_number_of_a_preset_can_be_set():
     ground = GroundConfig(bearing_mnpm3=2.0, friction=0.7, cohesion_kpa=0.5, compacted=0.1,
-                          repose_deg=31.0, elastic_npm=3000.0, damping_nspm=70.0)
+                          repose_deg=31.0, shear_mm=7.0, elastic_npm=3000.0, damping_nspm=70.0)
     soil = ground.soil(1.62)
     assert (soil.zeta_npm3, soil.friction, soil.cohesion_pa, soil.compacted, soil.repose_deg,
-            soil.elastic_npm, soil.damping_nspm) == (2e6, 0.7, 500.0, 0.1, 31.0, 3000.0, 70.0)
+            soil.shear_m, soil.elastic_npm, soil.damping_nspm) == (
+                2e6, 0.7, 500.0, 0.1, 31.0, 0.007, 3000.0, 70.0)
 
 
 @pytest.mark.parametrize('gravity', [1.62, 3.71, 9.81])

@@ -1,0 +1,134 @@
+"""The terramechanics study: walks on rigid and soft ground, up slopes, and against a pull.
+
+Each walk follows a velocity command straight on, with the packaged gait, on a plane. What is
+measured begins after the first seconds, when the start is over.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from lunar_rover_sim.errors import ConfigError, PhysicsError
+from lunar_rover_sim.frames import rpy_from_wxyz
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH, RIGID
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.studies.walking import sloping_world, stance_way_m, STATE_PERIOD_S
+
+GROUNDS = (RIGID, 'highland_dense', 'highland', 'highland_loose')
+SLOPES_DEG = tuple(2.5 * k for k in range(13))
+PULLS = tuple(round(0.05 * k, 2) for k in range(19))   # over the weight
+SKIP_S = 3.0
+HALF_EXTENT_M = 30.0   # of the plane: a rover that is pulled back does not leave it
+
+
+@dataclasses.dataclass(frozen=True)
+class Ground:
+    """A walk to be made: ground (`rigid` or a preset), slope [deg], pull backward [weights]."""
+
+    name: str
+    slope_deg: float = 0.0
+    pull: float = 0.0
+
+    @property
+    def config(self) -> GroundConfig:
+        """The parameters of the ground."""
+        return GroundConfig() if self.name == RIGID else GroundConfig(model=REGOLITH,
+                                                                      preset=self.name)
+
+
+@dataclasses.dataclass(frozen=True)
+class WalkSettings:
+    """What walks: rover, physics, gait and its calibration; speed [m/s] and duration [s]."""
+
+    calibration: GaitCalibration
+    rover: RoverDescription = RoverDescription()
+    physics: PhysicsConfig = PhysicsConfig()
+    gait: GaitConfig = GaitConfig()
+    speed_mps: float = 0.12
+    duration_s: float = 13.0
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundWalk:
+    """One walk.
+
+    outcome: 'walked', or why not
+    speed_mps: along the slope, upward; lateral_mps: across it
+    slip: 1 - distance / distance that the feet in stance sweep
+    transport: electric energy / (weight × distance), infinite where it does not get on
+    power_w: mean electric power
+    pitch_rms_deg: RMS of the pitch about its mean
+    sinkage_m: mean of the deepest foot; sinkage_max_m: the greatest
+    """
+
+    ground: Ground
+    outcome: str
+    speed_mps: float = math.nan
+    lateral_mps: float = math.nan
+    slip: float = math.nan
+    transport: float = math.nan
+    power_w: float = math.nan
+    pitch_rms_deg: float = math.nan
+    sinkage_m: float = math.nan
+    sinkage_max_m: float = math.nan
+
+
+def measure(settings: WalkSettings, ground: Ground) -> GroundWalk:
+    """Walk, and return what was measured; a rover that cannot stand there is a result, too."""
+    physics = dataclasses.replace(settings.physics, start=StartPose(), ground=ground.config)
+    world = sloping_world(ground.slope_deg, HALF_EXTENT_M)
+    try:
+        with Simulation(world, settings.rover, physics) as simulation:
+            return _walk(settings, ground, simulation)
+    except (ConfigError, PhysicsError) as error:
+        return GroundWalk(ground, str(error))
+
+
+def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> GroundWalk:
+    rover, gait = settings.rover, settings.gait
+    controller = GaitController(gait, settings.calibration)
+    weight = rover.total_mass_kg * settings.physics.gravity_mps2
+    slope = math.radians(ground.slope_deg)
+    uphill = np.array([math.cos(slope), 0.0, math.sin(slope)])
+    simulation.apply_force(-ground.pull * weight * uphill)
+    steps = max(1, round(STATE_PERIOD_S / settings.physics.step_s))
+    period_s = steps * settings.physics.step_s
+    state, reference = simulation.state, None
+    swept = energy = 0.0
+    begin = state.position_m
+    pitch, sinkage = [], [0.0]
+    measured = 0
+    for _ in range(round(settings.duration_s / period_s)):
+        controller.set_velocity(settings.speed_mps, 0.0, state.stamp_ns)
+        legs = controller.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
+        simulation.command(legs.velocity_radps)
+        state = simulation.advance(steps)
+        angles = legs.angle_rad.tolist()
+        if state.stamp_ns * 1e-9 <= SKIP_S:
+            begin = state.position_m
+        elif reference is not None:
+            measured += 1
+            swept += stance_way_m(gait, rover.legs.spoke_length_m, angles, reference)
+            for torque, speed in zip(state.motor_torque_nm.tolist(),
+                                     state.joint_velocity_radps.tolist()):
+                energy += max(rover.motor.electric_power_w(torque, speed), 0.0) * period_s
+            pitch.append(math.degrees(rpy_from_wxyz(state.orientation_wxyz)[1]))
+            contact = simulation.ground_contact
+            if contact is not None:
+                sinkage.append(float(contact.sinkage_m.max()))
+        reference = angles
+    way = state.position_m - begin
+    distance, time_s = float(way @ uphill), measured * period_s
+    dug_in = simulation.ground_contact is not None and simulation.ground_contact.dug_in
+    return GroundWalk(
+        ground, 'dug in' if dug_in else 'walked', distance / time_s, float(way[1]) / time_s,
+        1.0 - distance / swept, energy / (weight * distance) if distance > 0.01 else math.inf,
+        energy / time_s, float(np.std(pitch)), float(np.mean(sinkage)), max(sinkage))

@@ -1,0 +1,151 @@
+"""Numbers that the soft ground is held to: published ones, closed forms, and scaling laws."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.regolith.ball import bearing_n
+from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH
+from lunar_rover_sim.regolith.resistive_force import plate_force_n
+from lunar_rover_sim.regolith.soil import PRESETS
+from lunar_rover_sim.studies.terramechanics import Ground, GroundWalk, measure, WalkSettings
+from lunar_rover_sim.studies.walking import sloping_world
+
+LUNAR = ('highland_loose', 'highland', 'highland_dense')
+DROP_M = 0.002
+
+
+@dataclasses.dataclass(frozen=True)
+class Anchor:
+    """A number, what it is held to, and where that comes from."""
+
+    name: str
+    measured: float
+    low: float
+    high: float
+    unit: str
+    source: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether the number lies between its bounds."""
+        return self.low <= self.measured <= self.high
+
+
+def plates() -> list[Anchor]:
+    """Return plates in poppy seeds, footpads and a penetrometer, from the laws alone."""
+    found: list[Anchor] = []
+    for name, down, aside in (('poppy_loose', 12.7, 4.15), ('poppy_close', 23.2, 5.35)):
+        soil, li = PRESETS[name], 'Li et al. 2013'
+        force = plate_force_n(soil.shape, soil.zeta_npm3, 1e-3, 0.05, 0.0, 0.5 * math.pi)[1]
+        found.append(_within(f'10 cm² at 5 cm down, {name}', force, down, 0.01, 'N', li))
+        force = plate_force_n(soil.shape, soil.zeta_npm3, 1e-3, 0.05, 0.5 * math.pi, 0.0)[0]
+        found.append(_within(f'10 cm² at 5 cm aside, {name}', force, aside, 0.01, 'N', li))
+    zeta = PRESETS['highland'].zeta_npm3
+    for depth in (0.02, 0.05):
+        found.append(Anchor(f'footpad at {1e2 * depth:.0f} cm, highland', zeta * depth / 1e3, 20.0,
+                            60.0, 'kPa', 'Surveyor 3'))
+    found.append(_within('cone at 16 cm, highland_dense',
+                         PRESETS['highland_dense'].zeta_npm3 * 0.16 / 1e3, 348.0, 0.02, 'kPa',
+                         'Apollo 15'))
+    return found
+
+
+def simulated(settings: WalkSettings) -> list[Anchor]:
+    """Return the energy of a fall, holding on slopes, gravity scaling and convergence."""
+    found: list[Anchor] = []
+    for name in LUNAR[1:]:
+        expected = _energy_depth_m(settings, name)
+        for step_s, tolerance in ((0.001, 0.10), (0.00025, 0.03)):
+            found.append(_within(f'fall of 2 mm, {name}, step {1e3 * step_s:g} ms',
+                                 1e3 * _drop_m(settings, name, step_s), 1e3 * expected, tolerance,
+                                 'mm', 'energy'))
+    for name in LUNAR:
+        limit = math.degrees(math.atan(PRESETS[name].friction))
+        found.append(Anchor(f'creep at {limit - 3.0:.0f}°, {name}',
+                            _slide_mmps(settings, name, limit - 3.0), 0.0, 0.05, 'mm/s',
+                            'Coulomb'))
+        found.append(Anchor(f'slide at {limit + 3.0:.0f}°, {name}',
+                            _slide_mmps(settings, name, limit + 3.0), 20.0, math.inf, 'mm/s',
+                            'Coulomb'))
+    # Steps in proportion to the time of a fall.
+    moon, earth = (_rest_m(settings, 'highland', g, step_s)
+                   for g, step_s in ((1.62, 0.0005), (9.81, 0.0002)))
+    found.append(_within('sinkage at rest on Earth over that on the Moon', earth / moon, 1.0, 0.02,
+                         '', 'scaling'))
+    for name in LUNAR:
+        walks = [_walk(settings, name, step_s) for step_s in (0.001, 0.00025)]
+        found.append(_within(f'distance at 1 ms over that at 0.25 ms, {name}',
+                             walks[0].speed_mps / walks[1].speed_mps, 1.0, 0.03, '',
+                             'convergence'))
+    return found
+
+
+def _within(name: str, measured: float, expected: float, tolerance: float, unit: str,
+            source: str) -> Anchor:
+    return Anchor(name, measured, expected * (1.0 - tolerance), expected * (1.0 + tolerance), unit,
+                  source)
+
+
+def _simulation(settings: WalkSettings, physics: PhysicsConfig, name: str,
+                slope_deg: float = 0.0) -> Simulation:
+    ground = GroundConfig(model=REGOLITH, preset=name)
+    return Simulation(sloping_world(slope_deg), settings.rover,
+                      dataclasses.replace(physics, ground=ground))
+
+
+def _sinkage_m(simulation: Simulation) -> float:
+    """Return the mean sinkage of the legs, 0 on rigid ground [m]."""
+    contact = simulation.ground_contact
+    return float(contact.sinkage_m.mean()) if contact is not None else 0.0
+
+
+def _drop_m(settings: WalkSettings, name: str, step_s: float) -> float:
+    """Return the depth of the prints of a rover that falls by 2 mm [m]."""
+    rover = settings.rover
+    physics = dataclasses.replace(settings.physics, step_s=step_s, start=StartPose(settle_s=0.0))
+    with _simulation(settings, physics, name) as simulation:
+        lowest = simulation.state.position_m[2] + rover.legs.axle_z_m - rover.legs.spoke_length_m
+        simulation.data.qpos[2] += DROP_M - lowest
+        simulation.data.qvel[:] = 0.0
+        simulation.advance(round(0.5 / step_s))
+        load = 0.25 * rover.total_mass_kg * settings.physics.gravity_mps2
+        # At rest the tips are pressed on by the weight, elastically.
+        return _sinkage_m(simulation) - load / PRESETS[name].elastic_npm
+
+
+def _energy_depth_m(settings: WalkSettings, name: str) -> float:
+    """Return the depth at which a fall by 2 mm has done its work [m]."""
+    z = np.linspace(0.0, 0.08, 40001)
+    radius = settings.rover.legs.tip_radius_m
+    force = np.array([bearing_n(v, radius, PRESETS[name].zeta_npm3) for v in z])
+    work = np.cumsum(force) * (z[1] - z[0])
+    load = 0.25 * settings.rover.total_mass_kg * settings.physics.gravity_mps2
+    return float(z[np.argmax(work > load * (z + DROP_M))])
+
+
+def _slide_mmps(settings: WalkSettings, name: str, slope_deg: float) -> float:
+    """Return the mean speed of a rover that stands across a slope, legs held, in a second."""
+    physics = dataclasses.replace(settings.physics, start=StartPose(yaw_deg=90.0))
+    with _simulation(settings, physics, name, slope_deg) as simulation:
+        before = simulation.state.position_m
+        after = simulation.advance(round(1.0 / settings.physics.step_s)).position_m
+        return 1e3 * float(np.linalg.norm(after - before))
+
+
+def _rest_m(settings: WalkSettings, name: str, gravity_mps2: float, step_s: float) -> float:
+    """Return the sinkage at rest [m]."""
+    physics = dataclasses.replace(settings.physics, step_s=step_s, start=StartPose(),
+                                  gravity_mps2=gravity_mps2)
+    with _simulation(settings, physics, name) as simulation:
+        return _sinkage_m(simulation)
+
+
+def _walk(settings: WalkSettings, name: str, step_s: float) -> GroundWalk:
+    physics = dataclasses.replace(settings.physics, step_s=step_s)
+    return measure(dataclasses.replace(settings, physics=physics), Ground(name))

@@ -1,0 +1,83 @@
+"""The report of the terramechanics study: anchors, walks, slopes and pull as text, CSV, figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import csv
+import io
+import math
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.studies.terramechanics import GroundWalk
+from lunar_rover_sim.studies.terramechanics_anchors import Anchor
+
+_FIELDS = ('speed_mps', 'lateral_mps', 'slip', 'transport', 'power_w', 'pitch_rms_deg',
+           'sinkage_m', 'sinkage_max_m')
+
+
+def write_all(anchors: Sequence[Anchor], walks: Sequence[GroundWalk], folder: Path) -> str:
+    """Write terramechanics.md, .csv and .png into a folder; return the text."""
+    text = report_text(anchors, walks)
+    atomic_write(folder / 'terramechanics.md', text, StudyError)
+    table = io.StringIO(newline='')
+    writer = csv.writer(table)
+    writer.writerow(('ground', 'slope_deg', 'pull', 'outcome', *_FIELDS))
+    for walk in walks:
+        writer.writerow((walk.ground.name, walk.ground.slope_deg, walk.ground.pull, walk.outcome,
+                         *(getattr(walk, name) for name in _FIELDS)))
+    atomic_write(folder / 'terramechanics.csv', table.getvalue(), StudyError)
+    plot(walks, folder / 'terramechanics.png')
+    return text
+
+
+def report_text(anchors: Sequence[Anchor], walks: Sequence[GroundWalk]) -> str:
+    """Return the report as Markdown."""
+    lines = ['# Terramechanics', '', '## Held to', '',
+             _row(('what', 'measured', 'bounds', 'holds', 'source')), _row(['---'] * 5)]
+    for a in anchors:
+        high = '∞' if math.isinf(a.high) else f'{a.high:.4g}'
+        lines.append(_row((a.name, f'{a.measured:.4g} {a.unit}'.strip(),
+                           f'{a.low:.4g} to {high}', 'yes' if a.holds else '**no**', a.source)))
+    lines += ['', '## Walks', '',
+              'Slip: 1 - distance / way that the feet in stance sweep. Transport: electric energy'
+              ' / (weight × distance). Pull: backward, over the weight.', '',
+              _row(('ground', 'slope [°]', 'pull', 'outcome', 'speed [m/s]', 'slip [%]',
+                    'transport', 'power [W]', 'pitch RMS [°]', 'sinkage [mm]', 'max')),
+              _row(['---'] * 11)]
+    for w in walks:
+        transport = '–' if math.isinf(w.transport) else f'{w.transport:.2f}'
+        lines.append(_row((w.ground.name, f'{w.ground.slope_deg:g}', f'{w.ground.pull:g}',
+                           w.outcome, f'{w.speed_mps:.3f}', f'{1e2 * w.slip:.1f}', transport,
+                           f'{w.power_w:.2f}', f'{w.pitch_rms_deg:.2f}',
+                           f'{1e3 * w.sinkage_m:.1f}', f'{1e3 * w.sinkage_max_m:.1f}')))
+    return '\n'.join([*lines, ''])
+
+
+def plot(walks: Sequence[GroundWalk], path: Path) -> None:
+    """Write a figure: slip and power against slope, pull against slip, sinkage."""
+    figure = Figure(figsize=(11.0, 7.5), layout='constrained')
+    (slip, power), (pull, sinkage) = figure.subplots(2, 2)
+    for name in dict.fromkeys(walk.ground.name for walk in walks):
+        sloping = [w for w in walks if w.ground.name == name and w.ground.pull == 0.0]
+        pulled = [w for w in walks if w.ground.name == name and w.ground.slope_deg == 0.0]
+        degrees = [w.ground.slope_deg for w in sloping]
+        slip.plot(degrees, [1e2 * w.slip for w in sloping], 'o-', ms=3, label=name)
+        power.plot(degrees, [w.power_w for w in sloping], 'o-', ms=3)
+        pull.plot([1e2 * w.slip for w in pulled], [w.ground.pull for w in pulled], 'o-', ms=3)
+        sinkage.plot(degrees, [1e3 * w.sinkage_m for w in sloping], 'o-', ms=3)
+    slip.set(xlabel='slope [°]', ylabel='slip [%]', ylim=(-2.0, 100.0))
+    power.set(xlabel='slope [°]', ylabel='electric power [W]')
+    pull.set(xlabel='slip [%]', ylabel='pull over weight', xlim=(-2.0, 120.0))
+    sinkage.set(xlabel='slope [°]', ylabel='mean sinkage of the deepest foot [mm]')
+    for axes in (slip, power, pull, sinkage):
+        axes.grid(alpha=0.3)
+    slip.legend()
+    atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format='png'), StudyError)
+
+
+def _row(cells: Sequence[str]) -> str:
+    return '| ' + ' | '.join(cells) + ' |'
