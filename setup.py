@@ -38,6 +38,7 @@ setup(
         'mcap>=1.2',
         "backports.zstd>=1.0; python_version < '3.14'",     # as rosbags has it
         'moderngl>=5.12',
+        'shtab>=1.7',
         # 4 needs Python 3.11.
         'mujoco>=3.17,<5; python_version<"3.11"',
         'mujoco>=4,<5; python_version>="3.11"',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection, Sequence
+import difflib
 import importlib
 import logging
 import re
@@ -11,7 +12,7 @@ import sys
 from typing import NamedTuple
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
 
 
 class Command(NamedTuple):
@@ -31,6 +32,7 @@ COMMANDS = {
     'calibrate gait': Command(
         'calibrate', 'measure the map from velocity to gait on flat ground'),
     'campaign': Command('campaign', 'record a data set of randomised episodes'),
+    'completion': Command('completion', 'print a script that completes commands in a shell'),
     'dataset': Command('dataset', 'look at, verify and describe a data set that `campaign` made'),
     'evaluate': Command('evaluate', 'judge an estimated trajectory against the truth'),
     'parameters': Command('parameters', 'list all parameters, by node and section'),
@@ -87,16 +89,29 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         else:
             words.append(word)
     names = [word for word in words if not word.startswith('-')]
+    _check_command(names)
     chosen = {' '.join(names[:count]) for count in (1, 2)}
     return parser(chosen).parse_args(words)
 
 
+def _check_command(names: Sequence[str]) -> None:
+    """Raise ConfigError, which offers the nearest commands, if there is no such command."""
+    known = {name for command in COMMANDS for name in (command, command.split()[0])}
+    count = 2 if names and names[0] in GROUPS else 1
+    name = ' '.join(names[:count])
+    if name and name not in known:
+        # Not `parameters.nearest`: it would import NumPy for --help.
+        close = difflib.get_close_matches(name, sorted(known), n=3, cutoff=0.5)
+        hint = f'did you mean {" or ".join(close)}?' if close else 'see lunar_rover_sim --help'
+        raise ConfigError(f'{name}: no such command; {hint}')
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return the exit status: 0, 1 after an error, 130 after Ctrl-C."""
-    arguments = parse(sys.argv[1:] if argv is None else argv)
-    logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
-                        format='%(levelname)s %(name)s: %(message)s')
     try:
+        arguments = parse(sys.argv[1:] if argv is None else argv)
+        logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
+                            format='%(levelname)s %(name)s: %(message)s')
         return arguments.run(arguments)
     except LunarRoverSimError as error:
         print(f'lunar_rover_sim: {error}', file=sys.stderr)

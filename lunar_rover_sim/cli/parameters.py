@@ -20,7 +20,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
     parser.description = ('List the parameters of a scenario: name, default, what is valid, '
                           'meaning.')
-    parser.add_argument('section', nargs='?', help='a node, world, rover or run; all by default')
+    parser.add_argument('section', nargs='?',
+                        help='a node, world, rover or run, or a part of it such as '
+                             'render_node.sun; all by default')
+    parser.add_argument('--search', metavar='TEXT',
+                        help='only parameters with this text in their name or meaning')
     parser.add_argument('--markdown', action='store_true', help='as Markdown tables')
     parser.set_defaults(run=run)
 
@@ -29,23 +33,51 @@ def run(args: argparse.Namespace) -> int:
     """Print the tables."""
     sections = _sections()
     if args.section is not None:
-        if args.section not in sections:
-            raise ConfigError(f'section: {args.section!r} is not valid; '
-                              f'{nearest(args.section, sections)}')
-        sections = {args.section: sections[args.section]}
+        sections = _part(sections, args.section)
+    if args.search is not None:
+        sections = _found(sections, args.search)
     if args.markdown:
         print(markdown(sections))
         return 0
     console = Console()
     for name, rows in sections.items():
-        table = Table('parameter', 'default', 'valid', 'meaning', title=name, title_justify='left')
+        table = Table(title=name, title_justify='left')
+        for column in ('parameter', 'default', 'valid', 'meaning'):
+            table.add_column(column, overflow='fold')   # nothing is cut off
         for row in rows:
             table.add_row(*map(escape, row))
         console.print(table)
     return 0
 
 
-def markdown(sections: dict[str, list[tuple[str, str, str, str]]] | None = None) -> str:
+Sections = dict[str, list[tuple[str, str, str, str]]]
+
+
+def _part(sections: Sections, name: str) -> Sections:
+    """Return one section, or the group or parameter of one that a dotted name names."""
+    section, _, group = name.partition('.')
+    if section not in sections:
+        raise ConfigError(f'section: {name!r} is not valid; {nearest(section, sections)}')
+    rows = [row for row in sections[section]
+            if not group or row[0] == group or row[0].startswith(f'{group}.')]
+    if not rows:
+        groups = {'.'.join(row[0].split('.')[:group.count('.') + 1]) for row in sections[section]}
+        raise ConfigError(f'section: {name!r} is not valid; {nearest(group, sorted(groups))}')
+    return {section: rows}
+
+
+def _found(sections: Sections, text: str) -> Sections:
+    """Return the parameters with a text in their full name or meaning, in any case."""
+    found = {section: [row for row in rows if text.lower() in f'{section}.{row[0]}'.lower()
+                       or text.lower() in row[3].lower()]
+             for section, rows in sections.items()}
+    found = {section: rows for section, rows in found.items() if rows}
+    if not found:
+        raise ConfigError(f'--search: no parameter has {text!r} in its name or meaning')
+    return found
+
+
+def markdown(sections: Sections | None = None) -> str:
     """Return the tables as Markdown; those of all sections by default."""
     lines = []
     for name, rows in (sections or _sections()).items():
@@ -57,7 +89,7 @@ def markdown(sections: dict[str, list[tuple[str, str, str, str]]] | None = None)
     return '\n'.join(lines).rstrip()
 
 
-def _sections() -> dict[str, list[tuple[str, str, str, str]]]:
+def _sections() -> Sections:
     classes = {SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig,
                'rover': RoverDescription, **NODE_CONFIGS}
     shared = {name for name, *_ in NodeConfig().flatten()}

@@ -51,3 +51,39 @@ def test_errors_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['parameters', 'physics']) == 1
     error = capsys.readouterr().err
     assert error.startswith('lunar_rover_sim: section:') and error.count('\n') == 1
+
+
+@pytest.mark.parametrize(('words', 'hint'), [
+    (['rnu', 'baseline'], 'rnu: no such command; did you mean run?'),
+    (['validate', 'stero'], 'validate stero: no such command; did you mean validate stereo'),
+    (['parameters', 'render_node.sunn'], 'did you mean sun?'),
+    (['parameters', '--search', 'no such thing'], "no parameter has 'no such thing'")])
+def test_mistyped_words_get_a_hint(words: list[str], hint: str,
+                                   capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 1
+    error = capsys.readouterr().err
+    assert hint in error and error.count('\n') == 1
+
+
+def test_parameters_are_found(capsys: pytest.CaptureFixture[str],
+                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """By group and by text, at the width of the terminal."""
+    monkeypatch.setenv('COLUMNS', '100')
+    assert main(['parameters', 'render_node.sun']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) == 100
+    assert any('sun.angular_diameter_deg' in line for line in lines)
+    assert main(['parameters', '--search', 'ALBEDO']) == 0
+    found = capsys.readouterr().out
+    assert 'albedo.fresh_crater' in found and 'duty_factor' not in found
+
+
+@pytest.mark.parametrize('shell', ['bash', 'zsh'])
+def test_completion_knows_every_command(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['completion', shell]) == 0
+    script = capsys.readouterr().out
+    for name in COMMANDS:
+        assert name.split()[-1] in script
+    assert '--real-time' in script
+    if shell == 'bash':
+        subprocess.run(['bash', '-n'], input=script, text=True, check=True)
