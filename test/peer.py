@@ -69,7 +69,8 @@ class Peer:
 def running(name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run a node as `ros2 run` would, and end it with SIGINT."""
     process = subprocess.Popen(
-        [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', name, '--ros-args',
+         *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         yield process

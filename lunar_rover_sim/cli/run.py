@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     with _stop_request() as stop_request, _Display(console) as display:
         recording = record(scenario, args.output, world=args.world, domain=args.domain,
                            should_stop=stop_request.is_made, on_start=display.start,
-                           on_progress=display.update)
+                           on_progress=display.update, on_warning=display.warn)
     if recording.interrupted:
         console.print('stopped; the bag ends here')
     _print_summary(console, recording)
@@ -120,6 +120,10 @@ class _Display:
         self._progress.update(self._task, completed=now_s, pace=pace,
                               description='simulating' if now_ns else 'starting')
 
+    def warn(self, text: str) -> None:
+        """Show what a node warns of."""
+        self._console.print(text, highlight=False, soft_wrap=True, markup=False)
+
     def __enter__(self) -> _Display:
         return self
 
@@ -128,6 +132,10 @@ class _Display:
 
 
 def _print_summary(console: Console, recording: Recording) -> None:
+    if recording.warnings:
+        console.print('the nodes warned of:', highlight=False)
+        for text in recording.warnings:
+            console.print(f'  {text}', highlight=False, soft_wrap=True, markup=False)
     shares = ', '.join(f'{name} {100 * used_s / recording.wall_s:.0f} %'
                        for name, used_s in recording.cpu_s.items())
     console.print(f'processor time, start included, of one core: {shares}', highlight=False,

@@ -13,7 +13,8 @@ from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
-from lunar_rover_sim.path_following.driver import Driver
+from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.path_following.driver import Driver, STOPPED
 from lunar_rover_sim.run.node_config import DriveNodeConfig
 from lunar_rover_sim.world.world_folder import load_world
 
@@ -30,7 +31,8 @@ class DriveNode(node_main.GraphNode):
             half_extent_m = load_world(config.world, verify=False).ground.half_extent_m
         self._driver = Driver(config, half_extent_m)
         self._period_ns = 1_000_000_000 // config.rate_hz
-        self._last_period = 0 if config.lockstep else -1
+        self._no_period = self._last_period = 0 if config.lockstep else -1
+        self._jump = TimeJump(self)
         self._status = ''
         stamped = config.enable_stamped_cmd_vel
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
@@ -41,11 +43,18 @@ class DriveNode(node_main.GraphNode):
         self._held: list[bytes] = []
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
+        self.report_ready(config, waits=(topics.ODOM.name,))
 
     # Raw: one message in ten is used, and deserialising odometry takes 50 us.
     def _odom_callback(self, raw: bytes) -> None:
         now_ns = stamp_ns(topics.ODOM.type, raw)
-        if now_ns is None or now_ns // self._period_ns <= self._last_period:
+        if now_ns is None:
+            return
+        if self._jump.has_occurred(now_ns):
+            self._held.clear()
+            self._last_period = self._no_period
+            self._driver.reset()
+        if now_ns // self._period_ns <= self._last_period:
             return
         self._last_period = now_ns // self._period_ns
         self._held.append(raw)
@@ -64,8 +73,11 @@ class DriveNode(node_main.GraphNode):
                                       frames.wxyz_from_matrix(T_world_base[:3, :3]))
         if command.status != self._status:
             self._status = command.status
-            self.get_logger().info(f'{command.status} at {now_ns / 1e9:.2f} s'
-                                   + (f': {command.reason}' if command.reason else ''))
+            text = f'{command.status} at {now_ns / 1e9:.2f} s'
+            if command.status == STOPPED:
+                self.get_logger().warning(f'{text}: {command.reason}')
+            else:
+                self.get_logger().info(f'{text}: {command.reason}' if command.reason else text)
         velocity = command.forward_mps, command.yaw_rate_radps
         if self._config.enable_stamped_cmd_vel:
             self._publisher.publish(conversions.twist_stamped(*velocity, odom.header.stamp))

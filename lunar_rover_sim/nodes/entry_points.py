@@ -7,23 +7,33 @@ starts a node as its console script does.
 
 from __future__ import annotations
 
-import importlib
+import os
+import signal
 import sys
+from types import FrameType
 
-from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.run.ros_installation import require_ros
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    # Nothing exists yet that must be closed. An exception would be printed with a traceback, by
+    # the imports too.
+    os._exit(0)
 
 
 def _start(name: str) -> int:
-    """Run a node; return its exit status, 0 also when it is interrupted before it exists."""
+    """Run a node; return its exit status. A signal before the node exists ends it quietly."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _leave)
+    # Imports take a second or so: hence not at the top of this module.
+    import importlib
+
+    from lunar_rover_sim.errors import GraphError
+    from lunar_rover_sim.run.ros_installation import require_ros
     try:
         require_ros()
         module = importlib.import_module(f'lunar_rover_sim.nodes.{name}')
     except GraphError as error:
         print(f'FATAL {error}', file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        return 0
     return module.main()
 
 

@@ -16,6 +16,8 @@ from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare, on_change
+from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.nodes.velocity_subscription import VelocitySubscription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import GaitNodeConfig
 
@@ -41,6 +43,7 @@ class GaitControllerNode(node_main.GraphNode):
         self._velocities: collections.deque[TwistStamped] = collections.deque()
         self._refused = 0
         self._now_ns = 0
+        self._jump = TimeJump(self)
 
         self._message = JointState()    # refilled for every answer
         self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
@@ -48,22 +51,24 @@ class GaitControllerNode(node_main.GraphNode):
         # In lockstep the first answer is held until everybody reads it.
         self._matching = Matching(self, [self._publisher],
                                   config.participants if config.lockstep else ())
-        self._listener = LockstepListener(self, config.wait, self._newest_ns,
+        self._listener = LockstepListener(self, config.wait, config.lockstep, self._newest_ns,
                                           self._answer_while_open,
                                           {topics.CMD_VEL: self._velocities.append}
                                           if self._waits else None)
         if not self._waits:
-            stamped = config.enable_stamped_cmd_vel
-            self.create_subscription(
-                TwistStamped if stamped else Twist, topics.CMD_VEL.name,
-                (lambda msg: self._set_velocity(msg.twist)) if stamped else self._set_velocity,
-                qos.requested(topics.CMD_VEL, lockstep=False))
+            self._velocity_subscription = VelocitySubscription(self, self._set_velocity)
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
                                  qos.requested(topics.JOINT_STATES, config.lockstep))
         on_change(self, config, self._controller.configure)
         self.create_timer(0.5, self._watch)
+        self.report_ready(config, waits=(topics.JOINT_STATES.name, *config.wait.topics))
 
     def _state_callback(self, msg: JointState) -> None:
+        if self._jump.has_occurred(time_ns(msg.header.stamp)):
+            self._states.clear()
+            self._velocities.clear()
+            self._listener.restart()
+            self._controller.reset()
         self._states.append(msg)
         self._answer_while_open()
 

@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping
 import time
 from typing import Any
 
-from rclpy.node import Node
+from rclpy.event_handler import SubscriptionEventCallbacks
 
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.message_types import message_class
+from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.run.lockstep import StampGate
 from lunar_rover_sim.run.node_config import WaitConfig
 from lunar_rover_sim.topics import Topic
@@ -28,6 +29,7 @@ class LockstepListener:
     A topic without a handler is subscribed as soon as it has a publisher, with its type. So any
     message with a stamp takes part: joint commands, camera_info, a user's pose.
 
+    lockstep: whether time waits; then an answer with stamp 0 and a lost one end the node
     now_ns: returns the newest simulated time [ns] that the node knows of, None before the first.
         A stamp more than a second after it is refused, because it would hold the gate open until
         then.
@@ -36,17 +38,20 @@ class LockstepListener:
         of these topics has a header
     """
 
-    def __init__(self, node: Node, wait: WaitConfig, now_ns: Callable[[], int | None],
-                 on_answer: Callable[[], None],
+    def __init__(self, node: GraphNode, wait: WaitConfig, lockstep: bool,
+                 now_ns: Callable[[], int | None], on_answer: Callable[[], None],
                  handlers: Mapping[Topic, Callable[[Any], None]] | None = None) -> None:
         self.gate = StampGate(wait.lag_ns_by_topic())
         self._node = node
         self._wait = wait
+        self._lockstep = lockstep
         self._now_ns = now_ns
         self._on_answer = on_answer
         self._types = {topic.name: topic.type for topic in handlers or {}}
         self._handlers = {topic.name: handler for topic, handler in (handlers or {}).items()}
         self._without_publisher = list(self.gate.topics)
+        self._lag_ns = wait.lag_ns_by_topic()
+        self._before_restart: set[str] = set()
         self._refused = 0
         self._last_progress_s = time.monotonic()
         for topic in self._types:
@@ -54,6 +59,16 @@ class LockstepListener:
                 self._subscribe(topic, self._types[topic])
         # A timer: rclpy reports new publishers only to a subscription, whose type must be known.
         self._timer = node.create_timer(_DISCOVERY_S, self._discover)
+
+    def restart(self) -> None:
+        """Begin again: time has gone back to zero.
+
+        Answers that are still under way to the time before, later than the new time by more than
+        the lag of their topic, are dropped until the topic has answered the new time.
+        """
+        self.gate.restart()
+        self._before_restart = set(self.gate.topics)
+        self.note_progress()
 
     @property
     def has_all_publishers(self) -> bool:
@@ -120,10 +135,26 @@ class LockstepListener:
         raw = topic not in self._handlers
         self._node.create_subscription(message_class(type_name), topic,
                                        stamp_only if raw else handled,
-                                       qos.adapted(qos.STATE_DEPTH, durable=False), raw=raw)
+                                       qos.adapted(qos.STATE_DEPTH, durable=False), raw=raw,
+                                       event_callbacks=SubscriptionEventCallbacks(
+                                           message_lost=self._node.guarded(
+                                               lambda event: self._on_loss(topic, event))))
+
+    def _on_loss(self, topic: str, event: Any) -> None:
+        lost = f'{topic}: {event.total_count} messages of {self._publishers(topic)} are lost'
+        if self._lockstep:
+            raise GraphError(f'{lost}; give its publisher a depth of at least its lag')
+        self._node.get_logger().warning(lost, throttle_duration_sec=1.0)
 
     def _take_answer(self, topic: str, stamp: int, msg: Any = None) -> None:
+        if self._lockstep and stamp == 0:
+            raise GraphError(f'{topic}: stamp 0 (from {self._publishers(topic)}) is no answer; '
+                             'valid is the stamp of the message that it answers')
         now_ns = self._now_ns()
+        if topic in self._before_restart:
+            if now_ns is not None and stamp > now_ns + self._lag_ns[topic]:
+                return
+            self._before_restart.discard(topic)
         if now_ns is not None and stamp > now_ns + _MAX_AHEAD_NS:
             self._refuse(topic, stamp, now_ns)
             return

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import functools
+import os
 import signal
 import sys
 from types import FrameType
@@ -16,8 +17,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.nodes import qos_overrides
+from lunar_rover_sim.nodes.type_watch import TypeWatch
+from lunar_rover_sim.run.node_config import NodeConfig
 
 _SPIN_S = 0.1   # the longest time until an idle node notices a signal
 
@@ -39,11 +43,19 @@ class GraphNode(Node):
         # `parameters.declare` checks all overrides, also those with unknown names.
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self._has_parameters = True
+        self._type_watch = TypeWatch(self)
 
     @property
     def ending(self) -> bool:
         """Whether the node is finished or has failed: no further callback is run."""
         return self.finished or self.failure is not None
+
+    def report_ready(self, config: NodeConfig, world: str = '', waits: Sequence[str] = ()) -> None:
+        """Log the one line that says what has been started, and what it waits for."""
+        parts = [f'lunar_rover_sim {__version__}', *([world] if world else []),
+                 f'seed {config.seed}', config.time_mode,
+                 f'waits for {", ".join(waits)}' if waits else 'waits for nobody']
+        self.get_logger().info('ready: ' + ', '.join(parts))
 
     def spin(self) -> None:
         """Run callbacks until `wake` is called, for at most 0.1 s. Only `run` calls this."""
@@ -76,7 +88,7 @@ class GraphNode(Node):
         """
         if self._has_parameters:
             kwargs.setdefault('qos_overriding_options', qos_overrides.OPTIONS)
-        return super().create_subscription(msg_type, topic, self._guarded(callback), *args,
+        return super().create_subscription(msg_type, topic, self.guarded(callback), *args,
                                            **kwargs)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[..., None],
@@ -87,9 +99,10 @@ class GraphNode(Node):
         makes by its timers, and which stands still while others wait for somebody.
         """
         kwargs.setdefault('clock', self._steady_clock)
-        return super().create_timer(timer_period_sec, self._guarded(callback), *args, **kwargs)
+        return super().create_timer(timer_period_sec, self.guarded(callback), *args, **kwargs)
 
-    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+    def guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """Return a callback for the executor whose errors of this package end the node."""
         @functools.wraps(callback)
         def guarded(*args: Any) -> None:
             if not self.ending:
@@ -128,7 +141,8 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
         nonlocal stopped
         stopped = True
         if node is None:
-            sys.exit(0)
+            # Nothing is lost yet, and libraries under way would turn SystemExit into errors.
+            os._exit(0)
         node.finished = True
 
     signal.signal(signal.SIGINT, stop)

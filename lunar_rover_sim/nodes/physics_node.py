@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -16,6 +14,7 @@ from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
+from lunar_rover_sim.nodes.wall_pace import WallPace
 from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
@@ -40,20 +39,18 @@ class PhysicsNode(node_main.GraphNode):
         world = load_world(config.world)
         rover = load_rover(config.rover or None)
         self._simulation = Simulation(world, rover, config)
-        self._imu = ImuNoise(config.imu, config.state_rate_hz,
-                             np.random.default_rng([config.seed, 1]))
         self._steps = config.state_period_ns // config.step_ns
         self._end_ns = round(config.duration_s * 1e9)
         self._paused = config.start_paused
 
-        self._publisher = StatePublisher(self, rover, self._imu)
+        self._publisher = StatePublisher(self, rover, self._imu_noise())
         self._matching = Matching(self, self._publisher.publishers,
                                   tuple(dict.fromkeys([*config.wait.topics,
                                                        *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
                                     self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
 
-        self._listener = LockstepListener(self, config.wait, lambda: self._now_ns,
+        self._listener = LockstepListener(self, config.wait, config.lockstep, lambda: self._now_ns,
                                           self._advance_while_open,
                                           {topics.JOINT_COMMANDS: self._command_callback})
         if topics.JOINT_COMMANDS.name not in config.wait.topics:
@@ -61,11 +58,13 @@ class PhysicsNode(node_main.GraphNode):
                 JointState, topics.JOINT_COMMANDS.name, self._command_callback,
                 qos.requested(topics.JOINT_COMMANDS, lockstep=False))
         self.create_service(Trigger, '~/reset', self._reset_callback)
+        self.create_service(Trigger, '~/restart', self._restart_callback)
         self.create_service(SetBool, '~/pause', self._pause_callback)
         self.create_service(Trigger, '~/step', self._step_callback)
 
-        self._wall_start_s = time.monotonic()
-        self._wall_start_ns = self._now_ns = 0
+        self._now_ns = 0
+        self._pace = WallPace(config.real_time_factor, config.state_period_ns,
+                              _MAX_STATES_PER_CALLBACK, self.get_logger())
         if config.lockstep:
             # The first state needs no answer. The answers trigger the later ones.
             self.wake()
@@ -73,6 +72,7 @@ class PhysicsNode(node_main.GraphNode):
             self.create_timer(config.state_period_ns / 1e9 / config.real_time_factor,
                               self._advance_by_wall_clock)
         self.create_timer(0.5, self._watch)
+        self.report_ready(config, f'world {world.hash[:12]}', config.wait.topics)
 
     def destroy_node(self) -> None:
         """Release the simulation."""
@@ -82,6 +82,10 @@ class PhysicsNode(node_main.GraphNode):
     def work(self) -> None:
         """Publish the states that need no answer."""
         self._advance_while_open()
+
+    def _imu_noise(self) -> ImuNoise:
+        return ImuNoise(self._config.imu, self._config.state_rate_hz,
+                        np.random.default_rng([self._config.seed, 1]))
 
     def _latch(self, topic: topics.Topic, text: str) -> object:
         publisher = self.create_publisher(String, topic.name, qos.offered(topic))
@@ -104,20 +108,9 @@ class PhysicsNode(node_main.GraphNode):
 
     def _advance_by_wall_clock(self) -> None:
         if self._paused or not self._is_matched():
-            self._restart_wall_clock()
+            self._pace.restart(self._now_ns)
             return
-        wall_s = time.monotonic() - self._wall_start_s
-        due_ns = self._wall_start_ns + round(wall_s * 1e9 * self._config.real_time_factor)
-        period_ns = self._config.state_period_ns
-        behind = (due_ns - self._now_ns) // period_ns
-        if behind > _MAX_STATES_PER_CALLBACK:
-            # Too slow for this factor: the lost time is not made up.
-            self.get_logger().warning(
-                f'real_time_factor {self._config.real_time_factor:g} is not reached: '
-                f'{behind * period_ns / 1e9:.2f} s behind', throttle_duration_sec=5.0)
-            self._restart_wall_clock()
-            behind = 1
-        for _ in range(behind):
+        for _ in range(self._pace.due_periods(self._now_ns)):
             if self._at_end():
                 self._finish()
                 break
@@ -126,9 +119,6 @@ class PhysicsNode(node_main.GraphNode):
     def _is_matched(self) -> bool:
         """Return whether all whom time waits for have been discovered, in both directions."""
         return self._listener.has_all_publishers and self._matching.is_complete
-
-    def _restart_wall_clock(self) -> None:
-        self._wall_start_s, self._wall_start_ns = time.monotonic(), self._now_ns
 
     def _advance(self) -> RoverState:
         state = self._simulation.advance(self._steps)
@@ -170,10 +160,23 @@ class PhysicsNode(node_main.GraphNode):
         response.message = 'the rover is back at its start; time goes on'
         return response
 
+    def _restart_callback(self, _: Trigger.Request,
+                          response: Trigger.Response) -> Trigger.Response:
+        self._simulation.reset()
+        self._publisher.restart(self._imu_noise())
+        self.get_logger().info(f'restarted at {self._now_ns / 1e9:.3f} s: time begins at 0')
+        self._now_ns = 0
+        self._pace.restart(self._now_ns)
+        self._listener.restart()
+        self.wake()
+        response.success = True
+        response.message = 'the rover is back at its start; time begins at 0'
+        return response
+
     def _pause_callback(self, request: SetBool.Request,
                         response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
-        self._restart_wall_clock()
+        self._pace.restart(self._now_ns)
         self._listener.note_progress()
         self.wake()
         response.success = True

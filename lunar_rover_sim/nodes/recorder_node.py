@@ -17,6 +17,7 @@ from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
 
 # Log lines and parameters bear wall time: with them no two runs would give the same bag.
@@ -41,6 +42,8 @@ class RecorderNode(node_main.GraphNode):
         self._excluded.add(self.resolve_topic_name(topics.RECORDED.name))
         self._written_ns_by_topic = {self.resolve_topic_name(name): 0
                                      for name in config.acknowledge}
+        self._clock_name = self.resolve_topic_name(topics.CLOCK.name)
+        self._jump = TimeJump(self)
         self._subscribed: set[str] = set()
         self._written_ns = self._newest_ns = 0
 
@@ -58,6 +61,7 @@ class RecorderNode(node_main.GraphNode):
                         if self._is_wanted(name)}
         self._last_discovery_s = self._last_new_topic_s = time.monotonic()
         self.create_timer(_DISCOVERY_S, self._discover)
+        self.report_ready(config, waits=config.topics)
 
     def destroy_node(self) -> None:
         """Finish the bag, which holds every message received."""
@@ -71,12 +75,12 @@ class RecorderNode(node_main.GraphNode):
                 and now_s - self._last_discovery_s < _SETTLED_DISCOVERY_S):
             return
         self._last_discovery_s = now_s
-        for name, types in self.get_topic_names_and_types():
+        for name, _ in self.get_topic_names_and_types():
             if name in self._subscribed or not self._is_wanted(name):
                 continue
             infos = self.get_publishers_info_by_topic(name)
             if infos:
-                self._subscribe(name, types[0], infos)
+                self._subscribe(name, infos[0].topic_type, infos)
         if self._publisher is None and self._needed <= self._subscribed:
             self._publisher = self.create_publisher(Header, topics.RECORDED.name,
                                                     qos.offered(topics.RECORDED))
@@ -101,11 +105,15 @@ class RecorderNode(node_main.GraphNode):
             self.get_logger().warning(f'{name} is not recorded: {error}')
             return
         self._writer.add_topic(name, type_name, qos=profiles[0])
+        is_clock = name == self._clock_name
         latched = topic is not None and topic.rate == topics.LATCHED
 
         def callback(raw: bytes) -> None:
             # A message without a stamp gets the newest time, a latched one the start.
             stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns)
+            if is_clock and self._jump.has_occurred(stamp_ns):
+                self._newest_ns = self._written_ns = self._sent_ns = 0
+                self._written_ns_by_topic = dict.fromkeys(self._written_ns_by_topic, 0)
             self._acknowledge(name, stamp_ns)
 
         self.create_subscription(cls, name, callback, profile, raw=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 from concurrent.futures import Future, ThreadPoolExecutor
 import dataclasses
+import time
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time
@@ -24,6 +25,7 @@ from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -40,6 +42,8 @@ _LAYERS: dict[str, tuple[str, ...]] = {
     topics.TRUE_DEPTH.name: ('depth',), topics.DISPARITY.name: ('left', 'right'),
     topics.DEPTH.name: ('left', 'right'), **dict.fromkeys(_INFOS, ())}
 _TOPICS = tuple(topic for topic in topics.CONTRACT if topic.name in _LAYERS)
+# A state between two periods that stays alone for so long is drawn all the same [wall time].
+_SINGLE_S = 0.3
 _FRAME_IDS = {topic.name: topic.frame_id for topic in _TOPICS}
 
 
@@ -83,8 +87,11 @@ class RenderNode(node_main.GraphNode):
         self._thread = ThreadPoolExecutor(max_workers=1)
         self._matching: Future[None] | None = None
 
-        # In lockstep the first frame is that of the first whole period; else any state is drawn.
-        self._last_period = 0 if config.lockstep else -1
+        # The first frame is that of the first whole period.
+        self._last_period = 0 if config.lockstep else None
+        self._jump = TimeJump(self)
+        self._single: tuple[int, bytes] | None = None   # odometry between periods, the only one
+        self._single_s = 0.0
         self._poses: collections.deque[tuple[int, bytes]] = collections.deque()
         self._joints: dict[int, bytes] = {}
         self._begun: collections.deque[_Begun] = collections.deque()
@@ -101,10 +108,12 @@ class RenderNode(node_main.GraphNode):
         self._publish_sun()
         self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
                                  qos.requested(topics.WORLD_HASH, config.lockstep))
+        # Long queues also in real time: the state of a period may come while a frame is drawn.
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
-                                 qos.requested(topics.JOINT_STATES, config.lockstep), raw=True)
+                                 qos.requested(topics.JOINT_STATES, lockstep=True), raw=True)
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
-                                 qos.requested(topics.ODOM, config.lockstep), raw=True)
+                                 qos.requested(topics.ODOM, lockstep=True), raw=True)
+        self.report_ready(config, f'world {world.hash[:12]}', (topics.ODOM.name,))
 
     def destroy_node(self) -> None:
         """Finish the matching under way and release the GL context.
@@ -135,19 +144,34 @@ class RenderNode(node_main.GraphNode):
         stamp = stamp_ns(topics.JOINT_STATES.type, raw)
         if stamp is None:
             return
-        if not self._config.lockstep:
-            self._joints.clear()
-        elif stamp % self._config.frame_period_ns:
+        on_period = stamp % self._config.frame_period_ns == 0
+        if self._config.lockstep and not on_period:
             return
+        if not self._config.lockstep:
+            # Those of the newest period, and the newest.
+            self._joints = {} if on_period else {
+                s: joints for s, joints in self._joints.items()
+                if s % self._config.frame_period_ns == 0}
         self._joints[stamp] = raw
         self._wake_if_idle()
 
     def _odom_callback(self, raw: bytes) -> None:
         stamp = stamp_ns(topics.ODOM.type, raw)
-        period = -1 if stamp is None else stamp // self._config.frame_period_ns
-        if stamp is None or period == self._last_period:
+        if stamp is None:
             return
-        self._last_period = period
+        if self._jump.has_occurred(stamp):
+            self._poses.clear()
+            self._joints.clear()
+            self._last_period = 0 if self._config.lockstep else None
+        period, rest_ns = divmod(stamp, self._config.frame_period_ns)
+        if self._single is not None and stamp != self._single[0]:
+            self._single = None
+        if period == self._last_period:
+            return
+        first, self._last_period = self._last_period is None, period
+        if first and rest_ns:
+            self._single, self._single_s = (stamp, raw), time.monotonic()
+            return
         if not self._config.lockstep:
             self._poses.clear()
         self._poses.append((stamp, raw))
@@ -169,6 +193,9 @@ class RenderNode(node_main.GraphNode):
         """Begin the next frame that is due, and finish the one that was begun before."""
         if self._matching is not None and self._matching.done():
             self._raise_matching_error()
+        if self._single is not None and time.monotonic() - self._single_s > _SINGLE_S:
+            self._poses.append(self._single)    # no stream: no period will begin
+            self._single = None
         finish = bool(self._begun)
         frame = self._take()
         if frame is not None:
@@ -194,7 +221,7 @@ class RenderNode(node_main.GraphNode):
             return None
         self._poses.popleft()
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
-            next(iter(self._joints.values()), None)
+            self._joints.get(stamp, next(reversed(self._joints.values()), None))
         angles = np.zeros(4) if joints_raw is None else conversions.legs_of(
             deserialize_message(joints_raw, JointState), 'position')
         pose = conversions.pose_of(deserialize_message(raw, Odometry))

@@ -53,6 +53,10 @@ class StatePublisher:
                                                     qos.offered(topics.TF_STATIC))
             self._tf_static.publish(self._static_transforms())
 
+    def restart(self, imu: ImuNoise) -> None:
+        """Begin again with the noise of a new start."""
+        self._imu = imu
+
     @property
     def publishers(self) -> list[Any]:
         """Those of the messages that every state has."""

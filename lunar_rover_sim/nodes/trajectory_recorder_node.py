@@ -14,6 +14,7 @@ from lunar_rover_sim.evaluation.trajectory_sources import POSES_OF
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.run.node_config import TrajectoryRecorderNodeConfig
 
 TOPIC = 'pose'
@@ -37,9 +38,11 @@ class TrajectoryRecorderNode(node_main.GraphNode):
             raise ConfigError(f'output: {config.output}: {error.strerror}') from None
         self._newest_ns = -1
         self._count = 0
+        self._jump = TimeJump(self)
         # A timer: rclpy reports new publishers only to a subscription, whose type must be known.
         self._timer = self.create_timer(_DISCOVERY_S, self._discover)
         self._discover()
+        self.report_ready(config, waits=(TOPIC,))
 
     def destroy_node(self) -> None:
         """Close the file, which holds every pose received."""
@@ -68,9 +71,23 @@ class TrajectoryRecorderNode(node_main.GraphNode):
         self.create_subscription(message_class(type_name), TOPIC,
                                  lambda msg: self._write(poses_of(msg)), profile)
 
+    def _begin_next_file(self) -> None:
+        """Go on in FILE_2, FILE_3 ...: the stamps of a trajectory increase."""
+        self._file.close()
+        first = Path(self._config.output)
+        number = 2
+        while (path := first.with_stem(f'{first.stem}_{number}')).exists():
+            number += 1
+        self._file = open(path, 'x', encoding='ascii')
+        self._newest_ns = -1
+
     def _write(self, poses: Iterable[tuple[int, Any, Any]]) -> None:
         """Write (stamp [ns], position, orientation)."""
-        for stamp_ns, p, q in poses:
+        received = list(poses)
+        # A Path repeats all poses: only its last one tells that time has gone back.
+        if received and self._jump.has_occurred(received[-1][0]):
+            self._begin_next_file()
+        for stamp_ns, p, q in received:
             if stamp_ns <= self._newest_ns:
                 continue
             self._newest_ns = stamp_ns

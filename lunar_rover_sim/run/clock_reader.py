@@ -5,13 +5,32 @@ The helper keeps ROS out of the process that supervises a run, which may be a us
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import os
 import subprocess
 import sys
 from types import TracebackType
 
+from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.child_process import dies_with_parent
 from lunar_rover_sim.run.node_processes import ros_environment
+
+_PROBE_S = 30.0
+
+
+def check_domain(domain: int, topics: Sequence[str]) -> None:
+    """Raise GraphError if somebody publishes one of these topics in a ROS domain.
+
+    It takes some seconds: who does not answer discovery within 2 s is not there.
+    """
+    found = subprocess.run(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.domain_probe', *topics],
+        env=ros_environment(domain), stdin=subprocess.DEVNULL, capture_output=True, text=True,
+        timeout=_PROBE_S, check=True).stdout.splitlines()
+    if found:
+        topic, node = found[0].split()
+        raise GraphError(f'--domain {domain}: {node} publishes {topic} there; choose another '
+                         'domain, or leave it out')
 
 
 class ClockReader:

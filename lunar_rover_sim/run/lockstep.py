@@ -24,6 +24,10 @@ class StampGate:
         self._lag_ns = dict(lag_ns_by_topic)
         self._stamp_ns = dict.fromkeys(self._lag_ns, 0)
 
+    def restart(self) -> None:
+        """Begin again: time has gone back to zero."""
+        self._stamp_ns = dict.fromkeys(self._lag_ns, 0)
+
     @property
     def topics(self) -> tuple[str, ...]:
         """The awaited topics."""

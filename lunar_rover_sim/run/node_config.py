@@ -103,7 +103,6 @@ class GaitNodeConfig(NodeConfig, GaitConfig):
     """Parameters of gait_controller_node."""
 
     wait: WaitConfig = group(WaitConfig)
-    enable_stamped_cmd_vel: bool = param(True, 'cmd_vel is TwistStamped (true) or Twist (false)')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +110,9 @@ class DriveNodeConfig(NodeConfig, DriveConfig):
     """Parameters of drive_node."""
 
     rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
-    enable_stamped_cmd_vel: bool = param(True, 'cmd_vel is TwistStamped (true) or Twist (false)')
+    enable_stamped_cmd_vel: bool = param(
+        True, 'publish cmd_vel as TwistStamped (true) or Twist (false); a Twist has no stamp, so '
+        'time cannot wait for it, and a run with it is not repeatable')
 
 
 @dataclasses.dataclass(frozen=True)

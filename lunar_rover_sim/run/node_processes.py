@@ -74,6 +74,10 @@ class NodeProcesses:
                                 stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
                                 start_new_session=True)
 
+    def logs(self) -> dict[str, Path]:
+        """Return node → log file."""
+        return {name: self.log(name) for name in self._processes}
+
     def log(self, name: str) -> Path:
         """Return the log file of a node."""
         return self._folder / LOG_FOLDER / f'{name}.log'

@@ -60,7 +60,8 @@ def resolve(scenario: Scenario) -> Scenario:
 
     The duration is rounded up to whole camera frames. In lockstep physics waits for the gait
     controller, the renderer (at most one frame behind) and the recorder; the gait controller waits
-    for drive_node. Raises ConfigError if the scenario says where the bag goes.
+    for drive_node, unless that publishes Twist, which has no stamp. Raises ConfigError if the
+    scenario says where the bag goes.
     """
     nodes = scenario.run.nodes
     for name in ('output', 'scenario_file'):
@@ -77,7 +78,8 @@ def resolve(scenario: Scenario) -> Scenario:
     physics = dataclasses.replace(
         physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
     if scenario.shared.lockstep:
-        if 'drive_node' in nodes and scenario.drive_node.mode != 'none':
+        drive = scenario.drive_node
+        if 'drive_node' in nodes and drive.mode != 'none' and drive.enable_stamped_cmd_vel:
             wait = _extended(
                 gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz})
             limit_s = round(physics.wait.silence_s * _GAIT_SILENCE_SHARE, 3)

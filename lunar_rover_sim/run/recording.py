@@ -14,8 +14,9 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.parameters import nearest
-from lunar_rover_sim.run.clock_reader import ClockReader
+from lunar_rover_sim.run.clock_reader import check_domain, ClockReader
 from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.node_logs import NodeLogs
 from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.plan import BAG_FOLDER, prepare, resolve
 from lunar_rover_sim.run.ros_installation import require_ros
@@ -37,6 +38,7 @@ class Recording:
     simulated_s, wall_s: simulated time, and wall time with start and stop of the nodes [s]
     cpu_s: node → processor time [s]
     interrupted: whether the run was stopped before its end
+    warnings: one line per kind of warning that nodes logged
     """
 
     folder: Path
@@ -47,6 +49,7 @@ class Recording:
     wall_s: float
     cpu_s: dict[str, float]
     interrupted: bool
+    warnings: tuple[str, ...] = ()
 
     @property
     def real_time_factor(self) -> float:
@@ -58,7 +61,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
            domain: int | None = None, timeout_s: float | None = None,
            should_stop: Callable[[], bool] = lambda: False,
            on_start: Callable[[Scenario, int], None] = lambda _scenario, _domain: None,
-           on_progress: Callable[[int], None] = lambda _now_ns: None) -> Recording:
+           on_progress: Callable[[int], None] = lambda _now_ns: None,
+           on_warning: Callable[[str], None] = lambda _text: None) -> Recording:
     """Run the nodes of a scenario as processes until its end; return what they recorded.
 
     folder: must not exist; takes the bag, the resolved scenario and the logs
@@ -68,6 +72,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     should_stop: asked ten times a second; once it returns True, the run ends early
     on_start: called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start
     on_progress: called ten times a second with the simulated time [ns]
+    on_warning: called with every line of level WARN or worse that a node logs
 
     ROS runs in the node processes only. Raises GraphError if rclpy is missing, a node fails or
     nothing was recorded, BagError if `folder` exists, WorldError for a damaged world.
@@ -88,21 +93,34 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         for difference in calibration.differences(physics=scenario.physics_node):
             logger.warning('gait calibration: measured with %s', difference)
     folder = Path(folder).resolve()
-    plans = prepare(scenario, folder, world_folder)
     now_ns = 0
 
     def progress(time_ns: int) -> None:
         nonlocal now_ns
         now_ns = time_ns
+        report(logs)
         on_progress(time_ns)
 
+    def report(logs: NodeLogs) -> None:
+        for warning in logs.new_warnings():
+            on_warning(str(warning))
+
     with OwnDomain(domain) as own:
+        if domain is not None:
+            check_domain(domain, [f'/{topic.name}' for topic in topics.CONTRACT
+                                  if topic.node in scenario.run.nodes])
+        plans = prepare(scenario, folder, world_folder)
         on_start(scenario, own.id)
         start = time.monotonic()
         with ClockReader(own.id) as clock, NodeProcesses(plans, folder, own.id) as nodes:
-            finished = supervise(nodes, clock, Limits.of(scenario, timeout_s), progress,
-                                 should_stop)
+            logs = NodeLogs(nodes.logs())
+            try:
+                finished = supervise(nodes, clock, Limits.of(scenario, timeout_s), progress,
+                                     should_stop)
+            finally:
+                report(logs)
         wall_s = time.monotonic() - start
+        report(logs)
     bag, counts, simulated_s = None, {}, now_ns / 1e9
     if 'recorder_node' in scenario.run.nodes:
         bag = folder / BAG_FOLDER
@@ -110,7 +128,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
             counts, simulated_s = dict(recorded.counts), recorded.end_ns / 1e9
         _check_topics(scenario.recorder_node.topics, counts)
     return Recording(folder, bag, scenario, counts, simulated_s, wall_s, nodes.cpu_s,
-                     interrupted=not finished)
+                     interrupted=not finished, warnings=tuple(logs.summary()))
 
 
 def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:

@@ -71,7 +71,7 @@ def test_gait_node_answers_a_hand_made_state(peer: Peer) -> None:
         state.header.stamp.nanosec = 5_000_000 * ticks[0]
         states.publish(state)
 
-    with running('gait_controller_node', '-p', 'enable_stamped_cmd_vel:=false'):
+    with running('gait_controller_node'):
         peer.spin_until(lambda: len(commands) > 3 and max(commands[-1].velocity) > 0.1,
                         meanwhile=tick)
     assert all(command.header.stamp.nanosec % 5_000_000 == 0 for command in commands)
@@ -331,7 +331,7 @@ def test_nonsense_on_cmd_vel_is_refused(peer: Peer) -> None:
         state.header.stamp.nanosec = 5_000_000 * ticks[0]
         states.publish(state)
 
-    with running('gait_controller_node', '-p', 'enable_stamped_cmd_vel:=false'):
+    with running('gait_controller_node'):
         peer.spin_until(lambda: len(commands) > 10, meanwhile=tick)
     assert all(np.isfinite(command.velocity).all() for command in commands)
     assert np.abs(commands[-1].velocity).max() < 1.0

@@ -1,0 +1,36 @@
+"""Prints who publishes given topics in a ROS domain, as `TOPIC NODE`, one line each.
+
+    python -m lunar_rover_sim.nodes.domain_probe TOPIC ...
+
+It ends with the first that it finds, or after 2 s of wall time.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import rclpy
+
+_DISCOVERY_S, _POLL_S = 2.0, 0.1
+
+
+def main() -> None:
+    """Look at the topics that the arguments name."""
+    rclpy.init(args=[])
+    node = rclpy.create_node('lunar_rover_sim_probe', start_parameter_services=False,
+                             enable_rosout=False)
+    deadline = time.monotonic() + _DISCOVERY_S
+    found = False
+    while not found and time.monotonic() < deadline:
+        time.sleep(_POLL_S)
+        for topic in sys.argv[1:]:
+            for info in node.get_publishers_info_by_topic(topic):
+                print(topic, info.node_name, flush=True)
+                found = True
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()

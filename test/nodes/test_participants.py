@@ -1,0 +1,143 @@
+"""Who takes part in lockstep: rclpy's default QoS works, what cannot work is refused at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.ros
+rclpy = pytest.importorskip('rclpy')
+
+
+from nav_msgs.msg import Odometry  # noqa: E402  (needs rclpy)
+from peer import LEGS, Peer, running  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+
+from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
+from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.errors import GraphError  # noqa: E402
+from lunar_rover_sim.files.resources import config_folder  # noqa: E402
+from lunar_rover_sim.run.clock_reader import check_domain  # noqa: E402
+from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
+from lunar_rover_sim.run.plan import prepare, resolve  # noqa: E402
+from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
+
+WAIT = ('-p', 'time_mode:=lockstep', '-p', 'wait.topics:=[joint_commands]', '-p',
+        'wait.lags_s:=[0.0]')
+
+
+def refusal(peer: Peer, world: Path, meanwhile: Any = lambda: None) -> str:
+    """Return the last line of a physics_node that must end within 3 s of being ready."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'physics_node',
+         '--ros-args', '-p', f'world:={world}', *WAIT], stderr=subprocess.PIPE, text=True)
+    try:
+        peer.spin_until(lambda: process.poll() is not None, limit_s=60.0, meanwhile=meanwhile)
+        ended_s = time.time()
+        log = process.communicate()[1]
+        ready = re.search(r'\[([0-9.]+)\] \[physics_node\]: ready', log)
+        assert ready and ended_s - float(ready[1]) < 3.0
+        assert process.returncode == 1
+        return log.strip().splitlines()[-1]
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_controller_with_default_qos_answers_every_state(peer: Peer,
+                                                           world_folder: Path) -> None:
+    """RELIABLE, VOLATILE, KEEP_LAST 10: no state is missed from the first on."""
+    stamps: list[int] = []
+    publisher = peer.node.create_publisher(JointState, 'joint_commands', 10)
+
+    def answer(state: JointState) -> None:
+        stamps.append(header_ns(state))
+        publisher.publish(JointState(header=state.header, name=LEGS, velocity=[1.0] * 4))
+
+    peer.node.create_subscription(JointState, 'joint_states', answer, 10)
+    with running('physics_node', '-p', f'world:={world_folder}', *WAIT):
+        peer.spin_until(lambda: len(stamps) > 200)
+    assert stamps == [5_000_000 * (k + 1) for k in range(len(stamps))]
+
+
+def test_answers_that_may_get_lost_are_refused(peer: Peer, world_folder: Path) -> None:
+    """BEST_EFFORT does not match; the needed QoS is named."""
+    peer.node.create_publisher(JointState, 'joint_commands', QoSProfile(
+        depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    line = refusal(peer, world_folder)
+    assert 'peer offers BEST_EFFORT' in line and 'QoSProfile(depth=10)' in line
+
+
+def test_a_participant_that_could_not_read_is_refused(peer: Peer, world_folder: Path) -> None:
+    """A durable subscription gets nothing of a volatile publisher."""
+    peer.node.create_publisher(JointState, 'joint_commands', 10)
+    peer.listen(Odometry, 'odom', QoSProfile(
+        depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    line = refusal(peer, world_folder)
+    assert '/odom: peer cannot read it: it requests TRANSIENT_LOCAL' in line
+
+
+def test_an_answer_without_a_stamp_is_refused(peer: Peer, world_folder: Path) -> None:
+    """It answers no state: time would wait for ever."""
+    publisher = peer.node.create_publisher(JointState, 'joint_commands', 10)
+    line = refusal(peer, world_folder, lambda: publisher.publish(
+        JointState(name=LEGS, velocity=[0.0] * 4)))
+    assert 'joint_commands: stamp 0 (from peer) is no answer' in line
+
+
+def test_a_domain_in_use_is_refused(peer: Peer, domain: int) -> None:
+    """Somebody publishes a topic of the run; other topics do no harm."""
+    peer.node.create_publisher(Odometry, 'odom', 10)
+    check_domain(domain, ['/clock'])
+    with pytest.raises(GraphError, match=f'--domain {domain}: peer publishes /odom there'):
+        check_domain(domain, ['/clock', '/odom'])
+
+
+@pytest.mark.parametrize('time_mode', ['lockstep', 'real_time'])
+@pytest.mark.parametrize('template', ['controller', 'teleop', 'estimator'])
+def test_templates(template: str, time_mode: str, tmp_path: Path, world_folder: Path,
+                   domain: int) -> None:
+    """What is there to be copied drives the rover, or is awaited and recorded with its stamps."""
+    nodes = 'physics_node, gait_controller_node, recorder_node'
+    waits = {'controller': ['gait_controller_node.wait.topics=[cmd_vel]',
+                            'gait_controller_node.wait.lags_s=[0.05]'],
+             'estimator': ['physics_node.wait.topics=[slam/pose]',
+                           'physics_node.wait.lags_s=[0.3]', 'render_node.camera.width=160',
+                           'render_node.camera.height=120', 'render_node.sgm.num_disparities=32']}
+    if template == 'estimator':
+        nodes += ', render_node'
+    scenario = resolve(Scenario.load('flat', [
+        f'time_mode={time_mode}', f'run.nodes=[{nodes}]', *waits.get(template, [])],
+        duration_s=1.0))
+    folder = tmp_path / 'run'
+    plans = prepare(scenario, folder, world_folder)
+    program = subprocess.Popen([sys.executable, config_folder() / 'templates' / f'{template}.py'],
+                               stdin=subprocess.PIPE, text=True)
+    assert program.stdin is not None
+    if template == 'teleop':
+        program.stdin.write('0.1 0.0\n')
+        program.stdin.flush()
+    try:
+        with NodeProcesses(plans, folder, domain) as graph:
+            deadline = time.monotonic() + 60.0
+            while not graph.has_finished():
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+    finally:
+        program.kill()
+        program.wait()
+    with open_bag(folder / 'bag') as bag:
+        topic = '/slam/pose' if template == 'estimator' else '/cmd_vel'
+        stamps = [bag.stamp_ns(message) for message in bag.raw([topic])]
+        period_ns = {'controller': 50_000_000, 'estimator': 100_000_000}.get(template)
+        if time_mode == 'lockstep' and period_ns is not None:
+            assert stamps == list(range(period_ns, 10**9 + 1, period_ns))
+        else:
+            assert stamps

@@ -1,0 +1,55 @@
+"""SIGINT and SIGTERM end every node quietly, at any moment of its life."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytestmark = pytest.mark.ros
+pytest.importorskip('rclpy')
+
+# After the entry point has been reached. Before it Python itself starts, for 0.1 s or so.
+DELAYS_S = (0.0, 0.2, 0.5, 1.0, 2.0)
+
+
+def wait_for_entry_point(process: int, limit_s: float = 20.0) -> None:
+    """Return when the process catches SIGTERM."""
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        caught = re.search(r'SigCgt:\s*(\w+)', Path(f'/proc/{process}/status').read_text())
+        if caught and int(caught[1], 16) >> (signal.SIGTERM - 1) & 1:
+            return
+        time.sleep(0.005)
+    raise AssertionError('the entry point is not reached')
+
+
+@pytest.mark.parametrize('node', ['physics_node', 'gait_controller_node', 'render_node',
+                                  'drive_node', 'recorder_node', 'trajectory_recorder_node'])
+def test_every_node_stops_quietly(node: str, world_folder: Path, tmp_path: Path,
+                                  domain: int) -> None:
+    """Status 0, no traceback, no error; while it starts and when it runs."""
+    arguments = {'physics_node': ['-p', f'world:={world_folder}'],
+                 'render_node': ['-p', f'world:={world_folder}', '-p', 'camera.width:=160', '-p',
+                                 'camera.height:=120', '-p', 'sgm.num_disparities:=32']}
+    processes = []
+    for k, delay_s in enumerate(DELAYS_S):
+        output = {'recorder_node': ['-p', f'output:={tmp_path / f"bag{k}"}'],
+                  'trajectory_recorder_node': ['-p', f'output:={tmp_path / f"{k}.txt"}']}
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', node, '--ros-args',
+             *arguments.get(node, output.get(node, []))],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        wait_for_entry_point(process.pid)
+        time.sleep(delay_s)
+        process.send_signal(signal.SIGINT if k % 2 else signal.SIGTERM)
+        processes.append(process)
+    for process in processes:
+        output_text, _ = process.communicate(timeout=20)
+        assert process.returncode == 0, output_text
+        assert not any(word in output_text for word in ('Traceback', 'rror', 'FATAL', 'bort'))
