@@ -12,6 +12,8 @@ import time
 
 import rclpy
 
+from lunar_rover_sim.nodes.matching import UNKNOWN_NAME
+
 _DISCOVERY_S, _POLL_S = 2.0, 0.1
 
 
@@ -26,8 +28,9 @@ def main() -> None:
         time.sleep(_POLL_S)
         for topic in sys.argv[1:]:
             for info in node.get_publishers_info_by_topic(topic):
-                print(topic, info.node_name, flush=True)
-                found = True
+                if info.node_name != UNKNOWN_NAME or time.monotonic() > deadline - _POLL_S:
+                    print(topic, info.node_name, flush=True)
+                    found = True
     node.destroy_node()
     rclpy.try_shutdown()
 

@@ -147,10 +147,12 @@ class LockstepListener:
         self._node.get_logger().warning(lost, throttle_duration_sec=1.0)
 
     def _take_answer(self, topic: str, stamp: int, msg: Any = None) -> None:
+        now_ns = self._now_ns()
         if self._lockstep and stamp == 0:
+            if not now_ns:
+                return      # sent before there was a state to answer
             raise GraphError(f'{topic}: stamp 0 (from {self._publishers(topic)}) is no answer; '
                              'valid is the stamp of the message that it answers')
-        now_ns = self._now_ns()
         if topic in self._before_restart:
             if now_ns is not None and stamp > now_ns + self._lag_ns[topic]:
                 return

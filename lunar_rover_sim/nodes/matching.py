@@ -24,6 +24,8 @@ _SETTLED_S = 0.2
 _STRANGERS_S = 3.0
 _POLL_S = 0.02
 _SLOW_S = 10.0
+# Discovery transmits the names of nodes a little later than their topics.
+UNKNOWN_NAME = '_NODE_NAME_UNKNOWN_'
 _NEEDED = 'valid in lockstep is RELIABLE, VOLATILE, as QoSProfile(depth=10) of rclpy is'
 
 
@@ -77,7 +79,9 @@ class Matching:
             return
         if self._all_there_s is None:
             self._all_there_s = now_s
-        names = self._check_participants()
+        names = self._participants()
+        if names is None:
+            return
         matched, known = [], []
         for publisher in self._publishers:
             readers = self._readers(publisher, names)
@@ -91,11 +95,16 @@ class Matching:
             return
         self._is_complete = now_s - self._seen_s > _SETTLED_S
 
-    def _check_participants(self) -> set[tuple[str, str]]:
-        """Return (namespace, name) of the participants; raise GraphError for a wrong QoS."""
+    def _participants(self) -> set[tuple[str, str]] | None:
+        """Return (namespace, name) of the participants; None where a name is not known yet.
+
+        Raises GraphError for a QoS with which an answer may get lost.
+        """
         names = set()
         for topic in self._topics:
             for info in self._node.get_publishers_info_by_topic(topic):
+                if info.node_name == UNKNOWN_NAME:
+                    return None
                 names.add((info.node_namespace, info.node_name))
                 check_offer(topic, info)
         return names

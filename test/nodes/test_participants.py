@@ -34,7 +34,7 @@ WAIT = ('-p', 'time_mode:=lockstep', '-p', 'wait.topics:=[joint_commands]', '-p'
 
 
 def refusal(peer: Peer, world: Path, meanwhile: Any = lambda: None) -> str:
-    """Return the last line of a physics_node that must end within 3 s of being ready."""
+    """Return the last line of a physics_node that must end soon after it is ready."""
     process = subprocess.Popen(
         [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'physics_node',
          '--ros-args', '-p', f'world:={world}', *WAIT], stderr=subprocess.PIPE, text=True)
@@ -43,7 +43,8 @@ def refusal(peer: Peer, world: Path, meanwhile: Any = lambda: None) -> str:
         ended_s = time.time()
         log = process.communicate()[1]
         ready = re.search(r'\[([0-9.]+)\] \[physics_node\]: ready', log)
-        assert ready and ended_s - float(ready[1]) < 3.0
+        # 3 s, and what a loaded machine takes to end a process.
+        assert ready and ended_s - float(ready[1]) < 6.0
         assert process.returncode == 1
         return log.strip().splitlines()[-1]
     finally:
