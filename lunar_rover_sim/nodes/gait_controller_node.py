@@ -56,7 +56,7 @@ class GaitControllerNode(node_main.GraphNode):
                                           {topics.CMD_VEL: self._velocities.append}
                                           if self._waits else None)
         if not self._waits:
-            self._velocity_subscription = VelocitySubscription(self, self._set_velocity)
+            VelocitySubscription(self, self._set_velocity)    # its timer keeps it
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
                                  qos.requested(topics.JOINT_STATES, config.lockstep))
         on_change(self, config, self._controller.configure)

@@ -43,7 +43,7 @@ class GraphNode(Node):
         # `parameters.declare` checks all overrides, also those with unknown names.
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self._has_parameters = True
-        self._type_watch = TypeWatch(self)
+        TypeWatch(self)     # its timer keeps it
 
     @property
     def ending(self) -> bool:
