@@ -52,4 +52,6 @@ def test_every_node_stops_quietly(node: str, world_folder: Path, tmp_path: Path,
     for process in processes:
         output_text, _ = process.communicate(timeout=20)
         assert process.returncode == 0, output_text
-        assert not any(word in output_text for word in ('Traceback', 'rror', 'FATAL', 'bort'))
+        bad = [line for line in output_text.splitlines()
+               if any(word in line for word in ('Traceback', 'rror', 'FATAL', 'bort'))]
+        assert not bad, output_text
