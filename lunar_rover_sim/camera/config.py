@@ -46,6 +46,34 @@ class CameraConfig(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
+class LensConfig(Parameters):
+    """Stray light of the lens; all light that strays is missing in the image proper.
+
+    The scattered light follows the glare that Alam et al. (2026, arXiv:2604.16200, camera_gsf.m
+    of their published code) measured of a machine-vision camera (IDS): 0.11 % of the light within
+    the image, falling as the power 1.4 to 1.7 of the distance. Their pixels were scaled to the
+    default field of view here. Other lenses there scatter 0.007 to 0.7 %, and a dusty one more.
+    """
+
+    scatter_share: float = param(
+        0.0015, 'share of the light that is scattered around its image; 0 switches it off',
+        low=0.0, high=0.3)
+    scatter_exponent: float = param(
+        1.55, 'power of the distance that scattered light falls with', low=1.0, high=4.0)
+    scatter_core_deg: float = param(
+        0.1, 'within this distance scattered light is even', unit='deg', low=1e-3, high=20.0)
+    veil_share: float = param(
+        0.0011, 'share of the light that veils the whole image: 45 double reflections between '
+        'surfaces that reflect 0.5 %, as in a lens of five parts; 0 switches it off', low=0.0,
+        high=0.3)
+    hood_deg: float = param(
+        15.0, 'so far beyond the corner of the image the hood hides the sun from the lens',
+        unit='deg', low=0.0, high=90.0)
+    ghost_share: float = param(
+        0.0, 'share of the veiling sunlight that is gathered in ghosts', low=0.0, high=1.0)
+
+
+@dataclasses.dataclass(frozen=True)
 class SensorConfig(Parameters):
     """A monochrome machine-vision camera; defaults follow a Sony IMX273 binned 2 x 2.
 
@@ -78,6 +106,12 @@ class SensorConfig(Parameters):
         6.5e17, 'photo-electrons per joule of whole sunlight on the pixel (quantum efficiency '
         'folded with the solar spectrum)', unit='1/J', low=1e14, high=1e19)
     full_well_e: float = param(42800.0, 'electrons at full scale', unit='e-', low=10.0, high=1e7)
+    pixel_well: float = param(
+        1.05, 'electrons that a pixel holds, over full_well_e; more are lost, or bloom', low=0.1,
+        high=10.0)
+    blooming: float = param(
+        0.0, 'share of the electrons beyond the pixel well that run along the column, as in a CCD '
+        'without drains; 0 switches it off', low=0.0, high=1.0)
     read_noise_e: float = param(4.6, 'standard deviation per read', unit='e-', low=0.0, high=1e4)
     dark_current_e_s: float = param(20.0, 'dark signal', unit='e-/s', low=0.0, high=1e7)
     prnu: float = param(0.006, 'fixed-pattern gain, standard deviation', low=0.0, high=0.5)

@@ -30,7 +30,7 @@ def sunlit_radiance(sun: SunConfig, ground: ReflectanceConfig) -> float:
     It is that of a slope of 14 deg that faces the sun, seen from the side at 60 deg from its
     normal.
     """
-    if sun.elevation_deg <= -0.5 * sun.angular_diameter_deg:
+    if not sun.shines:
         return 0.0
     elevation = math.radians(min(max(sun.elevation_deg, 0.5) + 14.0, 90.0))
     kind = parameter_set(ground.ground)
@@ -69,8 +69,10 @@ class AutoExposure:
     def start(self, radiance: F32) -> None:
         """Set the first exposure from the (h, w) ideal image [W m-2 sr-1]."""
         self.started = True
-        lit = radiance[radiance > 0.02 * float(radiance.max(initial=0.0))]
-        if len(lit):
+        light = radiance[radiance > 0.0]
+        if len(light):
+            # The sun is a million times brighter than the ground, but not in many pixels.
+            lit = light[light > 0.02 * float(np.percentile(light, 99))]
             bright = float(np.percentile(lit, 92))
             self.exposure_s = self._bounded(
                 self.aim * self._sensor.config.full_well_e

@@ -1,7 +1,8 @@
 """The image sensor: what becomes of radiance, step by step.
 
 radiance [W m-2 sr-1] -> irradiance on the sensor pi/4 L tau / N^2 -> photo-electrons in a pixel ->
-point spread, vignetting -> shot noise, dark signal, fixed pattern, read noise -> converter.
+point spread, vignetting -> shot noise, dark signal, full well, fixed pattern, read noise ->
+converter. Stray light of the lens is added to the radiance before; see `lens`.
 The arithmetic runs in rendering/shaders/sensor.frag; its constants are here.
 """
 
@@ -32,6 +33,11 @@ class SensorModel:
         c = self.config
         optics = 0.25 * math.pi * c.transmission / c.f_number**2
         return optics * c.pixel_pitch_m**2 * c.electrons_per_joule
+
+    @property
+    def well_e(self) -> float:
+        """Electrons that a pixel holds."""
+        return self.config.pixel_well * self.config.full_well_e
 
     @property
     def largest_number(self) -> int:

@@ -20,6 +20,11 @@ class SunConfig(Parameters):
     irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
                               unit='W/m^2', low=0.0, high=1e5)
 
+    @property
+    def shines(self) -> bool:
+        """Whether any of the disc is above the horizontal."""
+        return self.irradiance > 0.0 and self.elevation_deg > -0.5 * self.angular_diameter_deg
+
 
 @dataclasses.dataclass(frozen=True)
 class ReflectanceConfig(Parameters):

@@ -84,6 +84,14 @@ class Sunlight:
                 clearance[inside], occluder[inside] = level.clearance_of(points[inside])
         return clearance, occluder
 
+    def angle_above_horizon(self, points_m: ArrayLike) -> Array:
+        """Return how far the middle of the sun stands above the horizon of (m, 3) points [rad].
+
+        Rocks are left out.
+        """
+        clearance, occluder = self.light_of(points_m)
+        return np.arctan2(clearance, occluder).astype(float)
+
     def surroundings_at(self, xy_m: ArrayLike) -> F32:
         """Return the exitance of the ground around (..., 2) places, per normal irradiance."""
         xy = np.asarray(xy_m, float)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
 from lunar_rover_sim.parameters import group, param, Parameters
@@ -42,6 +42,7 @@ class RenderConfig(Parameters):
     """Everything about the image."""
 
     camera: CameraConfig = group(CameraConfig)
+    lens: LensConfig = group(LensConfig)
     sun: SunConfig = group(SunConfig)
     reflectance: ReflectanceConfig = group(ReflectanceConfig)
     sensor: SensorConfig = group(SensorConfig)

@@ -67,6 +67,13 @@ class Projection:
 
     def view_volume(self, T_world_cameras: list[Array], world: World) -> ViewVolume:
         """Return the volume that holds those of all cameras, which look in one direction."""
+        centre = np.mean([T[:3, 3] for T in T_world_cameras], axis=0)
+        ground_m = float(np.nan_to_num(world.height_at(centre[:2]), nan=centre[2]))
+        return ViewVolume(centre, self.planes(T_world_cameras),
+                          max(float(centre[2]) - ground_m, 0.0))
+
+    def planes(self, T_world_cameras: list[Array]) -> Array:
+        """Return the (p, 4) planes of a view volume of cameras that look in one direction."""
         K, w, h = self.K, self.width, self.height
         camera = T_world_cameras[0]
         centre = np.mean([T[:3, 3] for T in T_world_cameras], axis=0)
@@ -78,9 +85,7 @@ class Projection:
             normals.append(axis + forward * ((middle + 0.5) / focal))
             normals.append(-axis + forward * ((size - middle - 0.5) / focal))
         normals.append(forward)
-        planes = np.array([[*(n / np.linalg.norm(n)), apart + _MARGIN_M] for n in normals])
-        ground_m = float(np.nan_to_num(world.height_at(centre[:2]), nan=centre[2]))
-        return ViewVolume(centre, planes, max(float(centre[2]) - ground_m, 0.0))
+        return np.array([[*(n / np.linalg.norm(n)), apart + _MARGIN_M] for n in normals])
 
     def covered_rows(self, boxes: Array, T_world_camera: Array) -> tuple[int, int]:
         """Return the first image row that (m, 2, 3) boxes may cover, and the one after the last.

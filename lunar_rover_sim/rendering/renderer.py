@@ -6,6 +6,7 @@ import collections
 from collections.abc import Collection, Iterator
 import contextlib
 import dataclasses
+import math
 from types import TracebackType
 from typing import Any, Protocol
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.distorted_image import padding
 from lunar_rover_sim.camera.exposure import AutoExposure, first_exposure_s
+from lunar_rover_sim.camera.lens import Lens
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import LunarRoverSimError, RenderError
@@ -22,6 +24,7 @@ from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.frame_targets import read_image
+from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
 from lunar_rover_sim.rendering.scene_passes import FRAMES_UNDER_WAY, ScenePasses
@@ -113,6 +116,11 @@ class Renderer:
         self._passes = ScenePasses(context, self.world, rover, self.config, self._projection,
                                    self.seed)
         self._owned.callback(self._passes.release)
+        # No ground and no lamp is brighter than a white surface under the sun, but the sun is.
+        most = self.config.sun.irradiance or math.inf
+        self._optics = OpticsPass(context, Lens(self.config.lens, self.config.camera),
+                                  self._projection, most)
+        self._owned.callback(self._optics.release)
         self._sensor_pass = SensorPass(context, self.rig, self.sensor, self.seed, self._pad)
         self._owned.callback(self._sensor_pass.release)
 
@@ -208,17 +216,18 @@ class Renderer:
         request, raw = scene.request, {}
         size = self._projection.height, self._projection.width
         lit = self._passes.lit
+        for index, name in enumerate(('radiance', 'depth')):
+            if name in request.layers:
+                raw[name] = read_image(lit.framebuffer, index, LEFT, size, self._pad)
         if request.developed:
             if self._auto is not None:
                 if not self._auto.started:
                     self._auto.start(read_image(lit.framebuffer, 0, request.sides[0], size,
                                                 self._pad))
                 self.exposure_s = self._auto.exposure_s
+            self._optics.draw(lit.radiance, request.sides, scene.sun)
             raw['pixels'] = self._sensor_pass.draw(lit.radiance, request.sides, self.exposure_s,
                                                    request.frame_index)
-        for index, name in enumerate(('radiance', 'depth')):
-            if name in request.layers:
-                raw[name] = read_image(lit.framebuffer, index, LEFT, size, self._pad)
         if request.truth:
             raw['truth'] = read_image(scene.targets.truth.framebuffer, 0, LEFT, size, self._pad, 4)
         return raw

@@ -94,6 +94,17 @@ class RockPass:
                                                          dynamic=True)
         self._instances[kind].write(data.tobytes())
 
+    def any_in_cone(self, T_world_view: Array, width: float) -> bool:
+        """Return whether any rock may reach into a cone around the axis of a view.
+
+        width: radius of the cone at depth 1
+        """
+        offset = self.rocks.position_m - T_world_view[:3, 3]
+        ahead = offset @ T_world_view[:3, 2]
+        reach = self._radius + width * np.maximum(ahead, 0.0)
+        aside2 = np.einsum('ij,ij->i', offset, offset) - ahead**2
+        return bool(np.any((ahead > -self._radius) & (aside2 < reach**2)))
+
     def draw(self, *, truth: bool = False) -> None:
         """Draw the chosen rocks, lit or as normals and labels, into the framebuffer in use."""
         self._context.enable_only(self._context.DEPTH_TEST | self._context.CULL_FACE)

@@ -6,7 +6,7 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.projection import ViewVolume
@@ -30,6 +30,9 @@ class RoverPass:
                                for part in visual_parts(rover)])
         self._boxes = np.stack([_box_corners(data[data[:, 7] == k, :3])
                                 for k in range(len(self._links))])
+        # First, second and third corners of the faces of each link.
+        self._faces = [np.ascontiguousarray(data[data[:, 7] == k, :3].reshape(-1, 3, 3)
+                                            .transpose(1, 0, 2)) for k in range(len(self._links))]
         self._lit = load_program(context, 'rover', 'rover')
         self._truth = load_program(context, 'rover', 'rover', TRUTH=1)
         self.programs = (self._lit, self._truth)
@@ -51,6 +54,25 @@ class RoverPass:
             + T_world_links[:, None, :3, 3]
         within = (corners - volume.centre_m) @ volume.planes[:, :3].T + volume.planes[:, 3] > 0.0
         return bool(np.any(np.all(np.any(within, axis=1), axis=1)))
+
+    def is_in_cone(self, T_world_links: Array, T_world_view: Array, width: float) -> bool:
+        """Return whether a face may reach into a cone around the axis of a view.
+
+        width: radius of the cone at depth 1
+        """
+        for link, T in enumerate(inverse(T_world_view) @ T_world_links):
+            # A look at the box of a link comes before one at its faces.
+            for corners in (self._boxes[link][:, None], self._faces[link]):
+                seen = corners @ T[:3, :3].T + T[:3, 3]
+                low, high = seen.min(axis=0), seen.max(axis=0)
+                reach = width * np.maximum(high[:, 2], 0.0)
+                inside = (high[:, 2] > 0.0) & (np.maximum(low[:, 0], low[:, 1]) < reach) & (
+                    np.minimum(high[:, 0], high[:, 1]) > -reach)
+                if not inside.any():
+                    break
+            else:
+                return True
+        return False
 
     def light(self, T_world_links: Array, radius_m: float, sunlight: Sunlight,
               irradiance: float) -> Uniforms:

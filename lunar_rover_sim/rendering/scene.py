@@ -61,6 +61,20 @@ class Request:
 
 
 @dataclasses.dataclass
+class SeenSun:
+    """The sun as both cameras of a rectified pair see it.
+
+    direction: (3,) unit vector in axes of the cameras
+    irradiance: (2,) normal irradiance of what each camera sees of the disc [W/m2]
+    T_world_views: (4, 4) narrow views of the disc from both cameras; None if nothing hides it
+    """
+
+    direction: Array
+    irradiance: Array
+    T_world_views: list[Array] | None = None
+
+
+@dataclasses.dataclass
 class Scene:
     """A frame whose geometry is drawn.
 
@@ -68,6 +82,7 @@ class Scene:
     windows: places of both images; rows: of the ground, as `GroundPass.rows`
     shadow: uniforms of the rover's shadow; body: of the light on the rover, None if it is out of
         view
+    sun: what the cameras see of the sun, None if it cannot reach their lenses
     """
 
     request: Request
@@ -79,3 +94,4 @@ class Scene:
     rows: tuple[int, int, int] = (0, 0, 0)
     shadow: Uniforms = dataclasses.field(default_factory=dict)
     body: Uniforms | None = None
+    sun: SeenSun | None = None

@@ -22,6 +22,7 @@ from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
 from lunar_rover_sim.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
+from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.rendering.surface import Surface, TileMaker
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.far_rocks import far_rocks
@@ -66,6 +67,7 @@ class ScenePasses:
                                          sunlight.rock_light(), self._surface, lamp))
         self._rover = self._own(RoverPass(context, rover))
         self._rover_shadow = self._own(RoverShadow(context, rover))
+        self._sun = self._own(SunPass(context, self.lit, self._projection, config))
         self._lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
         self._programs = (*self._ground.programs, *self._rocks.programs, *self._rover.programs)
         self._set_constants()
@@ -79,6 +81,7 @@ class ScenePasses:
         """Move the sun; config: differs in the sun only."""
         self._config = config
         self._rocks.relight(self._light_surface().rock_light())
+        self._sun.relight(config.sun)
         self._set_constants()
 
     def _light_surface(self) -> Sunlight:
@@ -116,6 +119,9 @@ class ScenePasses:
         w, h = projection.width, projection.height
         windows = [(0, side * h, w, h) for side in range(len(cameras))]
         scene = Scene(request, targets, T_world_base, links, cameras, windows)
+        if request.lit:
+            self._sun.look(scene, volume, Occluders(self._ground, self._rocks, self._rover,
+                                                    self._sunlight))
         for side in request.sides:
             targets.views[side].place(cameras[side], projection, volume, window=windows[side],
                                       size=targets.size)
@@ -143,6 +149,8 @@ class ScenePasses:
         for side in request.sides:
             self._look_from(scene, side)
             self._draw_objects(scene, targets.objects[side], side)
+        if request.lit:
+            self._sun.draw(scene)
         if request.truth:
             self._look_from(scene, LEFT)
             # The depth is kept: which surface is nearest is known already.

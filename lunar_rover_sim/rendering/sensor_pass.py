@@ -9,11 +9,13 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.blooming import bloom
 from lunar_rover_sim.camera.distorted_image import source_pixels
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.context import load_program, set_uniform
+from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.frame_targets import attachment
 
 
 class SensorPass:
@@ -40,16 +42,21 @@ class SensorPass:
         self._pattern.filter = (context.NEAREST, context.NEAREST)
         self._pattern.repeat_x = self._pattern.repeat_y = False
         noisy = c.shot_noise or (c.read_noise and c.read_noise_e > 0.0)
-        self._program = load_program(context, 'screen', 'sensor',
-                                     **({'SPREAD': 1} if c.psf_sigma_px > 0.0 else {}),
-                                     **({'NOISE': 1} if noisy else {}),
-                                     **({'DISTORTED': 1} if sensor.camera.distorted else {}),
-                                     **({'ROOT': 1} if sensor.companded else {}))
-        set_uniform(self._program, u_spread=sensor.neighbour_weight, u_pattern_span=tuple(span),
-                    u_height=float(rig.height), u_texel=(1.0 / size[0], 1.0 / size[1]),
-                    u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
-                    u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)),
-                    u_out=sensor.output_scale)
+        light = {**({'SPREAD': 1} if c.psf_sigma_px > 0.0 else {}),
+                 **({'DISTORTED': 1} if sensor.camera.distorted else {})}
+        numbers = {**({'NOISE': 1} if noisy else {}), **({'ROOT': 1} if sensor.companded else {})}
+        constants = dict(
+            u_spread=sensor.neighbour_weight, u_pattern_span=tuple(span),
+            u_height=float(rig.height), u_texel=(1.0 / size[0], 1.0 / size[1]),
+            u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
+            u_well=sensor.well_e, u_out=sensor.output_scale,
+            u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)))
+        # Charge runs along columns before it is read: then the sensor is drawn in two steps.
+        self._charge = (_ChargePass(context, size, dict(light, CHARGE=1), constants)
+                        if c.blooming > 0.0 else None)
+        self._program = load_program(context, 'screen', 'sensor', **numbers,
+                                     **({'COLLECTED': 1} if self._charge else light))
+        set_uniform(self._program, **constants)
         self._seed = seed
         self._source: moderngl.Texture | None = None
         if sensor.camera.distorted:
@@ -82,17 +89,20 @@ class SensorPass:
         """
         h, w = self._rig.height, self._rig.width
         first, last = min(sides), max(sides)
-        self._target.use()
-        self._target.viewport = (0, first * h, w, (last - first + 1) * h)
+        window = (0, first * h, w, (last - first + 1) * h)
         self._context.enable_only(self._context.NOTHING)
         radiance.use(0)
         self._pattern.use(1)
         if self._source is not None:
             self._source.use(2)
-            set_uniform(self._program, u_source=2)
-        set_uniform(self._program, u_radiance=0, u_pattern=1,
-                    u_electrons=self._sensor.electrons_per_radiance_second * exposure_s,
-                    u_dark=self._sensor.config.dark_current_e_s * exposure_s,
+        light = dict(u_radiance=0, u_pattern=1, u_source=2,
+                     u_electrons=self._sensor.electrons_per_radiance_second * exposure_s,
+                     u_dark=self._sensor.config.dark_current_e_s * exposure_s)
+        if self._charge is not None:
+            self._charge.draw(window, light, self._sensor, range(first, last + 1))
+        self._target.use()
+        self._target.viewport = window
+        set_uniform(self._program, **light, u_charge=3,
                     u_frame=int(np.random.SeedSequence(
                         [self._seed, frame_index % (1 << 63)]).generate_state(1)[0]))
         self._screen.render(vertices=3)
@@ -103,6 +113,36 @@ class SensorPass:
     def release(self) -> None:
         """Release the GL objects."""
         for item in (self._screen, self._target, self._image, self._pattern, self._program,
-                     self._source):
+                     self._source, self._charge):
             if item is not None:
                 item.release()
+
+
+class _ChargePass:
+    """Collects the electrons of all pixels and lets them bloom, on texture unit 3."""
+
+    def __init__(self, context: moderngl.Context, size: tuple[int, int], defines: dict[str, int],
+                 constants: dict[str, Any]) -> None:
+        self._electrons = attachment(context, size)
+        self._target = context.framebuffer([self._electrons])
+        self._program = load_program(context, 'screen', 'sensor', **defines)
+        set_uniform(self._program, **constants)
+        self._screen = context.vertex_array(self._program, [])
+
+    def draw(self, window: tuple[int, int, int, int], light: dict[str, Any], sensor: SensorModel,
+             sides: Sequence[int]) -> None:
+        """Draw the images `sides` of a pair, which lie in a window; the light is bound."""
+        self._target.use()
+        self._target.viewport = window
+        set_uniform(self._program, **light)
+        self._screen.render(vertices=3)
+        data = self._target.read(viewport=window, components=1, alignment=1, dtype='f4')
+        images = np.frombuffer(data, np.float32).reshape(len(sides), -1, window[2])
+        bloomed = np.concatenate([bloom(image, sensor.well_e, sensor.config.blooming)
+                                  for image in images])
+        self._electrons.write(bloomed.astype(np.float32).tobytes(), viewport=window)
+        self._electrons.use(3)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        release_all(self._screen, self._program, self._target, self._electrons)

@@ -8,6 +8,7 @@ uniform float u_spread;         // weight of each direct neighbour; the pixel it
 uniform float u_electrons;      // electrons per radiance on the axis
 uniform float u_dark;           // dark signal [e-]
 uniform vec2 u_noise;           // shot (0 or 1), read [e-]
+uniform float u_well;           // electrons that a pixel holds
 uniform vec3 u_adc;             // 1 / full well, black level, largest number
 uniform vec2 u_out;             // numbers of the output per number, 1 / largest of the output
 uniform uint u_frame;           // a different number for each seed and frame
@@ -42,9 +43,16 @@ float radiance_at(vec2 q) {
 }
 #endif
 
+#ifdef COLLECTED
+uniform sampler2D u_charge;     // electrons of each pixel, after blooming
+#endif
+
 void main() {
     // Sampled at pixel centres: on llvmpipe texelFetch takes longer.
     vec2 at = gl_FragCoord.xy * u_texel;
+#ifdef COLLECTED
+    float electrons = textureLod(u_charge, at, 0.0).r;
+#else
 #ifdef DISTORTED
     vec2 q = textureLod(u_source, at, 0.0).rg;
     float value = radiance_at(q);
@@ -66,8 +74,15 @@ void main() {
     value = (value + u_spread * near) / (1.0 + 4.0 * u_spread);
 #endif
 #endif
+#endif
     vec2 pattern = u_pattern_span * (textureLod(u_pattern, at, 0.0).rg - vec2(0.0, 0.5));
+#ifndef COLLECTED
     float electrons = value * u_electrons * pattern.x + u_dark;
+#endif
+#ifdef CHARGE
+    o_level = electrons;
+    return;
+#endif
 #ifdef NOISE
     // Shot and read noise are independent: one Gaussian of their joint variance.
     uvec2 p = whole(gl_FragCoord.xy);
@@ -75,7 +90,7 @@ void main() {
     electrons += sqrt(u_noise.x * max(electrons, 0.0) + u_noise.y * u_noise.y)
         * gaussian(pixel * 2654435761u ^ u_frame);
 #endif
-    electrons += pattern.y;
+    electrons = min(electrons, u_well) + pattern.y;
     float number = (electrons * u_adc.x * (1.0 - u_adc.y) + u_adc.y) * u_adc.z;
     number = clamp(floor(number + 0.5), 0.0, u_adc.z);
 #ifdef ROOT

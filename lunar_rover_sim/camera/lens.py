@@ -1,0 +1,120 @@
+"""Light that a lens does not put where it belongs: scattered light, veil, hood.
+
+Roughness and dust of the lens scatter a share of the light around its image. In direction cosines
+the pattern is the same for all directions, b(d) = b0 (1 + (d / l)^2)^(-s/2), d being the distance
+between two directions (Harvey's form; Ritt et al., 2020, Sensors 20, 6308, used it for commercial
+camera lenses). Light that reflects between lens surfaces and sensor several times is out of focus
+and veils the whole image evenly. What is scattered or veils is missing in the image proper.
+
+Irradiance on the sensor is radiance times cos^4 of the angle from the axis, and a pixel covers
+cos^4 over the square of the focal length in direction cosines. So sums of that irradiance over
+pixels are conserved.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+import scipy.fft
+
+from lunar_rover_sim.camera.config import CameraConfig, LensConfig
+from lunar_rover_sim.frames import Array
+
+_OFFSETS = 8        # places per axis of a cell that the scatter of its light is averaged over
+
+
+@dataclasses.dataclass(frozen=True)
+class Lens:
+    """The lens of a camera."""
+
+    config: LensConfig
+    camera: CameraConfig
+
+    @property
+    def perfect(self) -> bool:
+        """Whether all light goes where it belongs."""
+        return self.config.scatter_share == 0.0 and self.config.veil_share == 0.0
+
+    @property
+    def direct_share(self) -> float:
+        """Share of the light that goes where it belongs."""
+        return 1.0 - self.config.scatter_share - self.config.veil_share
+
+    @functools.cached_property
+    def scatter_peak(self) -> float:
+        """Scattered share per steradian at its source, b0 [1/sr].
+
+        All directions up to a distance of 1 share what is scattered.
+        """
+        square = math.radians(self.config.scatter_core_deg)**2
+        power = 1.0 - 0.5 * self.config.scatter_exponent
+        if abs(power) < 1e-6:
+            integral = math.log1p(1.0 / square)
+        else:
+            integral = ((1.0 + 1.0 / square)**power - 1.0) / power
+        return self.config.scatter_share / (math.pi * square * integral)
+
+    def scatter(self, distance: ArrayLike) -> Array:
+        """Return the scattered share per steradian b(d) at distances in direction cosines."""
+        core = math.radians(self.config.scatter_core_deg)
+        d = np.asarray(distance, dtype=float)
+        value = (1.0 + (d / core)**2)**(-0.5 * self.config.scatter_exponent)
+        return np.where(d <= 1.0, self.scatter_peak * value, 0.0)
+
+    @property
+    def corner_rad(self) -> float:
+        """Angle between the axis and the corner of the image."""
+        camera = self.camera
+        return math.atan(0.5 * math.hypot(camera.width, camera.height) / camera.focal_px)
+
+    def hood(self, angle_rad: float) -> float:
+        """Return the share of the lens that light from an angle to the axis falls on.
+
+        It is 1 up to the corner of the image and falls smoothly to 0 at the hood's angle.
+        """
+        width = math.radians(self.config.hood_deg)
+        beyond = angle_rad - self.corner_rad
+        if beyond <= 0.0 or angle_rad >= 0.5 * math.pi:
+            return float(angle_rad < 0.5 * math.pi)
+        if beyond >= width:
+            return 0.0
+        x = 1.0 - beyond / width
+        return x * x * (3.0 - 2.0 * x)
+
+
+class Glare:
+    """The glare of extended light, from the means of cells of several pixels to their corners.
+
+    Light from beyond the edges of the image is not known and left out.
+    """
+
+    def __init__(self, lens: Lens, shape: tuple[int, int], cell_px: int, pixels: int) -> None:
+        """Prepare the kernel; shape: rows and columns of cells; pixels: of the whole image."""
+        self._corners = shape[0] + 1, shape[1] + 1
+        self._veil = lens.config.veil_share * cell_px**2 / pixels
+        self._padded = tuple(scipy.fft.next_fast_len(2 * n, real=True) for n in shape)
+        # Light comes from anywhere within a cell.
+        offsets = (np.arange(_OFFSETS) + 0.5) / _OFFSETS
+        rows, columns = (np.where(np.arange(n) <= n // 2, np.arange(n), np.arange(n) - n)
+                         for n in self._padded)
+        scale = cell_px / lens.camera.focal_px
+        kernel = np.zeros(self._padded)
+        for dy in offsets:
+            for dx in offsets:
+                kernel += lens.scatter(
+                    scale * np.hypot((rows - dy)[:, None], (columns - dx)[None]))
+        self._kernel = scipy.fft.rfft2(kernel * (scale / _OFFSETS)**2)
+
+    def of(self, irradiance: NDArray[np.floating]) -> Array:
+        """Return the irradiance (k, rows + 1, columns + 1) that arrives astray at corners.
+
+        irradiance: (k, rows, columns) mean radiance of the cells of k images, times cos^4
+        """
+        spectrum = scipy.fft.rfft2(irradiance, s=self._padded) * self._kernel
+        scattered = scipy.fft.irfft2(spectrum, s=self._padded)
+        veil = self._veil * irradiance.sum(axis=(1, 2), keepdims=True)
+        return scattered[:, :self._corners[0], :self._corners[1]] + veil
