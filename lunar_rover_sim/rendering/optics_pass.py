@@ -20,8 +20,8 @@ from lunar_rover_sim.rendering.frame_targets import attachment
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import SeenSun
 
-_CELL = 32                  # pixels along a side of a cell
-_NEAR_PX = 48.0, 112.0      # from the sun: within the first, every pixel is computed; beyond, none
+_CELL = 24                  # pixels along a side of a cell
+_NEAR_PX = 32.0, 128.0      # from the sun: within the first, every pixel is computed; beyond, none
 # Ghosts lie on the line from the sun through the middle of the image. Place, over that of the sun,
 # and radius, over the focal length; a choice that looks like pictures, not a certain lens.
 _GHOSTS = ((-1.0, 0.012), (-0.45, 0.03), (0.4, 0.05))

@@ -6,7 +6,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import load_program, release_all
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.rock_meshes import coarse, facets, OCTAHEDRON, octahedron_axes

@@ -138,6 +138,56 @@ def test_point_spread_keeps_energy_and_width(context):
     assert (image.sum(axis=0) * offset**2).sum() / image.sum() == pytest.approx(0.36, rel=0.01)
 
 
+def spot(context, config, electrons):
+    """Return the left image [electrons] of a single bright pixel in column 150, row 100."""
+    sensor = SensorModel(CAMERA, config)
+    values = np.zeros((2 * CAMERA.height, CAMERA.width), np.float32)
+    values[100, 150] = electrons
+    values /= np.float32(sensor.electrons_per_radiance_second * 1e-3)
+    texture = context.texture(values.shape[::-1], 1, values.tobytes(), dtype='f4')
+    texture.filter = (context.NEAREST, context.NEAREST)
+    sensor_pass = SensorPass(context, RIG, sensor, 0)
+    try:
+        image = sensor_pass.draw(texture, [0, 1], 1e-3, 0)[0].astype(float)
+        return image / sensor.gain_dn_per_e
+    finally:
+        sensor_pass.release()
+        texture.release()
+
+
+@pytest.mark.parametrize('psf_px', [0.0, 0.5])
+def test_blooming_conserves_charge(context, psf_px):
+    config = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=16, full_well_e=20000.0,
+                                 pixel_well=1.0, psf_sigma_px=psf_px)
+    cut = spot(context, config, 5e5)
+    assert cut.max() == pytest.approx(20000.0, rel=1e-3)
+    bloomed = spot(context, dataclasses.replace(config, blooming=1.0), 5e5)
+    assert bloomed.sum() == pytest.approx(5e5, rel=2e-3)
+    assert cut.sum() < 0.5 * bloomed.sum()
+    assert set(np.flatnonzero(bloomed.max(axis=0) > 100.0)) <= {149, 150, 151}
+    assert np.all(bloomed[97:104, 150] > 19900.0)
+
+
+def test_a_pixel_holds_what_its_well_holds(context):
+    """With less than the converter's full scale, saturated pixels are not white."""
+    config = dataclasses.replace(RAW, pixel_well=0.8, fixed_pattern=False, black_level=0.0)
+    image = flat(context, config, 3.0 * config.full_well_e)
+    assert image.min() == image.max() == pytest.approx(0.8 * 65535, abs=2)
+
+
+def test_auto_exposure_begins_with_the_ground_not_with_the_sun():
+    config = dataclasses.replace(scene.IDEAL, exposure_mode='auto')
+    exposures = []
+    for sun in (0.0, 2e7):
+        radiance = np.zeros((240, 320), np.float32)
+        radiance[100:] = 10.0
+        radiance[20:24, 50:54] = sun
+        auto = AutoExposure(SensorModel(CAMERA, config))
+        auto.start(radiance)
+        exposures.append(auto.exposure_s)
+    assert exposures[1] == pytest.approx(exposures[0])
+
+
 def test_auto_exposure_converges_with_lag():
     config = dataclasses.replace(scene.IDEAL, exposure_mode='auto', auto_lag=0.6, exposure_s=1e-3)
     sensor = SensorModel(CAMERA, config)

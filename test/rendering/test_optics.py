@@ -1,0 +1,144 @@
+"""Stray light of the lens: conserved, of the form that is configured, and the same in both eyes.
+"""
+
+import dataclasses
+
+import camera_scene as scene
+import numpy as np
+import pytest
+
+from lunar_rover_sim.camera.config import CameraConfig, LensConfig
+from lunar_rover_sim.camera.lens import Lens
+from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.rendering.context import create_context
+from lunar_rover_sim.rendering.optics_pass import OpticsPass
+from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.scene import SeenSun
+
+CAMERA = CameraConfig(width=320, height=240)
+RIG = StereoRig(scene.ROVER, CAMERA)
+RAYS = RIG.rays()
+COS4 = (RAYS**2).sum(axis=-1)**-2
+E = 1361.0
+
+
+@pytest.fixture(scope='module')
+def context():
+    context = create_context()
+    yield context
+    context.release()
+
+
+def passed(context, config, images, sun=None):
+    """Return the (2, h, w) radiance behind the lens of (2, h, w) images."""
+    h, w = CAMERA.height, CAMERA.width
+    projection = Projection(RIG.K, w, h, 0.02, 1e4)
+    texture = context.texture((w, 2 * h), 1, np.asarray(images, np.float32).tobytes(), dtype='f4')
+    texture.filter = (context.NEAREST, context.NEAREST)
+    optics = OpticsPass(context, Lens(config, CAMERA), projection, E)
+    try:
+        optics.draw(texture, (0, 1), sun)
+        return np.frombuffer(texture.read(), np.float32).reshape(2, h, w).astype(float)
+    finally:
+        optics.release()
+        texture.release()
+
+
+def sun_at(x_px, y_px, irradiance=(E, E)):
+    ray = np.linalg.inv(RIG.K) @ [x_px, y_px, 1.0]
+    return SeenSun(ray / np.linalg.norm(ray), np.array(irradiance))
+
+
+# Steep enough that next to nothing leaves the image.
+STEEP = LensConfig(scatter_share=0.2, scatter_exponent=4.0, scatter_core_deg=1.5, veil_share=0.05)
+
+
+def test_extended_light_is_conserved(context):
+    images = np.zeros((2, 240, 320))
+    images[0, 96:160, 128:224] = 40.0
+    images[1, 100:150, 110:180] = 20.0
+    out = passed(context, STEEP, images)
+    for before, after in zip(images, out):
+        assert (after * COS4).sum() == pytest.approx((before * COS4).sum(), rel=0.01)
+    assert out[0, 130, 170] < 40.0      # what strays is missing
+
+
+@pytest.mark.parametrize('ghosts', [0.0, 1.0])
+def test_sunlight_is_conserved(context, ghosts):
+    """What is missing of the disc is around it, in the veil, and in ghosts."""
+    config = dataclasses.replace(STEEP, ghost_share=ghosts)
+    sun = sun_at(170.3, 100.8)
+    after = passed(context, config, np.zeros((2, 240, 320)), sun)
+    # On the sensor the sun has the irradiance E cos(angle) times the square of the focal length.
+    whole = E * sun.direction[2] * RIG.focal_px**2
+    assert (after * COS4).sum(axis=(1, 2)) == pytest.approx([0.25 * whole] * 2, rel=0.01)
+    if ghosts:
+        assert after[0].max() == pytest.approx(after[1].max())
+        assert after[0, 5, 5] < 1e-3 * after[0, 138, 149]     # no veil; a ghost across the middle
+
+
+def test_scattered_sunlight_has_the_form_of_the_lens(context):
+    config = LensConfig(veil_share=0.0)
+    lens, sun = Lens(config, CAMERA), sun_at(80.2, 60.9)
+    after = passed(context, config, np.zeros((2, 240, 320)), sun)
+    directions = RAYS / np.linalg.norm(RAYS, axis=-1, keepdims=True)
+    apart = np.linalg.norm(directions[..., :2] - sun.direction[:2], axis=-1)
+    near = apart < 0.9
+    error = after[0][near] / (E * sun.direction[2] * lens.scatter(apart[near])) - 1.0
+    assert np.abs(error).max() < 0.06 and np.abs(error).mean() < 0.01
+    np.testing.assert_allclose(after[0], after[1], rtol=1e-4)
+
+
+def test_the_glare_of_each_eye_is_its_own(context):
+    sun = sun_at(80.2, 60.9, (E, 0.25 * E))
+    both = passed(context, LensConfig(), np.zeros((2, 240, 320)), sun)
+    np.testing.assert_allclose(both[1], 0.25 * both[0], rtol=1e-4)
+
+
+def test_the_sun_itself_is_left_out_of_extended_glare(context):
+    """Its glare follows from what is seen of it, not from its pixels a million times as bright."""
+    images = np.zeros((2, 240, 320))
+    images[:, 60:64, 80:84] = 2e7
+    after = passed(context, LensConfig(), images)
+    assert after[0, 200, 300] < 1e-2
+    assert after[0, 61, 81] == pytest.approx(2e7 * 0.9974, rel=1e-4)
+
+
+def test_a_perfect_lens_changes_nothing(context):
+    images = np.random.default_rng(0).uniform(0.0, 30.0, (2, 240, 320)).astype(np.float32)
+    config = LensConfig(scatter_share=0.0, veil_share=0.0)
+    np.testing.assert_array_equal(passed(context, config, images, sun_at(1.0, 1.0)), images)
+
+
+@pytest.mark.parametrize('exponent', [1.2, 1.55, 2.0, 3.0])
+def test_all_directions_share_what_is_scattered(exponent):
+    lens = Lens(LensConfig(scatter_exponent=exponent), CAMERA)
+    d = np.geomspace(1e-7, 1.0, 200001)
+    total = np.trapezoid(2.0 * np.pi * d * lens.scatter(d), d) if hasattr(np, 'trapezoid') \
+        else np.trapz(2.0 * np.pi * d * lens.scatter(d), d)
+    assert total == pytest.approx(lens.config.scatter_share, rel=1e-3)
+    assert lens.scatter(1.01) == 0.0
+
+
+def test_the_default_lens_is_the_measured_one():
+    """The fit of Alam et al. for an IDS camera, G(r) = b exp(-a r^c) per pixel and core of 97.9.
+
+    Its 1936 pixels across were taken as the default field of view, 640 pixels across.
+    """
+    lens = Lens(LensConfig(), CameraConfig())
+    for radius in (2.0, 5.0, 10.0, 30.0, 100.0, 300.0):
+        r = radius * 1936.0 / 640.0
+        measured = 1.1503e19 * np.exp(-51.9673 * r**0.0271011) / 97.8896 * (1936.0 / 640.0)**2
+        ours = lens.scatter(radius / lens.camera.focal_px) / lens.camera.focal_px**2
+        assert ours == pytest.approx(measured, rel=0.4)
+
+
+def test_the_hood_cuts_smoothly():
+    lens = Lens(LensConfig(hood_deg=12.0), CAMERA)
+    angles = lens.corner_rad + np.radians(np.linspace(-5.0, 20.0, 251))
+    shares = np.array([lens.hood(a) for a in angles])
+    assert np.all(shares[angles <= lens.corner_rad] == 1.0)
+    assert np.all(shares[angles > lens.corner_rad + np.radians(12.01)] == 0.0)
+    assert np.all(np.diff(shares) <= 0.0) and np.abs(np.diff(shares)).max() < 0.02
+    sharp = Lens(LensConfig(hood_deg=0.0), CAMERA)
+    assert sharp.hood(sharp.corner_rad + 1e-6) == 0.0
