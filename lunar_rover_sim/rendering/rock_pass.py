@@ -99,11 +99,12 @@ class RockPass:
 
         width: radius of the cone at depth 1
         """
-        offset = self.rocks.position_m - T_world_view[:3, 3]
-        ahead = offset @ T_world_view[:3, 2]
-        reach = self._radius + width * np.maximum(ahead, 0.0)
-        aside2 = np.einsum('ij,ij->i', offset, offset) - ahead**2
-        return bool(np.any((ahead > -self._radius) & (aside2 < reach**2)))
+        offset = self._position - T_world_view[:3, 3:].astype(np.float32)
+        ahead = T_world_view[:3, 2].astype(np.float32) @ offset
+        radius = np.float32(_RADIUS) * self._diameter
+        reach = radius + np.float32(width) * np.maximum(ahead, 0.0)
+        aside2 = (offset**2).sum(axis=0) - ahead**2
+        return bool(np.any((ahead > -radius) & (aside2 < reach**2)))
 
     def draw(self, *, truth: bool = False) -> None:
         """Draw the chosen rocks, lit or as normals and labels, into the framebuffer in use."""
