@@ -183,8 +183,9 @@ class OpticsPass:
         high = np.clip(np.ceil(place + radius_px) + 1, 0, size).astype(int)
         if np.any(low >= high) or self._target is None:
             return False
-        self._target.viewport = (int(low[0]), int(low[1]) + side * int(size[1]),
-                                 *(int(k) for k in high - low))
+        width, height = high - low
+        self._target.viewport = (int(low[0]), int(low[1]) + side * int(size[1]), int(width),
+                                 int(height))
         return True
 
     def release(self) -> None:

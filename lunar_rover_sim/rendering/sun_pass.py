@@ -168,11 +168,11 @@ class SunPass:
         self._context.blend_func = self._context.ONE, self._context.ONE
         self._patch.use(0)
         set_uniform(self._program, u_patch=0)
+        width, height = high - low
         for side in scene.request.sides:
             x, y = scene.windows[side][:2]
             self._target.use()
-            self._target.viewport = (x + int(low[0]), y + int(low[1]),
-                                     *(int(k) for k in high - low))
+            self._target.viewport = (x + int(low[0]), y + int(low[1]), int(width), int(height))
             set_uniform(self._program, u_corner=(float(x + first[0]),
                                                  float(y + first[1] - side * self._side)))
             self._screen.render(vertices=3)
