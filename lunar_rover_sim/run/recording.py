@@ -82,11 +82,15 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     require_ros()
     if world is not None:
         world_folder = Path(world).resolve()
-        # The bag states the recipe of the world that is used.
-        scenario = dataclasses.replace(scenario, world=load_world(world_folder).config)
+        used = load_world(world_folder)
+        scenario.check_world(used)
+        scenario = dataclasses.replace(scenario, world=used.config)
     else:
         world_folder = scenario.world_folder()
-    scenario = resolve(scenario)
+        used = load_world(world_folder, verify=False)
+    # The recorded scenario states the recipe of the world that is used, and its hash.
+    named = dataclasses.replace(scenario.run, world_hash=used.hash)
+    scenario = resolve(dataclasses.replace(scenario, run=named))
     if 'gait_controller_node' in scenario.run.nodes:
         # The gait node compares the rover; it does not know the ground.
         calibration = GaitCalibration.of(scenario.gait_controller_node)

@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 import dataclasses
 from pathlib import Path
+import re
 from typing import Any
 
 import yaml
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.resources import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
@@ -43,9 +44,14 @@ class RunConfig(Parameters):
                               low=0.0, open_low=True, high=MAX_DURATION_S)
     nodes: tuple[str, ...] = param(tuple(NODE_CONFIGS), 'nodes to start',
                                    choices=tuple(NODE_CONFIGS))
+    world_hash: str = param('', 'hash of the world; another world is refused. A recorded scenario '
+                            'names its own. Empty: any world')
 
     def validate(self) -> None:
-        """Raise ConfigError if a node is named twice."""
+        """Raise ConfigError if a node is named twice or the hash is none."""
+        if self.world_hash and not re.fullmatch('[0-9a-f]{32}', self.world_hash):
+            raise ConfigError(f'world_hash: {self.world_hash!r} is not valid; valid are 32 '
+                              'hexadecimal digits, or nothing for any world')
         for name in self.nodes:
             if self.nodes.count(name) > 1:
                 raise ConfigError(f'nodes: {name} is given {self.nodes.count(name)} times; valid '
@@ -96,9 +102,20 @@ class Scenario:
     def world_folder(self) -> Path:
         """Return the folder of the scenario's world, which is built if the cache lacks it.
 
-        Raises WorldError if it cannot be built.
+        Raises WorldError if it cannot be built, or is not the one that `run.world_hash` names.
         """
-        return cached(self.world, self.shared.seed)
+        folder = cached(self.world, self.shared.seed)
+        if self.run.world_hash:
+            self.check_world(load_world_folder(folder, verify=False))
+        return folder
+
+    def check_world(self, world: World) -> None:
+        """Raise WorldError if `run.world_hash` names another world."""
+        wanted = self.run.world_hash
+        if wanted and world.hash != wanted:
+            raise WorldError(f'run.world_hash: {wanted} is not the world of these parameters '
+                             f'here, {world.hash}; to go on with that one, set run.world_hash to '
+                             'nothing')
 
     def load_world(self) -> World:
         """Return the scenario's world, which is built if the cache lacks it."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import dataclasses
 import logging
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from lunar_rover_sim.world.config import DEM, MESH, WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.dem import open_dem
 from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.lattice import ALBEDO_STEP, height_step_m, on_lattice, round_to
 from lunar_rover_sim.world.mesh import MeshSource
 from lunar_rover_sim.world.model import World
 
@@ -165,11 +167,13 @@ class _Builder:
 
     def _sealed(self, arrays: list[tuple[NDArray[np.float32], float]]) -> tuple[HeightGrid, ...]:
         """Shift the origin to height 0, close the seams, and embed each level in the next one."""
-        offset = float(HeightGrid(*arrays[0]).height_at((0.0, 0.0)))
+        offset = float(on_lattice(HeightGrid(*arrays[0]).height_at((0.0, 0.0)),
+                                  height_step_m(arrays[0][1])))
         reference = self.source.reference_m if self.source is not None else 0.0
         self.report['origin_height_m'] = reference + offset
-        for heights, _ in arrays:
+        for heights, cell in arrays:
             heights -= np.float32(offset)
+            round_to(heights, height_step_m(cell))
         for (child, cell), parent in zip(arrays[-2::-1], arrays[::-1]):
             nest.close_seam(child, cell, HeightGrid(*parent))
         for (child, _), (heights, _) in zip(arrays, arrays[1:]):
@@ -189,21 +193,27 @@ def _albedo(config: WorldConfig, craters: Craters,
         for wavelength, part in ((6.4, 0.75), (1.6, 0.55), (0.4, 0.35)):
             sigma = min(wavelength / 4.0 / cell, n / 8.0)
             coarse = max(int(sigma / 2.0), 1)
-            small = rng.standard_normal((n // coarse + 3,) * 2, dtype=np.float32)
-            small = scipy.ndimage.gaussian_filter(small, sigma / coarse, mode='wrap')
+            small = rng.standard_normal((n // coarse + 3,) * 2)
+            small = on_lattice(scipy.ndimage.gaussian_filter(small, sigma / coarse, mode='wrap'),
+                               2.0**-20)
             axis = np.arange(small.shape[0]) * float(coarse)
             fine = nest.spline(axis, axis, small, np.arange(n, dtype=float),
                                np.arange(n, dtype=float))
-            variation += np.float32(part / fine.std()) * fine
+            spread = np.std(fine, dtype=np.float64)
+            variation += np.float32(on_lattice(part / spread, 2.0**-16)) * fine
         variation *= np.float32(config.albedo.variation)
     if config.albedo.grain > 0.0:
-        variation += np.float32(config.albedo.grain) * rng.standard_normal((n, n),
-                                                                           dtype=np.float32)
+        # Uniform, not normal: exact on every machine, and of the same RMS.
+        grain = rng.random((n, n), np.float32)
+        grain -= np.float32(0.5)
+        grain *= np.float32(config.albedo.grain * math.sqrt(12.0))
+        variation += grain
     if config.albedo.fresh_crater > 0.0:
         stamping.brighten(variation, cell, craters, config.albedo.fresh_crater)
-    variation -= variation.mean()
+    variation -= np.float32(on_lattice(np.mean(variation, dtype=np.float64), ALBEDO_STEP))
     edge = nest.fade(n)
     variation *= edge[:, None] * edge
     albedo = np.clip(1.0 + variation, 0.4, 1.8, dtype=np.float32)
+    round_to(albedo, ALBEDO_STEP)
     albedo.setflags(write=False)
     return albedo

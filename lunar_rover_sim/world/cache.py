@@ -13,11 +13,9 @@ from typing import Any
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import PROCEDURAL, WorldConfig
-from lunar_rover_sim.world.world_folder import FORMAT, load_world, save_world
+from lunar_rover_sim.world.world_folder import FORMAT, load_world, RECIPE, save_world
 
 logger = logging.getLogger(__name__)
-
-BUILDER = 4  # raise it when the same parameters give another world: cached worlds become invalid
 
 
 def cache_folder() -> pathlib.Path:
@@ -31,7 +29,7 @@ def cache_key(config: WorldConfig, seed: int) -> str:
     """Return the name of the world in the cache.
 
     It depends on the parameters, the seed, the identity of the source file (path, size, time of
-    change) and the version of the builder.
+    change) and the version of the recipe.
     """
     config = config.with_seed(seed)
     identity: list[Any] = []
@@ -41,7 +39,7 @@ def cache_key(config: WorldConfig, seed: int) -> str:
             with contextlib.suppress(OSError):
                 stat = file.stat()
                 identity.append([str(file.resolve()), stat.st_size, stat.st_mtime_ns])
-    text = json.dumps([FORMAT, BUILDER, config.to_mapping(), identity], sort_keys=True)
+    text = json.dumps([FORMAT, RECIPE, config.to_mapping(), identity], sort_keys=True)
     return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 
 

@@ -9,9 +9,11 @@ from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world.config import CraterConfig
 from lunar_rover_sim.world.crater_profile import profile_table
 from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.lattice import on_lattice, significant
 
 GEOMETRIC_SATURATION = 1.54  # N(>D) D^2 (Gault, 1970)
 REFERENCE_DIAMETER_M = 10.0
+_POSITION_STEP_M = 2.0**-16
 _MAX_CRATERS = 500_000       # on one level
 
 
@@ -43,7 +45,8 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
     diameter = (low_m ** b + u * (high_m ** b - low_m ** b)) ** (1.0 / b)
     position = rng.uniform(-half_extent_m, half_extent_m, (count, 2))
     age = rng.random(count) ** (1.0 / config.age_exponent)
-    return Craters(position, diameter, age, np.full(count, level, np.int32))
+    return Craters(on_lattice(position, _POSITION_STEP_M), significant(diameter),
+                   significant(age), np.full(count, level, np.int32))
 
 
 def keep_clear(craters: Craters, config: CraterConfig, radius_m: float,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
 from lunar_rover_sim.world.config import CraterConfig
+from lunar_rover_sim.world.lattice import on_lattice
 
 Array = NDArray[np.float64]
 
@@ -85,6 +86,7 @@ def profile_table(config: CraterConfig) -> ProfileTable:
     ages = np.array([np.interp(at, times, column) for column in table.T]).T
     # The profile fades to zero at the reach of the crater.
     ages *= np.clip((REACH - RADII) / (0.3 * REACH), 0.0, 1.0) ** 2
+    ages = on_lattice(ages, 2.0**-23)
     steepest = 2.0 * np.abs(np.gradient(ages, step, axis=1)).max(axis=1)
     rim = ages.max(axis=1)
     return ProfileTable(_AGES, ages, rim - ages[:, 0], rim, steepest)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-import scipy.ndimage
 
 from lunar_rover_sim.world.config import LEVEL_RATIO, WorldConfig
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.relief import smoothstep
 
 _STRIP = 64  # rows interpolated at once
+_RECALL = 40  # samples after which the filter has forgotten the ends: pole^40 = 1e-23
 _PAD = 8     # samples added around a grid before it is filtered
 FADE_CELLS = 60  # width of the band in which a level's detail fades out: 1.5 m of 2.5 cm cells
 
@@ -48,7 +50,8 @@ def spline(y_m: NDArray, x_m: NDArray, values: NDArray, y_at: NDArray,
     results depend on the number of threads.
     """
     padded = np.pad(np.asarray(values, np.float64), _PAD, mode='reflect', reflect_type='odd')
-    coefficients = scipy.ndimage.spline_filter(padded, order=3, mode='mirror').astype(np.float32)
+    across = _coefficients(padded)
+    coefficients = _coefficients(np.ascontiguousarray(across.T)).T.astype(np.float32, order='C')
     row, row_weights = _taps(y_m, y_at)
     column, column_weights = _taps(x_m, x_at)
     result = np.empty((len(y_at), len(x_at)), np.float32)
@@ -64,14 +67,39 @@ def spline(y_m: NDArray, x_m: NDArray, values: NDArray, y_at: NDArray,
     return result
 
 
+def _coefficients(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coefficients of cubic B-splines through the values along the first axis.
+
+    The recursion of Unser et al., "B-spline signal processing: Part II", IEEE Trans. Signal
+    Processing 41 (2), 1993, with mirrored ends; line by line, so that no library decides in which
+    order it is summed.
+    """
+    pole = math.sqrt(3.0) - 2.0
+    result = 6.0 * values
+    last = len(result) - 1
+    weight, first = 1.0, result[0].copy()
+    for k in range(1, _RECALL):
+        weight *= pole
+        first += weight * result[last - abs(last - k % (2 * last))]
+    result[0] = first
+    for k in range(1, last + 1):
+        result[k] += pole * result[k - 1]
+    result[last] = pole / (pole * pole - 1.0) * (result[last] + pole * result[last - 1])
+    for k in range(last - 1, -1, -1):
+        result[k] = pole * (result[k + 1] - result[k])
+    return result
+
+
 def _taps(at: NDArray, to: NDArray) -> tuple[NDArray[np.int64], list[NDArray[np.float32]]]:
     """Return the first of four B-spline coefficients at each target, and the four weights."""
     step = (at[-1] - at[0]) / (len(at) - 1) if len(at) > 1 else 1.0
     place = np.clip((np.asarray(to, np.float64) - at[0]) / step, 0.0, len(at) - 1.0)
     first = np.minimum(np.floor(place), max(len(at) - 2, 0)).astype(np.int64)
     t = place - first
-    weights = [(1.0 - t) ** 3 / 6.0, (4.0 - 6.0 * t ** 2 + 3.0 * t ** 3) / 6.0,
-               (1.0 + 3.0 * t + 3.0 * t ** 2 - 3.0 * t ** 3) / 6.0, t ** 3 / 6.0]
+    # Products, not powers: those are not rounded alike everywhere.
+    back, square, cube = 1.0 - t, t * t, t * t * t
+    weights = [back * back * back / 6.0, (4.0 - 6.0 * square + 3.0 * cube) / 6.0,
+               (1.0 + 3.0 * t + 3.0 * square - 3.0 * cube) / 6.0, cube / 6.0]
     return first + _PAD - 1, [weight.astype(np.float32) for weight in weights]
 
 

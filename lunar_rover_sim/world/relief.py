@@ -8,6 +8,7 @@ L^H, H being the Hurst exponent (Shepard et al. 2001, "The roughness of natural 
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,7 @@ import scipy.fft
 import scipy.special
 
 from lunar_rover_sim.world.config import ReliefConfig
+from lunar_rover_sim.world.lattice import height_step_m, round_to
 
 Spectrum = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
@@ -90,14 +92,32 @@ def synthesise(S: Spectrum, n: int, cell_m: float, parent_cell_m: float | None, 
     power[0] = 0.0
     if not np.any(power):
         return np.zeros((n, n), np.float32)
-    table = (np.sqrt(power) / cell_m).astype(np.float32)
-    wave = scipy.fft.rfft2(rng.standard_normal((size, size), dtype=np.float32))
-    scale = np.float32(len(table) - 1) / np.float32(table_k[-1])
-    k2_half = (k_half * k_half).astype(np.float32)
+    table = np.sqrt(power) / cell_m
+    wave = _white_spectrum(size, rng)
+    scale = (len(table) - 1) / table_k[-1]
+    k2_half = k_half * k_half
     for row, ky in zip(wave, k_axis):
-        index = np.sqrt(k2_half + np.float32(ky * ky)) * scale
+        index = np.sqrt(k2_half + ky * ky) * scale
         lower = index.astype(np.int32)
         part = index - lower
-        row *= table[lower] * (1.0 - part) + table[lower + 1] * part
-    heights = scipy.fft.irfft2(wave, s=(size, size))
-    return np.ascontiguousarray(heights[:n, :n], np.float32)
+        row *= table[lower] + (table[lower + 1] - table[lower]) * part
+    heights = scipy.fft.irfft2(wave, s=(size, size), overwrite_x=True)
+    round_to(heights, height_step_m(cell_m))
+    return heights[:n, :n].astype(np.float32)
+
+
+def _white_spectrum(size: int, rng: np.random.Generator) -> NDArray[np.complex128]:
+    """Return the (size, size // 2 + 1) real transform of white noise of unit variance.
+
+    It is drawn where it is needed. Its components are uniform, not normal: heights are sums of so
+    many of them that they are normal all the same, and uniform numbers are exact and quick.
+    """
+    wave = rng.random((size, size // 2 + 1, 2))
+    wave -= 0.5
+    wave *= size * math.sqrt(6.0)       # half of the variance, 1/12 before, for each component
+    result = wave.view(np.complex128)[..., 0]
+    # The columns that are their own mirror images are transforms of real lines.
+    for column in (0, size // 2) if size % 2 == 0 else (0,):
+        line = (rng.random(size) - 0.5) * math.sqrt(12.0 * size)
+        result[:, column] = scipy.fft.fft(line)
+    return result

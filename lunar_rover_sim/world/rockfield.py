@@ -13,11 +13,14 @@ from lunar_rover_sim.frames import matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.world.config import RockConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.lattice import ALBEDO_STEP, on_lattice, significant
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 from lunar_rover_sim.world.stamping import window_of
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
+
+_POSITION_STEP_M, _ORIENTATION_STEP = 2.0**-20, 2.0**-24
 
 
 class Elevation(Protocol):
@@ -49,7 +52,7 @@ def number_per_m2(config: RockConfig, diameter_m: Array) -> Array:
 def size_classes(config: RockConfig) -> Array:
     """Return the diameters [m] that rocks may have, ascending, evenly spaced in the logarithm."""
     edges = np.geomspace(config.min_diameter_m, config.max_diameter_m, config.size_classes + 1)
-    return np.sqrt(edges[1:] * edges[:-1])
+    return significant(np.sqrt(edges[1:] * edges[:-1]))
 
 
 def no_rocks(config: RockConfig) -> Rocks:
@@ -219,9 +222,12 @@ def _settle(ground: Elevation, shapes: tuple[RockShape, ...], shape: NDArray, di
 
 def _rocks(shape: NDArray, size: NDArray, position: Array, orientation: Array, albedo: NDArray,
            classes: Array) -> Rocks:
-    arrays = (shape.astype(np.int32), size.astype(np.int32), position.astype(np.float64),
-              orientation.astype(np.float64), albedo.astype(np.float32),
-              classes.astype(np.float64))
+    turn = on_lattice(orientation, _ORIENTATION_STEP)
+    w, x, y, z = turn.T
+    turn = turn / np.sqrt(w * w + x * x + y * y + z * z)[:, None]
+    arrays = (shape.astype(np.int32), size.astype(np.int32),
+              on_lattice(position, _POSITION_STEP_M), turn,
+              on_lattice(albedo, ALBEDO_STEP).astype(np.float32), classes.astype(np.float64))
     for array in arrays:
         array.setflags(write=False)
     return Rocks(*arrays)

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
+from lunar_rover_sim.world.lattice import on_lattice
 from lunar_rover_sim.world.rocks import RockShape
 
 FACETED, ROUNDED = 9, 7
+_STEP = 2.0**-20        # lattice of the corners
 _SEED = 1969            # the library is the same in all worlds, so that meshes can be shared
 
 
@@ -28,11 +30,12 @@ def library() -> tuple[RockShape, ...]:
 
 
 def hull(name: str, points: NDArray[np.float64]) -> RockShape:
-    """Return the convex hull of (n, 3) points as a shape.
+    """Return the convex hull of (n, 3) points as a shape, the same for each order of its faces.
 
     Its centroid is moved to the origin and its largest horizontal diameter is scaled to 1.
     """
-    triangles = hull_faces(points)
+    points = on_lattice(points, _STEP)
+    triangles = _in_order(hull_faces(points))
     used = np.unique(triangles)
     vertices = points[used]
     faces = np.searchsorted(used, triangles).astype(np.int32)
@@ -43,7 +46,7 @@ def hull(name: str, points: NDArray[np.float64]) -> RockShape:
     vertices = vertices - centroid
     flat = vertices[:, :2]
     diameter = np.linalg.norm(flat[:, None] - flat[None], axis=-1).max()
-    vertices = (vertices / diameter).astype(np.float32)
+    vertices = on_lattice(vertices / diameter, _STEP).astype(np.float32)
     vertices.setflags(write=False)
     faces.setflags(write=False)
     return RockShape(name, vertices, faces)
@@ -63,6 +66,12 @@ def hull_faces(points: NDArray[np.float64]) -> NDArray[np.integer[Any]]:
     return faces
 
 
+def _in_order(faces: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
+    """Return triangles sorted by their corners, the least first; their sense stays."""
+    turned = np.array([np.roll(face, -int(face.argmin())) for face in faces])
+    return turned[np.lexsort(turned.T[::-1])]
+
+
 def _axes(rng: np.random.Generator) -> NDArray[np.float64]:
     """Return the (3,) semi-axes of a block."""
     return np.array([1.0, rng.uniform(0.68, 0.95), rng.uniform(0.62, 0.85)])
@@ -76,7 +85,8 @@ def _cut_block(rng: np.random.Generator, planes: int) -> NDArray[np.float64]:
     halfspaces = np.concatenate([np.column_stack([normals, -distance]),
                                  np.column_stack([box, np.full(6, -1.25)])])
     corners = HalfspaceIntersection(halfspaces, np.zeros(3)).intersections
-    corners = corners[np.all(np.isfinite(corners), axis=1)]
+    # Qhull finds each corner more than once, in an order of its own.
+    corners = np.unique(on_lattice(corners[np.all(np.isfinite(corners), axis=1)], _STEP), axis=0)
     # Corners are chipped: cutting each back a little gives small faces between the large ones.
     centre = corners.mean(axis=0)
     neighbours = corners + 0.12 * (np.roll(corners, 1, axis=0) - corners)

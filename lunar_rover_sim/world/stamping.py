@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from lunar_rover_sim.world.config import CraterConfig
 from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
 from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.lattice import ALBEDO_STEP, on_lattice
 from lunar_rover_sim.world.relief import smoothstep
 
 # A crater erases the relief up to the first radius and leaves it unchanged from the second on.
 _ERASED, _UNTOUCHED = 0.85, 1.45
 # Below this radius [cells] the ground under a crater is smooth anyway.
 _LEAST_FLATTENED = 5.0
+_PLANE_STEP_M = 2.0**-20  # lattice of the plane's height, and of its rise over a radius
 
 
 def window_of(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice] | None:
@@ -84,14 +86,18 @@ def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, amount: flo
     columns = slice(int(inner_x.argmax()), len(dx) - int(inner_x[::-1].argmax()))
     rows = slice(int(inner_y.argmax()), len(dy) - int(inner_y[::-1].argmax()))
     core, x, y = patch[rows, columns], dx[columns], dy[rows]
-    mx, my, mean = x.mean(), y.mean(), core.mean()
-    sx = np.sum((core.mean(axis=0) - mean) * (x - mx)) / np.sum((x - mx) ** 2)
-    sy = np.sum((core.mean(axis=1) - mean) * (y - my)) / np.sum((y - my) ** 2)
+    mx, my = 0.5 * (float(x[0]) + float(x[-1])), 0.5 * (float(y[0]) + float(y[-1]))
+    from_mx, from_my = x.astype(np.float64) - mx, y.astype(np.float64) - my
+    by_column, by_row = core.sum(axis=0, dtype=np.float64), core.sum(axis=1, dtype=np.float64)
+    sx = (by_column * from_mx).sum() / ((from_mx * from_mx).sum() * len(y))
+    sy = (by_row * from_my).sum() / ((from_my * from_my).sum() * len(x))
+    fit = np.array([by_column.sum() / core.size - sx * mx - sy * my, sx, sy])
+    middle, sx, sy = on_lattice(fit, _PLANE_STEP_M).astype(np.float32)
     outer_x, outer_y = np.abs(dx) < 1.8, np.abs(dy) < 1.8
     columns = slice(int(outer_x.argmax()), len(dx) - int(outer_x[::-1].argmax()))
     rows = slice(int(outer_y.argmax()), len(dy) - int(outer_y[::-1].argmax()))
     ground, x, y = patch[rows, columns], dx[columns], dy[rows]
-    plane = (mean + sx * (x - mx)) + (sy * (y - my))[:, None]
+    plane = (middle + sx * x) + (sy * y)[:, None]
     t = np.clip((_UNTOUCHED - rho[rows, columns]) / (_UNTOUCHED - _ERASED), 0.0, 1.0)
     ground += np.float32(amount) * t * t * (3.0 - 2.0 * t) * (plane - ground)
 
@@ -109,7 +115,8 @@ def brighten(albedo: NDArray[np.float32], cell_m: float, craters: Craters,
             continue
         dx = (np.arange(window[1].start, window[1].stop) - x0) / radius
         dy = (np.arange(window[0].start, window[0].stop) - y0) / radius
-        rho = np.sqrt(dx * dx + (dy * dy)[:, None]).astype(np.float32)
+        rho = np.sqrt(dx * dx + (dy * dy)[:, None])
         strength = amount * (1.0 - craters.age[i] / 0.2) ** 2
         fall = np.exp(-0.5 * (np.maximum(rho - 0.8, 0.0) / 0.9) ** 2)
-        albedo[window] += np.float32(strength) * fall * smoothstep(3.5 - rho).astype(np.float32)
+        albedo[window] += on_lattice(strength * fall * smoothstep(3.5 - rho),
+                                     ALBEDO_STEP).astype(np.float32)

@@ -1,6 +1,6 @@
 """A world as a folder: save, load, content hash.
 
-    world.yaml     format, hash, parameters, report, and the levels' cells
+    world.yaml     format, recipe, hash, parameters, report, and the levels' cells
     height_0.npy   (n, n) float32 heights of the ground [m]; height_1.npy ... the coarse levels
     albedo.npy     (n, n) float32
     rocks.npz      instances; shapes.npz the library of shapes; craters.npz the catalogue
@@ -32,6 +32,9 @@ from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 FORMAT = 1
+# Version of the way from parameters to a world: raised when the same parameters and seed give
+# another one. It stands in the folder and in the name in the cache.
+RECIPE = 5
 _MAX_SAMPLES = 8193 ** 2
 _MAX_ITEMS = 2_000_000
 _MAX_BYTES_YAML = 1_000_000
@@ -99,7 +102,8 @@ def _write(world: World, folder: pathlib.Path) -> None:
     for index, shape in enumerate(world.rock_shapes):
         meshes[f'vertices_{index}'], meshes[f'faces_{index}'] = shape.vertices, shape.faces
     np.savez(folder / 'shapes.npz', **meshes)  # type: ignore[arg-type]
-    document = {'format': FORMAT, 'hash': world.hash, 'cells_m': [g.cell_m for g in world.levels],
+    document = {'format': FORMAT, 'recipe': RECIPE, 'hash': world.hash,
+                'cells_m': [g.cell_m for g in world.levels],
                 'report': _plain(world.report), 'world': world.config.to_mapping()}
     text = ('# Made by lunar_rover_sim. Heights are float32 [m], row 0 south, column 0 west.\n'
             + yaml.safe_dump(document, sort_keys=False))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario, scenario_names
 
@@ -148,3 +148,15 @@ def test_a_users_own_participant_is_awaited_too() -> None:
     assert lags_ns['slam/pose'] == 300_000_000
     assert lags_ns['joint_commands'] == 10_000_000
     assert 'recorder/written' in lags_ns
+
+
+def test_a_scenario_refuses_another_world_than_it_names() -> None:
+    small = {'world.size_m': 6.4, 'world.surroundings.samples': 65}
+    hash_here = Scenario.load('flat', small).load_world().hash
+    assert Scenario.load('flat', {**small, 'run.world_hash': hash_here}).load_world()
+    other = Scenario.load('flat', {**small, 'run.world_hash': '0' * 32})
+    with pytest.raises(WorldError, match=f'run.world_hash: 0+ is not the world of these '
+                                         f'parameters here, {hash_here}; to go on with that one'):
+        other.world_folder()
+    with pytest.raises(ConfigError, match='world_hash: .*valid are 32 hexadecimal digits'):
+        Scenario.load('flat', {'run.world_hash': 'abc'})
