@@ -46,10 +46,10 @@ def hull(name: str, points: NDArray[np.float64]) -> RockShape:
     vertices = vertices - centroid
     flat = vertices[:, :2]
     diameter = np.linalg.norm(flat[:, None] - flat[None], axis=-1).max()
-    vertices = on_lattice(vertices / diameter, _STEP).astype(np.float32)
-    vertices.setflags(write=False)
+    unit = on_lattice(vertices / diameter, _STEP).astype(np.float32)
+    unit.setflags(write=False)
     faces.setflags(write=False)
-    return RockShape(name, vertices, faces)
+    return RockShape(name, unit, faces)
 
 
 def hull_faces(points: NDArray[np.float64]) -> NDArray[np.integer[Any]]:
