@@ -61,7 +61,8 @@ LEFT_IMAGE = Topic('stereo/left/image_raw', 'sensor_msgs/msg/Image', FRAME, 'ren
 RIGHT_IMAGE = Topic('stereo/right/image_raw', 'sensor_msgs/msg/Image', FRAME, 'render_node',
                     frames.RIGHT_OPTICAL_FRAME, 'mono8')
 LEFT_INFO = Topic('stereo/left/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
-                  frames.LEFT_OPTICAL_FRAME, 'REP-104')
+                  frames.LEFT_OPTICAL_FRAME, 'REP-104; the stamp is the middle of the exposure, '
+                  'with a rolling shutter of that of the middle row')
 RIGHT_INFO = Topic('stereo/right/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
                    frames.RIGHT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B')
 DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', FRAME, 'render_node',

@@ -99,6 +99,10 @@ class SensorConfig(Parameters):
     auto_lag: float = param(0.6, 'share of the old exposure that auto keeps per frame', low=0.0,
                             high=0.99)
     auto_max_s: float = param(0.02, 'longest exposure of auto', unit='s', low=1e-5, high=10.0)
+    motion_blur: bool = param(True, 'light is gathered while the rover moves, over the exposure')
+    line_time_s: float = param(
+        0.0, 'from the exposure of one row to that of the next: rolling shutter; 0: global, all '
+        'rows at once', unit='s', low=0.0, high=1e-3)
     f_number: float = param(4.0, 'aperture', low=0.5, high=64.0)
     transmission: float = param(0.9, 'of the lens', low=0.01, high=1.0)
     pixel_pitch_m: float = param(6.9e-6, 'side of a pixel', unit='m', low=0.5e-6, high=1e-4)

@@ -33,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'above the ground, 0.09 by default; may be repeated')
     parser.add_argument('--joints', metavar='A,B,C,D', type=_numbers(4), default=[0.0] * 4,
                         help='leg angles [deg]')
+    parser.add_argument('--twist', metavar='VX,VY,VZ,WX,WY,WZ', type=_numbers(6),
+                        default=[0.0] * 6, help='velocity of the rover in axes of base_link '
+                        '[m/s, rad/s], which blurs the images over the exposure; zero by default')
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
                         help='folder for the pictures; must not exist')
     parser.add_argument('--world', type=Path, metavar='DIR', help='a world made by `world build`')
@@ -58,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         matcher = SgmMatcher.from_scenario(scenario)
         make_new(args.output)
         for k, T in enumerate(poses):
-            state = RoverPose(T, angles)
+            state = RoverPose(T, angles, np.array(args.twist[:3]), np.array(args.twist[3:]))
             settle(renderer, state)
             frame = renderer.render(state, k, LAYERS)
             name = f'{k:03d}'

@@ -69,6 +69,19 @@ def pose_of(msg: Odometry) -> Array:
     return frames.se3(frames.matrix_from_wxyz(quat / norm), position)
 
 
+def twist_of(msg: Odometry) -> tuple[Array, Array]:
+    """Return linear [m/s] and angular [rad/s] velocity, (3,) in axes of the child frame.
+
+    Raises GraphError if they are not finite.
+    """
+    v, w = msg.twist.twist.linear, msg.twist.twist.angular
+    twist = np.array([v.x, v.y, v.z]), np.array([w.x, w.y, w.z])
+    if not np.all(np.isfinite(twist)):
+        raise GraphError(f'odom: twist {twist[0].tolist()}, {twist[1].tolist()} is not valid; '
+                         'valid is finite')
+    return twist
+
+
 def velocity_of(msg: Twist) -> tuple[float, float]:
     """Return the forward velocity [m/s] and the yaw rate [rad/s] of a velocity command."""
     return msg.linear.x, msg.angular.z

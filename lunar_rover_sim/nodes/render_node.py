@@ -1,4 +1,4 @@
-"""render_node: pose and joint angles to stereo images, true depth, SGM disparity and depth."""
+"""render_node: pose and motion of the rover to stereo images, true depth, SGM disparity, depth."""
 
 from __future__ import annotations
 
@@ -222,10 +222,7 @@ class RenderNode(node_main.GraphNode):
         self._poses.popleft()
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
             self._joints.get(stamp, next(reversed(self._joints.values()), None))
-        angles = np.zeros(4) if joints_raw is None else conversions.legs_of(
-            deserialize_message(joints_raw, JointState), 'position')
-        pose = conversions.pose_of(deserialize_message(raw, Odometry))
-        return _Frame(stamp, RoverPose(pose, angles))
+        return _Frame(stamp, _rover_pose(raw, joints_raw))
 
     def _readers_are_there(self) -> bool:
         """Return whether all awaited subscribers have been discovered."""
@@ -291,6 +288,19 @@ class RenderNode(node_main.GraphNode):
         if topics.DEPTH.name in names:
             self._send(topics.DEPTH.name, conversions.image(
                 disparity.depth_m, topics.DEPTH.frame_id, stamp))
+
+
+def _rover_pose(odom_raw: bytes, joints_raw: bytes | None) -> RoverPose:
+    """Return pose and motion; legs without a message, or without velocities, are at rest."""
+    odom = deserialize_message(odom_raw, Odometry)
+    linear_mps, angular_radps = conversions.twist_of(odom)
+    angles, speeds = np.zeros(4), np.zeros(4)
+    if joints_raw is not None:
+        joints = deserialize_message(joints_raw, JointState)
+        angles = conversions.legs_of(joints, 'position')
+        if len(joints.velocity):
+            speeds = conversions.legs_of(joints, 'velocity')
+    return RoverPose(conversions.pose_of(odom), angles, linear_mps, angular_radps, speeds)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -19,11 +19,13 @@ from lunar_rover_sim.camera.lens import Lens
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import LunarRoverSimError, RenderError
-from lunar_rover_sim.frames import Array, sun_direction
+from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.rendering.checked_state import checked_state
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.frame_targets import read_image
+from lunar_rover_sim.rendering.motion_pass import MotionPass
 from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
@@ -116,6 +118,8 @@ class Renderer:
         self._passes = ScenePasses(context, self.world, rover, self.config, self._projection,
                                    self.seed)
         self._owned.callback(self._passes.release)
+        self._motion = MotionPass(context, rover, self.config, self._projection)
+        self._owned.callback(self._motion.release)
         # No ground and no lamp is brighter than a white surface under the sun, but the sun is.
         most = self.config.sun.irradiance or math.inf
         self._optics = OpticsPass(context, Lens(self.config.lens, self.config.camera),
@@ -161,7 +165,7 @@ class Renderer:
         The device draws in the background. Beginning the next frame before the present one is
         finished keeps it busy while images are read; it does not change them.
 
-        state: pose and leg angles: a `physics.state.RoverState` or a `rover.pose.RoverPose`
+        state: pose and motion: a `physics.state.RoverState` or a `rover.pose.RoverPose`
         frame_index: gives each frame its own noise
         layers: names from `frame.LAYERS`
 
@@ -170,13 +174,13 @@ class Renderer:
         way, if the renderer is closed, or if the context is lost.
         """
         request = Request.of(layers, frame_index)
-        T_world_base, angles = _checked(state)
+        checked = checked_state(state)
         if self._closed:
             raise RenderError('the renderer is closed')
         if len(self._begun) == FRAMES_UNDER_WAY:
             raise RenderError(f'begin: {FRAMES_UNDER_WAY} frames are under way; finish one first')
         with self._drawing():
-            scene = self._passes.draw_geometry(request, T_world_base, angles)
+            scene = self._passes.draw_geometry(request, checked)
             if not self._begun:
                 self._passes.light(scene)
         self._begun.append(scene)
@@ -225,8 +229,9 @@ class Renderer:
                     self._auto.start(read_image(lit.framebuffer, 0, request.sides[0], size,
                                                 self._pad))
                 self.exposure_s = self._auto.exposure_s
-            self._optics.draw(lit.radiance, request.sides, scene.sun)
-            raw['pixels'] = self._sensor_pass.draw(lit.radiance, request.sides, self.exposure_s,
+            radiance = self._motion.draw(self._passes, scene, self.exposure_s)
+            self._optics.draw(radiance, request.sides, scene.sun)
+            raw['pixels'] = self._sensor_pass.draw(radiance, request.sides, self.exposure_s,
                                                    request.frame_index)
         if request.truth:
             raw['truth'] = read_image(scene.targets.truth.framebuffer, 0, LEFT, size, self._pad, 4)
@@ -272,18 +277,3 @@ class Renderer:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  _: TracebackType | None) -> None:
         self.close()
-
-
-def _checked(state: Posed) -> tuple[Array, Array]:
-    """Return pose and leg angles; raise RenderError if they are not valid."""
-    try:
-        T_world_base, joint_angle_rad = state.T_world_base, state.joint_angle_rad
-    except AttributeError:
-        raise RenderError(f'state: {type(state).__name__} is not valid; valid is a RoverState or '
-                          'a RoverPose') from None
-    pose, angles = np.asarray(T_world_base, float), np.asarray(joint_angle_rad, float)
-    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
-        raise RenderError('T_world_base: a pose is a finite 4 x 4 matrix')
-    if angles.shape != (4,) or not np.all(np.isfinite(angles)):
-        raise RenderError('joint_angle_rad: leg angles are four finite numbers')
-    return pose, angles

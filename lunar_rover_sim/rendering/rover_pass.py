@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.scene import Uniforms
@@ -35,13 +36,14 @@ class RoverPass:
                                             .transpose(1, 0, 2)) for k in range(len(self._links))]
         self._lit = load_program(context, 'rover', 'rover')
         self._truth = load_program(context, 'rover', 'rover', TRUTH=1)
+        self._mark = load_program(context, 'rover', 'rover_mark')
         self.programs = (self._lit, self._truth)
         self._vertices = context.buffer(data.astype(np.float32).tobytes())
         self._arrays = {
             program.glo: context.vertex_array(
                 program, [(self._vertices, '3f 3f 1f 1f', 'a_position', 'a_normal', 'a_albedo',
                            'a_link')], skip_errors=True)
-            for program in self.programs}
+            for program in (*self.programs, self._mark)}
 
     def poses(self, T_world_base: Array, joint_angle_rad: ArrayLike) -> Array:
         """Return the (links, 4, 4) world poses of all links; base_link is the first."""
@@ -93,13 +95,29 @@ class RoverPass:
         """Draw the rover, lit or as normals and labels, into the framebuffer in use."""
         self._context.enable_only(self._context.DEPTH_TEST)
         program = self._truth if truth else self._lit
-        set_uniform(program, u_links=np.ascontiguousarray(T_world_links.transpose(0, 2, 1),
-                                                          np.float32), **light)
+        set_uniform(program, u_links=_columns(T_world_links), **light)
         self._arrays[program.glo].render()
+
+    def mark(self, T_world_links: Array, depth: moderngl.Texture) -> None:
+        """Draw 1 + the index of the link that is seen into the framebuffer in use.
+
+        depth: of all that is seen, in a texture of the same size [m]
+        """
+        self._context.enable_only(self._context.DEPTH_TEST)
+        depth.use(texture_units.GROUND_DEPTH)
+        set_uniform(self._mark, u_links=_columns(T_world_links),
+                    u_depth=texture_units.GROUND_DEPTH)
+        self._arrays[self._mark.glo].render()
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(*self._arrays.values(), self._vertices, *self.programs)
+        release_all(*self._arrays.values(), self._vertices, *self.programs,
+                    self._mark)
+
+
+def _columns(transforms: Array) -> Array:
+    """Return (n, 4, 4) transforms as GL reads them, column by column."""
+    return np.ascontiguousarray(transforms.transpose(0, 2, 1), np.float32)
 
 
 def _box_corners(points: Array) -> Array:

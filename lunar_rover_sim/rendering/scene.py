@@ -13,6 +13,7 @@ from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.frame_targets import FrameTargets
 from lunar_rover_sim.rendering.view import Window
+from lunar_rover_sim.rover.pose import RoverPose
 
 LEFT, RIGHT = 0, 1
 _SHADED = {'left', 'right', 'radiance'}
@@ -78,7 +79,8 @@ class SeenSun:
 class Scene:
     """A frame whose geometry is drawn.
 
-    T_world_base: (4, 4); T_world_links: (links, 4, 4); T_world_cameras: (4, 4) of both cameras
+    state: what the frame shows; T_world_links: (links, 4, 4); T_world_cameras: (4, 4) of both
+        cameras
     windows: places of both images; rows: of the ground, as `GroundPass.rows`
     shadow: uniforms of the rover's shadow; body: of the light on the rover, None if it is out of
         view
@@ -87,7 +89,7 @@ class Scene:
 
     request: Request
     targets: FrameTargets
-    T_world_base: Array
+    state: RoverPose
     T_world_links: Array
     T_world_cameras: list[Array]
     windows: list[Window]

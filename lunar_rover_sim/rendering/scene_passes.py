@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import moderngl
 
 from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.frames import Array, sun_direction
+from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.rock_shadow import sun_axes
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.rendering.config import RenderConfig
@@ -25,6 +25,7 @@ from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
 from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.rendering.surface import Surface, TileMaker
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World
 
@@ -104,12 +105,12 @@ class ScenePasses:
         for program in self._programs:
             set_uniform(program, **values)
 
-    def draw_geometry(self, request: Request, T_world_base: Array,
-                      joint_angle_rad: Array) -> Scene:
+    def draw_geometry(self, request: Request, state: RoverPose) -> Scene:
         """Draw the depth of the ground and choose what else is in view."""
         self._targets.reverse()
         targets, projection = self._targets[0], self._projection
-        links = self._rover.poses(T_world_base, joint_angle_rad)
+        T_world_base = state.T_world_base
+        links = self._rover.poses(T_world_base, state.joint_angle_rad)
         # Both cameras decide what is drawn: an image does not depend on the other layers.
         cameras = [T_world_base @ self._rig.T_base_left, T_world_base @ self._rig.T_base_right]
         volume = projection.view_volume(cameras, self._world)
@@ -118,7 +119,7 @@ class ScenePasses:
             self._lamp.draw(T_world_base, self._world, self._ground, self._rocks)
         w, h = projection.width, projection.height
         windows = [(0, side * h, w, h) for side in range(len(cameras))]
-        scene = Scene(request, targets, T_world_base, links, cameras, windows)
+        scene = Scene(request, targets, state, links, cameras, windows)
         if request.lit:
             self._sun.look(scene, volume, Occluders(self._ground, self._rocks, self._rover,
                                                     self._sunlight))
@@ -162,11 +163,19 @@ class ScenePasses:
             finally:
                 self._context.depth_func = '<'
 
+    def mark_rover(self, scene: Scene, target: moderngl.Framebuffer) -> None:
+        """Draw which link of the rover each pixel of a lit scene shows, as `RoverPass.mark`."""
+        for side in scene.request.sides:
+            scene.targets.views[side].bind()
+            clear_window(target, scene.windows[side])
+            self._rover.mark(scene.T_world_links, self.lit.depth)
+
     def _look_from(self, scene: Scene, side: int) -> None:
         """Draw for a camera from now on."""
         scene.targets.views[side].bind()
         if self._lamp is not None:
-            self._lamp.bind(self._programs, scene.T_world_base, scene.T_world_cameras[side])
+            self._lamp.bind(self._programs, scene.state.T_world_base,
+                            scene.T_world_cameras[side])
 
     def _draw_objects(self, scene: Scene, target: Any, side: int, *, truth: bool = False) -> None:
         target.use()

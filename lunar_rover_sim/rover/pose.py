@@ -1,4 +1,4 @@
-"""Where the rover is and how its legs stand: all that a picture of it depends on."""
+"""Where the rover is, how its legs stand, and how both move: what a picture of it depends on."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from lunar_rover_sim.frames import Array
 
 
 class Posed(Protocol):
-    """Something with a pose and leg angles, such as `physics.state.RoverState` or `RoverPose`."""
+    """Something with a pose, leg angles and their velocities.
+
+    It is a `physics.state.RoverState` or a `RoverPose`.
+    """
 
     @property
     def T_world_base(self) -> Array:
@@ -21,14 +24,36 @@ class Posed(Protocol):
     def joint_angle_rad(self) -> Array:
         """(4,) leg angles [rad] in the order of LEG_NAMES."""
 
+    @property
+    def linear_velocity_mps(self) -> Array:
+        """(3,) velocity of the origin of base_link, base axes [m/s]."""
+
+    @property
+    def angular_velocity_radps(self) -> Array:
+        """(3,) angular velocity of base_link, base axes [rad/s]."""
+
+    @property
+    def joint_velocity_radps(self) -> Array:
+        """(4,) velocities of the legs [rad/s] in the order of LEG_NAMES."""
+
+
+def _zeros(count: int) -> Array:
+    return dataclasses.field(default_factory=lambda: np.zeros(count))
+
 
 @dataclasses.dataclass(frozen=True)
 class RoverPose:
-    """A pose that no simulation has to produce.
+    """A pose, and a motion, that no simulation has to produce. By default the rover is at rest.
 
     T_world_base: (4, 4) pose of base_link in the world, translation in metres
     joint_angle_rad: (4,) leg angles [rad] in the order of LEG_NAMES
+    linear_velocity_mps: (3,) of the origin of base_link, base axes
+    angular_velocity_radps: (3,) base axes
+    joint_velocity_radps: (4,) of the legs
     """
 
     T_world_base: Array
-    joint_angle_rad: Array = dataclasses.field(default_factory=lambda: np.zeros(4))
+    joint_angle_rad: Array = _zeros(4)
+    linear_velocity_mps: Array = _zeros(3)
+    angular_velocity_radps: Array = _zeros(3)
+    joint_velocity_radps: Array = _zeros(4)

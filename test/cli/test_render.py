@@ -46,6 +46,20 @@ def test_render_writes_all_layers(folder, tmp_path, capsys):
     assert 'exists; name a new folder' in capsys.readouterr().err
 
 
+def test_a_twist_blurs_the_images_and_nothing_else(folder, tmp_path):
+    options = ['render', 'flat', '--world', str(folder), '--set', 'render_node.camera.width=160',
+               '--set', 'render_node.camera.height=120']
+    assert main([*options, '-o', str(tmp_path / 'still')]) == 0
+    assert main([*options, '--twist', '-0.1,0,0,0,0,10', '-o', str(tmp_path / 'turning')]) == 0
+    images, depths = ([read(str(tmp_path / name / f'000_{layer}')) for name in
+                       ('still', 'turning')] for read, layer in ((cv2.imread, 'left.png'),
+                                                                 (np.load, 'depth_m.npy')))
+    still, turning = (np.abs(np.diff(image[..., 0].astype(float), axis=1)).mean()
+                      for image in images)
+    assert turning < 0.8 * still
+    np.testing.assert_array_equal(*depths)
+
+
 @pytest.mark.parametrize('arguments,message', [
     (['--pose', '1e6,0,0'], 'pose: (1e+06, 0) lies outside the world; valid are x and y within'),
     (['--set', 'render_node.sun.elevation_deg=-4'], 'sun.elevation_deg: -4.0 is not valid; valid'),

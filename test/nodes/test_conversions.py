@@ -67,6 +67,18 @@ def test_odometry(state: RoverState) -> None:
     assert np.allclose(T[:3, 0], [0, 1, 0])
 
 
+def test_the_twist_of_odometry(state: RoverState) -> None:
+    """It comes back as it was written, in axes of base_link; one that is not finite is refused."""
+    state = dataclasses.replace(state, angular_velocity_radps=np.array([0.1, -0.2, 0.3]))
+    msg = conversions.fill_odometry(Odometry(), state, conversions.time_msg(0))
+    linear, angular = conversions.twist_of(msg)
+    assert linear.tolist() == [0.1, 0.0, 0.0]
+    assert angular.tolist() == [0.1, -0.2, 0.3]
+    msg.twist.twist.angular.y = float('nan')
+    with pytest.raises(GraphError, match='odom: twist .* is not valid; valid is finite'):
+        conversions.twist_of(msg)
+
+
 def test_an_invalid_pose_is_refused(state: RoverState) -> None:
     """An all-zero quaternion, as in a message that was never filled, is named."""
     msg = conversions.fill_odometry(Odometry(), state, conversions.time_msg(0))

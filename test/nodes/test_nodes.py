@@ -130,6 +130,32 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     assert 0.2 < np.nanmin(depth) < 2.0
 
 
+def test_render_node_blurs_by_the_twist_of_odometry(peer: Peer, world_folder: Path) -> None:
+    """The same pose at rest, then turning: the second picture has less contrast along its rows."""
+    images = peer.listen(Image, 'stereo/left/image_raw')
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = Odometry()
+    odometry.pose.pose.position.z = 0.1
+    odometry.pose.pose.orientation.w = 1.0
+
+    def contrast() -> float:
+        image = images[-1]
+        pixels = np.frombuffer(bytes(image.data), np.uint8).reshape(image.height, image.width)
+        return float(np.abs(np.diff(pixels.astype(float), axis=1)).mean())
+
+    def publish(stamp_s: int) -> None:
+        odometry.header.stamp.sec = stamp_s
+        poses.publish(odometry)
+
+    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
+                 'sensor.shot_noise:=false', '-p', 'sensor.read_noise:=false'):
+        peer.spin_until(lambda: bool(images), limit_s=60.0, meanwhile=lambda: publish(1))
+        at_rest = contrast()
+        odometry.twist.twist.angular.z = 20.0
+        peer.spin_until(lambda: images[-1].header.stamp.sec == 2, meanwhile=lambda: publish(2))
+        assert contrast() < 0.7 * at_rest
+
+
 def test_render_node_draws_only_what_is_read(peer: Peer, world_folder: Path) -> None:
     """With a reader of the left image alone nothing else is published but camera_info."""
     left = peer.listen(Image, 'stereo/left/image_raw')

@@ -375,7 +375,7 @@ def test_no_pinholes_where_meshes_meet():
         passes = ScenePasses(context, built, scene.ROVER, config, projection, 0)
         for _ in range(40):
             pose = pose_on(built, *rng.uniform(-4.0, 4.0, 2), rng.uniform(0.0, 360.0))
-            drawn = passes.draw_geometry(Request.of(('left', 'right'), 0), pose, STILL)
+            drawn = passes.draw_geometry(Request.of(('left', 'right'), 0), RoverPose(pose))
             for side in (LEFT, RIGHT):
                 ground = read_image(drawn.targets.ground[side], 0, side,
                                     (rig.height, rig.width), (0, 0)) > 0.0

@@ -5,11 +5,13 @@ uniform mat4 u_links[5];
 #include "view.glsl"
 out vec3 v_relative, v_normal;
 out float v_albedo;
+flat out float v_link;
 
 void main() {
     mat4 link = u_links[int(a_link)];
     v_relative = (link * vec4(a_position, 1.0)).xyz - u_camera;
     v_normal = mat3(link) * a_normal;
     v_albedo = a_albedo;
+    v_link = a_link;
     gl_Position = u_clip * vec4(v_relative, 1.0);
 }

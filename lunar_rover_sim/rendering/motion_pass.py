@@ -1,0 +1,166 @@
+"""The pass of motion: the mean of radiance over the exposure, from the picture at its stamp."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from lunar_rover_sim.camera.motion import CameraTwist, ground_twist, leg_twists
+from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.frame_targets import attachment
+from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.scene import Scene
+from lunar_rover_sim.rendering.scene_passes import ScenePasses
+from lunar_rover_sim.rendering.seen_links import seen_links
+from lunar_rover_sim.rover.description import RoverDescription
+
+_STILL_PX = 0.05        # a picture in which nothing moves farther stays as it is
+_STEP_PX = 1.5          # between samples on the longest path; most paths are half as long
+_MOST_SAMPLES = 128
+_GRID = np.linspace(0.0, 1.0, 5)    # places in the image, over its size, where paths are measured
+_NEAREST_M = 0.1        # least depth that counts then
+_RADIANCE, _DEPTH, _LINK = range(3)     # texture units
+
+
+class MotionPass:
+    """Blurs pairs of radiance images by the motion during the exposure, and rolls the shutter.
+
+    The exposure of the middle row is centred on the stamp; with a global shutter, that of all
+    rows is. Velocities are taken as constant. The picture at the stamp is sampled along the path
+    of each pixel, and what lies beyond the image repeats its edge. Parts of the rover in view
+    move as their links do. Shadows move with the ground, also those of the rover and of its lamp.
+    """
+
+    def __init__(self, context: moderngl.Context, rover: RoverDescription, config: RenderConfig,
+                 projection: Projection) -> None:
+        """Compile the programs; projection: of both cameras."""
+        self._context, self._rover, self._projection = context, rover, projection
+        rig = StereoRig(rover, config.camera)
+        self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
+        self._blur, self._line_time_s = config.sensor.motion_blur, config.sensor.line_time_s
+        self._roll_s = rig.height * self._line_time_s
+        seen = seen_links(rover, self._T_base_cameras, projection)
+        self._sees_rover, self._legs = bool(seen), [link for link in seen if link > 0]
+        size = (projection.width, 2 * projection.height)
+        self._image = attachment(context, size)
+        self._target = context.framebuffer([self._image])
+        self._sampler = context.sampler(repeat_x=False, repeat_y=False,
+                                        filter=(context.LINEAR, context.LINEAR))
+        rolling: dict[str, int] = {}
+        if self._line_time_s > 0.0:
+            rolling = {'ROLLING': 1, **({'DISTORTED': 1} if config.camera.distorted else {})}
+        self._programs = [load_program(context, 'screen', 'motion', BODIES=1, SHORT=1),
+                          load_program(context, 'screen', 'motion', BODIES=1 + len(self._legs),
+                                       **({'ROVER': 1} if self._sees_rover else {}), **rolling)]
+        K = projection.K
+        for program in self._programs:
+            set_uniform(program, u_radiance=_RADIANCE, u_depth=_DEPTH, u_link=_LINK,
+                        u_pinhole=(K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
+                        u_texel=(1.0 / size[0], 1.0 / size[1]), u_line_time=self._line_time_s,
+                        u_distortion=config.camera.distortion,
+                        u_leg=np.array([0, *(1 + link for link in self._legs)], np.float32))
+        self._screens = [context.vertex_array(program, []) for program in self._programs]
+        self._links = LinkTargets(context, size) if self._sees_rover else None
+
+    def draw(self, passes: ScenePasses, scene: Scene, exposure_s: float) -> moderngl.Texture:
+        """Return the mean radiance over an exposure [s] of a scene that has just been lit.
+
+        Where nothing moves far enough to be seen, this is the lit picture itself.
+        """
+        exposure_s *= self._blur
+        twists = {side: self._twists(scene, side) for side in scene.request.sides}
+        longest = max((self._longest_path(scene, side, twists[side], exposure_s + self._roll_s)
+                       for side in twists), default=0.0)
+        if longest < _STILL_PX:
+            return passes.lit.radiance
+        samples = 2 * math.ceil(0.5 * longest / _STEP_PX)
+        short = samples == 2 and not self._sees_rover and not self._line_time_s
+        values: dict[str, Any] = {'u_exposure': exposure_s,
+                                  'u_samples': min(samples, _MOST_SAMPLES) if self._blur else 1}
+        if self._links is not None:
+            passes.mark_rover(scene, self._links.framebuffer)
+            self._links.link.use(_LINK)
+        program, screen = ((self._programs[0], self._screens[0]) if short
+                           else (self._programs[1], self._screens[1]))
+        self._target.use()
+        self._context.enable_only(self._context.NOTHING)
+        passes.lit.radiance.use(_RADIANCE)
+        passes.lit.depth.use(_DEPTH)
+        for unit in (_RADIANCE, _LINK):
+            self._sampler.use(unit)
+        for side, bodies in twists.items():
+            if short:
+                bodies = bodies[:1]
+            self._target.viewport = window = scene.windows[side]
+            set_uniform(program, u_rows=(window[1], window[3] - 1), **values,
+                        u_rate=_packed([twist.angular_velocity_radps for twist in bodies]),
+                        u_velocity=_packed([twist.linear_velocity_mps for twist in bodies]),
+                        u_leg_nearness=self._leg_nearness(scene, side))
+            screen.render(vertices=3)
+        for unit in (_RADIANCE, _LINK):
+            self._sampler.clear(unit)
+        return self._image
+
+    def _twists(self, scene: Scene, side: int) -> list[CameraTwist]:
+        """Return the motion of a camera relative to the world, then to the legs that it sees."""
+        camera = self._T_base_cameras[side]
+        legs = leg_twists(scene.state, camera, self._rover)
+        return [ground_twist(scene.state, camera), *(legs[link - 1] for link in self._legs)]
+
+    def _leg_nearness(self, scene: Scene, side: int) -> Array:
+        """Return the inverse depths of the axles of the legs in view, after a 0 [1/m]."""
+        camera = scene.T_world_cameras[side]
+        axles = scene.T_world_links[self._legs, :3, 3] - camera[:3, 3]
+        depth = np.maximum(axles @ camera[:3, 2], _NEAREST_M)
+        return np.concatenate([[0.0], 1.0 / depth]).astype(np.float32)
+
+    def _longest_path(self, scene: Scene, side: int, twists: list[CameraTwist],
+                      time_s: float) -> float:
+        """Return about how far points move in the image during a time, at most [px].
+
+        It is measured at 25 places, where the ground is taken to be level under the rover's feet.
+        """
+        K, camera = self._projection.K, scene.T_world_cameras[side]
+        u, v = np.meshgrid(_GRID * (self._projection.width - 1),
+                           _GRID * (self._projection.height - 1))
+        rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)],
+                        axis=-1).reshape(-1, 3)
+        fall = -(rays @ camera[2, :3])
+        height = max(camera[2, 3] - scene.T_world_links[1:, 2, 3].mean()
+                     + self._rover.legs.spoke_length_m, _NEAREST_M)
+        ground = np.minimum(np.maximum(fall, 0.0) / height, 1.0 / _NEAREST_M)
+        nearness = [ground, *(np.full(len(rays), n) for n in self._leg_nearness(scene, side)[1:])]
+        speeds = [twist.image_speed(rays, near) for twist, near in zip(twists, nearness)]
+        return float(np.max(speeds)) * time_s * self._projection.focal_px
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        if self._links is not None:
+            self._links.release()
+        release_all(*self._screens, *self._programs, self._sampler, self._target, self._image)
+
+
+class LinkTargets:
+    """Where it is drawn which pixels show which link of the rover.
+
+    link: texture of 0 where none is seen, else of 1 + the index of the link; framebuffer: of it
+    """
+
+    def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
+        self.link = attachment(context, size)
+        self._buffer = context.depth_renderbuffer(size)
+        self.framebuffer = context.framebuffer([self.link], self._buffer)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        release_all(self.framebuffer, self._buffer, self.link)
+
+
+def _packed(vectors: list[Array]) -> Array:
+    return np.array(vectors, np.float32)
