@@ -162,8 +162,8 @@ def test_the_picture_is_the_mean_of_sub_exposures(name):
                   'permanent_shadow': 20e-3}[name]
     scenario = Scenario.load(name, ['world.size_m=12.8', 'world.surroundings.samples=257'])
     world = build_world(scenario.world, 1)
-    config = dataclasses.replace(
-        scenario.render_node, lens=CLEAR, sensor=dataclasses.replace(LINEAR, exposure_s=exposure_s))
+    sensor = dataclasses.replace(LINEAR, exposure_s=exposure_s)
+    config = dataclasses.replace(scenario.render_node, lens=CLEAR, sensor=sensor)
     z = float(world.height_at((0.0, 0.0))) + 0.09
     state = RoverPose(scene.pose(z=z, yaw_deg=160.0), **WALK)
     with Renderer(world, scenario.rover, config, 1) as renderer:

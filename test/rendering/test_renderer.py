@@ -293,7 +293,7 @@ def test_a_state_of_physics_is_drawn(world, renderer):
     numbers = {field.name: np.zeros(3) for field in dataclasses.fields(RoverState)}
     state = RoverState(**{**numbers, 'position_m': pose[:3, 3],
                           'orientation_wxyz': wxyz_from_matrix(pose[:3, :3]),
-                          'joint_angle_rad': STILL + 0.3})
+                          'joint_angle_rad': STILL + 0.3, 'joint_velocity_radps': STILL})
     np.testing.assert_allclose(state.T_world_base, pose, atol=1e-12)
     a, b = (renderer.render(s, 0, ('left',)).left for s in (state, RoverPose(pose, STILL + 0.3)))
     assert np.mean(a != b) < 1e-3
