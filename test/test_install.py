@@ -117,7 +117,7 @@ def test_manifest_names_python_dependencies(manifest: ET.Element, prefix: Path) 
     other_names = {'opencv-python-headless': 'opencv', 'pyyaml': 'yaml'}
     declared = {str(element.text).removeprefix('python3-').removesuffix('-pip')
                 for element in manifest.findall('exec_depend')}
-    by_pip = re.search(r'install with pip: ([\w, ]+)\.', (ROOT / 'package.xml').read_text())
+    by_pip = re.search(r'install with pip: ([\w., ]+)\. --', (ROOT / 'package.xml').read_text())
     assert by_pip is not None
     declared.update(by_pip[1].split(', '))
     required = {re.split(r'[<>=;\[ ]', line)[0].lower()
