@@ -11,7 +11,8 @@ from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, lattice
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
-from lunar_rover_sim.rendering.surface import Surface
+from lunar_rover_sim.rendering.relief_brightness import LEVELS
+from lunar_rover_sim.rendering.surface import Surface, ZONE
 from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.world.model import World
 
@@ -53,6 +54,7 @@ class GroundPass:
                                         CHUNK=CHUNK)}
         self._programs = {
             name: load_program(context, 'screen', 'ground', LEVELS=len(world.levels),
+                               RELIEF_LEVELS=LEVELS, ZONE=ZONE,
                                **flags, **({'LAMP': 1} if lamp and 'lit' in name.split() else {}))
             for name, flags in _SHADERS.items()}
         self.programs = tuple(self._programs.values())

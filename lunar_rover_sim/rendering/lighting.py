@@ -9,10 +9,6 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.rendering.config import RenderConfig
 
-# Mean slope of the relief that is too fine to be drawn near the camera. Far away no fine relief is
-# drawn, and the mean slope is that of the parameter set.
-_NEAR_THETA_DEG = 8.0
-
 
 def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, Any]:
     """Return values by the names of uniforms."""
@@ -25,8 +21,6 @@ def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, 
         'u_heading': tuple(sun_direction / horizontal),
         'u_irradiance': config.sun.irradiance,
         'u_sun_radius': math.radians(0.5 * config.sun.angular_diameter_deg),
-        'u_theta': (math.tan(math.radians(_NEAR_THETA_DEG)),
-                    math.tan(math.radians(ground.theta_deg))),
         'u_rock_theta': math.tan(math.radians(rocks.theta_deg)),
         'u_diffuse': (hapke.hemispherical_albedo(ground) * scale / math.pi,
                       hapke.hemispherical_albedo(rocks) / math.pi),

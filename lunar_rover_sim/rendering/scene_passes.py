@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from typing import Any, TypeVar
 
 import moderngl
@@ -18,12 +19,14 @@ from lunar_rover_sim.rendering.ground_pass import GroundPass
 from lunar_rover_sim.rendering.lamp_shadow import LampShadow
 from lunar_rover_sim.rendering.lighting import lighting_constants
 from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.relief_brightness import relief_brightness
+from lunar_rover_sim.rendering.relief_tiles import TileMaker
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
 from lunar_rover_sim.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
 from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
-from lunar_rover_sim.rendering.surface import Surface, TileMaker
+from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.far_rocks import far_rocks
@@ -93,7 +96,9 @@ class ScenePasses:
         self._sunlight = Sunlight(self._world, sun, self._config.reflectance, direction,
                                   indirect=self._config.detail.bounce, far=self._far_rocks)
         self._sun_axes = sun_axes(self._sunlight.sun)
-        self._surface.light(self._sunlight, *tiles.result())
+        made, radius = tiles.result(), math.radians(0.5 * sun.angular_diameter_deg)
+        self._surface.light(self._sunlight, radius, made, relief_brightness(
+            made, self._config.reflectance, self._sunlight.sun.elevation_rad, radius))
         return self._sunlight
 
     def _set_constants(self) -> None:

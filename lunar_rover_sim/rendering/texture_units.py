@@ -1,3 +1,4 @@
 """The texture units of the scene: each texture is always bound to the same one."""
 
-HEIGHTS, GROUND, MATTER, TILE_A, TILE_B, GROUND_DEPTH, ROVER_SHADOW, LAMP_DEPTH = range(8)
+(HEIGHTS, GROUND, MATTER, TILE_A, TILE_B, GROUND_DEPTH, ROVER_SHADOW, LAMP_DEPTH,
+ RELIEF_FACTOR) = range(9)

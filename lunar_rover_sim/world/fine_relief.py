@@ -1,9 +1,9 @@
 """Relief below the grid: periodic tiles of millimetre relief, pits and pebbles.
 
 A tile holds slope and, towards one sun azimuth, the tangent of the horizon over its own mean
-plane; it is fixed to the ground. Two tiles of different period, turned against each other, hide
-each other's repetition. Coarser mip levels hold the mean and the deviation of the horizon, so that
-the share of a pixel's footprint that lies in shadow is known without drawing it.
+plane. Its salience says where pits, pebbles and their shadows are: where two copies of a tile
+meet, the more salient one is drawn, so that these stay whole. What coarser mip levels average away
+is known as the variance of the slope and the deviation of the horizon of each level.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
+
+SPREAD = 1.8            # a uniform distribution has 3**0.5
+_SALIENCE_TEXELS = 5    # over which salience is smoothed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,22 +112,77 @@ def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[n
     return np.ascontiguousarray(out.T if swap else out)
 
 
+@dataclasses.dataclass(frozen=True)
+class TileLevels:
+    """The mip levels of a tile, the finest first.
+
+    codes: RGBA8 of each level, (n, n, 4): slope / scale + 1/2, horizon in its range, salience
+    slope_variance: (levels,) of both slopes together
+    spread: (levels,) half width of the edge of shadows, as a tangent: `SPREAD` times the RMS of
+        the tangent of the horizon within a texel
+    """
+
+    codes: list[NDArray[np.uint8]]
+    slope_variance: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+
 def mip_levels(slope: F32, tangent: F32, slope_scale: float, centre: float,
-               half_range: float) -> list[NDArray[np.uint8]]:
-    """Return RGBA8 mip levels: slope / scale / 2 + 1/2, horizon in its range, its deviation."""
-    coarsest = int(np.log2(len(tangent)))
-    levels = []
-    square = tangent * tangent
-    for level in range(coarsest + 1):
+               half_range: float) -> TileLevels:
+    """Return the levels of a tile, for (n, n, 2) slopes and (n, n) tangents of the horizon.
+
+    centre: tangent of the sun's elevation; half_range: of the horizon around it. The horizon of a
+    coarser level is its mean, moved so that as much of level ground is lit as on the finest one.
+    """
+    channels = [slope, tangent, salience(slope, tangent)]
+    square, lit = float(np.mean(tangent * tangent)), float(np.mean(tangent < centre))
+    codes, variance, spreads = [], [], []
+    for level in range(int(np.log2(len(tangent))) + 1):
         if level:
-            slope, tangent, square = _halved(slope), _halved(tangent), _halved(square)
-        deviation = np.sqrt(np.maximum(square - tangent * tangent, np.float32(0.0)))
+            channels = [_halved(channel) for channel in channels]
+        slope, tangent, salient = channels
+        spread = SPREAD * max(square - float(np.mean(tangent * tangent)), 0.0)**0.5
+        shift = _shift(tangent, centre, spread, lit) if level else 0.0
         code = np.empty((*tangent.shape, 4), np.uint8)
         code[..., :2] = _coded(slope, 255.0 / slope_scale, 128.0)
-        code[..., 2] = _coded(tangent, 127.5 / half_range, 127.5 * (1.0 - centre / half_range))
-        code[..., 3] = _coded(deviation, 127.5 / half_range, 0.0)
-        levels.append(code)
-    return levels
+        code[..., 2] = _coded(tangent, 127.5 / half_range,
+                              127.5 * (1.0 - (centre - shift) / half_range))
+        code[..., 3] = _coded(salient, 255.0, 0.0)
+        codes.append(code)
+        variance.append(2.0 * float(np.mean(slope * slope)))
+        spreads.append(spread)
+    return TileLevels(codes, np.array(variance), np.array(spreads))
+
+
+def _shift(tangent: F32, sun: float, spread: float, lit: float) -> float:
+    """Return what to add to horizons so that this share of the ground is lit, by bisection."""
+    above = sun - tangent.ravel()[::max(tangent.size // 20_000, 1)]
+    low, high = -1.0, 1.0
+    for _ in range(14):
+        middle = 0.5 * (low + high)
+        if np.mean(disc_share((above - middle) / max(spread, 1e-6))) > lit:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high) if spread > 1e-6 else 0.0
+
+
+def disc_share(angle: NDArray[Any]) -> NDArray[Any]:
+    """Return the visible share of a disc whose centre lies this many radii above an edge.
+
+    The same as `disc` in shaders/common.glsl; its error is below 0.01.
+    """
+    x = np.clip(angle, -1.0, 1.0)
+    return np.asarray(0.5 + x * (0.6366 - 0.1366 * x * x))
+
+
+def salience(slope: F32, tangent: F32) -> F32:
+    """Return (n, n) values from 0 to 1 that are high on pits and pebbles and in their shadows."""
+    energy = np.square(slope).sum(axis=2) + np.square(np.maximum(tangent, np.float32(0.0)))
+    edge = 3 * _SALIENCE_TEXELS
+    padded = np.pad(energy, edge, mode='wrap')
+    smooth = cv2.GaussianBlur(padded, (0, 0), _SALIENCE_TEXELS)[edge:-edge, edge:-edge]
+    return np.asarray(smooth / (smooth + max(float(np.median(smooth)), 1e-9)), np.float32)
 
 
 def _halved(values: F32) -> F32:

@@ -1,18 +1,15 @@
-// Lit regolith: slope and shadow of the grid, two tiles of finer relief, albedo, indirect light.
+// Lit regolith: slope and shadow of the grid, finer relief, albedo, indirect light.
 #include "common.glsl"
 #include "ray.glsl"
+#include "relief.glsl"
 uniform sampler2D u_depth;
 uniform sampler2DArray u_ground;    // slope x, slope y, clearance, occluder distance
-// Albedo / 2, roots of 4 irradiance scattered here and around, share in the shadow of far rocks.
+// Albedo / 2, roots of 4 irradiance scattered here and around; on the finest level the share of the
+// sun that is seen, on the others the share of ground in the shadow of far rocks.
 uniform sampler2DArray u_matter;
-uniform sampler2D u_tile_a, u_tile_b;   // slope x, slope y, horizon tangent, its deviation
-uniform vec4 u_tile;            // 1 / period of a and b [1/m], slope scale of a and b
-uniform vec4 u_turn;            // cos, sin of the turn of tile b; centre and half range of horizon
 // Of each level: scale and offset from metres to texture units, log2 of texels per metre, half
 // extent [m].
 uniform vec4 u_level[LEVELS];
-uniform vec2 u_lod;             // log2 of texels per metre of tiles a and b
-uniform vec2 u_theta;           // tangent of the roughness that is not drawn: near, far
 uniform Hapke u_regolith;
 uniform vec3 u_heading;         // to the sun over level ground; tangent of its elevation
 
@@ -140,45 +137,44 @@ void main() {
         float size = depth * u_pixel;
         float along = min(size / max(abs(view.z), 0.02), 4.0 * size);
         float level = log2(along);
-        vec4 ground = textureLod(u_ground, uv, mip(level + grid.z));
+        float coarse = mip(level + grid.z);
+        vec4 ground = textureLod(u_ground, uv, coarse);
         // Far rocks' shadows are as narrow as a pixel: they are not blurred along the view.
         vec4 matter = textureLod(u_matter, uv, layer > 0.0 ? max(log2(size) + grid.z, 0.0)
-                                                           : mip(level + grid.z));
-        vec4 a = textureLod(u_tile_a, xy * u_tile.x, mip(level + u_lod.x));
-        mat2 turn = mat2(u_turn.x, u_turn.y, -u_turn.y, u_turn.x);
-        vec4 b = textureLod(u_tile_b, turn * xy * u_tile.y, mip(level + u_lod.y));
-        vec2 slope_a = (a.xy - 0.501961) * u_tile.z;
-        vec2 slope_b = (b.xy - 0.501961) * u_tile.w * turn;
-        vec2 slope = ground.xy + slope_a + slope_b;
+                                                           : coarse);
+        float detail = min(mip(level + u_tile.w), float(RELIEF_LEVELS - 1));
+        vec4 scales = relief_scales(detail);
+        Relief relief = relief_at(xy, detail);
+        vec2 slope = ground.xy + relief.slope_a + relief.slope_b;
         vec3 normal = normalize(vec3(-slope, 1.0));
         // Faces of the fine relief that turn away from the camera are hidden by those that face it.
-        float least = clamp(dot(normalize(vec3(-ground.xy, 1.0)), view), 0.02, 0.08);
+        vec3 up = normalize(vec3(-ground.xy, 1.0));
+        float cosine = dot(up, view);
+        float least = clamp(cosine, 0.02, 0.08);
         normal = normalize(normal + view * max(least - dot(normal, view), 0.0));
         vec2 heading = u_heading.xy;
         float tangent = u_heading.z - dot(ground.xy, heading);
         float width = u_sun_radius * (1.0 + tangent * tangent);
+        // Clearances make a crisp edge, but their mean is none: coarser mip levels of the finest
+        // grid are of visibility.
         float lit = disc(ground.z / ground.w, u_sun_radius);
-        float above_a = tangent - (u_turn.z + (2.0 * a.z - 1.0) * u_turn.w);
-        float above_b = tangent - dot(slope_a, heading) - (u_turn.z + (2.0 * b.z - 1.0) * u_turn.w);
-        float spread_a = 2.0 * a.w * u_turn.w, spread_b = 2.0 * b.w * u_turn.w;
-        float lit_a = disc(above_a, width + 1.8 * spread_a);
-        float lit_b = disc(above_b, width + 1.8 * spread_b);
-        float far = clamp((level + 7.9) * (1.0 / 4.5), 0.0, 1.0);
-        far *= far * (3.0 - 2.0 * far);
-        lit *= mix(lit_a * lit_b, 1.0, far);
-        lit *= 1.0 - matter.a;
+        lit = layer > 0.0 ? lit * (1.0 - matter.a) : mix(lit, matter.a, min(coarse, 1.0));
+        float drawn = disc(tangent - relief.horizon.x, width + scales.y)
+            * disc(tangent - dot(relief.slope_a, heading) - relief.horizon.y, width + scales.z);
+        drawn *= scales.w / (1.0 + (scales.w - 1.0) * drawn);
+        lit *= drawn * relief_factor(detail, cosine, dot(up, u_sun), dot(u_sun, view), tangent);
 #ifdef ROVER_SHADOW
         lit *= rover_visibility(relative);
 #endif
         float albedo = 2.0 * matter.r;
         float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
         float reflectance = hapke(lit > 0.0 ? mu0 : 0.0, mu, dot(u_sun, view),
-                                  mix(u_theta.x, u_theta.y, far), albedo, u_regolith);
+                                  scales.x, albedo, u_regolith);
 #ifdef LAMP
         vec3 to_lamp;
-        float lamp = lamp_irradiance(relative, normalize(vec3(-ground.xy, 1.0)), to_lamp);
+        float lamp = lamp_irradiance(relative, up, to_lamp);
         float lamp_radiance = lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view),
-                                           mix(u_theta.x, u_theta.y, far), albedo, u_regolith);
+                                           scales.x, albedo, u_regolith);
 #else
         const float lamp_radiance = 0.0;
 #endif

@@ -1,0 +1,109 @@
+"""The tiles of relief below the grid, as the ground is drawn with them."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.illumination.horizon import SunGeometry
+from lunar_rover_sim.rendering.config import DetailConfig
+from lunar_rover_sim.world import fine_relief
+
+F32 = NDArray[np.float32]
+
+SLOPE_SCALE = 3.0       # slopes of the tiles lie within plus and minus half of this
+FINER = 2               # the texel of the fine tile is 2**-FINER of that of the coarse one
+_TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_share=1.0,
+               pit_m=(0.025, 0.22), pebble_m=(0.011, 0.035)),
+          dict(n=2048, period_m=1.6, longest_m=0.012, hurst=0.6, pit_share=0.5,
+               pit_m=(0.005, 0.025), pebble_m=(0.0035, 0.011)))
+
+
+@dataclasses.dataclass(frozen=True)
+class ReliefTile:
+    """One periodic tile under a sun.
+
+    period_m: side of the tile
+    codes: RGBA8 of each mip level, (n, n, 4), see `fine_relief.TileLevels`
+    slope_variance, spread: (levels,), as there
+    """
+
+    period_m: float
+    codes: list[NDArray[np.uint8]]
+    slope_variance: Array
+    spread: Array
+
+    @property
+    def texel_m(self) -> float:
+        """Side of a texel of the finest level."""
+        return self.period_m / len(self.codes[0])
+
+
+@dataclasses.dataclass(frozen=True)
+class ReliefTiles:
+    """The tiles under a sun.
+
+    heading: (2,) horizontal unit vector towards the sun
+    centre, half_range: of the tangents of the horizon
+    """
+
+    coarse: ReliefTile
+    fine: ReliefTile
+    heading: Array
+    centre: float
+    half_range: float
+
+
+class TileMaker:
+    """Makes the tiles of relief below the grid under any sun; the relief itself only once."""
+
+    def __init__(self, config: DetailConfig, seed: int) -> None:
+        self._config, self._seed = config, seed
+        self._heights: list[F32] = []
+
+    def start(self, sun_direction: Array) -> Future[ReliefTiles]:
+        """Start making the tiles under this sun."""
+        pool = ThreadPoolExecutor(1)
+        try:
+            return pool.submit(self._make, SunGeometry.towards(sun_direction))
+        finally:
+            pool.shutdown(wait=False)
+
+    def _make(self, sun: SunGeometry) -> ReliefTiles:
+        recipes = [_recipe(self._config, k) for k in range(len(_TILES))]
+        if not self._heights:
+            self._heights = [fine_relief.relief(recipe,
+                                                np.random.default_rng([self._seed, 77, k]))
+                             for k, recipe in enumerate(recipes)]
+        centre, half_range = _horizon_range(sun)
+        coarse, fine = (_tile(recipe.period_m, heights, sun, centre, half_range)
+                        for recipe, heights in zip(recipes, self._heights))
+        return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range)
+
+
+def _recipe(config: DetailConfig, k: int) -> fine_relief.TileRecipe:
+    values = dict(_TILES[k])
+    pits = config.pit_cover * values.pop('pit_share')   # type: ignore[operator]
+    return fine_relief.TileRecipe(
+        pit_cover=pits, rms_slope=config.relief_rms_slope,
+        pebble_cover=0.5 * config.pebble_cover, **values)   # type: ignore[arg-type]
+
+
+def _tile(period_m: float, heights: F32, sun: SunGeometry, centre: float,
+          half_range: float) -> ReliefTile:
+    texel = period_m / heights.shape[0]
+    tangents = centre + half_range * np.linspace(-1.0, 1.0, 9)
+    horizon = fine_relief.horizon(heights, texel, sun.azimuth_rad, tangents)
+    levels = fine_relief.mip_levels(fine_relief.slopes(heights, texel), horizon, SLOPE_SCALE,
+                                    centre, half_range)
+    return ReliefTile(period_m, levels.codes, levels.slope_variance, levels.spread)
+
+
+def _horizon_range(sun: SunGeometry) -> tuple[float, float]:
+    """Return centre and half range of the tangents that the horizon may have under this sun."""
+    tangent = np.tan(min(sun.elevation_rad, np.radians(75.0)))
+    return float(tangent), float(0.4 * (1.0 + tangent**2))
