@@ -73,8 +73,8 @@ def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevat
     ground = hapke.parameter_set(reflectance.ground)
     tangent = max(math.tan(elevation_rad), _LEAST_TANGENT)
     rng = np.random.default_rng(0)
-    levels = np.arange(LEVELS)
-    coarse = np.maximum(levels - FINER, 0)
+    levels = list(range(LEVELS))
+    coarse = [max(k - FINER, 0) for k in levels]
     variance = tiles.coarse.slope_variance[coarse] + tiles.fine.slope_variance[levels]
     left = np.sqrt(np.maximum(math.tan(math.radians(ground.theta_deg))**2
                               - 0.25 * math.pi * variance, 0.0))
@@ -179,7 +179,8 @@ def _gain(facets: _Facets, tangent: float) -> float:
     """Return the gain, at least 1, with which a view across the sun is bright enough."""
     sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
     wanted = _LEAST_SHARE * float(facets.law.far(sun[2], _ACROSS[2], _ACROSS @ sun))
-    light, lit = facets.law.drawn(facets.slope, tangent, _ACROSS), facets.lit(tangent)
+    light = facets.law.drawn(facets.slope, tangent, _ACROSS)
+    lit = facets.lit(tangent)
     low, high = 0.0, math.log(_MOST_GAIN)
     for _ in range(12):
         middle = 0.5 * (low + high)
@@ -222,4 +223,5 @@ def _factor(facets: _Facets, tangent: float, gain: float) -> Array:
     view = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
     sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
     drawn = facets.law.drawn(slope, tangent, view) @ share
-    return np.clip(facets.law.far(sun[2], cosine, view @ sun) / np.maximum(drawn, 1e-9), 0.0, MOST_FACTOR)
+    law = facets.law.far(sun[2], cosine, view @ sun)
+    return np.clip(law / np.maximum(drawn, 1e-9), 0.0, MOST_FACTOR)

@@ -71,15 +71,16 @@ class Surface:
         self._release_relief()
         self._tiles, self._brightness = tiles, brightness
         for tile in (tiles.coarse, tiles.fine):
-            texture = context.texture(tile.codes[0].shape[:2], 4, tile.codes[0], dtype='f1')
-            texture.build_mipmaps()
+            n = len(tile.codes[0])
+            relief = context.texture((n, n), 4, tile.codes[0], dtype='f1')
+            relief.build_mipmaps()
             for level, codes in enumerate(tile.codes):
-                texture.write(codes, level=level)
-            texture.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-            self._relief.append(texture)
+                relief.write(codes, level=level)
+            relief.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+            self._relief.append(relief)
         factor = brightness.factor
-        codes = np.rint(255.0 * np.sqrt(factor / MOST_FACTOR)).astype(np.uint8)
-        nodes = context.texture3d(factor.shape[2::-1], 4, codes, dtype='f1')
+        roots = np.rint(255.0 * np.sqrt(factor / MOST_FACTOR)).astype(np.uint8)
+        nodes = context.texture3d(factor.shape[2::-1], 4, roots, dtype='f1')
         nodes.repeat_x = nodes.repeat_y = nodes.repeat_z = False
         self._relief.append(nodes)
 

@@ -56,7 +56,7 @@ def brightness(renderer: Renderer, plain: Renderer, states: Sequence[Posed],
         frame = renderer.render(state, 0, ('radiance', 'depth', 'normal', 'label'))
         assert frame.depth_m is not None and frame.normal is not None
         assert frame.radiance is not None and frame.label is not None
-        law = law_radiance(renderer, state, frame.normal)
+        law = law_radiance(renderer, state, frame.normal.astype(float))
         drawn = frame.radiance / renderer.config.sun.irradiance
         lit = plain.render(state, 0, ('radiance',)).radiance
         assert lit is not None

@@ -142,31 +142,55 @@ def test_stones_and_pits_cross_the_border_of_the_tile():
     assert steps[-1] < 2.0 * np.median(steps)
 
 
-def test_levels_hold_means_and_deviations():
-    """A horizon of two values in a chequer: level by level the mean stays, the deviation is known.
+def test_levels_hold_means_and_what_they_average_away():
+    """A horizon of two values in a chequer, half of it below the sun.
 
     Codes of 8 bits: a slope in steps of scale / 255, a horizon in steps of range / 127.5.
     """
     n, centre, half_range = 16, 0.2, 0.4
     slope = np.zeros((n, n, 2), np.float32)
-    slope[..., 0], slope[..., 1] = 0.25, -0.5
-    tangent = np.where((np.arange(n) + np.arange(n)[:, None]) % 2, 0.5, 0.1).astype(np.float32)
-    levels = fine_relief.mip_levels(slope, tangent, 2.0, centre, half_range)
-    assert [len(level) for level in levels] == [16, 8, 4, 2, 1]
-    for k, level in enumerate(levels):
+    chequer = (np.arange(n) + np.arange(n)[:, None]) % 2
+    slope[..., 0], slope[..., 1] = 0.25, np.where(chequer, 0.5, -0.5)
+    tangent = np.where(chequer, 0.5, 0.1).astype(np.float32)
+    tile = fine_relief.mip_levels(slope, tangent, 2.0, centre, half_range)
+    assert [len(level) for level in tile.codes] == [16, 8, 4, 2, 1]
+    np.testing.assert_allclose(tile.slope_variance, [0.3125] + [0.0625] * 4, atol=1e-6)
+    np.testing.assert_allclose(tile.spread, [0.0] + [0.2 * fine_relief.SPREAD] * 4, atol=1e-6)
+    for k, level in enumerate(tile.codes):
         code = level.astype(float)
         assert level.dtype == np.uint8 and level.shape == (n >> k, n >> k, 4)
         np.testing.assert_allclose((code[..., 0] - 128.0) / 255.0 * 2.0, 0.25, atol=1 / 255)
-        np.testing.assert_allclose((code[..., 1] - 128.0) / 255.0 * 2.0, -0.5, atol=1 / 255)
+        along = np.where(chequer, 0.5, -0.5) if k == 0 else 0.0
+        np.testing.assert_allclose((code[..., 1] - 128.0) / 255.0 * 2.0, along, atol=1 / 255)
         horizon = (code[..., 2] / 127.5 - 1.0) * half_range + centre
-        expected, deviation = (tangent, 0.0) if k == 0 else (0.3, 0.2)
-        np.testing.assert_allclose(horizon, expected, atol=half_range / 200)
-        np.testing.assert_allclose(code[..., 3] / 127.5 * half_range, deviation,
-                                   atol=half_range / 200)
+        # Half of the ground is lit: the coarser horizon is the sun's own height.
+        np.testing.assert_allclose(horizon, tangent if k == 0 else centre, atol=half_range / 200)
+
+
+def test_the_lit_share_is_that_of_the_finest_level():
+    """A tenth of the ground is lit: its mean horizon alone would leave less or none of it lit."""
+    rng = np.random.default_rng(3)
+    tangent = (0.05 + rng.exponential(0.1, (256, 256))).astype(np.float32)
+    sun = float(np.quantile(tangent, 0.1))
+    tile = fine_relief.mip_levels(np.zeros((256, 256, 2), np.float32), tangent, 2.0, sun, 0.4)
+    for k in (1, 2, 4, 6):
+        horizon = (tile.codes[k][..., 2] / 127.5 - 1.0) * 0.4 + sun
+        assert np.mean(fine_relief.disc_share((sun - horizon) / tile.spread[k])) \
+            == pytest.approx(0.1, abs=0.02)
+
+
+def test_a_pebble_is_salient_wherever_it_lies():
+    """Also across the border of the tile, where its smoothing wraps around."""
+    slope = np.zeros((128, 128, 2), np.float32)
+    slope[60:68, 60:68], slope[:4, :4] = 1.0, 1.0
+    salience = fine_relief.salience(slope, np.zeros((128, 128), np.float32))
+    assert salience.min() >= 0.0 and salience.max() <= 1.0
+    assert salience[64, 64] > 0.9 and salience[0, 0] > 0.9 and salience[-2, -2] > 0.5
+    assert salience[30, 100] < 0.1
 
 
 def test_codes_stay_within_a_byte():
     slope = np.full((4, 4, 2), 9.0, np.float32)
     tangent = np.full((4, 4), -9.0, np.float32)
-    level = fine_relief.mip_levels(slope, tangent, 2.0, 0.2, 0.4)[0]
+    level = fine_relief.mip_levels(slope, tangent, 2.0, 0.2, 0.4).codes[0]
     assert np.all(level[..., :2] == 255) and np.all(level[..., 2] == 0)

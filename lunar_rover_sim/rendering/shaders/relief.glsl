@@ -20,7 +20,8 @@ vec4 relief_scales(float level) {
 
 // Shifts of both tiles in a cell, over their periods.
 vec4 placed(ivec2 cell) {
-    uint h = uint(cell.x) * 0x9e3779b9u ^ uint(cell.y) * 0x85ebca6bu;
+    uint h = uint(cell.x) * 0x9e3779b9u + uint(cell.y) * 0x85ebca6bu;
+    h = (h ^ (h >> 16)) * 0x7feb352du;
     h = (h ^ (h >> 15)) * 0x846ca68bu;
     h ^= h >> 16;
     return vec4(uvec4(h, h >> 8, h >> 16, h >> 24) & 0xffu) * (1.0 / 256.0);

@@ -1,0 +1,47 @@
+"""Relief below the grid does not repeat: distant views match no better than other worlds do."""
+
+import camera_scene as scene
+import cv2
+import numpy as np
+import pytest
+
+from lunar_rover_sim.camera.config import SensorConfig
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.scenario import Scenario
+
+AWAY_M = [(6.4, 0.0), (0.0, 6.4), (5.1, 0.0), (0.0, 5.1), (1.6, 0.0), (0.0, -3.2), (1.0, 0.0),
+          (0.5, 0.866025), (12.8, 0.0), (-9.3, 14.1)]
+
+
+def inliers(a, b):
+    """Return the matches of ORB features of two images that one homography explains."""
+    orb = cv2.ORB_create(1500)
+    (points_a, found_a), (points_b, found_b) = (orb.detectAndCompute(i, None) for i in (a, b))
+    matches = cv2.BFMatcher(cv2.NORM_HAMMING, True).match(found_a, found_b)
+    cv2.setRNGSeed(0)
+    mask = cv2.findHomography(np.float32([points_a[m.queryIdx].pt for m in matches]),
+                              np.float32([points_b[m.trainIdx].pt for m in matches]),
+                              cv2.RANSAC, 3.0)[1]
+    return 0 if mask is None else int(mask.sum())
+
+
+@pytest.mark.parametrize('name', ['flat', 'feature_sparse'])
+def test_distant_views_match_no_better_than_other_worlds(name):
+    """The same place 0.1 m further on shows that the matcher would find a repetition."""
+    detail = Scenario.load(name).render_node.detail
+    config = RenderConfig(sun=scene.SunConfig(azimuth_deg=60.0, elevation_deg=6.0), detail=detail,
+                          sensor=SensorConfig(exposure_mode='auto'))
+    world = scene.plane(n=1025, cell_m=0.05)
+
+    def pictures(seed):
+        with Renderer(world, scene.ROVER, config, seed) as renderer:
+            return [renderer.render(RoverPose(scene.pose(x, y, 0.09)), 0, ('left',)).left
+                    for x, y in [(0.0, 0.0), (0.0, 0.0), (0.1, 0.0), *AWAY_M]]
+    here, there = pictures(1), pictures(2)
+    assert inliers(here[1], here[2]) > 100
+    same = [inliers(here[1], picture) for picture in here[3:]]
+    other = [inliers(here[1], picture) for picture in there[3:]]
+    assert max(same) <= max(max(other) + 4, 20), (same, other)
+    assert np.mean(same) <= np.mean(other) + 4
