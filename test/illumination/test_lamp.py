@@ -54,7 +54,7 @@ def test_lamplit_ground_is_as_bright_as_the_inverse_square_says(pitch_deg):
     intensity = peak_intensity(lamp) * cosine[near]**beam_exponent(lamp)
     expected = intensity / distance[near]**2 * reflectance(
         to_lamp[near][:, 2], view[near][:, 2], (to_lamp[near] * view[near]).sum(axis=1),
-        SETS['highland'], theta_deg=8.0)
+        SETS['highland'])
     ratio = frame.radiance[near] / expected
     # In the shadow of a leg it is dark; elsewhere it is what the formula says. With the distance
     # more of the relief is left to the roughness of a pixel: up to 6 % less at a grazing angle.

@@ -285,7 +285,7 @@ def test_plane_is_as_bright_as_hapke_says_at_any_elevation():
                 continue
             to_sun = renderer.sun_direction
             expected = 1361.0 * reflectance(to_sun[2], eye[near][:, 2], eye[near] @ to_sun,
-                                            SETS['highland'], theta_deg=8.0)
+                                            SETS['highland'])
             ratio = drawn / expected
             # Some pixels lie in the shadow of the rover, a few in its penumbra.
             assert np.mean(ratio > 0.5) > 0.5
