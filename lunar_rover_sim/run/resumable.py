@@ -8,12 +8,13 @@ work, the same call completes it.
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 from pathlib import Path
 import shutil
 from typing import Any
 
 from lunar_rover_sim.bag.marker import why_incomplete
-from lunar_rover_sim.errors import BagError, GraphError
+from lunar_rover_sim.errors import BagError, ConfigError, GraphError
 from lunar_rover_sim.files.atomic import sync_folder
 from lunar_rover_sim.run.plan import BAG_FOLDER, resolve, SCENARIO_FILE
 from lunar_rover_sim.run.recording import record, Recording
@@ -44,11 +45,10 @@ def record_once(scenario: Scenario, folder: Path, *, partial: Path | None = None
     GraphError if the run fails or is interrupted, and what `finish` raises.
     """
     scenario = resolve(scenario)
-    text = scenario.to_yaml()
     partial = partial or folder.with_name(f'.{folder.name}.partial')
     try:
         if folder.exists():
-            _check_scenario(folder, text)
+            _check_scenario(folder, scenario)
             if why_unfinished(folder) is None:
                 return folder
             shutil.rmtree(folder)
@@ -61,7 +61,7 @@ def record_once(scenario: Scenario, folder: Path, *, partial: Path | None = None
         reason = why_incomplete_recording(partial)
         if reason is not None:
             raise GraphError(f'{folder}: the recording is incomplete: {reason}')
-        _check_scenario(partial, text)
+        _check_scenario(partial, scenario)
         finish(partial, recording)
         _move_into_place(partial, folder, why_unfinished)
     except OSError as error:
@@ -69,10 +69,20 @@ def record_once(scenario: Scenario, folder: Path, *, partial: Path | None = None
     return folder
 
 
-def _check_scenario(folder: Path, text: str) -> None:
+def _check_scenario(folder: Path, scenario: Scenario) -> None:
     """Raise BagError if a folder holds a recording of another scenario."""
     path = folder / SCENARIO_FILE
-    if path.is_file() and path.read_text(encoding='utf-8') != text:
+    if not path.is_file():
+        return
+    try:
+        recorded = Scenario.load(path)
+    except ConfigError:
+        recorded = None     # not written by this version
+    if recorded is not None and not scenario.run.world_hash:
+        # A recording names the world that it was made on.
+        recorded = dataclasses.replace(
+            recorded, run=dataclasses.replace(recorded.run, world_hash=''))
+    if recorded is None or recorded.to_yaml() != scenario.to_yaml():
         raise BagError(f'{folder}: was recorded from another scenario; name another folder, or '
                        'remove it')
 
