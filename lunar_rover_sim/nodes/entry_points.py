@@ -23,6 +23,9 @@ def _start(name: str) -> int:
     """Run a node; return its exit status. A signal before the node exists ends it quietly."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
+    # No node draws with MuJoCo. Else its import looks for GLFW in a process of its own, which a
+    # signal would end with a traceback.
+    os.environ.setdefault('MUJOCO_GL', 'disable')
     # Imports take a second or so: hence not at the top of this module.
     import importlib
 
