@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the script."""
-    from lunar_rover_sim.cli.main import parser     # it imports this module
+    from lunar_rover_sim.cli.main import parser  # it imports this module
 
     print(shtab.complete(parser(), args.shell))
     return 0
