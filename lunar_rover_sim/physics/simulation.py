@@ -16,9 +16,10 @@ from lunar_rover_sim.frames import Array, matrix_from_wxyz, wxyz_from_rpy
 from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
+from lunar_rover_sim.physics.ground_contact import GroundContact
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.placement import place
-from lunar_rover_sim.physics.soft_ground import GroundContact, SoftGround
+from lunar_rover_sim.physics.soft_ground import SoftGround
 from lunar_rover_sim.physics.soil_contact import set_soil
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.regolith.overlay import Overlay

@@ -72,3 +72,10 @@ def press(overlay: Overlay, ground: HeightGrid, start: Point, end: Point, radius
         overlay.residue_m = 0.0
     overlay.put(ix, iy, change, compaction)
     return window
+
+
+def hull(one: Window, other: Window) -> Window:
+    """Return the window around two."""
+    ix, iy = min(one[0], other[0]), min(one[1], other[1])
+    return (ix, iy, max(one[0] + one[2], other[0] + other[2]) - ix,
+            max(one[1] + one[3], other[1] + other[3]) - iy)

@@ -67,6 +67,12 @@ class Soil:
             elastic_npm=self.elastic_npm * ratio,
             damping_nspm=self.damping_nspm * math.sqrt(ratio))
 
+    def former_depth_m(self, change_m: float, compaction_m: float) -> float:
+        """Return the depth of an earlier print whose soil still bears its load [m]."""
+        if compaction_m <= 0.0 or change_m >= 0.0:
+            return 0.0
+        return min(-change_m, compaction_m / max(self.compacted, 1e-3))
+
     @property
     def cohesive_bearing_pa(self) -> float:
         """Pressure that cohesion adds under a round footing on the surface [Pa].
