@@ -7,6 +7,9 @@ error of its subject, and `ConfigError` for a parameter or argument.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+import difflib
+
 _MAX_CHARACTERS = 1500
 
 
@@ -77,3 +80,9 @@ class StudyError(LunarRoverSimError):
 
 class CampaignError(LunarRoverSimError):
     """A campaign cannot be planned, recorded or published."""
+
+
+def did_you_mean(name: str, valid: Iterable[str]) -> str:
+    """Return a phrase that offers the valid names near to `name`; '' if none is near."""
+    close = difflib.get_close_matches(name[:80], list(valid), n=3, cutoff=0.5)
+    return 'did you mean ' + ' or '.join(close) + '?' if close else ''

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
-import difflib
 import math
 import reprlib
 import typing
@@ -17,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, did_you_mean
 
 T = TypeVar('T', bound='Parameters')
 
@@ -163,30 +162,21 @@ def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
             raise ConfigError(f'{where + "." if where else ""}{brief(key)}: a parameter name is '
                               'text')
         head, _, tail = key.partition('.')
-        name = f'{where}.{head}' if where else head
-        if tail:
-            value = {tail: value}
-        if head not in result:
-            result[head] = value
-        elif isinstance(value, Mapping) and isinstance(result[head], Mapping):
-            result[head] = _united(nest(result[head], name), nest(value, name), name)
-        else:
-            raise ConfigError(f'{_shown(name)}: is given twice')
+        _add(result, head, {tail: value} if tail else value, where)
     return result
 
 
-def _united(one: dict[str, Any], other: dict[str, Any], where: str) -> dict[str, Any]:
-    """Return two nested mappings as one; raise ConfigError if they share a parameter."""
-    result = dict(one)
-    for key, value in other.items():
-        name = f'{where}.{key}'
-        if key not in result:
-            result[key] = value
-        elif isinstance(value, Mapping) and isinstance(result[key], Mapping):
-            result[key] = _united(nest(result[key], name), nest(value, name), name)
-        else:
-            raise ConfigError(f'{_shown(name)}: is given twice')
-    return result
+def _add(nested: dict[str, Any], key: str, value: Any, where: str) -> None:
+    """Add a value, or the values of a mapping; raise ConfigError if a parameter is there."""
+    name = f'{where}.{key}' if where else key
+    if key not in nested:
+        nested[key] = value
+    elif isinstance(value, Mapping) and isinstance(nested[key], Mapping):
+        nested[key] = nest(nested[key], name)
+        for part, part_value in nest(value, name).items():
+            _add(nested[key], part, part_value, name)
+    else:
+        raise ConfigError(f'{_shown(name)}: is given twice')
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -202,11 +192,7 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
     """Return a phrase that offers the valid names nearest to `name`."""
-    names = list(valid)
-    close = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.5)
-    if close:
-        return 'did you mean ' + ' or '.join(close) + '?'
-    return 'valid are ' + ', '.join(sorted(names))
+    return did_you_mean(name, valid) or 'valid are ' + ', '.join(sorted(valid))
 
 
 def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:

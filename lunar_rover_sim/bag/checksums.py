@@ -59,7 +59,7 @@ def _visit(path: Path, file: BinaryIO, *, fill: bool) -> str | None:
     """Compute every checksum; write it, or compare it with that of the file."""
     if not has_end(path) or file.read(len(MAGIC)) != MAGIC:
         raise BagError(f'{path}: is not a finished MCAP file')
-    whole = crc32(MAGIC)            # of the section so far
+    section = crc32(MAGIC)          # of the bytes of the section so far
     while True:
         at = file.tell()
         head = file.read(_RECORD.size)
@@ -71,28 +71,26 @@ def _visit(path: Path, file: BinaryIO, *, fill: bool) -> str | None:
         content = file.read(length)
         if len(content) < length:
             raise BagError(f'{path}: is damaged: the record at byte {at} is cut short')
-        if opcode == _CHUNK:
-            place, value = _TIMES_AND_SIZE, crc32(_uncompressed(path, at, content))
-        elif opcode == _DATA_END:
-            place, value = 0, whole
-        elif opcode == _FOOTER:     # start of summary and of its offsets, then the checksum
-            place, value = 16, crc32(head + content[:16], whole)
-        else:
-            whole = crc32(content, crc32(head, whole))
-            continue
-        if fill:
-            content = content[:place] + _CRC.pack(value) + content[place + _CRC.size:]
-            file.seek(at + len(head) + place)
-            file.write(_CRC.pack(value))
-            file.seek(at + len(head) + length)
-        else:
-            stored, = _CRC.unpack_from(content, place)
-            if stored not in (0, value):
-                return f'{_NAMES[opcode]} at byte {at} does not fit its checksum'
+        if opcode in _NAMES:
+            if opcode == _CHUNK:
+                place, value = _TIMES_AND_SIZE, crc32(_uncompressed(path, at, content))
+            elif opcode == _DATA_END:
+                place, value = 0, section
+            else:           # start of the summary and of its offsets, then the checksum
+                place, value = 16, crc32(head + content[:16], section)
+            if fill:
+                content = content[:place] + _CRC.pack(value) + content[place + _CRC.size:]
+                file.seek(at + len(head) + place)
+                file.write(_CRC.pack(value))
+                file.seek(at + len(head) + length)
+            else:
+                stored, = _CRC.unpack_from(content, place)
+                if stored not in (0, value):
+                    return f'{_NAMES[opcode]} at byte {at} does not fit its checksum'
         if opcode == _FOOTER:
             return None
         # The summary section begins after the record Data End.
-        whole = 0 if opcode == _DATA_END else crc32(content, crc32(head, whole))
+        section = 0 if opcode == _DATA_END else crc32(content, crc32(head, section))
 
 
 _NAMES = {_CHUNK: 'the chunk', _DATA_END: 'the data section that ends', _FOOTER: 'the summary '

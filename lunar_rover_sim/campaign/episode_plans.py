@@ -66,19 +66,22 @@ def episode_names(campaign: Campaign) -> Iterator[str]:
 
 
 def plan(campaign: Campaign) -> Iterator[EpisodePlan]:
-    """Yield the episodes; ConfigError names the one whose parameters do not fit together."""
+    """Yield the episodes; raises ConfigError as `episode` does."""
     for name, drawn in zip(episode_names(campaign), draw(campaign)):
-        try:
-            yield episode(campaign, name, drawn)
-        except ConfigError as error:
-            raise ConfigError(f'episode {name}: {error}') from None
+        yield episode(campaign, name, drawn)
 
 
 def episode(campaign: Campaign, name: str, drawn: Mapping[str, Any]) -> EpisodePlan:
-    """Return one episode: the base scenario, the settings, and what was drawn."""
+    """Return one episode: the base scenario, the settings, and what was drawn.
+
+    Raises ConfigError, with the episode's name, if the parameters do not fit together.
+    """
     values = {**campaign.settings, **drawn}
-    scenario = Scenario.load(_base(campaign), _overrides(values))
-    scenario = resolve(_self_contained(scenario))
+    try:
+        scenario = Scenario.load(_base(campaign), _overrides(values))
+        scenario = resolve(_self_contained(scenario))
+    except ConfigError as error:
+        raise ConfigError(f'episode {name}: {error}') from None
     return EpisodePlan(name, dict(drawn), scenario.to_yaml(), scenario.run.duration_s)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 import contextlib
-import itertools
 from pathlib import Path
 import signal
 from typing import Any
@@ -17,7 +16,7 @@ from lunar_rover_sim.campaign.campaign_file import Campaign, load_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.dataset import Dataset, DatasetProgress
 from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
-from lunar_rover_sim.campaign.episode_plans import draw, episode_names, plan
+from lunar_rover_sim.campaign.episode_plans import draw, episode, episode_names, plan
 from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.ros_installation import require_ros
@@ -58,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
     console = Console()
     plans = []
     with console.status('planning') as status:
-        for episode in plan(campaign):
-            plans.append(episode)
+        for planned in plan(campaign):
+            plans.append(planned)
             if len(plans) % 100 == 0:
                 status.update(f'planning: {len(plans)} of {campaign.count} episodes')
     require_ros()
@@ -91,9 +90,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _dry_run(campaign: Campaign) -> int:
     """Print what is drawn for each episode; check the parameters of the first ones."""
-    for _ in itertools.islice(plan(campaign), _CHECKED):
-        pass
-    for name, drawn in zip(episode_names(campaign), draw(campaign)):
+    drawings = list(zip(episode_names(campaign), draw(campaign)))
+    for name, drawn in drawings[:_CHECKED]:
+        episode(campaign, name, drawn)
+    for name, drawn in drawings:
         print(f'{name}: ' + ', '.join(f'{key} = {value}' for key, value in drawn.items()))
     if campaign.count > _CHECKED:
         print(f'checked: the parameters of the first {_CHECKED} of {campaign.count} episodes')

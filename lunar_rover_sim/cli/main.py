@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection, Sequence
-import difflib
 import importlib
 import logging
 import re
@@ -12,7 +11,7 @@ import sys
 from typing import NamedTuple
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
+from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError
 
 
 class Command(NamedTuple):
@@ -100,9 +99,7 @@ def _check_command(names: Sequence[str]) -> None:
     count = 2 if names and names[0] in GROUPS else 1
     name = ' '.join(names[:count])
     if name and name not in known:
-        # Not `parameters.nearest`: it would import NumPy for --help.
-        close = difflib.get_close_matches(name, sorted(known), n=3, cutoff=0.5)
-        hint = f'did you mean {" or ".join(close)}?' if close else 'see lunar_rover_sim --help'
+        hint = did_you_mean(name, sorted(known)) or 'see lunar_rover_sim --help'
         raise ConfigError(f'{name}: no such command; {hint}')
 
 

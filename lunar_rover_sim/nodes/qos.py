@@ -1,6 +1,6 @@
 """Quality of service of every topic, in one place.
 
-All is RELIABLE. Latched topics are TRANSIENT_LOCAL. All others are VOLATILE: who joins late gets
+All is RELIABLE. Latched topics are TRANSIENT_LOCAL. All others are VOLATILE: a late reader gets
 what is sent from then on, nothing of the past. In lockstep nodes hold their first message until
 the readers are matched (`matching`). The parameters `qos_overrides` change single profiles.
 """

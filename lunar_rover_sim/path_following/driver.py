@@ -50,7 +50,7 @@ class Driver:
         """
         self._config = config
         self._half_extent_m = math.inf if half_extent_m is None else half_extent_m
-        check_waypoints(config, self._half_extent_m)
+        _check_waypoints(config, self._half_extent_m)
         self._profile = VelocityProfile(config)
         self.reset()
 
@@ -164,7 +164,7 @@ class Driver:
         return full
 
 
-def check_waypoints(config: DriveConfig, half_extent_m: float) -> None:
+def _check_waypoints(config: DriveConfig, half_extent_m: float) -> None:
     """Raise ConfigError if a waypoint in odom cannot be reached within the world.
 
     half_extent_m: the world extends to +-half_extent_m [m]; the driver stops `border_m` before

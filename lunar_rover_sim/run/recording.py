@@ -11,9 +11,8 @@ import time
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.errors import did_you_mean, GraphError
 from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.run.clock_reader import check_domain, ClockReader
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.node_logs import NodeLogs
@@ -142,10 +141,9 @@ def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:
     if not silent:
         return
     known = [topic.name for topic in topics.CONTRACT]
-    hints = {name: nearest(name, known) for name in silent if name not in known}
-    line = '; '.join(f'{name}: nobody published' + (
-        f', {hints[name]}' if hints.get(name, '').startswith('did you mean') else '')
-        for name in silent)
+    hints = ['' if name in known else did_you_mean(name, known) for name in silent]
+    line = '; '.join(f'{name}: nobody published' + (f', {hint}' if hint else '')
+                     for name, hint in zip(silent, hints))
     if not any(counts.values()):
         raise GraphError(f'recorder_node.topics: {line}: the bag is empty')
     logger.warning('recorder_node.topics: %s', line)

@@ -1,4 +1,4 @@
-"""Who joins late gets the present, nothing of the past; QoS overrides; use_sim_time."""
+"""A late reader gets the present, nothing of the past; QoS overrides; use_sim_time."""
 
 from __future__ import annotations
 

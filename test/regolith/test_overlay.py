@@ -104,7 +104,7 @@ def test_changes_rebuild_the_ground_elsewhere():
     assert len(overlay.take_changes()) == 0
     for one, two in zip(vars(overlay.snapshot()).values(), vars(other.snapshot()).values()):
         assert np.array_equal(one, two)
-    # Whoever joins late takes the snapshot.
+    # A late reader takes the snapshot.
     late = Overlay()
     late.apply(overlay.snapshot())
     xy = np.random.default_rng(3).uniform(-0.3, 0.3, (100, 2))
