@@ -66,6 +66,8 @@ def topic_table() -> str:
             rate = rates.get(topic.rate, topic.rate)
             if topic is topics.CMD_VEL:
                 rate = f'{nodes["drive_node"].rate_hz} Hz'               # type: ignore
+            if topic.on_request:
+                rate += ', on request'
             frame = f'`{topic.frame_id}`' if topic.frame_id else ''
             parts.append(f'| `{topic.name}` | {cell(topic.type.replace("/msg/", "/"))} | '
                          f'{rate} | {frame} | {cell(topic.note)} |')

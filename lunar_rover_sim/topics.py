@@ -25,6 +25,7 @@ class Topic:
     type: as ROS 2 writes it, `package/msg/Name`
     rate: STATE, FRAME, LATCHED or EVENT
     frame_id: that of the header; empty where the type has none
+    on_request: made only while somebody subscribes; a recorder of all topics leaves it out
     """
 
     name: str
@@ -33,6 +34,7 @@ class Topic:
     node: str
     frame_id: str = ''
     note: str = ''
+    on_request: bool = False
 
 
 CLOCK = Topic('clock', 'rosgraph_msgs/msg/Clock', STATE, 'physics_node', '',
@@ -69,6 +71,17 @@ DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', FRAME, '
                   frames.LEFT_OPTICAL_FRAME, 'semi-global matching on the rendered pair')
 DEPTH = Topic('stereo/depth/image', 'sensor_msgs/msg/Image', FRAME, 'render_node',
               frames.LEFT_OPTICAL_FRAME, 'depth from SGM, 32FC1 [m], NaN where unknown (REP-118)')
+DEPTH_INFO = Topic('stereo/depth/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
+                   frames.LEFT_OPTICAL_FRAME, 'that of the left camera, beside the depth image')
+LEFT_COMPRESSED = Topic('stereo/left/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
+                        FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
+                        'JPEG or PNG, as compressed_image_transport', on_request=True)
+RIGHT_COMPRESSED = Topic('stereo/right/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
+                         FRAME, 'render_node', frames.RIGHT_OPTICAL_FRAME,
+                         'JPEG or PNG, as compressed_image_transport', on_request=True)
+POINTS = Topic('stereo/points2', 'sensor_msgs/msg/PointCloud2', FRAME, 'render_node',
+               frames.LEFT_OPTICAL_FRAME, 'from SGM: x, y, z [m], intensity of the left image; '
+               'one point a pixel, NaN where unknown', on_request=True)
 TRUE_DEPTH = Topic('ground_truth/depth/image', 'sensor_msgs/msg/Image', FRAME, 'render_node',
                    frames.LEFT_OPTICAL_FRAME, 'depth of the scene, 32FC1 [m], +Inf for the sky')
 SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
@@ -85,8 +98,13 @@ TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', LATCHED, 'physics_node'
                   frames.BASE_FRAME, 'sensors on base_link, where tf2_msgs is installed')
 RECORDED = Topic('recorder/written', 'std_msgs/msg/Header', EVENT, 'recorder_node', '',
                  'stamp up to which everything is written')
+DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT, 'physics_node',
+                    '', 'once per second of wall time, by render_node and recorder_node too; the '
+                    'name is absolute, /diagnostics, as diagnostic_updater has it',
+                    on_request=True)
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, JOINT_COMMANDS, CMD_VEL,
-    LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, TRUE_DEPTH, SUN, WORLD_HASH,
-    ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED)
+    LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH,
+    LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF,
+    TF_STATIC, RECORDED, DIAGNOSTICS)

@@ -215,6 +215,7 @@ def frame_items(ns: int, scene: Scene) -> list[Item]:
         (topics.RIGHT_INFO, camera_info(ns, frames.RIGHT_OPTICAL_FRAME, MOUNT.baseline_m)),
         (topics.DISPARITY, disparity_image),
         (topics.DEPTH, image(ns, frame, '32FC1', sgm_depth)),
+        (topics.DEPTH_INFO, camera_info(ns, frame, 0.0)),
         (topics.TRUE_DEPTH, image(ns, frame, '32FC1', depth))]
     return [Item(topic.name, topic.type, message) for topic, message in made]
 

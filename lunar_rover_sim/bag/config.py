@@ -14,7 +14,8 @@ class RecorderConfig(Parameters):
     """Parameters of a recording."""
 
     output: str = param('', 'folder of the bag; it must not exist')
-    topics: tuple[str, ...] = param((ALL,), 'topics to record, or all')
+    topics: tuple[str, ...] = param((ALL,), 'topics to record; all: every topic but those on '
+                                    'request, which may be named beside it')
     exclude: tuple[str, ...] = param((), 'topics to leave out')
     storage: str = param('mcap', 'file format', choices=('mcap', 'sqlite3'))
     compression: str = param('none', 'compression of the storage', choices=('none', 'zstd'))

@@ -15,8 +15,9 @@ from lunar_rover_sim.inspection.rover_data import RoverData, STEREO_SET
 from lunar_rover_sim.inspection.scan import TopicScan
 from lunar_rover_sim.topics import EVENT, FRAME, LATCHED, STATE
 
-# tf2_msgs may not be installed; velocity commands come at the pace of their publisher.
-OPTIONAL = (topics.TF.name, topics.TF_STATIC.name, topics.CMD_VEL.name)
+# tf2_msgs may not be installed; velocity commands come at the pace of their publisher; recordings
+# of earlier versions lack the CameraInfo of the depth image.
+OPTIONAL = (topics.TF.name, topics.TF_STATIC.name, topics.CMD_VEL.name, topics.DEPTH_INFO.name)
 
 
 def contract_topics(rover: RoverData, report: Report) -> None:
@@ -26,9 +27,10 @@ def contract_topics(rover: RoverData, report: Report) -> None:
     nodes = rover.scenario.get('run', 'nodes')
     missing = []
     for topic in topics.CONTRACT:
-        if topic.rate == EVENT or topic.name in OPTIONAL or topic.name in excluded:
+        if topic.rate == EVENT or topic.name in OPTIONAL:
             continue
-        if 'all' not in listed and topic.name not in _names(rover, listed):
+        in_all = 'all' in listed and topic.name not in excluded and not topic.on_request
+        if not in_all and topic.name not in _names(rover, listed):
             continue
         if isinstance(nodes, list) and topic.node not in nodes:
             continue

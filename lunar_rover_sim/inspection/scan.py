@@ -31,6 +31,7 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
     topics.DISPARITY.name: (message_validity.disparity_problem,),
     topics.LEFT_INFO.name: (message_validity.camera_info_problem,),
     topics.RIGHT_INFO.name: (message_validity.camera_info_problem,),
+    topics.DEPTH_INFO.name: (message_validity.camera_info_problem,),
 }
 
 

@@ -15,7 +15,8 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image, Imu, JointState
+from sensor_msgs.msg import (CameraInfo, CompressedImage, Image, Imu, JointState, PointCloud2,
+                             PointField)
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
@@ -29,7 +30,13 @@ if TYPE_CHECKING:
     from lunar_rover_sim.camera.rig import StereoRig
     from lunar_rover_sim.physics.imu import ImuSample
     from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.run.node_config import OdometryConfig
     from lunar_rover_sim.stereo.depth import DisparityMap
+
+
+# What messages state of exact values, in the squares of their units. Zeros would mean `unknown` in
+# sensor_msgs/Imu, and estimators invert covariances.
+EXACT_VARIANCE = 1e-8
 
 
 def time_msg(stamp_ns: int) -> Time:
@@ -46,7 +53,7 @@ def fill_clock(msg: Clock, stamp: Time) -> Clock:
 def fill_odometry(msg: Odometry, state: RoverState, stamp: Time) -> Odometry:
     """Write the true pose in `odom` and the true twist in `base_link` into `msg`; return it.
 
-    Covariances stay zero: the values are exact.
+    Covariances stay as they are: `set_odometry_covariance`.
     """
     _set_header(msg.header, stamp, frames.ODOM_FRAME)
     msg.child_frame_id = frames.BASE_FRAME
@@ -56,6 +63,14 @@ def fill_odometry(msg: Odometry, state: RoverState, stamp: Time) -> Odometry:
     _set_vector(twist.linear, state.linear_velocity_mps)
     _set_vector(twist.angular, state.angular_velocity_radps)
     return msg
+
+
+def set_odometry_covariance(msg: Odometry, stated: OdometryConfig) -> None:
+    """Write the variances that are stated of pose and twist into `msg`."""
+    for covariance, linear, angular in (
+            (msg.pose.covariance, stated.position_stddev_m, stated.orientation_stddev_rad),
+            (msg.twist.covariance, stated.linear_stddev_mps, stated.angular_stddev_radps)):
+        covariance[:] = np.diag([linear**2] * 3 + [angular**2] * 3).ravel()
 
 
 def pose_of(msg: Odometry) -> Array:
@@ -133,15 +148,15 @@ def fill_imu_raw(msg: Imu, sample: ImuSample, accel_variance: float, gyro_varian
     """Write the noisy signal into `msg` and return it.
 
     It has no orientation (REP-145). The variances [m^2/s^4, rad^2/s^2] are those of the white
-    noise of one sample.
+    noise of one sample; for a sensor without noise `EXACT_VARIANCE`.
     """
     _set_header(msg.header, stamp, frames.IMU_FRAME)
     _set_vector(msg.linear_acceleration, sample.specific_force)
     _set_vector(msg.angular_velocity, sample.rate)
     msg.orientation_covariance[0] = -1.0
     for k in (0, 4, 8):
-        msg.linear_acceleration_covariance[k] = accel_variance
-        msg.angular_velocity_covariance[k] = gyro_variance
+        msg.linear_acceleration_covariance[k] = max(accel_variance, EXACT_VARIANCE)
+        msg.angular_velocity_covariance[k] = max(gyro_variance, EXACT_VARIANCE)
     return msg
 
 
@@ -155,6 +170,9 @@ def fill_imu_truth(msg: Imu, state: RoverState, imu_wxyz: Array, stamp: Time) ->
     _set_vector(msg.angular_velocity, state.imu_rate_radps)
     wxyz = frames.product_wxyz(state.orientation_wxyz, imu_wxyz)
     _set_quaternion(msg.orientation, wxyz if wxyz[0] >= 0.0 else -wxyz)
+    for covariance in (msg.orientation_covariance, msg.linear_acceleration_covariance,
+                       msg.angular_velocity_covariance):
+        covariance[0] = covariance[4] = covariance[8] = EXACT_VARIANCE
     return msg
 
 
@@ -203,14 +221,46 @@ _ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'rgb
               ('float32', 2): '32FC1'}
 
 
+def encoding_of(pixels: NDArray) -> str:
+    """Return the encoding of (h, w) uint8, uint16, float32 or (h, w, 3) uint8 pixels."""
+    return _ENCODINGS[str(pixels.dtype), pixels.ndim]
+
+
 def image(pixels: NDArray, frame_id: str, stamp: Time) -> Image:
     """Return (h, w) uint8, uint16, float32 or (h, w, 3) uint8 pixels as a message."""
     msg = Image()
     _set_header(msg.header, stamp, frame_id)
     msg.height, msg.width = pixels.shape[:2]
-    msg.encoding = _ENCODINGS[str(pixels.dtype), pixels.ndim]
+    msg.encoding = encoding_of(pixels)
     msg.step = pixels.strides[0] if pixels.flags.c_contiguous else pixels[0].nbytes
     msg.data = pixels.tobytes()
+    return msg
+
+
+def compressed_image(description: str, data: bytes, frame_id: str,
+                     stamp: Time) -> CompressedImage:
+    """Return a compressed image; description: what image_transport calls its format."""
+    msg = CompressedImage(format=description)
+    _set_header(msg.header, stamp, frame_id)
+    msg.data = data
+    return msg
+
+
+def point_cloud(points_m: NDArray[np.float32], intensity: NDArray, frame_id: str,
+                stamp: Time) -> PointCloud2:
+    """Return (h, w, 3) points with (h, w) intensities as an organised cloud.
+
+    `is_dense` is false: unknown points are NaN, as in stereo_image_proc.
+    """
+    height, width, _ = points_m.shape
+    values = np.empty((height, width, 4), '<f4')
+    values[..., :3], values[..., 3] = points_m, intensity
+    msg = PointCloud2(
+        height=height, width=width, point_step=16, row_step=16 * width, is_dense=False,
+        fields=[PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+                for k, name in enumerate(('x', 'y', 'z', 'intensity'))])
+    _set_header(msg.header, stamp, frame_id)
+    msg.data = values.tobytes()
     return msg
 
 

@@ -20,8 +20,9 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
 
-# Log lines and parameters bear wall time: with them no two runs would give the same bag.
-_NOT_RECORDED = ('rosout', 'parameter_events')
+# Log lines, parameters and diagnostics bear wall time: with them no two runs would give the same
+# bag.
+_NOT_RECORDED = ('rosout', 'parameter_events', 'diagnostics')
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
 # done often while topics appear, and seldom when none has appeared for a while.
 _DISCOVERY_S, _SETTLED_S, _SETTLED_DISCOVERY_S = 0.05, 5.0, 0.5
@@ -36,10 +37,12 @@ class RecorderNode(node_main.GraphNode):
         if not config.output:
             raise ConfigError("output: '' is not valid; valid is a folder that does not exist")
         self._contract = {self.resolve_topic_name(t.name): t for t in topics.CONTRACT}
-        self._listed = None if ALL in config.topics else \
-            {self.resolve_topic_name(name) for name in config.topics}
+        self._all = ALL in config.topics
+        self._listed = {self.resolve_topic_name(name) for name in config.topics if name != ALL}
         self._excluded = {self.resolve_topic_name(name) for name in config.exclude}
-        self._excluded.add(self.resolve_topic_name(topics.RECORDED.name))
+        # Whoever subscribes to a topic on request makes others compute it.
+        self._not_in_all = {self.resolve_topic_name(topics.RECORDED.name), *(
+            name for name, topic in self._contract.items() if topic.on_request)}
         self._written_ns_by_topic = {self.resolve_topic_name(name): 0
                                      for name in config.acknowledge}
         self._clock_name = self.resolve_topic_name(topics.CLOCK.name)
@@ -86,9 +89,10 @@ class RecorderNode(node_main.GraphNode):
                                                     qos.offered(topics.RECORDED))
 
     def _is_wanted(self, name: str) -> bool:
-        if self._listed is not None:
+        if name in self._listed or not self._all:
             return name in self._listed
-        return name not in self._excluded and name.rsplit('/', 1)[-1] not in _NOT_RECORDED
+        return (name not in self._excluded and name not in self._not_in_all
+                and name.rsplit('/', 1)[-1] not in _NOT_RECORDED)
 
     def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
         self._subscribed.add(name)

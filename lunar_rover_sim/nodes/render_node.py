@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import collections
-from concurrent.futures import Future, ThreadPoolExecutor
 import dataclasses
 import time
 from typing import Any, NamedTuple
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from numpy.typing import NDArray
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -22,29 +18,18 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.frame_publisher import FramePublisher
 from lunar_rover_sim.nodes.matching import Matching
-from lunar_rover_sim.nodes.message_types import message_class
-from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
-from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.world_folder import load_world
 
-_INFOS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name)
-_MATCHED = (topics.DISPARITY.name, topics.DEPTH.name)
-# Topic → the layers of the renderer that it shows or is computed from. CameraInfos are published
-# last: they tell that the images of the frame are out.
-_LAYERS: dict[str, tuple[str, ...]] = {
-    topics.LEFT_IMAGE.name: ('left',), topics.RIGHT_IMAGE.name: ('right',),
-    topics.TRUE_DEPTH.name: ('depth',), topics.DISPARITY.name: ('left', 'right'),
-    topics.DEPTH.name: ('left', 'right'), **dict.fromkeys(_INFOS, ())}
-_TOPICS = tuple(topic for topic in topics.CONTRACT if topic.name in _LAYERS)
 # A state between two periods that stays alone for so long is drawn all the same [wall time].
 _SINGLE_S = 0.3
-_FRAME_IDS = {topic.name: topic.frame_id for topic in _TOPICS}
 
 
 @dataclasses.dataclass
@@ -70,7 +55,7 @@ class RenderNode(node_main.GraphNode):
 
     Callbacks only store messages; `work` draws. In lockstep a frame is finished in the call after
     the one that begins it, so that its successor can be begun in between if its state has arrived.
-    Matching runs in a thread of its own beside the drawing.
+    What is computed from images runs in a thread of the publisher, beside the drawing.
     """
 
     def __init__(self) -> None:
@@ -82,10 +67,6 @@ class RenderNode(node_main.GraphNode):
         world = load_world(config.world)
         self._world_hash = world.hash
         self._renderer = Renderer(world, load_rover(config.rover or None), config, config.seed)
-        self._rig = self._renderer.rig
-        self._matcher = SgmMatcher(config.sgm, self._rig)
-        self._thread = ThreadPoolExecutor(max_workers=1)
-        self._matching: Future[None] | None = None
 
         # The first frame is that of the first whole period.
         self._last_period = 0 if config.lockstep else None
@@ -98,12 +79,9 @@ class RenderNode(node_main.GraphNode):
         self._newest: _Frame | None = None
         self._awaited = list(config.await_readers)
 
-        events = PublisherEventCallbacks(matched=lambda _: self._wake_if_idle())
-        self._publishers_by_topic = {
-            topic.name: self.create_publisher(message_class(topic.type), topic.name,
-                                              qos.offered(topic), event_callbacks=events)
-            for topic in _TOPICS}
-        self._readers = Matching(self, list(self._publishers_by_topic.values()),
+        self._publisher = FramePublisher(self, config, self._renderer.rig, self._wake_if_idle,
+                                         self._wake_later)
+        self._readers = Matching(self, self._publisher.publishers,
                                  config.participants if config.lockstep else ())
         self._publish_sun()
         self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
@@ -113,17 +91,18 @@ class RenderNode(node_main.GraphNode):
                                  qos.requested(topics.JOINT_STATES, lockstep=True), raw=True)
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
                                  qos.requested(topics.ODOM, lockstep=True), raw=True)
+        on_change(self, config, self._publisher.configure)
         self.report_ready(config, f'world {world.hash[:12]}', (topics.ODOM.name,))
 
     def destroy_node(self) -> None:
-        """Finish the matching under way and release the GL context.
+        """Finish the publishing under way and release the GL context.
 
-        Raises what the last matching raised, if `work` has not.
+        Raises what the matching of the last frame raised, if `work` has not.
         """
-        self._thread.shutdown(wait=True)
+        self._publisher.close()
         self._renderer.close()
         super().destroy_node()
-        self._raise_matching_error()
+        self._publisher.raise_error()
 
     def _publish_sun(self) -> None:
         msg = Vector3Stamped()
@@ -191,8 +170,7 @@ class RenderNode(node_main.GraphNode):
 
     def work(self) -> None:
         """Begin the next frame that is due, and finish the one that was begun before."""
-        if self._matching is not None and self._matching.done():
-            self._raise_matching_error()
+        self._publisher.raise_error()
         if self._single is not None and time.monotonic() - self._single_s > _SINGLE_S:
             self._poses.append(self._single)    # no stream: no period will begin
             self._single = None
@@ -226,20 +204,16 @@ class RenderNode(node_main.GraphNode):
 
     def _readers_are_there(self) -> bool:
         """Return whether all awaited subscribers have been discovered."""
-        while self._awaited and self._is_read(self._awaited[-1]):
+        while self._awaited and self._publisher.is_read(self._awaited[-1]):
             self._awaited.pop()
         return not self._awaited and self._readers.is_complete
 
-    def _is_read(self, name: str) -> bool:
-        return self._publishers_by_topic[name].get_subscription_count() > 0
-
     def _begin(self, frame: _Frame) -> bool:
         """Begin what subscribers want of a frame and was not published yet; return if anything."""
-        names = [name for name in _LAYERS if name not in frame.published
-                 and (name in _INFOS or self._is_read(name))]
+        names = self._publisher.wanted(frame.published)
         if not names:
             return False
-        layers = {layer for name in names for layer in _LAYERS[name]} - set(frame.layers)
+        layers = self._publisher.layers_of(names) - set(frame.layers)
         self._renderer.begin(frame.state, frame.stamp_ns // self._config.frame_period_ns, layers)
         self._begun.append(_Begun(frame, names, layers))
         return True
@@ -250,44 +224,8 @@ class RenderNode(node_main.GraphNode):
         drawn = self._renderer.finish()
         images = {'left': drawn.left, 'right': drawn.right, 'depth': drawn.depth_m}
         frame.layers.update((layer, images[layer]) for layer in layers)
-        stamp = conversions.time_msg(frame.stamp_ns)
-        for name in names:
-            if name in _INFOS:
-                left = name == topics.LEFT_INFO.name
-                self._send(name, conversions.camera_info(
-                    self._rig, _FRAME_IDS[name],
-                    self._rig.P_left if left else self._rig.P_right, stamp))
-            elif name not in _MATCHED:
-                self._send(name, conversions.image(frame.layers[_LAYERS[name][0]],
-                                                   _FRAME_IDS[name], stamp))
-        matched = [name for name in names if name in _MATCHED]
-        if matched:
-            self._raise_matching_error()
-            self._matching = self._thread.submit(self._match, frame.layers['left'],
-                                                 frame.layers['right'], matched, stamp)
-            self._matching.add_done_callback(lambda _: self._wake_later())
+        self._publisher.publish(names, frame.layers, conversions.time_msg(frame.stamp_ns))
         frame.published.update(names)
-
-    def _send(self, name: str, msg: Any) -> None:
-        self._publishers_by_topic[name].publish(msg)
-
-    def _raise_matching_error(self) -> None:
-        """Wait for the last matching, and raise what it raised."""
-        matching, self._matching = self._matching, None
-        if matching is not None:
-            matching.result()
-
-    def _match(self, left: NDArray[Any], right: NDArray[Any], names: list[str],
-               stamp: Time) -> None:
-        """Match a pair and publish what it gives; runs in the thread."""
-        disparity = self._matcher.match(left, right)
-        focal_px, baseline_m = float(self._rig.K[0, 0]), self._rig.baseline_m
-        if topics.DISPARITY.name in names:
-            self._send(topics.DISPARITY.name, conversions.disparity_image(
-                disparity, focal_px, baseline_m, topics.DISPARITY.frame_id, stamp))
-        if topics.DEPTH.name in names:
-            self._send(topics.DEPTH.name, conversions.image(
-                disparity.depth_m, topics.DEPTH.frame_id, stamp))
 
 
 def _rover_pose(odom_raw: bytes, joints_raw: bytes | None) -> RoverPose:

@@ -16,6 +16,7 @@ from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
 from lunar_rover_sim.rover.visual import link_poses
+from lunar_rover_sim.run.node_config import OdometryConfig
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -30,7 +31,8 @@ _TOPICS = (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS, *topics.CONTACTS, 
 class StatePublisher:
     """Publishers of one state: IMU with its truth, contacts, odometry, joints, tf, clock."""
 
-    def __init__(self, node: Node, rover: RoverDescription, imu: ImuNoise) -> None:
+    def __init__(self, node: Node, rover: RoverDescription, imu: ImuNoise,
+                 odometry: OdometryConfig) -> None:
         self._rover = rover
         self._imu = imu
         self._imu_variances = imu.white_noise_variances()
@@ -44,6 +46,7 @@ class StatePublisher:
             self._messages[topic.name] = message_type()
             self._publishers[topic.name] = node.create_publisher(message_type, topic.name,
                                                                  qos.offered(topic))
+        conversions.set_odometry_covariance(self._messages[topics.ODOM.name], odometry)
         self._tf = None
         if TFMessage is None:
             node.get_logger().info('tf2_msgs is not installed: no tf is published')

@@ -6,6 +6,7 @@ import dataclasses
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import RecorderConfig
+from lunar_rover_sim.camera.compression import StereoTopicsConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.parameters import group, param, Parameters
@@ -67,10 +68,28 @@ class WaitConfig(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
+class OdometryConfig(Parameters):
+    """What the covariance of `odom` states. The values are exact, whatever it states.
+
+    The defaults are far below what an estimator resolves, and far enough from zero to be inverted.
+    """
+
+    position_stddev_m: float = param(1e-4, 'stated standard deviation per axis', unit='m',
+                                     low=0.0, high=1e3)
+    orientation_stddev_rad: float = param(1e-4, 'stated standard deviation per axis', unit='rad',
+                                          low=0.0, high=10.0)
+    linear_stddev_mps: float = param(1e-4, 'stated standard deviation per axis', unit='m/s',
+                                     low=0.0, high=1e3)
+    angular_stddev_radps: float = param(1e-4, 'stated standard deviation per axis',
+                                        unit='rad/s', low=0.0, high=1e3)
+
+
+@dataclasses.dataclass(frozen=True)
 class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     """Parameters of physics_node."""
 
     imu: ImuConfig = group(ImuConfig)
+    odometry: OdometryConfig = group(OdometryConfig)
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
                                'steps', unit='Hz', low=1, high=1000)
@@ -120,6 +139,7 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     """Parameters of render_node."""
 
     sgm: SgmConfig = group(SgmConfig)
+    stereo: StereoTopicsConfig = group(StereoTopicsConfig)
     frame_rate_hz: int = param(10, 'stereo pairs per second; its period is a whole number of '
                                'state periods', unit='Hz', low=1, high=200)
     await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '

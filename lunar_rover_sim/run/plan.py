@@ -129,8 +129,10 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
             continue
         if topic == topics.TF:
             continue  # tf2_msgs may be missing
-        listed = ALL in recorder.topics or topic.name in recorder.topics
-        if listed and topic.name not in recorder.exclude:
+        # As recorder_node has it.
+        in_all = (ALL in recorder.topics and topic.name not in recorder.exclude
+                  and not topic.on_request)
+        if in_all or topic.name in recorder.topics:
             result.append(topic.name)
     return tuple(result)
 

@@ -110,8 +110,10 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
 
     with OwnDomain(domain) as own:
         if domain is not None:
+            # Other programs of the graph may publish diagnostics too.
             check_domain(domain, [f'/{topic.name}' for topic in topics.CONTRACT
-                                  if topic.node in scenario.run.nodes])
+                                  if topic.node in scenario.run.nodes
+                                  and topic is not topics.DIAGNOSTICS])
         plans = prepare(scenario, folder, world_folder)
         on_start(scenario, own.id)
         start = time.monotonic()

@@ -26,6 +26,7 @@ from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
+from lunar_rover_sim.run.node_config import OdometryConfig  # noqa: E402
 
 LEG_JOINTS = [f'{leg}_joint' for leg in topics.LEGS]
 YAW_90 = frames.wxyz_from_rpy(0, 0, np.pi / 2)
@@ -129,7 +130,8 @@ def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
     node = FakeNode()
     noise = ImuNoise(ImuConfig(), 200, np.random.default_rng(1))
-    publisher = state_publisher.StatePublisher(node, RoverDescription(), noise)  # type: ignore
+    publisher = state_publisher.StatePublisher(  # type: ignore[arg-type]
+        node, RoverDescription(), noise, OdometryConfig())
     publisher.publish(state, state.stamp_ns)
     moving = {t.child_frame_id: t for t in node.sent[topics.TF.name][0].transforms}
     assert set(moving) == {'base_link', *topics.LEGS}
@@ -153,16 +155,19 @@ def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> No
     rover = dataclasses.replace(rover, imu=mount)
     noise, same = (ImuNoise(ImuConfig(), 200, np.random.default_rng(1)) for _ in range(2))
     node = FakeNode()
-    publisher = state_publisher.StatePublisher(node, rover, noise)  # type: ignore[arg-type]
+    publisher = state_publisher.StatePublisher(  # type: ignore[arg-type]
+        node, rover, noise, OdometryConfig())
     publisher.publish(first, 5_000_000)
     publisher.publish(second, 1_234_567_890_123)
     same.measure(first.specific_force_mps2, first.imu_rate_radps)
     sample = same.measure(second.specific_force_mps2, second.imu_rate_radps)
     stamp = conversions.time_msg(1_234_567_890_123)
+    odometry = Odometry()
+    conversions.set_odometry_covariance(odometry, OdometryConfig())
     imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
     expected = {
         topics.CLOCK: Clock(clock=stamp),
-        topics.ODOM: conversions.fill_odometry(Odometry(), second, stamp),
+        topics.ODOM: conversions.fill_odometry(odometry, second, stamp),
         topics.JOINT_STATES: conversions.fill_joint_state(
             JointState(), second.joint_angle_rad, second.joint_velocity_radps,
             second.motor_torque_nm, stamp),
@@ -197,6 +202,26 @@ def test_imu_messages(state: RoverState) -> None:
     assert raw.angular_velocity_covariance.tolist() == np.diag([0.5] * 3).ravel().tolist()
     assert raw.linear_acceleration.y == sample.specific_force[1]
     assert raw.angular_velocity.y == sample.rate[1]
+    # Zeros would mean `unknown`: a sensor without noise states what truth states.
+    clean = conversions.fill_imu_raw(Imu(), sample, 0.0, 0.0, stamp)
+    for covariance in (clean.linear_acceleration_covariance, clean.angular_velocity_covariance,
+                       truth.orientation_covariance, truth.linear_acceleration_covariance,
+                       truth.angular_velocity_covariance):
+        assert covariance.tolist() == np.diag([1e-8] * 3).ravel().tolist()
+
+
+def test_the_covariance_of_odometry(state: RoverState) -> None:
+    """What the parameters state, position before orientation; by default it can be inverted."""
+    msg = Odometry()
+    conversions.set_odometry_covariance(msg, OdometryConfig())
+    conversions.fill_odometry(msg, state, conversions.time_msg(1))
+    for covariance in (msg.pose.covariance, msg.twist.covariance):
+        variances = np.linalg.eigvalsh(covariance.reshape(6, 6))
+        # robot_localization raises less than 1e-9, and says so.
+        assert np.all((variances >= 1e-9) & (variances <= 1e-7))
+    conversions.set_odometry_covariance(msg, OdometryConfig(0.1, 0.2, 0.3, 0.4))
+    assert np.allclose(msg.pose.covariance.reshape(6, 6), np.diag([0.01] * 3 + [0.04] * 3))
+    assert np.allclose(msg.twist.covariance.reshape(6, 6), np.diag([0.09] * 3 + [0.16] * 3))
 
 
 def test_velocity_commands() -> None:

@@ -9,6 +9,7 @@ import sys
 import time
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -18,7 +19,10 @@ rclpy = pytest.importorskip('rclpy')
 from geometry_msgs.msg import Twist  # noqa: E402  (needs rclpy)
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
-from sensor_msgs.msg import CameraInfo, Image, JointState  # noqa: E402
+from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from sensor_msgs.msg import (CameraInfo, CompressedImage, Image, JointState,  # noqa: E402
+                             PointCloud2)
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
 
@@ -81,9 +85,6 @@ def test_gait_node_answers_a_hand_made_state(peer: Peer) -> None:
 
 def test_gait_parameters_change_while_it_runs(peer: Peer) -> None:
     """As with `ros2 param set`: valid values are taken, others refused with the reason."""
-    from rcl_interfaces.srv import DescribeParameters, SetParameters
-    from rclpy.parameter import Parameter
-
     def answer(name: str, value: Any) -> Any:
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()])
@@ -109,16 +110,28 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     """No physics at all: one odometry message gives a stereo set with its stamp."""
     topics = {'stereo/left/image_raw': Image, 'stereo/right/image_raw': Image,
               'stereo/left/camera_info': CameraInfo, 'stereo/disparity': DisparityImage,
-              'stereo/depth/image': Image, 'ground_truth/depth/image': Image}
+              'stereo/depth/image': Image, 'ground_truth/depth/image': Image,
+              'stereo/depth/camera_info': CameraInfo, 'stereo/points2': PointCloud2,
+              'stereo/left/image_raw/compressed': CompressedImage}
     received = {topic: peer.listen(kind, topic) for topic, kind in topics.items()}
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     odometry = Odometry()
     odometry.header.stamp.sec = 3
     odometry.pose.pose.position.z = 0.1
     odometry.pose.pose.orientation.w = 1.0
-    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA):
+    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
+                 'stereo.left.image_raw.compressed.format:=png'):
         peer.spin_until(lambda: all(received.values()), limit_s=60.0,
                         meanwhile=lambda: poses.publish(odometry))
+        answer = peer.call(SetParameters, 'render_node/set_parameters', SetParameters.Request(
+            parameters=[Parameter('stereo.left.image_raw.compressed.format',
+                                  value='jpeg').to_parameter_msg()]))
+        assert answer.results[0].successful
+        odometry.header.stamp.sec = 4
+        images = received['stereo/left/image_raw/compressed']
+        peer.spin_until(lambda: images[-1].header.stamp.sec == 4,
+                        meanwhile=lambda: poses.publish(odometry))
+        assert images[-1].format == 'mono8; jpeg compressed mono8'
     for topic, messages in received.items():
         assert messages[0].header.stamp.sec == 3, topic
     left = received['stereo/left/image_raw'][0]
@@ -128,6 +141,35 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     depth = np.frombuffer(bytes(received['ground_truth/depth/image'][0].data), np.float32)
     assert np.isinf(depth).any()
     assert 0.2 < np.nanmin(depth) < 2.0
+    compressed = received['stereo/left/image_raw/compressed'][0]
+    assert compressed.format == 'mono8; png compressed '
+    assert compressed.header == left.header
+    assert np.array_equal(cv2.imdecode(np.frombuffer(bytes(compressed.data), np.uint8),
+                                       cv2.IMREAD_UNCHANGED), pixels)
+    _check_cloud(received['stereo/points2'][0], received['stereo/depth/image'][0],
+                 received['stereo/depth/camera_info'][0], pixels)
+
+
+def _check_cloud(cloud: PointCloud2, depth_image: Image, info: CameraInfo,
+                 pixels: np.ndarray) -> None:
+    """The points project to their pixels at the depth of SGM, with the grey of the left image."""
+    assert cloud.header == depth_image.header == info.header
+    assert cloud.header.frame_id == 'stereo_left_optical_frame'
+    assert not cloud.is_dense and not cloud.is_bigendian
+    assert (cloud.height, cloud.width, cloud.point_step, cloud.row_step) == (120, 160, 16, 2560)
+    assert [(field.name, field.offset, field.datatype) for field in cloud.fields] == [
+        ('x', 0, 7), ('y', 4, 7), ('z', 8, 7), ('intensity', 12, 7)]
+    x, y, z, intensity = np.moveaxis(
+        np.frombuffer(bytes(cloud.data), '<f4').reshape(120, 160, 4), -1, 0)
+    depth = np.frombuffer(bytes(depth_image.data), '<f4').reshape(120, 160)
+    known = np.isfinite(depth)
+    assert known.mean() > 0.2
+    assert np.array_equal(z[known], depth[known])
+    assert np.isnan([x[~known], y[~known], z[~known]]).all()
+    v, u = np.mgrid[:120, :160]
+    assert np.allclose((info.k[0] * x / z + info.k[2])[known], u[known], atol=1e-3)
+    assert np.allclose((info.k[4] * y / z + info.k[5])[known], v[known], atol=1e-3)
+    assert np.array_equal(intensity, pixels)
 
 
 def test_render_node_blurs_by_the_twist_of_odometry(peer: Peer, world_folder: Path) -> None:
@@ -226,12 +268,18 @@ def test_drive_node_answers_odometry(peer: Peer) -> None:
 
 
 def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None:
-    """A topic that nobody declared, with a script's default QoS, is recorded."""
+    """A topic that nobody declared is recorded; those on request only where they are named."""
     from lunar_rover_sim.bag.reader import open_bag
     publisher = peer.node.create_publisher(Twist, 'somebody/elses_topic', 10)
+    named, other = (peer.node.create_publisher(
+        CompressedImage, f'stereo/{side}/image_raw/compressed', 10) for side in ('left', 'right'))
     bag = tmp_path / 'bag'
-    with running('recorder_node', '-p', f'output:={bag}'):
-        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+    with running('recorder_node', '-p', f'output:={bag}', '-p',
+                 'topics:=[all, stereo/left/image_raw/compressed]'):
+        peer.spin_until(lambda: publisher.get_subscription_count() > 0
+                        and named.get_subscription_count() > 0)
+        named.publish(CompressedImage())
+        assert not other.get_subscription_count()
         for _ in range(20):
             publisher.publish(Twist())
             time.sleep(0.01)
@@ -239,6 +287,7 @@ def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None
     with open_bag(bag) as recorded:
         assert not recorded.incomplete
         assert recorded.counts['/somebody/elses_topic'] == 20
+        assert recorded.counts['/stereo/left/image_raw/compressed'] == 1
 
 
 @pytest.mark.parametrize('kind', ['Odometry', 'PoseStamped', 'Path'])

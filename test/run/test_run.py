@@ -38,6 +38,9 @@ def test_contract(recorded_run: Path) -> None:
         for topic in topics.CONTRACT:
             if topic in (topics.RECORDED,) or topic.name in OPTIONAL - set(bag.types):
                 continue
+            if topic.on_request:
+                assert f'/{topic.name}' not in bag.types
+                continue
             name = bag.resolve(topic.name)
             assert bag.types[name] == topic.type
             period_ns = periods_ns.get(topic.rate)

@@ -1,0 +1,77 @@
+"""Compressed images as compressed_image_transport makes them: same bytes, format and parameters.
+
+Source: compressed_publisher.cpp of the repository image_transport_plugins. TIFF is left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.parameters import group, param, Parameters
+
+
+@dataclasses.dataclass(frozen=True)
+class CompressionConfig(Parameters):
+    """Parameters of one compressed image, with the names of compressed_image_transport."""
+
+    format: str = param('jpeg', 'compression; png is lossless', choices=('jpeg', 'png'),
+                        live=True)
+    jpeg_quality: int = param(95, 'quality of jpeg, higher is better', unit='%', low=1, high=100,
+                              live=True)
+    png_level: int = param(3, 'effort of png; higher is smaller and slower', low=0, high=9,
+                           live=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class RawTopicConfig(Parameters):
+    """What goes with an image topic."""
+
+    compressed: CompressionConfig = group(CompressionConfig)
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraTopicsConfig(Parameters):
+    """The image topic of one camera."""
+
+    image_raw: RawTopicConfig = group(RawTopicConfig)
+
+
+@dataclasses.dataclass(frozen=True)
+class StereoTopicsConfig(Parameters):
+    """The image topics of both cameras: image_transport derives the names from the topics'."""
+
+    left: CameraTopicsConfig = group(CameraTopicsConfig)
+    right: CameraTopicsConfig = group(CameraTopicsConfig)
+
+
+def compressed(pixels: NDArray[Any], encoding: str,
+               config: CompressionConfig) -> tuple[str, bytes]:
+    """Return the `format` of a sensor_msgs/CompressedImage, and the file.
+
+    pixels: (h, w) uint8 or uint16, or (h, w, 3) uint8 in the order red, green, blue
+    encoding: of the raw image: mono8, mono16 or rgb8
+    JPEG has 8 bits: mono16 is multiplied by 255 / 65535, as cv_bridge does.
+    Raises RenderError if OpenCV cannot compress the image.
+    """
+    colour = pixels.ndim == 3
+    if colour:
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    if config.format == 'jpeg':
+        target = 'bgr8' if colour else 'mono8'
+        if pixels.dtype == np.uint16:
+            pixels = cv2.convertScaleAbs(pixels, alpha=255.0 / 65535.0)
+        ok, data = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality])
+    else:
+        # image_transport names no target for grey images, and leaves the blank before it.
+        target = 'bgr8' if colour else ''
+        ok, data = cv2.imencode('.png', pixels, [cv2.IMWRITE_PNG_COMPRESSION, config.png_level])
+    if not ok:
+        raise RenderError(f'{config.format}: an image of shape {pixels.shape} and type '
+                          f'{pixels.dtype} cannot be compressed')
+    return f'{encoding}; {config.format} compressed {target}', data.tobytes()
