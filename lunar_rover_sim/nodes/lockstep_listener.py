@@ -12,6 +12,7 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes.diagnostics import Drops
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.run.lockstep import StampGate
@@ -34,6 +35,7 @@ class LockstepListener:
         A stamp more than a second after it is refused, because it would hold the gate open until
         then.
     on_answer: called after every answer
+    drops: answers that were lost or refused
     handlers: topic → callback that gets each message before the gate learns its stamp; the type
         of these topics has a header
     """
@@ -52,6 +54,7 @@ class LockstepListener:
         self._without_publisher = list(self.gate.topics)
         self._lag_ns = wait.lag_ns_by_topic()
         self._before_restart: set[str] = set()
+        self.drops = Drops()
         self._refused = 0
         self._last_progress_s = time.monotonic()
         for topic in self._types:
@@ -141,6 +144,7 @@ class LockstepListener:
                                                lambda event: self._on_loss(topic, event))))
 
     def _on_loss(self, topic: str, event: Any) -> None:
+        self.drops.add(f'Messages of {topic}', event.total_count_change)
         lost = f'{topic}: {event.total_count} messages of {self._publishers(topic)} are lost'
         if self._lockstep:
             raise GraphError(f'{lost}; give its publisher a depth of at least its lag')
@@ -169,6 +173,7 @@ class LockstepListener:
 
     def _refuse(self, topic: str, stamp: int, now_ns: int) -> None:
         self._refused += 1
+        self.drops.add(f'Refused stamps of {topic}')
         self._node.get_logger().warning(
             f'{topic}: stamp {stamp / 1e9:.3f} s refused ({self._refused} so far); valid is at '
             f'most {_MAX_AHEAD_NS / 1e9:g} s after the simulated time, {now_ns / 1e9:.3f} s '

@@ -13,6 +13,7 @@ from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
 from lunar_rover_sim.nodes.wall_pace import WallPace
 from lunar_rover_sim.physics.imu import ImuNoise
@@ -63,6 +64,9 @@ class PhysicsNode(node_main.GraphNode):
         self.create_service(Trigger, '~/step', self._step_callback)
 
         self._now_ns = 0
+        self._diagnostics = PhysicsDiagnostics(
+            self, config, self._listener.gate, self._listener.drops, lambda: self._now_ns,
+            lambda: self._paused)
         self._pace = WallPace(config.real_time_factor, config.state_period_ns,
                               _MAX_STATES_PER_CALLBACK, self.get_logger())
         if config.lockstep:
@@ -125,6 +129,7 @@ class PhysicsNode(node_main.GraphNode):
         self._now_ns += self._config.state_period_ns
         self._publisher.publish(state, self._now_ns)
         self._listener.note_progress()
+        self._diagnostics.tick()
         return state
 
     def _at_end(self) -> bool:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 import time
+from typing import Any
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -15,6 +17,7 @@ from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
@@ -48,6 +51,7 @@ class RecorderNode(node_main.GraphNode):
         self._clock_name = self.resolve_topic_name(topics.CLOCK.name)
         self._jump = TimeJump(self)
         self._subscribed: set[str] = set()
+        self._rate, self._drops, self._newest_told_ns = Rate(0.0), Drops(), -1
         self._written_ns = self._newest_ns = 0
 
         self._writer = BagWriter(Path(config.output), config.storage, config.compression)
@@ -64,6 +68,7 @@ class RecorderNode(node_main.GraphNode):
                         if self._is_wanted(name)}
         self._last_discovery_s = self._last_new_topic_s = time.monotonic()
         self.create_timer(_DISCOVERY_S, self._discover)
+        Diagnostics(self, {'Message rate': self._rate_status, 'Drops': self._drops.status})
         self.report_ready(config, waits=config.topics)
 
     def destroy_node(self) -> None:
@@ -114,13 +119,25 @@ class RecorderNode(node_main.GraphNode):
 
         def callback(raw: bytes) -> None:
             # A message without a stamp gets the newest time, a latched one the start.
+            self._rate.tick()
             stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns)
             if is_clock and self._jump.has_occurred(stamp_ns):
                 self._newest_ns = self._written_ns = self._sent_ns = 0
                 self._written_ns_by_topic = dict.fromkeys(self._written_ns_by_topic, 0)
             self._acknowledge(name, stamp_ns)
 
-        self.create_subscription(cls, name, callback, profile, raw=True)
+        def on_loss(event: Any) -> None:
+            self._drops.add(name, event.total_count_change)
+            self.get_logger().warning(f'{name}: {event.total_count} messages are lost',
+                                      throttle_duration_sec=1.0)
+
+        self.create_subscription(cls, name, callback, profile, raw=True,
+                                 event_callbacks=SubscriptionEventCallbacks(message_lost=on_loss))
+
+    def _rate_status(self) -> Status:
+        stands_still = self._newest_ns == self._newest_told_ns
+        self._newest_told_ns = self._newest_ns
+        return self._rate.status('Nothing new is published' if stands_still else '')
 
     def _acknowledge(self, name: str, stamp_ns: int) -> None:
         """Note up to which stamp all acknowledged topics are written, and publish it."""

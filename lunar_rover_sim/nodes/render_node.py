@@ -18,6 +18,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.frame_publisher import FramePublisher
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare, on_change
@@ -77,7 +78,9 @@ class RenderNode(node_main.GraphNode):
         self._joints: dict[int, bytes] = {}
         self._begun: collections.deque[_Begun] = collections.deque()
         self._newest: _Frame | None = None
+        self._counted: _Frame | None = None
         self._awaited = list(config.await_readers)
+        self._rate, self._drops, self._is_fed = Rate(0.0), Drops(), False
 
         self._publisher = FramePublisher(self, config, self._renderer.rig, self._wake_if_idle,
                                          self._wake_later)
@@ -92,6 +95,7 @@ class RenderNode(node_main.GraphNode):
         self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
                                  qos.requested(topics.ODOM, lockstep=True), raw=True)
         on_change(self, config, self._publisher.configure)
+        Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})
         self.report_ready(config, f'world {world.hash[:12]}', (topics.ODOM.name,))
 
     def destroy_node(self) -> None:
@@ -151,7 +155,9 @@ class RenderNode(node_main.GraphNode):
         if first and rest_ns:
             self._single, self._single_s = (stamp, raw), time.monotonic()
             return
-        if not self._config.lockstep:
+        self._is_fed = True
+        if not self._config.lockstep and self._poses:
+            self._drops.add('Frames', len(self._poses))
             self._poses.clear()
         self._poses.append((stamp, raw))
         self._wake_if_idle()
@@ -226,6 +232,13 @@ class RenderNode(node_main.GraphNode):
         frame.layers.update((layer, images[layer]) for layer in layers)
         self._publisher.publish(names, frame.layers, conversions.time_msg(frame.stamp_ns))
         frame.published.update(names)
+        if frame is not self._counted:
+            self._counted = frame
+            self._rate.tick()
+
+    def _frame_rate_status(self) -> Status:
+        fed, self._is_fed = self._is_fed, False
+        return self._rate.status('' if fed else 'No new odometry')
 
 
 def _rover_pose(odom_raw: bytes, joints_raw: bytes | None) -> RoverPose:

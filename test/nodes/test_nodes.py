@@ -16,7 +16,8 @@ import pytest
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import Twist  # noqa: E402  (needs rclpy)
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
+from geometry_msgs.msg import Twist  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
@@ -30,7 +31,8 @@ from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 
 
 def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
-    """Remapped commands from a script turn the legs; pause and step work."""
+    """Remapped commands from a script turn the legs; pause and step work; it says how it is."""
+    told = peer.listen(DiagnosticArray, '/diagnostics')
     odometry = peer.listen(Odometry, 'odom')
     joints = peer.listen(JointState, 'joint_states')
     publisher = peer.node.create_publisher(JointState, 'my_commands', 10)
@@ -54,6 +56,10 @@ def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
         assert peer.call(SetBool, 'physics_node/pause', SetBool.Request(data=False)).success
         count = len(odometry)
         peer.spin_until(lambda: len(odometry) > count + 5)
+        assert {status.name for status in told[-1].status} == {
+            'physics_node: State rate', 'physics_node: Real-time factor',
+            'physics_node: Participants', 'physics_node: Drops'}
+        assert told[-1].header.stamp.sec > 0
         position = odometry[-1].pose.pose.position
         assert np.hypot(position.x, position.y) < 0.05
 
