@@ -50,16 +50,23 @@ class StereoTopicsConfig(Parameters):
     right: CameraTopicsConfig = group(CameraTopicsConfig)
 
 
-def compressed(pixels: NDArray[Any], encoding: str,
-               config: CompressionConfig) -> tuple[str, bytes]:
+_ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'rgb8',
+              ('float32', 2): '32FC1'}
+
+
+def encoding_of(pixels: NDArray[Any]) -> str:
+    """Return the encoding of (h, w) uint8, uint16, float32 or (h, w, 3) uint8 pixels."""
+    return _ENCODINGS[str(pixels.dtype), pixels.ndim]
+
+
+def compressed(pixels: NDArray[Any], config: CompressionConfig) -> tuple[str, bytes]:
     """Return the `format` of a sensor_msgs/CompressedImage, and the file.
 
     pixels: (h, w) uint8 or uint16, or (h, w, 3) uint8 in the order red, green, blue
-    encoding: of the raw image: mono8, mono16 or rgb8
     JPEG has 8 bits: mono16 is multiplied by 255 / 65535, as cv_bridge does.
     Raises RenderError if OpenCV cannot compress the image.
     """
-    colour = pixels.ndim == 3
+    encoding, colour = encoding_of(pixels), pixels.ndim == 3
     if colour:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     if config.format == 'jpeg':

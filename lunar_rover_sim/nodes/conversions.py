@@ -6,7 +6,7 @@ they name, so a message object that is made once can be published for every stat
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (AccelStamped, Point, Quaternion, TransformStamped, Twist,
@@ -22,6 +22,7 @@ from stereo_msgs.msg import DisparityImage
 
 from lunar_rover_sim import frames
 from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.camera.compression import encoding_of
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.description import JOINT_NAMES
@@ -193,6 +194,16 @@ def fill_wrench(msg: WrenchStamped, force_n: Array, torque_nm: Array,
     return msg
 
 
+def fill_entity_state(msg: Any, state: RoverState, stamp: Time) -> None:
+    """Write pose and twist in axes of `odom` into a simulation_interfaces/EntityState."""
+    _set_header(msg.header, stamp, frames.ODOM_FRAME)
+    R_world_base = frames.matrix_from_wxyz(state.orientation_wxyz)
+    _set_vector(msg.pose.position, state.position_m)
+    _set_quaternion(msg.pose.orientation, state.orientation_wxyz)
+    _set_vector(msg.twist.linear, R_world_base @ state.linear_velocity_mps)
+    _set_vector(msg.twist.angular, R_world_base @ state.angular_velocity_radps)
+
+
 def transform(parent: str, child: str, T_parent_child: Array, stamp: Time) -> TransformStamped:
     """Return a (4, 4) transform as a message."""
     msg = TransformStamped()
@@ -215,15 +226,6 @@ def camera_info(rig: StereoRig, frame_id: str, projection: Array,
     msg.r = rig.R.ravel().tolist()
     msg.p = projection.ravel().tolist()
     return msg
-
-
-_ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'rgb8',
-              ('float32', 2): '32FC1'}
-
-
-def encoding_of(pixels: NDArray) -> str:
-    """Return the encoding of (h, w) uint8, uint16, float32 or (h, w, 3) uint8 pixels."""
-    return _ENCODINGS[str(pixels.dtype), pixels.ndim]
 
 
 def image(pixels: NDArray, frame_id: str, stamp: Time) -> Image:

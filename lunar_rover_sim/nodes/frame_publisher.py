@@ -124,8 +124,7 @@ class FramePublisher:
             if name in _COMPRESSED:
                 pixels = layers[_LAYERS[name][0]]
                 self._send(name, conversions.compressed_image(
-                    *compressed(pixels, conversions.encoding_of(pixels), self._compression[name]),
-                    _TOPICS[name].frame_id, stamp))
+                    *compressed(pixels, self._compression[name]), _TOPICS[name].frame_id, stamp))
         if not any(name in _MATCHED for name in names):
             return
         disparity = self._matcher.match(layers['left'], layers['right'])

@@ -9,12 +9,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
+from lunar_rover_sim.nodes.stepping import Stepping
 from lunar_rover_sim.nodes.wall_pace import WallPace
 from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.simulation import Simulation
@@ -58,6 +60,8 @@ class PhysicsNode(node_main.GraphNode):
             self.create_subscription(
                 JointState, topics.JOINT_COMMANDS.name, self._command_callback,
                 qos.requested(topics.JOINT_COMMANDS, lockstep=False))
+        self._stepping = Stepping(self._wake_from_thread)
+        self._step_service = simulation_services.offer(self, self)
         self.create_service(Trigger, '~/reset', self._reset_callback)
         self.create_service(Trigger, '~/restart', self._restart_callback)
         self.create_service(SetBool, '~/pause', self._pause_callback)
@@ -66,7 +70,7 @@ class PhysicsNode(node_main.GraphNode):
         self._now_ns = 0
         self._diagnostics = PhysicsDiagnostics(
             self, config, self._listener.gate, self._listener.drops, lambda: self._now_ns,
-            lambda: self._paused)
+            lambda: self._stands_still)
         self._pace = WallPace(config.real_time_factor, config.state_period_ns,
                               _MAX_STATES_PER_CALLBACK, self.get_logger())
         if config.lockstep:
@@ -80,6 +84,9 @@ class PhysicsNode(node_main.GraphNode):
 
     def destroy_node(self) -> None:
         """Release the simulation."""
+        self._stepping.cancel('physics_node ends')
+        if self._step_service is not None:
+            self._step_service.close()
         self._simulation.close()
         super().destroy_node()
 
@@ -99,10 +106,11 @@ class PhysicsNode(node_main.GraphNode):
     # Time
 
     def _advance_while_open(self) -> None:
-        if self._paused or not self._config.lockstep or not self._is_matched():
+        if self._stands_still or not self._config.lockstep or not self._is_matched():
             return
         for _ in range(_MAX_STATES_PER_CALLBACK):
-            if not self._listener.gate.is_open(self._now_ns) or self._at_end():
+            if (self._stands_still or not self._listener.gate.is_open(self._now_ns)
+                    or self._at_end()):
                 break
             self._advance()
         else:
@@ -111,12 +119,14 @@ class PhysicsNode(node_main.GraphNode):
             self._finish()
 
     def _advance_by_wall_clock(self) -> None:
-        if self._paused or not self._is_matched():
+        if self._stands_still or not self._is_matched():
             self._pace.restart(self._now_ns)
             return
         for _ in range(self._pace.due_periods(self._now_ns)):
             if self._at_end():
                 self._finish()
+                break
+            if self._stands_still:
                 break
             self._advance()
 
@@ -130,6 +140,7 @@ class PhysicsNode(node_main.GraphNode):
         self._publisher.publish(state, self._now_ns)
         self._listener.note_progress()
         self._diagnostics.tick()
+        self._stepping.made()
         return state
 
     def _at_end(self) -> bool:
@@ -139,8 +150,16 @@ class PhysicsNode(node_main.GraphNode):
         self.get_logger().info(f'finished at {self._now_ns / 1e9:.3f} s')
         self.finished = True
 
+    @property
+    def _stands_still(self) -> bool:
+        return self._paused and not self._stepping.pending
+
+    def _wake_from_thread(self) -> None:
+        if self.executor is not None:
+            self.executor.create_task(self.wake)
+
     def _watch(self) -> None:
-        if self._paused:
+        if self._stands_still:
             self._listener.note_progress()
         elif not self._is_matched():
             self._listener.check_publishers()
@@ -157,33 +176,82 @@ class PhysicsNode(node_main.GraphNode):
             return
         self._simulation.command(velocity)
 
-    # Services
+    # What services ask for: the Simulator of simulation_services
 
-    def _reset_callback(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._simulation.reset()
-        response.success = True
-        response.message = 'the rover is back at its start; time goes on'
-        return response
+    @property
+    def is_paused(self) -> bool:
+        """Whether time stands still unless steps are asked for."""
+        return self._paused
 
-    def _restart_callback(self, _: Trigger.Request,
-                          response: Trigger.Response) -> Trigger.Response:
+    @property
+    def is_lockstep(self) -> bool:
+        """Whether time waits for participants."""
+        return self._config.lockstep
+
+    @property
+    def now_ns(self) -> int:
+        """The simulated time [ns]."""
+        return self._now_ns
+
+    def rover_state(self) -> RoverState:
+        """Return the present state."""
+        return self._simulation.state
+
+    def pause(self, paused: bool) -> None:
+        """Stop or continue time."""
+        self._paused = paused
+        self._stepping.cancel('time was paused or continued meanwhile')
+        self._pace.restart(self._now_ns)
+        self._listener.note_progress()
+        self.wake()
+
+    def reset(self) -> None:
+        """Put the rover back to its start; time goes on."""
+        self._stepping.cancel('the simulation was reset meanwhile')
         self._simulation.reset()
+
+    def restart(self) -> None:
+        """Put the rover back to its start; time begins at 0."""
+        self.reset()
         self._publisher.restart(self._imu_noise())
         self.get_logger().info(f'restarted at {self._now_ns / 1e9:.3f} s: time begins at 0')
         self._now_ns = 0
         self._pace.restart(self._now_ns)
         self._listener.restart()
         self.wake()
+
+    def quit(self) -> None:
+        """End the node after the current callback."""
+        self.finished = True
+        self.wake()
+
+    def move(self, position_m: Array | None, orientation_wxyz: Array | None,
+             linear_mps: Array | None, angular_radps: Array | None) -> None:
+        """Put the rover elsewhere; raises PhysicsError."""
+        self._simulation.move(position_m, orientation_wxyz, linear_mps, angular_radps)
+
+    def step(self, count: int) -> str:
+        """Advance so many states while paused, and wait for them, in the service's thread."""
+        return self._stepping.run(count)
+
+    # Services
+
+    def _reset_callback(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.reset()
+        response.success = True
+        response.message = 'the rover is back at its start; time goes on'
+        return response
+
+    def _restart_callback(self, _: Trigger.Request,
+                          response: Trigger.Response) -> Trigger.Response:
+        self.restart()
         response.success = True
         response.message = 'the rover is back at its start; time begins at 0'
         return response
 
     def _pause_callback(self, request: SetBool.Request,
                         response: SetBool.Response) -> SetBool.Response:
-        self._paused = request.data
-        self._pace.restart(self._now_ns)
-        self._listener.note_progress()
-        self.wake()
+        self.pause(request.data)
         response.success = True
         response.message = ('paused' if self._paused else 'running') + \
             f' at {self._now_ns / 1e9:.3f} s'

@@ -19,6 +19,7 @@ from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.ground_contact import GroundContact
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.placement import place
+from lunar_rover_sim.physics.relocation import relocate
 from lunar_rover_sim.physics.soft_ground import SoftGround
 from lunar_rover_sim.physics.soil_contact import set_soil
 from lunar_rover_sim.physics.state import RoverState
@@ -69,6 +70,7 @@ class Simulation:
         catch_warnings()
         self.rover = rover
         self.config = config
+        self._ground = world.ground
         self._half_extent_m = world.ground.half_extent_m
         self._model: mujoco.MjModel | None = build_model(world, rover, config)
         self._data: mujoco.MjData | None = mujoco.MjData(self._model)
@@ -228,6 +230,28 @@ class Simulation:
         self._steps = 0
         self._state = self._start_state
         self._last_quat, self._last_imu_velocity = self._start_motion
+        return self._state
+
+    def move(self, position_m: ArrayLike | None = None, orientation_wxyz: ArrayLike | None = None,
+             linear_mps: ArrayLike | None = None,
+             angular_radps: ArrayLike | None = None) -> RoverState:
+        """Put the rover elsewhere or give it another velocity, and return its state.
+
+        Arguments and errors as in `relocate`. The IMU does not feel the jump. Raises PhysicsError
+        also on ground that deforms: it remembers where each leg stood.
+        """
+        if self._soft_ground is not None:
+            raise PhysicsError('move: the ground deforms; valid is rigid ground')
+        relocate(self.model, self.data, self._ground, position_m, orientation_wxyz, linear_mps,
+                 angular_radps)
+        quat, rate = self._qpos[3:7].copy(), self._qvel[3:6].copy()
+        R_world_base = matrix_from_wxyz(quat)
+        self._last_quat = quat
+        self._last_imu_velocity = R_world_base @ np.cross(rate, self._imu_position) \
+            + self._qvel[:3]
+        self._state = dataclasses.replace(
+            self._state, position_m=self._qpos[:3].copy(), orientation_wxyz=quat,
+            linear_velocity_mps=self._qvel[:3] @ R_world_base, angular_velocity_radps=rate)
         return self._state
 
     def _settle(self) -> None:

@@ -24,37 +24,36 @@ def test_png_is_lossless() -> None:
     png = CompressionConfig(format='png')
     wide = (GREY.astype(np.uint16) * 200 + 7).astype(np.uint16)
     colour = np.stack([GREY, GREY // 2, 255 - GREY], axis=-1)
-    for pixels, encoding, description in ((GREY, 'mono8', 'mono8; png compressed '),
-                                          (wide, 'mono16', 'mono16; png compressed ')):
-        told, data = compressed(pixels, encoding, png)
+    for pixels, description in ((GREY, 'mono8; png compressed '),
+                                (wide, 'mono16; png compressed ')):
+        told, data = compressed(pixels, png)
         assert told == description
         assert np.array_equal(decoded(data), pixels)
         assert decoded(data).dtype == pixels.dtype
-    told, data = compressed(colour, 'rgb8', png)
+    told, data = compressed(colour, png)
     assert told == 'rgb8; png compressed bgr8'
     assert np.array_equal(decoded(data)[..., ::-1], colour)
 
 
 def test_jpeg_follows_its_quality() -> None:
     """Quality changes size and error; the default is near the image."""
-    told, data = compressed(GREY, 'mono8', CompressionConfig())
+    told, data = compressed(GREY, CompressionConfig())
     assert told == 'mono8; jpeg compressed mono8'
     assert data[:2] == b'\xff\xd8'
     error = np.abs(decoded(data).astype(int) - GREY).mean()
-    _, poor = compressed(GREY, 'mono8', CompressionConfig(jpeg_quality=20))
+    _, poor = compressed(GREY, CompressionConfig(jpeg_quality=20))
     assert len(poor) < 0.6 * len(data)
     assert error < 2.0 < np.abs(decoded(poor).astype(int) - GREY).mean()
 
 
 def test_jpeg_has_eight_bits() -> None:
     """Of 16 bits the upper ones stay; red stays red."""
-    told, data = compressed(np.full((16, 16), 65535 // 2, np.uint16), 'mono16',
-                            CompressionConfig())
+    told, data = compressed(np.full((16, 16), 65535 // 2, np.uint16), CompressionConfig())
     assert told == 'mono16; jpeg compressed mono8'
     assert np.abs(decoded(data).astype(int) - 127).max() <= 1
     red = np.zeros((16, 16, 3), np.uint8)
     red[..., 0] = 200
-    told, data = compressed(red, 'rgb8', CompressionConfig())
+    told, data = compressed(red, CompressionConfig())
     assert told == 'rgb8; jpeg compressed bgr8'
     blue, _, strong = decoded(data).reshape(-1, 3).mean(axis=0)
     assert strong > 190 and blue < 10
