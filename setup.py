@@ -7,6 +7,8 @@ from setuptools import find_packages, setup
 
 NAME = 'lunar_rover_sim'
 SHARE = os.path.join('share', NAME)
+# Its validators are those of the tests. There are no wheels of it for Python 3.10.
+USD = 'usd-core>=26.5,<27; python_version>="3.11"'
 
 
 def folder(path):
@@ -58,11 +60,13 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
         # Campaigns on the workers of a Dask cluster.
         'cluster': ['distributed>=2024.4'],
+        # OpenUSD stages.
+        'usd': [USD],
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
         'test': ['evo>=1.30', 'pytest>=8', 'pytest-xdist>=3.5', 'flake8>=7', 'flake8-quotes>=3',
                  'import-linter>=2', 'isort>=5', 'mypy>=1.10', 'vulture>=2.11', 'types-PyYAML',
                  'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100', 'setuptools>=70.1',
-                 'distributed>=2024.4'],
+                 'distributed>=2024.4', USD],
         # Random changes of the code, to see which of them the tests notice.
         'mutation': ['cosmic-ray>=8.4'],
         'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],

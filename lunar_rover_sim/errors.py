@@ -62,6 +62,10 @@ class SequenceError(LunarRoverSimError):
     """A recording cannot be exported to the format of a data set."""
 
 
+class UsdError(LunarRoverSimError):
+    """OpenUSD is missing, or a stage cannot be written."""
+
+
 class EvaluationError(LunarRoverSimError):
     """Trajectories cannot be associated, aligned or compared."""
 

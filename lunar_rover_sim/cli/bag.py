@@ -16,12 +16,15 @@ from rich.text import Text
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import FORMATS
+from lunar_rover_sim.usd.suffixes import stage_bytes
 
+_USD = 'usd'
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
@@ -44,10 +47,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.add_argument('-o', '--output', type=Path, metavar='DIR',
                          help='write the readable bag there, for instance where the disk of the '
                               'other one is full; by default it takes its place')
-    command = _add(add_parser, 'export', 'write the sequence for SLAM programs', _export)
-    command.add_argument('-o', '--output', type=Path, metavar='DIR', required=True,
-                         help='folder of the sequence; must not exist')
-    command.add_argument('--format', choices=tuple(FORMATS), default='euroc')
+    command = _add(add_parser, 'export', 'write the sequence for SLAM programs, or the drive as '
+                   'an OpenUSD stage', _export)
+    command.add_argument('-o', '--output', type=Path, metavar='PATH', required=True,
+                         help='folder of the sequence, or file of the stage (.usd, .usda, .usdc, '
+                              '.usdz); must not exist')
+    command.add_argument('--format', choices=(*FORMATS, _USD), default='euroc')
+    stage = command.add_argument_group(f'--format {_USD}')
+    stage.add_argument('--world', type=Path, metavar='DIR',
+                       help='the world that was driven on, where it is not in the cache')
+    stage.add_argument('--world-stage', type=Path, metavar='FILE',
+                       help='a stage of that world to refer to; by default one is written')
+    stage.add_argument('--overwrite', action='store_true', help='replace an existing stage')
 
 
 def _add(add_parser: Callable[..., argparse.ArgumentParser], name: str, text: str,
@@ -125,10 +136,28 @@ def _recover(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
+    if args.format == _USD:
+        return _export_stage(args)
+    for name, value in (('--world', args.world), ('--world-stage', args.world_stage),
+                        ('--overwrite', args.overwrite)):
+        if value:
+            raise ConfigError(f'{name}: is for --format {_USD}, not for {args.format}')
     with _counting(args.bag, 'exporting') as progress:
         notes = export(args.bag, args.output, args.format, progress)
     for note in notes:
         print(note)
+    return 0
+
+
+def _export_stage(args: argparse.Namespace) -> int:
+    if args.world is not None and args.world_stage is not None:
+        raise ConfigError('--world, --world-stage: both are given; valid is one of them')
+    # Here, because OpenUSD is an optional dependency.
+    from lunar_rover_sim.usd.drive_stage import write_drive
+    with Console(stderr=True).status('writing the stage'):
+        write_drive(args.bag, args.output, world=args.world, world_stage=args.world_stage,
+                    overwrite=args.overwrite)
+    print(f'{args.output}: {stage_bytes(args.output) / 1e6:.1f} MB')
     return 0
 
 

@@ -36,6 +36,7 @@ COMMANDS = {
     'evaluate': Command('evaluate', 'judge an estimated trajectory against the truth'),
     'parameters': Command('parameters', 'list all parameters, by node and section'),
     'render': Command('render', 'draw single stereo frames with all truth layers'),
+    'rover': Command('rover', 'export the rover as an OpenUSD stage or URDF'),
     'run': Command('run', 'simulate and record a scenario'),
     'slam': Command('slam', 'what SLAM programs need: settings files; running them on bags'),
     'validate imu': Command(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+import dataclasses
 import json
 from pathlib import Path
 import time
@@ -15,7 +16,9 @@ from rich.table import Table
 
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.rendering.snapshot import four_views
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.usd.suffixes import is_stage, stage_bytes
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.export import write as write_mesh
 from lunar_rover_sim.world.map_sheet import write as write_sheet
@@ -41,15 +44,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='leave the camera views out; they need EGL')
     preview.add_argument('--overwrite', action='store_true', help='replace an existing file')
     preview.set_defaults(run=run_preview)
-    export = actions.add_parser('export', help='a mesh file: GLB, OBJ or PLY')
+    _add_export(actions.add_parser)
+
+
+def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
+    export = add_parser('export', help='a mesh file (GLB, OBJ, PLY) or an OpenUSD stage')
     export.add_argument('folder', help='world folder')
     export.add_argument('-o', '--output', required=True, metavar='FILE',
-                        help='file to write; its suffix says the format: .glb, .obj or .ply')
-    export.add_argument('--stride', type=int, default=0, metavar='N',
-                        help='keep every N-th sample of the ground (default: 513 along a side)')
-    export.add_argument('--no-rocks', action='store_true', help='leave the rocks out')
-    export.add_argument('--surroundings', action='store_true', help='add the coarse levels')
+                        help='file to write; its suffix says the format: .glb, .obj, .ply, or '
+                             '.usd, .usda, .usdc, .usdz for a stage')
     export.add_argument('--overwrite', action='store_true', help='replace an existing file')
+    mesh = export.add_argument_group('mesh files')
+    mesh.add_argument('--stride', type=int, default=0, metavar='N',
+                      help='keep every N-th sample of the ground (default: 513 along a side)')
+    mesh.add_argument('--no-rocks', action='store_true', help='leave the rocks out')
+    mesh.add_argument('--surroundings', action='store_true', help='add the coarse levels')
+    stage = export.add_argument_group('stages')
+    stage.add_argument('--scenario', metavar='NAME_OR_PATH',
+                       help='where sun, reflectance, gravity and friction are from (default: '
+                            'their defaults)')
+    stage.add_argument('--sun', nargs=2, type=float, metavar=('AZIMUTH', 'ELEVATION'),
+                       help='[deg] from east towards north, above the horizontal')
+    stage.add_argument('--name', metavar='NAME', help='of the default prim (default: World)')
+    stage.add_argument('--no-surroundings', action='store_true',
+                       help='leave the coarse levels and distant rocks out')
     export.set_defaults(run=run_export)
 
 
@@ -171,10 +189,7 @@ def run_info(args: argparse.Namespace) -> int:
 
 def run_preview(args: argparse.Namespace) -> int:
     """Write the sheet of maps."""
-    azimuth, elevation = args.sun
-    if not (-360.0 <= azimuth <= 360.0 and -1.0 <= elevation <= 90.0):
-        raise ConfigError(f'--sun: {azimuth:g} {elevation:g} is not valid; valid are an azimuth '
-                          'of -360 to 360 and an elevation of -1 to 90 [deg]')
+    azimuth, elevation = _checked_sun(args.sun)
     folder = Path(args.folder)
     output = Path(args.output) if args.output else folder.resolve().with_suffix('.png')
     _refuse_existing(output, args.overwrite)
@@ -188,12 +203,52 @@ def run_preview(args: argparse.Namespace) -> int:
 
 
 def run_export(args: argparse.Namespace) -> int:
-    """Write a mesh file."""
+    """Write a mesh file or a stage."""
     output = Path(args.output)
-    _refuse_existing(output, args.overwrite)
-    write_mesh(load_world(args.folder), output, args.stride, not args.no_rocks, args.surroundings)
-    print(f'{output}: {output.stat().st_size / 1e6:.1f} MB')
+    of_stage = {'--scenario': args.scenario, '--sun': args.sun, '--name': args.name,
+                '--no-surroundings': args.no_surroundings}
+    of_mesh = {'--stride': args.stride, '--no-rocks': args.no_rocks,
+               '--surroundings': args.surroundings}
+    foreign = of_mesh if is_stage(output) else of_stage
+    for name, value in foreign.items():
+        if value:
+            kind = 'mesh files' if foreign is of_mesh else 'stages'
+            raise ConfigError(f'{name}: is for {kind}, and {output} is none')
+    if is_stage(output):
+        _export_stage(args, output)
+    else:
+        _refuse_existing(output, args.overwrite)
+        write_mesh(load_world(args.folder), output, args.stride, not args.no_rocks,
+                   args.surroundings)
+    print(f'{output}: {stage_bytes(output) / 1e6:.1f} MB')
     return 0
+
+
+def _export_stage(args: argparse.Namespace, output: Path) -> None:
+    # Here, because OpenUSD is an optional dependency.
+    from lunar_rover_sim.usd.output import check_output, check_prim_name
+    from lunar_rover_sim.usd.recorded_site import site_of
+    from lunar_rover_sim.usd.world_stage import write_world
+    check_output(output, args.overwrite)
+    name = check_prim_name(args.name if args.name is not None else 'World')
+    scenario = Scenario.load(args.scenario) if args.scenario else None
+    site = site_of(scenario.physics_node if scenario else PhysicsNodeConfig(),
+                   scenario.render_node if scenario else RenderNodeConfig())
+    if args.sun is not None:
+        azimuth, elevation = _checked_sun(args.sun)
+        sun = dataclasses.replace(site.sun, azimuth_deg=azimuth, elevation_deg=elevation)
+        site = dataclasses.replace(site, sun=sun)
+    with Console(stderr=True).status('writing the stage'):
+        write_world(load_world(args.folder), output, site, name=name,
+                    surroundings=not args.no_surroundings, overwrite=args.overwrite)
+
+
+def _checked_sun(sun: tuple[float, float]) -> tuple[float, float]:
+    azimuth, elevation = sun
+    if not (-360.0 <= azimuth <= 360.0 and -1.0 <= elevation <= 90.0):
+        raise ConfigError(f'--sun: {azimuth:g} {elevation:g} is not valid; valid are an azimuth '
+                          'of -360 to 360 and an elevation of -1 to 90 [deg]')
+    return azimuth, elevation
 
 
 def _refuse_existing(path: Path, overwrite: bool) -> None:

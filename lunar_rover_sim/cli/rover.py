@@ -1,0 +1,60 @@
+"""`lunar_rover_sim rover`: take the rover elsewhere."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.urdf import urdf
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.usd.suffixes import is_stage, stage_bytes, SUFFIXES
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the commands."""
+    actions = parser.add_subparsers(metavar='ACTION', required=True)
+    export = actions.add_parser('export', help='an OpenUSD stage (articulation, drives, cameras) '
+                                'or URDF')
+    export.add_argument('rover', nargs='?', type=Path, metavar='ROVER',
+                        help='rover description, YAML (default: that of the scenario, else the '
+                             'packaged one)')
+    export.add_argument('-o', '--output', required=True, type=Path, metavar='FILE',
+                        help='file to write; its suffix says the format: .usd, .usda, .usdc, '
+                             '.usdz or .urdf')
+    export.add_argument('--scenario', metavar='NAME_OR_PATH',
+                        help='where rover, cameras and friction are from (default: their '
+                             'defaults)')
+    export.add_argument('--name', metavar='NAME', help='of the default prim (default: Rover)')
+    export.add_argument('--overwrite', action='store_true', help='replace an existing file')
+    export.set_defaults(run=run_export)
+
+
+def run_export(args: argparse.Namespace) -> int:
+    """Write the rover."""
+    scenario = Scenario.load(args.scenario) if args.scenario else None
+    rover = scenario.rover if scenario and args.rover is None else load_rover(args.rover)
+    output = args.output
+    if is_stage(output):
+        # Here, because OpenUSD is an optional dependency.
+        from lunar_rover_sim.usd.rover_stage import write_rover
+        render = scenario.render_node if scenario else RenderNodeConfig()
+        physics = scenario.physics_node if scenario else PhysicsNodeConfig()
+        write_rover(rover, output, camera=render.camera, sensor=render.sensor,
+                    friction=physics.contact.sliding_friction,
+                    name=args.name if args.name is not None else 'Rover',
+                    overwrite=args.overwrite)
+    elif output.suffix.lower() == '.urdf':
+        if args.name:
+            raise ConfigError(f'--name: is for stages, and {output} is none')
+        if output.exists() and not args.overwrite:
+            raise ConfigError(f'{output}: exists already; choose another name or say --overwrite')
+        atomic_write(output, urdf(rover), ConfigError)
+    else:
+        raise ConfigError(f'{output}: {output.suffix or "no suffix"} is not valid; valid are '
+                          f'{", ".join(SUFFIXES)} and .urdf')
+    print(f'{output}: {rover.total_mass_kg:g} kg, {stage_bytes(output) / 1e3:.0f} kB')
+    return 0

@@ -1,0 +1,1 @@
+"""World, rover and drive as OpenUSD stages."""

@@ -1,0 +1,122 @@
+"""What a bag says about the motion of its rover, as arrays by stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import header_ns, imu_row, xyz
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.series import Odometry, read_odometry
+from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.errors import UsdError
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, product_wxyz
+from lunar_rover_sim.rover.description import JOINT_NAMES, LEG_NAMES, RoverDescription
+
+
+class Series(NamedTuple):
+    """stamps_ns (n,) and values (n, k)."""
+
+    stamps_ns: NDArray[np.int64]
+    values: Array
+
+
+class Motion(NamedTuple):
+    """The motion of a rover; those of `others` that were recorded, by name.
+
+    odometry: poses and twists of base_link
+    joints: (n, 4) leg angles [rad, unwrapped] at the stamps of the odometry
+    others: `joint_velocity` [rad/s], `joint_torque` [N m] and `joint_command` [rad/s] (n, 4);
+        `imu` (n, 6) rates [rad/s] and specific forces [m/s2]; `contact/<leg>` (n, 3) force [N],
+        world axes; `frames` (n, 0), the stamps of the images
+    """
+
+    odometry: Odometry
+    joints: Array
+    others: dict[str, Series]
+
+    @property
+    def rate_hz(self) -> int:
+        """Rate of the states: that of their median distance in time."""
+        steps = np.diff(self.odometry.stamps_ns)
+        return round(NS_PER_S / float(np.median(steps))) if len(steps) else 1
+
+
+def read_motion(bag: Bag) -> Motion:
+    """Return the motion in a bag; raise UsdError where it holds no drive."""
+    for topic in (topics.ODOM, topics.JOINT_STATES):
+        if not bag.has(topic.name) or not bag.counts[bag.resolve(topic.name)]:
+            raise UsdError(f'{bag.path}: holds no drive: {topic.name} is missing')
+    odometry = read_odometry(bag)
+    angles, velocities, torques = [], [], []
+    stamps = []
+    for _, _, message in bag.messages([topics.JOINT_STATES.name]):
+        order = _order(bag, message)
+        stamps.append(header_ns(message))
+        angles.append(np.asarray(message.position)[order])
+        velocities.append(_values(message.velocity, order))
+        torques.append(_values(message.effort, order))
+    at = np.array(stamps, np.int64)
+    angle = np.array(angles, float)
+    joints = np.stack([np.interp(odometry.stamps_ns, at, angle[:, k]) for k in range(4)], axis=-1)
+    others = {'joint_velocity': Series(at, np.array(velocities, float)),
+              'joint_torque': Series(at, np.array(torques, float))}
+    if bag.has(topics.JOINT_COMMANDS.name):
+        others['joint_command'] = _series(bag, topics.JOINT_COMMANDS.name,
+                                          lambda m: _values(m.velocity, _order(bag, m)), 4)
+    if bag.has(topics.IMU_RAW.name):
+        others['imu'] = _series(bag, topics.IMU_RAW.name, imu_row, 6)
+    for leg, topic in zip(LEG_NAMES, topics.CONTACTS):
+        if bag.has(topic.name):
+            others[f'contact/{leg}'] = _series(bag, topic.name, lambda m: xyz(m.wrench.force), 3)
+    if bag.has(topics.LEFT_INFO.name):
+        others['frames'] = _series(bag, topics.LEFT_INFO.name, lambda m: (), 0)
+    return Motion(odometry, joints, {k: s for k, s in others.items() if len(s.stamps_ns)})
+
+
+def link_motion(rover: RoverDescription, motion: Motion) -> dict[str, tuple[Array, Array]]:
+    """Return leg → positions (n, 3) and orientations_wxyz (n, 4) in the world."""
+    odometry = motion.odometry
+    rotation = matrix_from_wxyz(odometry.orientations_wxyz)
+    result = {}
+    for k, (leg, axle) in enumerate(zip(LEG_NAMES, rover.legs.axle_positions_m())):
+        half = 0.5 * motion.joints[:, k]
+        zero = np.zeros_like(half)
+        turn = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
+        result[leg] = (odometry.positions_m + rotation @ np.asarray(axle, float),
+                       product_wxyz(odometry.orientations_wxyz, turn))
+    return result
+
+
+def continuous(orientations_wxyz: Array) -> Array:
+    """Return the same (n, 4) rotations with signs that do not jump, for interpolation."""
+    flips = np.sum(orientations_wxyz[1:] * orientations_wxyz[:-1], axis=1) < 0.0
+    sign = np.where(np.cumsum(np.concatenate([[False], flips])) % 2, -1.0, 1.0)
+    return orientations_wxyz * sign[:, None]
+
+
+def _series(bag: Bag, topic: str, row: Callable[[Any], Any], width: int) -> Series:
+    stamps, rows = [], []
+    for _, _, message in bag.messages([topic]):
+        stamps.append(header_ns(message))
+        rows.append(row(message))
+    return Series(np.array(stamps, np.int64), np.array(rows, float).reshape(len(rows), width))
+
+
+def _order(bag: Bag, message: Any) -> list[int]:
+    """Return where each of our joints stands in a message."""
+    names = list(message.name)
+    missing = sorted(set(JOINT_NAMES) - set(names))
+    if missing:
+        raise UsdError(f'{bag.path}: {topics.JOINT_STATES.name} lacks {missing[0]}; valid are the '
+                       f'joints {", ".join(JOINT_NAMES)}')
+    return [names.index(name) for name in JOINT_NAMES]
+
+
+def _values(values: Any, order: list[int]) -> Array:
+    """Return values in our order; NaN where a message has none."""
+    return np.asarray(values, float)[order] if len(values) else np.full(len(order), np.nan)

@@ -1,0 +1,158 @@
+"""The ground as meshes: tiles of the fine grid in three resolutions, and the surroundings.
+
+The finest tiles have the very vertices and triangles of `HeightGrid`, which MuJoCo collides with.
+A tile's points are relative to its middle in x and y, so that single precision holds them to
+0.1 um; heights are those of the grid, which has single precision itself.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.usd.conventions import integers, label, place, points
+from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.levels import axis_m
+
+F32 = NDArray[np.float32]
+
+# Name of the variant → cells of the grid per cell of the mesh.
+RESOLUTIONS = {'full': 1, 'quarter': 4, 'sixteenth': 16}
+TEXTURE_SCALE = 2.0         # albedo factor of the brightest texel
+_TILE_CELLS = 128           # at most, along a side
+_SURROUNDING_SAMPLES = 1025     # at most, along a side
+
+
+def write_texture(path: Path, albedo: F32) -> None:
+    """Write (n, n) albedo factors as a PNG of 8 bits; its first row is in the north."""
+    texels = np.clip(np.rint(albedo[::-1] * (255.0 / TEXTURE_SCALE)), 0, 255).astype(np.uint8)
+    done, data = cv2.imencode('.png', texels)
+    if not done:
+        raise OSError(f'{path.name} cannot be encoded')
+    atomic_write(path, data.tobytes())
+
+
+def tile_cells(cells: int) -> int:
+    """Return the cells along a side of a tile: divides `cells`, and by 16 where that does."""
+    step = next(s for s in (16, 8, 4, 2, 1) if cells % s == 0)
+    return max(c for c in range(step, min(_TILE_CELLS, cells) + 1, step) if cells % c == 0)
+
+
+def write_ground(path: Path, grid: HeightGrid) -> None:
+    """Write the tiles in all resolutions that their cells allow, below `/full`, `/quarter` …"""
+    stage = Usd.Stage.CreateNew(str(path))
+    surface = _Surface(grid)
+    side = tile_cells(grid.n - 1)
+    for name, stride in RESOLUTIONS.items():
+        if side % stride:
+            continue
+        group = UsdGeom.Scope.Define(stage, f'/{name}').GetPrim()
+        faces = _faces(side // stride + 1)
+        for row in range(0, grid.n - 1, side):
+            for column in range(0, grid.n - 1, side):
+                tile = group.GetPath().AppendChild(f'tile_{row // side:02d}_{column // side:02d}')
+                rows, columns = slice(row, row + side + 1), slice(column, column + side + 1)
+                middle = np.array([surface.axis[column] + surface.axis[column + side],
+                                   surface.axis[row] + surface.axis[row + side]]) / 2
+                mesh = surface.mesh(stage, tile, rows, columns, stride, middle)
+                _set_faces(mesh, faces)
+                place(mesh.GetPrim(), [*middle, 0.0])
+                UsdPhysics.CollisionAPI.Apply(mesh.GetPrim())
+                UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr(
+                    UsdPhysics.Tokens.none)
+                label(mesh.GetPrim(), 'ground')
+    stage.Save()
+
+
+def write_surroundings(path: Path, levels: tuple[HeightGrid, ...]) -> list[str]:
+    """Write the coarse levels without what is within the finer ones; return their prims' names."""
+    stage = Usd.Stage.CreateNew(str(path))
+    names = []
+    for k, (inner, grid) in enumerate(zip(levels[:-1], levels[1:]), 1):
+        stride = next(s for s in range(1, grid.n) if (grid.n - 1) % s == 0
+                      and (grid.n - 1) // s < _SURROUNDING_SAMPLES)
+        names.append(f'level_{k}')
+        every = slice(0, grid.n)
+        mesh = _Surface(grid).mesh(stage, Sdf.Path(f'/{names[-1]}'), every, every, stride,
+                                   np.zeros(2))
+        _cut_hole(mesh, inner.half_extent_m, stride * grid.cell_m)
+        label(mesh.GetPrim(), 'ground')
+    stage.Save()
+    return names
+
+
+class _Surface:
+    """Samples of a grid with normals, of which meshes take parts."""
+
+    def __init__(self, grid: HeightGrid) -> None:
+        self.grid = grid
+        self.axis = axis_m(grid.n, grid.cell_m)
+        slope_y, slope_x = np.gradient(grid.heights_m, np.float32(grid.cell_m))
+        length = np.sqrt(np.float32(1.0) + slope_x ** 2 + slope_y ** 2)
+        self._normal_x, self._normal_y = -slope_x / length, -slope_y / length
+
+    def mesh(self, stage: Usd.Stage, path: Sdf.Path, rows: slice, columns: slice, stride: int,
+             middle_m: NDArray[np.float64]) -> UsdGeom.Mesh:
+        """Define a mesh without faces of every `stride`-th sample in rows and columns."""
+        rows = slice(rows.start, rows.stop, stride)
+        columns = slice(columns.start, columns.stop, stride)
+        z = self.grid.heights_m[rows, columns]
+        x, y = np.meshgrid(self.axis[columns] - middle_m[0], self.axis[rows] - middle_m[1])
+        vertices = np.stack([x, y, z], axis=-1, dtype=np.float32).reshape(-1, 3)
+        nx, ny = self._normal_x[rows, columns], self._normal_y[rows, columns]
+        nz = np.sqrt(np.maximum(1.0 - nx ** 2 - ny ** 2, 0.0))
+        # The middle of a texel is where its sample lies.
+        texel = (np.arange(self.grid.n) + 0.5) / self.grid.n
+        s, t = np.meshgrid(texel[columns], texel[rows])
+        mesh = UsdGeom.Mesh.Define(stage, path)
+        mesh.CreatePointsAttr(points(vertices))
+        mesh.CreateExtentAttr(points([vertices.min(axis=0), vertices.max(axis=0)]))
+        mesh.CreateNormalsAttr(points(np.stack([nx, ny, nz], axis=-1).reshape(-1, 3)))
+        mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+        mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+            'st', Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
+        st.Set(Vt.Vec2fArray.FromNumpy(
+            np.stack([s, t], axis=-1, dtype=np.float32).reshape(-1, 2)))
+        return mesh
+
+
+def _faces(n: int) -> NDArray[np.int64]:
+    """Return the (f, 3) triangles of n x n samples, with the diagonals of `HeightGrid`."""
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    east, north, both = corner + 1, corner + n, corner + n + 1
+    return np.stack([corner, east, both, corner, both, north], axis=-1).reshape(-1, 3)
+
+
+def _set_faces(mesh: UsdGeom.Mesh, faces: NDArray[np.int64]) -> None:
+    mesh.CreateFaceVertexCountsAttr(integers(np.full(len(faces), 3)))
+    mesh.CreateFaceVertexIndicesAttr(integers(faces))
+
+
+def _cut_hole(mesh: UsdGeom.Mesh, half_m: float, cell_m: float) -> None:
+    """Give a coarse level its faces, without those within the finer level of [-h, h]^2.
+
+    The finer level has more vertices along its border than this one. One row of cells reaches
+    below it, lowered by a cell, so that no sky is seen between them.
+    """
+    vertices = np.array(mesh.GetPointsAttr().Get())
+    n = round(len(vertices) ** 0.5)
+    faces = _faces(n)
+    away = np.abs(vertices[:, :2]).max(axis=1)
+    faces = faces[(away[faces] >= half_m - 1e-3).any(axis=1)]
+    vertices[away < half_m - 1e-3, 2] -= cell_m
+    used = np.unique(faces)
+    _set_faces(mesh, np.searchsorted(used, faces))
+    normals = np.array(mesh.GetNormalsAttr().Get())
+    st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar('st')
+    mesh.GetPointsAttr().Set(points(vertices[used]))
+    mesh.GetNormalsAttr().Set(points(normals[used]))
+    st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(np.array(st.Get())[used])))
+    kept = vertices[used]
+    mesh.GetExtentAttr().Set([Gf.Vec3f(*kept.min(axis=0).tolist()),
+                              Gf.Vec3f(*kept.max(axis=0).tolist())])

@@ -1,0 +1,121 @@
+"""Materials: UsdPreviewSurface, and OmniPBR of Omniverse as its twin, for RTX.
+
+The twins stand in a layer of their own, `omniverse.usda` among the parts of a stage, that is laid
+over the stage as a sublayer. OmniPBR.mdl belongs to Omniverse, which finds it by its name. It is
+not among our files, and a stage that refers to a missing file would not be valid elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import dataclasses
+from pathlib import Path
+
+from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdPhysics, UsdShade
+from lunar_rover_sim.usd.shading_fit import IOR
+
+TWINS = 'omniverse.usda'
+_MDL = 'OmniPBR.mdl'
+_Types = Sdf.ValueTypeNames
+
+
+@dataclasses.dataclass(frozen=True)
+class Look:
+    """How a surface looks.
+
+    albedo, roughness: linear red, green, blue, and roughness of UsdPreviewSurface
+    twin_albedo: that of the twin, which has no microfacet lobe
+    texture: of factors on the albedo, 0 to `texture_scale`, raw; its name among the parts
+    """
+
+    albedo: Sequence[float]
+    roughness: float
+    twin_albedo: Sequence[float]
+    texture: str = ''
+    texture_scale: float = 1.0
+
+
+def add_material(stage: Usd.Stage, path: Sdf.Path, look: Look,
+                 parts: str = '.') -> UsdShade.Material:
+    """Define a material without its twin; parts: path of the folder that holds its texture."""
+    material = UsdShade.Material.Define(stage, path)
+    preview = UsdShade.Shader.Define(stage, path.AppendChild('preview'))
+    preview.CreateIdAttr('UsdPreviewSurface')
+    preview.CreateInput('roughness', _Types.Float).Set(look.roughness)
+    preview.CreateInput('metallic', _Types.Float).Set(0.0)
+    preview.CreateInput('ior', _Types.Float).Set(IOR)
+    colour = preview.CreateInput('diffuseColor', _Types.Color3f)
+    if look.texture:
+        colour.ConnectToSource(_texture(stage, path, look, f'{parts}/{look.texture}'))
+    else:
+        colour.Set(Gf.Vec3f(*look.albedo))
+    material.CreateSurfaceOutput().ConnectToSource(
+        preview.CreateOutput('surface', _Types.Token))
+    return material
+
+
+def write_twins(path: Path, looks: Mapping[Sdf.Path, Look], parts: str = '.') -> None:
+    """Write the layer that adds its twin to each material; arguments as for `add_material`."""
+    stage = Usd.Stage.CreateNew(str(path))
+    for prim, look in looks.items():
+        stage.OverridePrim(prim)
+        twin = UsdShade.Shader.Define(stage, prim.AppendChild('omni_pbr'))
+        twin.SetSourceAsset(Sdf.AssetPath(_MDL), 'mdl')
+        twin.SetSourceAssetSubIdentifier('OmniPBR', 'mdl')
+        albedo = Gf.Vec3f(*look.twin_albedo)
+        if look.texture:
+            image = twin.CreateInput('diffuse_texture', _Types.Asset)
+            image.Set(Sdf.AssetPath(f'{parts}/{look.texture}'))
+            image.GetAttr().SetColorSpace('raw')
+            twin.CreateInput('diffuse_tint', _Types.Color3f).Set(albedo * look.texture_scale)
+        else:
+            twin.CreateInput('diffuse_color_constant', _Types.Color3f).Set(albedo)
+        twin.CreateInput('reflection_roughness_constant', _Types.Float).Set(look.roughness)
+        twin.CreateInput('metallic_constant', _Types.Float).Set(0.0)
+        twin.CreateInput('specular_level', _Types.Float).Set(0.0)
+        output = twin.CreateOutput('out', _Types.Token)
+        material = UsdShade.Material(stage.GetPrimAtPath(prim))
+        for terminal in (material.CreateSurfaceOutput('mdl'),
+                         material.CreateDisplacementOutput('mdl'),
+                         material.CreateVolumeOutput('mdl')):
+            terminal.ConnectToSource(output)
+    stage.Save()
+
+
+def _texture(stage: Usd.Stage, path: Sdf.Path, look: Look, file: str) -> UsdShade.Output:
+    """Return the albedo that a texture holds."""
+    reader = UsdShade.Shader.Define(stage, path.AppendChild('st'))
+    reader.CreateIdAttr('UsdPrimvarReader_float2')
+    reader.CreateInput('varname', _Types.String).Set('st')
+    image = UsdShade.Shader.Define(stage, path.AppendChild('albedo'))
+    image.CreateIdAttr('UsdUVTexture')
+    image.CreateInput('file', _Types.Asset).Set(Sdf.AssetPath(file))
+    image.CreateInput('sourceColorSpace', _Types.Token).Set('raw')
+    image.CreateInput('wrapS', _Types.Token).Set('clamp')
+    image.CreateInput('wrapT', _Types.Token).Set('clamp')
+    factor = [look.texture_scale * a for a in look.albedo]
+    image.CreateInput('scale', _Types.Float4).Set(Gf.Vec4f(*factor, 1.0))
+    image.CreateInput('st', _Types.Float2).ConnectToSource(
+        reader.CreateOutput('result', _Types.Float2))
+    return image.CreateOutput('rgb', _Types.Float3)
+
+
+def add_contact_material(stage: Usd.Stage, path: Sdf.Path, friction: float) -> UsdShade.Material:
+    """Define a material for contacts: Coulomb friction, no restitution."""
+    material = UsdShade.Material.Define(stage, path)
+    contact = UsdPhysics.MaterialAPI.Apply(material.GetPrim())
+    contact.CreateStaticFrictionAttr(friction)
+    contact.CreateDynamicFrictionAttr(friction)
+    contact.CreateRestitutionAttr(0.0)
+    return material
+
+
+def bind(prim: Usd.Prim, material: UsdShade.Material) -> None:
+    """Bind what a prim, and all below it, looks like."""
+    UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
+
+
+def bind_contact(prim: Usd.Prim, material: UsdShade.Material) -> None:
+    """Bind the contact material of a prim and all below it."""
+    UsdShade.MaterialBindingAPI.Apply(prim).Bind(
+        material, UsdShade.Tokens.weakerThanDescendants, 'physics')

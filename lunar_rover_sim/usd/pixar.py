@@ -1,0 +1,19 @@
+"""OpenUSD's modules, which the extra `[usd]` installs.
+
+All modules of this room import them from here. So whoever imports the room without the extra gets
+one line that says what to install. Commands import the room only when a stage is asked for.
+"""
+
+from __future__ import annotations
+
+from lunar_rover_sim.errors import UsdError
+
+try:
+    from pxr import (Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade,
+                     UsdUtils, Vt)
+except ImportError:
+    raise UsdError("OpenUSD is missing; install it with: pip install 'lunar_rover_sim[usd]' "
+                   '(Python 3.11 or newer)') from None
+
+__all__ = ['Gf', 'Kind', 'Sdf', 'Tf', 'Usd', 'UsdGeom', 'UsdLux', 'UsdPhysics', 'UsdSemantics',
+           'UsdShade', 'UsdUtils', 'Vt']

@@ -1,0 +1,56 @@
+"""What a stage of a drive needs to know besides its motion, from the scenario in the bag."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
+from lunar_rover_sim.errors import ConfigError, UsdError
+from lunar_rover_sim.parameters import merge
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
+from lunar_rover_sim.run.scenario import SHARED
+from lunar_rover_sim.usd.world_stage import Site
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordedSite:
+    """The rover, its cameras and the physics of a recording."""
+
+    rover: RoverDescription
+    physics: PhysicsNodeConfig
+    render: RenderNodeConfig
+
+    @property
+    def site(self) -> Site:
+        """What the stage of the world is to be made for."""
+        return site_of(self.physics, self.render)
+
+
+def site_of(physics: PhysicsNodeConfig, render: RenderNodeConfig) -> Site:
+    """Return what the stage of a world is to be made for, by the parameters of the nodes."""
+    return Site(render.sun, render.reflectance, physics.gravity_mps2,
+                physics.contact.sliding_friction, render.detail.far_rocks_m)
+
+
+def recorded_site(bag: Bag) -> RecordedSite:
+    """Return what the scenario of a bag says.
+
+    Raises UsdError where there is none, or it is not of this version.
+    """
+    scenario = recorded_scenario(bag)
+    if not scenario.sections.get('rover'):
+        raise UsdError(f'{bag.path}: holds no scenario, so the rover of the drive is not known')
+    shared = scenario.sections.get(SHARED, {})
+
+    def node(name: str) -> dict[str, object]:
+        return merge(dict(shared), dict(scenario.sections.get(name, {})))
+
+    try:
+        return RecordedSite(
+            RoverDescription.from_mapping(scenario.sections['rover'], 'rover'),
+            PhysicsNodeConfig.from_mapping(node('physics_node'), 'physics_node'),
+            RenderNodeConfig.from_mapping(node('render_node'), 'render_node'))
+    except ConfigError as error:
+        raise UsdError(f'{bag.path}: its scenario is not of this version: {error}') from None
