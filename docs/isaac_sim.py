@@ -2,9 +2,9 @@
 
     ./python.sh isaac_sim.py DRIVE.usd FOLDER [path-tracing]
 
-UNTRIED: written from the documentation of Isaac Sim 5 and Replicator, without an RTX card. It draws
-linear radiance (annotator HdrColor), so that no tone mapping or automatic exposure takes part, and
-gives all frames one exposure. Images are mono8, the root of the signal, as ours are by default.
+UNTRIED: written from the documentation of Isaac Sim 5 and Replicator, without an RTX card. It
+draws linear radiance (annotator HdrColor), so that no tone mapping or automatic exposure takes
+part, and gives all frames one exposure. Images are mono8, the root of the signal, as ours are.
 """
 
 from pathlib import Path
