@@ -15,7 +15,7 @@ class DetailConfig(Parameters):
     """How much is drawn."""
 
     full_resolution_m: float = param(
-        3.5, 'up to this distance the mesh has the resolution of the ground', unit='m', low=0.5,
+        2.5, 'up to this distance the mesh has the resolution of the ground', unit='m', low=0.5,
         high=100.0)
     exact_m: float = param(
         14.0, 'beyond full_resolution_m and up to this distance, every pixel is intersected with '

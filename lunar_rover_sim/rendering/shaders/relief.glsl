@@ -51,22 +51,15 @@ Relief relief_at(vec2 xy, float level) {
     else if (w.z > w2) { second = v2; w2 = w.z; }
     vec2 at_a = p * u_tile.x, at_b = p * u_tile.y;
     float level_a = max(level - 2.0, 0.0);
+    // The coarse tile chooses for both.
+    // There is no branch: on llvmpipe one around a texture costs more than what it may save.
     float lead = (w1 - w2) * (1.0 / ZONE);
-    vec4 a, b;
-    // A loop ends as soon as no pixel of a block needs it: most take one copy.
-    int copies = lead < 1.0 ? 2 : 1;
-    for (int i = 0; i < copies; i++) {
-        vec4 shift = placed(i == 0 ? first : second);
-        vec4 next_a = textureLod(u_tile_a, at_a + shift.xy, level_a);
-        vec4 next_b = textureLod(u_tile_b, at_b + shift.zw, level);
-        if (i == 0) {
-            a = next_a;
-            b = next_b;
-        } else {
-            a = mix(a, next_a, clamp(0.5 - EDGE * (lead + a.w - next_a.w), 0.0, 1.0));
-            b = mix(b, next_b, clamp(0.5 - EDGE * (4.0 * lead + b.w - next_b.w), 0.0, 1.0));
-        }
-    }
+    vec4 shift = placed(first), next = lead < 1.0 ? placed(second) : shift;
+    vec4 a = textureLod(u_tile_a, at_a + shift.xy, level_a);
+    vec4 next_a = textureLod(u_tile_a, at_a + next.xy, level_a);
+    float other = clamp(0.5 - EDGE * (lead + a.w - next_a.w), 0.0, 1.0);
+    a = mix(a, next_a, other);
+    vec4 b = textureLod(u_tile_b, at_b + (other > 0.5 ? next.zw : shift.zw), level);
     vec2 horizon = u_horizon.x + (2.0 * vec2(a.z, b.z) - 1.0) * u_horizon.y;
     return Relief((a.xy - 0.501961) * SLOPES, (b.xy - 0.501961) * SLOPES, horizon);
 }
