@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import moderngl
 import numpy as np
@@ -11,21 +11,33 @@ import numpy as np
 from lunar_rover_sim.camera.motion import CameraTwist, ground_twist, leg_twists
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.frame_targets import attachment
 from lunar_rover_sim.rendering.projection import Projection
-from lunar_rover_sim.rendering.scene import Scene
+from lunar_rover_sim.rendering.scene import Scene, Uniforms
 from lunar_rover_sim.rendering.scene_passes import ScenePasses
 from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rover.description import RoverDescription
 
 _STILL_PX = 0.05        # a picture in which nothing moves farther stays as it is
+_SMEAR_PX = 1.2         # up to this length, paths are left to the point spread of the sensor
 _STEP_PX = 1.5          # between samples on the longest path; most paths are half as long
 _MOST_SAMPLES = 128
 _GRID = np.linspace(0.0, 1.0, 5)    # places in the image, over its size, where paths are measured
 _NEAREST_M = 0.1        # least depth that counts then
 _RADIANCE, _DEPTH, _LINK = range(3)     # texture units
+
+
+class Blurred(NamedTuple):
+    """A pair of radiance images, and motion that the point spread of the sensor has yet to add.
+
+    smear: uniforms of shaders/sensor.frag, None if there is nothing to add
+    """
+
+    radiance: moderngl.Texture
+    smear: Uniforms | None = None
 
 
 class MotionPass:
@@ -45,6 +57,9 @@ class MotionPass:
         self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
         self._blur, self._line_time_s = config.sensor.motion_blur, config.sensor.line_time_s
         self._roll_s = rig.height * self._line_time_s
+        # The sensor smears pixels as they lie in the pinhole image, before charge blooms.
+        self._smears = not (config.camera.distorted or config.sensor.blooming
+                            or self._line_time_s)
         seen = seen_links(rover, self._T_base_cameras, projection)
         self._sees_rover, self._legs = bool(seen), [link for link in seen if link > 0]
         size = (projection.width, 2 * projection.height)
@@ -68,22 +83,27 @@ class MotionPass:
         self._screens = [context.vertex_array(program, []) for program in self._programs]
         self._links = LinkTargets(context, size) if self._sees_rover else None
 
-    def draw(self, passes: ScenePasses, scene: Scene, exposure_s: float) -> moderngl.Texture:
+    def draw(self, passes: ScenePasses, scene: Scene, exposure_s: float) -> Blurred:
         """Return the mean radiance over an exposure [s] of a scene that has just been lit.
 
-        Where nothing moves far enough to be seen, this is the lit picture itself.
+        Where nothing moves far enough to be seen, this is the lit picture itself. Where paths
+        are about as short as a pixel, too; the point spread of the sensor takes them in.
         """
         exposure_s *= self._blur
         twists = {side: self._twists(scene, side) for side in scene.request.sides}
         longest = max((self._longest_path(scene, side, twists[side], exposure_s + self._roll_s)
                        for side in twists), default=0.0)
         if longest < _STILL_PX:
-            return passes.lit.radiance
+            return Blurred(passes.lit.radiance)
+        sees_rover = self._sees_rover and scene.body is not None
+        if longest < _SMEAR_PX and self._smears and not sees_rover:
+            passes.lit.depth.use(texture_units.GROUND_DEPTH)
+            return Blurred(passes.lit.radiance, self._smear(twists, exposure_s))
         samples = 2 * math.ceil(0.5 * longest / _STEP_PX)
-        short = samples == 2 and not self._sees_rover and not self._line_time_s
+        short = samples == 2 and not sees_rover and not self._line_time_s
         values: dict[str, Any] = {'u_exposure': exposure_s,
                                   'u_samples': min(samples, _MOST_SAMPLES) if self._blur else 1}
-        if self._links is not None:
+        if self._links is not None and not short:
             passes.mark_rover(scene, self._links.framebuffer)
             self._links.link.use(_LINK)
         program, screen = ((self._programs[0], self._screens[0]) if short
@@ -105,7 +125,17 @@ class MotionPass:
             screen.render(vertices=3)
         for unit in (_RADIANCE, _LINK):
             self._sampler.clear(unit)
-        return self._image
+        return Blurred(self._image)
+
+    def _smear(self, twists: dict[int, list[CameraTwist]], exposure_s: float) -> Uniforms:
+        """Return the uniforms that tell the sensor how both cameras move."""
+        K = self._projection.K
+        both = [twists.get(side, next(iter(twists.values())))[0] for side in (0, 1)]
+        return {'u_depth': texture_units.GROUND_DEPTH,
+                'u_pinhole': (K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
+                'u_exposure': exposure_s,
+                'u_rate': _packed([twist.angular_velocity_radps for twist in both]),
+                'u_velocity': _packed([twist.linear_velocity_mps for twist in both])}
 
     def _twists(self, scene: Scene, side: int) -> list[CameraTwist]:
         """Return the motion of a camera relative to the world, then to the legs that it sees."""

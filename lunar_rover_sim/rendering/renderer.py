@@ -229,10 +229,10 @@ class Renderer:
                     self._auto.start(read_image(lit.framebuffer, 0, request.sides[0], size,
                                                 self._pad))
                 self.exposure_s = self._auto.exposure_s
-            radiance = self._motion.draw(self._passes, scene, self.exposure_s)
+            radiance, smear = self._motion.draw(self._passes, scene, self.exposure_s)
             self._optics.draw(radiance, request.sides, scene.sun)
             raw['pixels'] = self._sensor_pass.draw(radiance, request.sides, self.exposure_s,
-                                                   request.frame_index)
+                                                   request.frame_index, smear)
         if request.truth:
             raw['truth'] = read_image(scene.targets.truth.framebuffer, 0, LEFT, size, self._pad, 4)
         return raw

@@ -16,6 +16,7 @@ from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.frame_targets import attachment
+from lunar_rover_sim.rendering.scene import Uniforms
 
 
 class SensorPass:
@@ -54,9 +55,14 @@ class SensorPass:
         # Charge runs along columns before it is read: then the sensor is drawn in two steps.
         self._charge = (_ChargePass(context, size, dict(light, CHARGE=1), constants)
                         if c.blooming > 0.0 else None)
-        self._program = load_program(context, 'screen', 'sensor', **numbers,
-                                     **({'COLLECTED': 1} if self._charge else light))
-        set_uniform(self._program, **constants)
+        self._programs = [load_program(context, 'screen', 'sensor', **numbers,
+                                       **({'COLLECTED': 1} if self._charge else light))]
+        # The second one adds short motion to the point spread.
+        if self._charge is None and not sensor.camera.distorted:
+            self._programs.append(load_program(context, 'screen', 'sensor', **numbers, SPREAD=1,
+                                               MOVING=1))
+        for program in self._programs:
+            set_uniform(program, **constants)
         self._seed = seed
         self._source: moderngl.Texture | None = None
         if sensor.camera.distorted:
@@ -65,7 +71,7 @@ class SensorPass:
             both = np.concatenate([source, lower]).astype(np.float32)
             self._source = context.texture(size, 2, both.tobytes(), dtype='f4')
             self._source.filter = (context.NEAREST, context.NEAREST)
-        self._screen = context.vertex_array(self._program, [])
+        self._screens = [context.vertex_array(program, []) for program in self._programs]
 
     def _patterns(self, seed: int) -> tuple[Array, Array]:
         """Return vignetting times gain of each pixel, and its offset [e-]; both (2 h, w)."""
@@ -81,11 +87,11 @@ class SensorPass:
         return gain, offset
 
     def draw(self, radiance: moderngl.Texture, sides: Sequence[int], exposure_s: float,
-             frame_index: int) -> NDArray[Any]:
+             frame_index: int, smear: Uniforms | None = None) -> NDArray[Any]:
         """Return (2, h, w) pixels; only those of `sides` (0 left, 1 right) are valid.
 
         radiance: texture of float32 [W m-2 sr-1], w columns and 2 h rows, plus the padding
-        frame_index: gives each frame its own noise
+        frame_index: gives each frame its own noise; smear: see `motion_pass.Blurred`
         """
         h, w = self._rig.height, self._rig.width
         first, last = min(sides), max(sides)
@@ -102,18 +108,19 @@ class SensorPass:
             self._charge.draw(window, light, self._sensor, range(first, last + 1))
         self._target.use()
         self._target.viewport = window
-        set_uniform(self._program, **light, u_charge=3,
+        kind = 0 if smear is None else 1
+        set_uniform(self._programs[kind], **light, **(smear or {}), u_charge=3,
                     u_frame=int(np.random.SeedSequence(
                         [self._seed, frame_index % (1 << 63)]).generate_state(1)[0]))
-        self._screen.render(vertices=3)
+        self._screens[kind].render(vertices=3)
         data = self._target.read(components=1, alignment=1, dtype=self._type,
                                  viewport=(0, 0, w, 2 * h))
         return np.frombuffer(data, self._sensor.output_type).reshape(2, h, w)
 
     def release(self) -> None:
         """Release the GL objects."""
-        for item in (self._screen, self._target, self._image, self._pattern, self._program,
-                     self._source, self._charge):
+        for item in (*self._screens, self._target, self._image, self._pattern,
+                     *self._programs, self._source, self._charge):
             if item is not None:
                 item.release()
 

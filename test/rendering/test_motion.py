@@ -176,6 +176,20 @@ def test_the_picture_is_the_mean_of_sub_exposures(name):
     assert error < 0.75 * np.sqrt(np.mean((sharp - mean)**2)) / span
 
 
+def test_short_paths_are_as_wide_as_they_are_long(pole):
+    """Paths of 0.2 to 0.7 px across an edge: its variance grows by length^2 / 12, not by more."""
+    exposure_s = 2e-3
+    with renderer_of(pole, exposure_s=exposure_s) as renderer:
+        still = light(renderer, turning())
+        place_still, variance_still = right_edge(still)
+        for rate in (0.5, 1.0, 1.5):
+            place, variance = right_edge(light(renderer, turning(rate)))
+            length = renderer.rig.focal_px * rate * exposure_s
+            grown = np.mean(variance - variance_still)
+            assert grown == pytest.approx(length**2 / 12.0, rel=0.25)
+            assert abs(np.mean(place - place_still)) < 0.01
+
+
 @pytest.mark.parametrize('k1', [0.0, -0.2])
 def test_rolling_rows_skew_an_edge(pole, k1):
     """Each row of the sensor is exposed a line time after the one above it.

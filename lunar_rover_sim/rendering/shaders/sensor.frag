@@ -47,6 +47,24 @@ float radiance_at(vec2 q) {
 uniform sampler2D u_charge;     // electrons of each pixel, after blooming
 #endif
 
+#ifdef MOVING
+// Paths during the exposure that are hardly longer than a pixel. The variance of light along them,
+// a twelfth of their square, adds to that of the point spread; see motion.frag.
+uniform sampler2D u_depth;      // along the optical axis [m], 0 for the sky
+uniform vec4 u_pinhole;         // focal lengths and centre [px]
+uniform float u_exposure;       // [s]
+uniform vec3 u_rate[2], u_velocity[2];  // of each camera relative to the world [rad/s], [m/s]
+
+vec2 path_of(vec2 p, vec2 at) {
+    float depth = textureLod(u_depth, at, 0.0).r;
+    bool left = gl_FragCoord.y < u_height;
+    vec3 ray = vec3((p - u_pinhole.zw) / u_pinhole.xy, 1.0);
+    vec3 speed = cross(left ? u_rate[0] : u_rate[1], ray);
+    if (depth > 0.0) speed += (left ? u_velocity[0] : u_velocity[1]) / depth;
+    return u_exposure * (speed.xy - ray.xy * speed.z) * u_pinhole.xy;
+}
+#endif
+
 void main() {
     // Sampled at pixel centres: on llvmpipe texelFetch takes longer.
     vec2 at = gl_FragCoord.xy * u_texel;
@@ -67,11 +85,16 @@ void main() {
     // Neighbours above and below must belong to the same image.
     float row = gl_FragCoord.y < u_height ? gl_FragCoord.y : gl_FragCoord.y - u_height;
     float up = row > 1.0 ? u_texel.y : 0.0, down = row < u_height - 1.0 ? u_texel.y : 0.0;
-    float near = textureLod(u_radiance, at - vec2(u_texel.x, 0.0), 0.0).r
-        + textureLod(u_radiance, at + vec2(u_texel.x, 0.0), 0.0).r
-        + textureLod(u_radiance, at - vec2(0.0, up), 0.0).r
+    float beside = textureLod(u_radiance, at - vec2(u_texel.x, 0.0), 0.0).r
+        + textureLod(u_radiance, at + vec2(u_texel.x, 0.0), 0.0).r;
+    float over = textureLod(u_radiance, at - vec2(0.0, up), 0.0).r
         + textureLod(u_radiance, at + vec2(0.0, down), 0.0).r;
-    value = (value + u_spread * near) / (1.0 + 4.0 * u_spread);
+    vec2 spread = vec2(u_spread / (1.0 + 4.0 * u_spread));
+#ifdef MOVING
+    vec2 path = path_of(vec2(gl_FragCoord.x, row) - 0.5, at);
+    spread += min(path * path * (1.0 / 24.0), 0.12);   // what is very near may move farther
+#endif
+    value = spread.x * beside + spread.y * over + (1.0 - 2.0 * (spread.x + spread.y)) * value;
 #endif
 #endif
 #endif
