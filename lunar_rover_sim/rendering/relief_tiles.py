@@ -12,6 +12,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.horizon import SunGeometry
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.world import fine_relief
+from lunar_rover_sim.world.kept_arrays import kept
 
 F32 = NDArray[np.float32]
 
@@ -76,13 +77,17 @@ class TileMaker:
     def _make(self, sun: SunGeometry) -> ReliefTiles:
         recipes = [_recipe(self._config, k) for k in range(len(_TILES))]
         if not self._heights:
-            self._heights = [fine_relief.relief(recipe,
-                                                np.random.default_rng([self._seed, 77, k]))
-                             for k, recipe in enumerate(recipes)]
+            self._heights = [self._relief(recipe, k) for k, recipe in enumerate(recipes)]
         centre, half_range = _horizon_range(sun)
         coarse, fine = (_tile(recipe.period_m, heights, sun, centre, half_range)
                         for recipe, heights in zip(recipes, self._heights))
         return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range)
+
+    def _relief(self, recipe: fine_relief.TileRecipe, k: int) -> F32:
+        """Return the heights of tile k, which take most of the time to make it."""
+        return kept('relief', [fine_relief.RECIPE, dataclasses.asdict(recipe), self._seed, k],
+                    lambda: fine_relief.relief(recipe,
+                                               np.random.default_rng([self._seed, 77, k])))
 
 
 def _recipe(config: DetailConfig, k: int) -> fine_relief.TileRecipe:

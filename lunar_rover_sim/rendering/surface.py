@@ -15,8 +15,9 @@ from lunar_rover_sim.rendering.context import release_all, set_uniform
 from lunar_rover_sim.rendering.relief_brightness import (LEAST_SCALES, MOST_FACTOR,
                                                          ReliefBrightness, STEP)
 from lunar_rover_sim.rendering.relief_tiles import ReliefTiles
-from lunar_rover_sim.world.far_albedo import far_albedo
+from lunar_rover_sim.world.far_albedo import far_albedo, RECIPE
 from lunar_rover_sim.world.fine_relief import disc_share
+from lunar_rover_sim.world.kept_arrays import kept
 from lunar_rover_sim.world.model import World
 
 F32 = NDArray[np.float32]
@@ -42,7 +43,7 @@ class Surface:
         self._levels = np.array([[1.0 / (side * grid.cell_m), 0.5 * grid.n / side,
                                   -np.log2(grid.cell_m), grid.half_extent_m]
                                  for grid in world.levels])
-        self._albedos: dict[int, F32] = {0: world.albedo}
+        self._albedos = {0: _albedo_texels(world.albedo)}
         self._relief: list[moderngl.Texture | moderngl.Texture3D] = []
 
     def light(self, sunlight: Sunlight, sun_radius_rad: float, tiles: ReliefTiles,
@@ -84,10 +85,16 @@ class Surface:
         nodes.repeat_x = nodes.repeat_y = nodes.repeat_z = False
         self._relief.append(nodes)
 
-    def _albedo(self, k: int) -> F32:
-        """Return the albedo factor of a level, which does not depend on the sun."""
+    def _albedo(self, k: int) -> NDArray[np.uint8]:
+        """Return the texels of the albedo factor of a level, which do not depend on the sun."""
         if k not in self._albedos:
-            self._albedos[k] = far_albedo(self._world, k)
+            world, grid = self._world, self._world.levels[k]
+            recipe = [RECIPE, world.hash, k, grid.n, grid.cell_m]
+
+            def texels() -> NDArray[np.uint8]:
+                return _albedo_texels(far_albedo(world, k))
+            self._albedos[k] = (kept('far_albedo', recipe, texels)
+                                if world.hash else texels())
         return self._albedos[k]
 
     def bind(self, program: moderngl.Program) -> None:
@@ -146,13 +153,18 @@ def _visibility(clearance_m: F32, occluder_m: F32, radius_rad: float) -> NDArray
     return np.rint(255.0 * share).astype(np.uint8)
 
 
-def _matter_texels(albedo: F32, irradiance: F32, surroundings: F32) -> NDArray[np.uint8]:
+def _albedo_texels(albedo: F32) -> NDArray[np.uint8]:
+    """Return the first channel of u_matter in shaders/ground.frag."""
+    return np.clip(np.rint(albedo * np.float32(127.5)), 0, 255).astype(np.uint8)
+
+
+def _matter_texels(albedo: NDArray[np.uint8], irradiance: F32,
+                   surroundings: F32) -> NDArray[np.uint8]:
     """Return (n, n, 4) texels of u_matter in shaders/ground.frag, without its last channel."""
     n = albedo.shape[0]
     data = np.zeros((n, n, 4), np.uint8)
-    for channel, value in enumerate((albedo * np.float32(0.5), np.sqrt(4.0 * irradiance),
-                                     np.sqrt(4.0 * surroundings))):
-        if value.shape[0] != n:
-            value = cv2.resize(value, (n, n), interpolation=cv2.INTER_LINEAR)
+    data[..., 0] = albedo
+    for channel, value in ((1, np.sqrt(4.0 * irradiance)), (2, np.sqrt(4.0 * surroundings))):
+        value = cv2.resize(value, (n, n), interpolation=cv2.INTER_LINEAR)
         data[..., channel] = np.clip(np.rint(value * 255.0), 0, 255)
     return data

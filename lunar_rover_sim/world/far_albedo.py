@@ -15,6 +15,7 @@ from lunar_rover_sim.world.model import World
 
 F32 = NDArray[np.float32]
 
+RECIPE = 1              # rises with every change of what `far_albedo` returns
 # Wavelengths of the patches and their parts of the RMS variation; those of the fine ground are
 # 0.4 to 6.4 m.
 _PATCHES = ((1.6, 0.4), (6.4, 0.55), (25.6, 0.55), (102.4, 0.4))

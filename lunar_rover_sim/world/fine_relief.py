@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 
+RECIPE = 1              # rises with every change of what `relief` returns
 SPREAD = 1.8            # a uniform distribution has 3**0.5
 _SALIENCE_TEXELS = 5    # over which salience is smoothed
 
