@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import RenderError
-from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.parameters import param, Parameters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,28 +26,6 @@ class CompressionConfig(Parameters):
                               live=True)
     png_level: int = param(3, 'effort of png; higher is smaller and slower', low=0, high=9,
                            live=True)
-
-
-@dataclasses.dataclass(frozen=True)
-class RawTopicConfig(Parameters):
-    """What goes with an image topic."""
-
-    compressed: CompressionConfig = group(CompressionConfig)
-
-
-@dataclasses.dataclass(frozen=True)
-class CameraTopicsConfig(Parameters):
-    """The image topic of one camera."""
-
-    image_raw: RawTopicConfig = group(RawTopicConfig)
-
-
-@dataclasses.dataclass(frozen=True)
-class StereoTopicsConfig(Parameters):
-    """The image topics of both cameras: image_transport derives the names from the topics'."""
-
-    left: CameraTopicsConfig = group(CameraTopicsConfig)
-    right: CameraTopicsConfig = group(CameraTopicsConfig)
 
 
 _ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'rgb8',

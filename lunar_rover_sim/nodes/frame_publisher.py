@@ -60,7 +60,8 @@ class FramePublisher:
         self.configure(config)
 
     def configure(self, config: RenderNodeConfig) -> None:
-        """Use changed live parameters: those of compression."""
+        """Use changed live parameters: those of compression and points."""
+        self._points_step = config.stereo.points2.step_px
         self._compression = dict(zip(_COMPRESSED, (config.stereo.left.image_raw.compressed,
                                                    config.stereo.right.image_raw.compressed)))
 
@@ -136,6 +137,7 @@ class FramePublisher:
         if topics.DEPTH.name in names:
             self._send(topics.DEPTH.name, conversions.image(depth, topics.DEPTH.frame_id, stamp))
         if topics.POINTS.name in names:
+            step = self._points_step
             self._send(topics.POINTS.name, conversions.point_cloud(
-                points_from_depth(depth, self._rig.K), grey(layers['left']),
-                topics.POINTS.frame_id, stamp))
+                points_from_depth(depth, self._rig.K)[::step, ::step],
+                grey(layers['left'])[::step, ::step], topics.POINTS.frame_id, stamp))

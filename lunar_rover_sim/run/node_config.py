@@ -6,7 +6,7 @@ import dataclasses
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import RecorderConfig
-from lunar_rover_sim.camera.compression import StereoTopicsConfig
+from lunar_rover_sim.camera.compression import CompressionConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.parameters import group, param, Parameters
@@ -132,6 +132,37 @@ class DriveNodeConfig(NodeConfig, DriveConfig):
     enable_stamped_cmd_vel: bool = param(
         True, 'publish cmd_vel as TwistStamped (true) or Twist (false); a Twist has no stamp, so '
         'time cannot wait for it, and a run with it is not repeatable')
+
+
+@dataclasses.dataclass(frozen=True)
+class RawTopicConfig(Parameters):
+    """What goes with an image topic."""
+
+    compressed: CompressionConfig = group(CompressionConfig)
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraTopicsConfig(Parameters):
+    """The image topic of one camera."""
+
+    image_raw: RawTopicConfig = group(RawTopicConfig)
+
+
+@dataclasses.dataclass(frozen=True)
+class PointsConfig(Parameters):
+    """The point cloud."""
+
+    step_px: int = param(1, 'points are made of every n-th row and column; 1: all pixels, 16 '
+                         'bytes each', unit='px', low=1, high=64, live=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class StereoTopicsConfig(Parameters):
+    """Topics below `stereo/`; image_transport derives names of parameters from those of topics."""
+
+    left: CameraTopicsConfig = group(CameraTopicsConfig)
+    right: CameraTopicsConfig = group(CameraTopicsConfig)
+    points2: PointsConfig = group(PointsConfig)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -130,13 +130,20 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
         peer.spin_until(lambda: all(received.values()), limit_s=60.0,
                         meanwhile=lambda: poses.publish(odometry))
         answer = peer.call(SetParameters, 'render_node/set_parameters', SetParameters.Request(
-            parameters=[Parameter('stereo.left.image_raw.compressed.format',
-                                  value='jpeg').to_parameter_msg()]))
-        assert answer.results[0].successful
+            parameters=[Parameter(f'stereo.{name}', value=value).to_parameter_msg()
+                        for name, value in (('left.image_raw.compressed.format', 'jpeg'),
+                                            ('points2.step_px', 4))]))
+        assert all(result.successful for result in answer.results)
         odometry.header.stamp.sec = 4
         images = received['stereo/left/image_raw/compressed']
-        peer.spin_until(lambda: images[-1].header.stamp.sec == 4,
+        clouds = received['stereo/points2']
+        peer.spin_until(lambda: images[-1].header.stamp.sec == clouds[-1].header.stamp.sec == 4,
                         meanwhile=lambda: poses.publish(odometry))
+        assert (clouds[-1].height, clouds[-1].width, clouds[-1].row_step) == (30, 40, 640)
+        # Rays of every fourth pixel, those of the first cloud.
+        few, all_of_them = rays(clouds[-1]), rays(clouds[0])[::4, ::4]
+        both = np.isfinite(few) & np.isfinite(all_of_them)
+        assert both.any() and np.allclose(few[both], all_of_them[both], atol=1e-4)
         assert images[-1].format == 'mono8; jpeg compressed mono8'
     for topic, messages in received.items():
         assert messages[0].header.stamp.sec == 3, topic
@@ -154,6 +161,12 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
                                        cv2.IMREAD_UNCHANGED), pixels)
     _check_cloud(received['stereo/points2'][0], received['stereo/depth/image'][0],
                  received['stereo/depth/camera_info'][0], pixels)
+
+
+def rays(cloud: PointCloud2) -> np.ndarray:
+    """Return (h, w, 2) x / z and y / z of an organised cloud."""
+    points = np.frombuffer(bytes(cloud.data), '<f4').reshape(cloud.height, cloud.width, 4)
+    return points[..., :2] / points[..., 2:3]
 
 
 def _check_cloud(cloud: PointCloud2, depth_image: Image, info: CameraInfo,

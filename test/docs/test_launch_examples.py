@@ -1,0 +1,53 @@
+"""Launch files for other packages: Python that parses, and topics of ours with their types."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import pytest
+from snippets import ROOT
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.slam.live import WRAPPERS
+
+EXAMPLES = sorted((ROOT / 'config' / 'launch_examples').glob('*.launch.py'))
+KINDS = {topic.name: topic.type.rpartition('/')[2] for topic in topics.CONTRACT}
+# What the topics of other packages carry.
+READ = {'left/image_rect': 'Image', 'left/image_rect_color': 'Image',
+        'left/camera_info': 'CameraInfo', 'right/image_rect': 'Image',
+        'right/camera_info': 'CameraInfo', 'imu0': 'Imu'}
+
+
+def constants(path: Path) -> dict[str, Any]:
+    """Return the values that a file assigns to names in capitals."""
+    values: dict[str, Any] = {}
+    for node in ast.parse(path.read_text(encoding='utf-8')).body:
+        if isinstance(node, ast.Assign):
+            names = [name.id for target in node.targets for name in ast.walk(target)
+                     if isinstance(name, ast.Name)]
+            exec(compile(ast.Module([node], []), path.name, 'exec'), values)
+            assert all(name.isupper() for name in names)
+    return values
+
+
+@pytest.mark.parametrize('path', EXAMPLES, ids=lambda path: path.name.partition('.')[0])
+def test_example(path: Path) -> None:
+    """It has a page, and each topic that it takes from us exists with the type it reads."""
+    page = ROOT / 'docs' / 'howto' / f'{path.name.partition(".")[0]}.md'
+    assert f'launch_examples/{path.name}' in page.read_text(encoding='utf-8')
+    values = constants(path)
+    pairs = [*values.get('PAIR', ()), *values.get('REMAPPINGS', ()),
+             *((key, value) for key, value in values.get('EKF', {}).items() if key == 'imu0')]
+    taken = [(theirs, ours) for theirs, ours in pairs if theirs in READ]
+    assert taken or path.name.startswith(('nav2', 'orb_slam3'))
+    for theirs, ours in taken:
+        assert KINDS[ours] == READ[theirs], (theirs, ours)
+    if 'POINTS' in values:
+        assert KINDS[values['POINTS']['topic'].removeprefix('/')] == values['POINTS']['data_type']
+    if 'ARGUMENTS' in values:
+        assert values['ARGUMENTS']['wrapper'] in WRAPPERS
+        assert values['ARGUMENTS']['sensor'] in WRAPPERS[values['ARGUMENTS']['wrapper']]
+        text = (ROOT / 'lunar_rover_sim' / 'launch' / 'slam.launch.py').read_text('utf-8')
+        assert all(f"'{name}':" in text for name in values['ARGUMENTS'])
