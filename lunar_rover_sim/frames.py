@@ -5,6 +5,8 @@ xyzw appears only where messages and TUM files are written. Frames:
 
 - world (`odom`): x east, y north, z up (ENU), origin at the centre of the fine terrain;
 - base (`base_link`): x forward, y left, z up (REP-103), origin at the chassis centre;
+- leg (`<leg>_link`): at the axle, turned about y with the leg;
+- camera (`stereo_*_link`): at the lens, x along the optical axis, y left, z up (REP-103);
 - optical (`*_optical_frame`): x right, y down, z forward (REP-103);
 - GL camera: x right, y up, z backward.
 """
@@ -18,12 +20,23 @@ Array = NDArray[np.float64]
 
 ODOM_FRAME = 'odom'
 BASE_FRAME = 'base_link'
+FOOTPRINT_FRAME = 'base_footprint'
 IMU_FRAME = 'imu_link'
+LEFT_CAMERA_FRAME = 'stereo_left_link'
+RIGHT_CAMERA_FRAME = 'stereo_right_link'
 LEFT_OPTICAL_FRAME = 'stereo_left_optical_frame'
 RIGHT_OPTICAL_FRAME = 'stereo_right_optical_frame'
+# Of the true pose where `odom` and `base_link` belong to an estimator.
+TRUE_ODOM_FRAME = 'ground_truth/odom'
+TRUE_BASE_FRAME = 'ground_truth/base_link'
 
 # Columns are the optical axes written in body axes: right = -y, down = -z, forward = +x.
 R_BODY_OPTICAL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def leg_frame(leg: str) -> str:
+    """Return the frame of a leg, which turns with it about the axle."""
+    return f'{leg}_link'
 
 
 def se3(rotation: ArrayLike, translation: ArrayLike) -> Array:

@@ -36,11 +36,19 @@ class Topic:
     note: str = ''
     on_request: bool = False
 
+    @property
+    def graph_name(self) -> str:
+        """The name as nodes give it to ROS 2: relative, but for what all nodes of a graph share."""
+        return f'/{self.name}' if self.name in ('clock', 'diagnostics') else self.name
+
 
 CLOCK = Topic('clock', 'rosgraph_msgs/msg/Clock', STATE, 'physics_node', '',
-              'integer step count times integer ns')
+              'integer step count times integer ns; `/clock` in every namespace, since '
+              'use_sim_time looks for it there')
 ODOM = Topic('odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node', frames.ODOM_FRAME,
-             'true pose and twist; twist in base_link')
+             'true pose and twist; twist in base_link; not where `separate_truth` is set')
+TRUE_ODOM = Topic('ground_truth/odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
+                  frames.TRUE_ODOM_FRAME, 'the same instead, where `separate_truth` is set')
 JOINT_STATES = Topic('joint_states', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
                      'leg angles [rad, unwrapped], velocities [rad/s], motor torques [N m]')
 IMU_RAW = Topic('imu/data_raw', 'sensor_msgs/msg/Imu', STATE, 'physics_node', frames.IMU_FRAME,
@@ -51,7 +59,7 @@ IMU_BIAS = Topic('ground_truth/imu_bias', 'geometry_msgs/msg/AccelStamped', STAT
                  frames.IMU_FRAME, 'true bias: accelerometer [m/s^2], gyroscope [rad/s]')
 CONTACTS = tuple(
     Topic(f'contacts/{leg}', 'geometry_msgs/msg/WrenchStamped', STATE, 'physics_node',
-          frames.ODOM_FRAME, 'ground reaction on that leg, world axes [N, N m]')
+          frames.leg_frame(leg), 'ground reaction on that leg, torque about its axle [N, N m]')
     for leg in LEGS)
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
@@ -93,7 +101,7 @@ ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, '
 SCENARIO = Topic('scenario', 'std_msgs/msg/String', LATCHED, 'recorder_node', '',
                  'resolved scenario, YAML')
 TF = Topic('tf', 'tf2_msgs/msg/TFMessage', STATE, 'physics_node', frames.ODOM_FRAME,
-           'odom to base_link and legs, where tf2_msgs is installed')
+           'odom to base_link, and from there to the legs, where tf2_msgs is installed')
 TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', LATCHED, 'physics_node',
                   frames.BASE_FRAME, 'sensors on base_link, where tf2_msgs is installed')
 RECORDED = Topic('recorder/written', 'std_msgs/msg/Header', EVENT, 'recorder_node', '',
@@ -104,7 +112,7 @@ DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
                     on_request=True)
 
 CONTRACT: tuple[Topic, ...] = (
-    CLOCK, ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, JOINT_COMMANDS, CMD_VEL,
-    LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH,
-    LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF,
-    TF_STATIC, RECORDED, DIAGNOSTICS)
+    CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, JOINT_COMMANDS,
+    CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO,
+    TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, SUN, WORLD_HASH, ROBOT_DESCRIPTION,
+    SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS)

@@ -187,7 +187,7 @@ def state_items(ns: int, step_ns: int, rng: np.random.Generator) -> list[Item]:
         (topics.IMU_BIAS, msg('geometry_msgs/AccelStamped', header=header(ns, frames.IMU_FRAME),
                               accel=bias)),
         (topics.TF, msg('tf2_msgs/TFMessage', transforms=[transform])),
-        *((contact, msg('geometry_msgs/WrenchStamped', header=header(ns, frames.ODOM_FRAME),
+        *((contact, msg('geometry_msgs/WrenchStamped', header=header(ns, contact.frame_id),
                         wrench=wrench)) for contact in topics.CONTACTS)]
     return [Item(topic.name, topic.type, message) for topic, message in made]
 

@@ -133,9 +133,13 @@ class Bag:
     @functools.cached_property
     def namespaces(self) -> tuple[str, ...]:
         """Namespaces ('' for none) under which the contract's odometry or left image is found."""
-        found = {topic[:-len(name) - 1] for topic in self.types
-                 for name in (contract.ODOM.name, contract.LEFT_IMAGE.name)
-                 if topic.endswith('/' + name)}
+        names = contract.TRUE_ODOM.name, contract.ODOM.name, contract.LEFT_IMAGE.name
+        found = set()
+        for topic in self.types:
+            # The first that fits: `ground_truth/odom` ends with `odom`.
+            name = next((name for name in names if topic.endswith('/' + name)), None)
+            if name is not None:
+                found.add(topic[:-len(name) - 1])
         return tuple(sorted(found))
 
     @property
@@ -145,6 +149,12 @@ class Bag:
             raise BagError(f'{self.path}: holds several rovers ({", ".join(self.namespaces)}); '
                            'name topics in full')
         return self.namespaces[0] if self.namespaces else ''
+
+    @property
+    def truth(self) -> str:
+        """The contract's name of the true odometry: its own topic where the run had one."""
+        true = contract.TRUE_ODOM.name
+        return true if self.has(true) else contract.ODOM.name
 
     def has(self, topic: str) -> bool:
         """Return whether the topic (full name, or name in the contract) is there."""

@@ -65,9 +65,9 @@ class CameraCalibration(NamedTuple):
         return float(-self.P[0, 3] / self.P[0, 0])
 
 
-def read_odometry(bag: Bag, topic: str = topics.ODOM.name) -> Odometry:
-    """Return a whole nav_msgs/Odometry topic."""
-    stamps, rows = _rows(bag, topic, odometry_row, 13)
+def read_odometry(bag: Bag, topic: str = '') -> Odometry:
+    """Return a whole nav_msgs/Odometry topic, by default that of the truth."""
+    stamps, rows = _rows(bag, topic or bag.truth, odometry_row, 13)
     return Odometry(stamps, rows[:, 0:3], rows[:, 3:7], rows[:, 7:13])
 
 

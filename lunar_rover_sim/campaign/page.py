@@ -132,7 +132,7 @@ def _map(folder: Path) -> str:
     figure = Figure(figsize=(3.6, 3.6), layout='constrained')
     axes = figure.subplots()
     with open_bag(folder / BAG_FOLDER) as bag:
-        if not bag.has(topics.ODOM.name):
+        if not bag.has(bag.truth):
             return ''
         xy = read_odometry(bag).positions_m[:, :2]
         if not len(xy):

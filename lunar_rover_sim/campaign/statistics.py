@@ -68,7 +68,7 @@ def statistics(path: Path | str) -> dict[str, Any]:
         result['duration_s'] = bag.end_ns / 1e9
         result['frames'] = bag.counts[bag.resolve(topics.LEFT_IMAGE.name)] \
             if bag.has(topics.LEFT_IMAGE.name) else 0
-        if bag.has(topics.ODOM.name):
+        if bag.has(bag.truth):
             result.update(_path(bag))
         if bag.has(topics.SUN.name):
             sun = bag.first(topics.SUN.name).vector

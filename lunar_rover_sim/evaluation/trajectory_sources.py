@@ -52,12 +52,14 @@ POSES_OF: dict[str, Callable[[Any], Iterator[_Pose]]] = {
 }
 
 
-def trajectory_of_topic(bag: Bag, topic: str = topics.ODOM.name) -> Trajectory:
-    """Return the poses of a topic; of a Path the last message counts, since it holds all.
+def trajectory_of_topic(bag: Bag, topic: str = '') -> Trajectory:
+    """Return the poses of a topic, by default the true ones.
+
+    Of a Path the last message counts, since it holds all.
 
     Raises BagError where there is no such topic, EvaluationError where its type has no pose.
     """
-    name = bag.resolve(topic)
+    name = bag.resolve(topic or bag.truth)
     msgtype = bag.types[name]
     if msgtype not in POSES_OF:
         raise EvaluationError(f'{bag.path}: topic {name} is a {msgtype}; valid are '
@@ -81,7 +83,7 @@ def is_bag(path: Path) -> bool:
 
 
 def load(source: Source, times: str | Path | None = None,
-         default_topic: str = topics.ODOM.name) -> Trajectory:
+         default_topic: str = '') -> Trajectory:
     """Return a Trajectory as it is, or load `FILE`, `BAG` or `BAG:TOPIC`.
 
     times: file with the stamps of a KITTI file. Raises EvaluationError or BagError that names the
@@ -98,7 +100,7 @@ def load(source: Source, times: str | Path | None = None,
         return trajectory_of_topic(bag, topic)
 
 
-def split(source: str | Path, default_topic: str = topics.ODOM.name) -> tuple[Path, str]:
+def split(source: str | Path, default_topic: str = '') -> tuple[Path, str]:
     """Return path and topic of `PATH` or `PATH:TOPIC`."""
     text = str(source)
     path, colon, topic = text.rpartition(':')

@@ -46,7 +46,7 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
 
     with open_bag(path) as bag:
         _stereo(bag, save)
-        if bag.has(topics.ODOM.name):
+        if bag.has(bag.truth):
             odometry = series.read_odometry(bag)
             if len(odometry.stamps_ns):
                 _trajectory(bag, odometry, world, save)

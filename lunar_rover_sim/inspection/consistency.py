@@ -49,7 +49,7 @@ def imu_drift(scan: Scan, imu_position_m: np.ndarray, gravity_mps2: float) -> Dr
 
     imu_position_m: (3,) origin of the IMU in base_link.
     """
-    odom_ns, odom = scan.signal(topics.ODOM)
+    odom_ns, odom = scan.signal(scan.truth)
     imu_ns, imu = scan.signal(topics.IMU_TRUTH)
     stamps, at_odom, at_imu = np.intersect1d(odom_ns, imu_ns, return_indices=True)
     if len(stamps) < 3:
@@ -86,7 +86,7 @@ def imu_drift(scan: Scan, imu_position_m: np.ndarray, gravity_mps2: float) -> Dr
 
 def attitude_offset_rad(scan: Scan, R_base_imu: np.ndarray) -> float | None:
     """Return the largest angle between the IMU's true orientation and that of odometry."""
-    odom_ns, odom = scan.signal(topics.ODOM)
+    odom_ns, odom = scan.signal(scan.truth)
     imu_ns, imu = scan.signal(topics.IMU_TRUTH)
     stamps, at_odom, at_imu = np.intersect1d(odom_ns, imu_ns, return_indices=True)
     if not len(stamps):

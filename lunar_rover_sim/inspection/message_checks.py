@@ -25,9 +25,10 @@ def contract_topics(rover: RoverData, report: Report) -> None:
     listed = rover.scenario.get('recorder_node', 'topics', ['all'])
     excluded = _names(rover, rover.scenario.get('recorder_node', 'exclude', []))
     nodes = rover.scenario.get('run', 'nodes')
+    unpublished = _unpublished(rover)
     missing = []
     for topic in topics.CONTRACT:
-        if topic.rate == EVENT or topic.name in OPTIONAL:
+        if topic.rate == EVENT or topic.name in OPTIONAL or topic.name in unpublished:
             continue
         in_all = 'all' in listed and topic.name not in excluded and not topic.on_request
         if not in_all and topic.name not in _names(rover, listed):
@@ -99,7 +100,7 @@ def stereo_sets(rover: RoverData, report: Report) -> None:
                 f'{min(union - have) / NS_PER_S:.6f} s'
                 for name, have in sets.items() if union - have]
     report.verdict('stereo sets', problems, f'{len(union)} sets of {len(sets)} with one stamp')
-    odom = rover.scan.topics.get(topics.ODOM.name)
+    odom = rover.scan.topics.get(rover.scan.truth.name)
     if odom is None:
         return
     without_pose = sorted(union - set(odom.stamps_ns))
@@ -135,6 +136,15 @@ def world_hash(rover: RoverData, report: Report) -> None:
     if on_disk is not None and on_disk != value:
         problems.append(f'{value} is not that of {folder}, {on_disk}')
     report.verdict('world hash', problems, value)
+
+
+def _unpublished(rover: RoverData) -> set[str]:
+    """Return the topics that physics does not publish by its parameters."""
+    separate = rover.scenario.get('physics_node', 'separate_truth', False)
+    names = {(topics.ODOM if separate else topics.TRUE_ODOM).name}
+    if not rover.scenario.get('physics_node', 'publish_clock', True):
+        names.add(topics.CLOCK.name)
+    return names
 
 
 def _names(rover: RoverData, listed: object) -> set[str]:

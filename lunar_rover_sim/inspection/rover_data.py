@@ -19,7 +19,8 @@ STEREO_SET = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RI
 
 # The parameters that set the rates, and the topics that they are measured on.
 _RATES = {STATE: ('physics_node', 'state_rate_hz'), FRAME: ('render_node', 'frame_rate_hz')}
-_MEASURED = {STATE: (topics.ODOM, topics.CLOCK), FRAME: (topics.LEFT_IMAGE, topics.LEFT_INFO)}
+_MEASURED = {STATE: (topics.TRUE_ODOM, topics.ODOM, topics.CLOCK),
+             FRAME: (topics.LEFT_IMAGE, topics.LEFT_INFO)}
 
 
 @dataclasses.dataclass(frozen=True)

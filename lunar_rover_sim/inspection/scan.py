@@ -21,6 +21,7 @@ _WAITING = 16  # stereo sets that may be incomplete; those that stay so are miss
 
 _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
     topics.ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
+    topics.TRUE_ODOM.name: (message_validity.quaternion_problem('pose.pose.orientation'),),
     topics.IMU_TRUTH.name: (message_validity.quaternion_problem('orientation'),),
     topics.JOINT_STATES.name: (message_validity.joints_problem,),
     topics.JOINT_COMMANDS.name: (message_validity.joints_problem,),
@@ -61,6 +62,11 @@ class Scan:
     depth_mismatch: list[str] = dataclasses.field(default_factory=list)
     contrast: int = 0  # left images with more than one grey level
 
+    @property
+    def truth(self) -> Topic:
+        """The topic of the true odometry."""
+        return topics.TRUE_ODOM if topics.TRUE_ODOM.name in self.topics else topics.ODOM
+
     def signal(self, topic: Topic) -> tuple[np.ndarray, np.ndarray]:
         """Return stamps (n,) [ns] and the values (n, k) that `_SIGNALS` picks."""
         rows = self.signals.get(topic.name, [])
@@ -77,7 +83,8 @@ def _accel(m: Any) -> tuple[float, ...]:
 
 
 _SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
-    topics.ODOM.name: odometry_row, topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
+    topics.ODOM.name: odometry_row, topics.TRUE_ODOM.name: odometry_row,
+    topics.IMU_TRUTH.name: _imu, topics.IMU_RAW.name: _imu,
     topics.IMU_BIAS.name: _accel}
 
 
@@ -91,6 +98,9 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
                 by_topic[name] = result.topics[known.name] = TopicScan(known, name,
                                                                        bag.types[name])
                 break
+    if topics.TRUE_ODOM.name in result.topics and topics.ODOM.name in result.topics:
+        # That of an estimator, at a rate and in frames of its own.
+        del by_topic[result.topics.pop(topics.ODOM.name).name]
     if not by_topic:
         return result
     finite = message_validity.FiniteCheck(bag.typestore)

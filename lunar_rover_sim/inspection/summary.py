@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.messages import xyz
@@ -43,9 +42,9 @@ def summarise(path: Path) -> Summary:
 
 def _distance_m(bag: Bag) -> float:
     """Return the distance driven; of the odometry only what it needs is held in memory."""
-    if not bag.has(topics.ODOM.name):
+    if not bag.has(bag.truth):
         return 0.0
-    stamped = ((message.time_ns, message) for message in bag.raw([topics.ODOM.name]))
+    stamped = ((message.time_ns, message) for message in bag.raw([bag.truth]))
     decoded = ((stamp_ns, bag.decode(message.data, message.msgtype))
                for stamp_ns, message in every_step(stamped))
     return driven_distance_m((stamp_ns, xyz(odometry.pose.pose.position))

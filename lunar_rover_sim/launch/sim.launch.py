@@ -1,54 +1,99 @@
 """The graph of a scenario: `ros2 launch lunar_rover_sim sim.launch.py scenario:=baseline output:=DIR`.
 
-The plan is that of `lunar_rover_sim run`, in the ROS domain of the shell. The run ends when
-physics_node has finished. A node that dies ends it with an error and a non-zero status.
+The plan is that of `lunar_rover_sim run`, in the ROS domain of the shell, in any namespace. The
+launch ends when physics_node has finished and the recorder has written its bag. A node that dies
+ends it with an error and a non-zero status. What each node prints is in `DIR/logs` too.
 """  # noqa: E501
 
 from pathlib import Path
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
-from launch.event_handlers import OnProcessExit
-from launch.events import matches_action, Shutdown
+from launch.event_handlers import OnProcessExit, OnProcessIO
+from launch.events import matches_action
 from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from lunar_rover_sim.run.plan import prepare, resolve, SCENARIO_FILE, STOP_ORDER
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.plan import LOG_FOLDER, prepare, resolve, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.run.scenario import Scenario
 
 _ARGUMENTS = {
-    'scenario': ('baseline', 'name of a packaged scenario, or a YAML file'),
-    'output': ('', 'folder for bag, resolved scenario and logs; must not exist'),
-    'seed': ('', 'seed of everything random; empty for that of the scenario'),
-    'duration': ('', 'simulated time [s]; empty for that of the scenario'),
-    'time_mode': ('', 'lockstep or real_time; empty for that of the scenario'),
-    'world': ('', 'folder of a world; empty for that of the scenario'),
+    'scenario': ('baseline', 'name of a packaged scenario, or a YAML file', None),
+    'output': ('', 'folder for bag, resolved scenario and logs; must not exist', None),
+    'seed': ('', 'seed of everything random; empty for that of the scenario', None),
+    'duration': ('', 'simulated time [s]; empty for that of the scenario', None),
+    'time_mode': ('', 'empty for that of the scenario', ('', 'lockstep', 'real_time')),
+    'world': ('', 'folder of a world; empty for that of the scenario', None),
+    'set': ('', 'parameters as `run --set` takes them, with semicolons in between: '
+            '"drive_node.speed_mps=0.1; seed=3"', None),
+    'namespace': ('', 'of all nodes and topics but /clock', None),
+    'use_sim_time': ('', 'parameter of all nodes; they work either way', ('', 'true', 'false')),
+    'cmd_vel_type': ('', 'what drive_node publishes; empty for that of the scenario',
+                     ('', 'Twist', 'TwistStamped')),
+    'log_level': ('', 'of all nodes; empty for info',
+                  ('', 'debug', 'info', 'warn', 'error', 'fatal')),
 }
+
+
+def _scenario(values):
+    """Return the resolved scenario that the arguments describe."""
+    overrides = [text.strip() for text in values['set'].split(';') if text.strip()]
+    if values['duration']:
+        overrides.append(f'run.duration_s={values["duration"]}')
+    if values['time_mode']:
+        overrides.append(f'time_mode={values["time_mode"]}')
+    if values['cmd_vel_type']:
+        stamped = str(values['cmd_vel_type'] == 'TwistStamped').lower()
+        overrides.append(f'drive_node.enable_stamped_cmd_vel={stamped}')
+    try:
+        seed = int(values['seed']) if values['seed'] else None
+    except ValueError:
+        raise ConfigError(f'seed: {values["seed"]!r} is not valid; valid is a whole number') \
+            from None
+    return resolve(Scenario.load(values['scenario'], overrides, seed=seed))
 
 
 def _start(context):
     values = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     if not values['output']:
-        raise RuntimeError("output: '' is not valid; valid is a folder that does not exist")
-    overrides = []
-    if values['duration']:
-        overrides.append(f'run.duration_s={values["duration"]}')
-    if values['time_mode']:
-        overrides.append(f'time_mode={values["time_mode"]}')
-    scenario = resolve(Scenario.load(values['scenario'], overrides,
-                                     seed=int(values['seed']) if values['seed'] else None))
+        raise ConfigError("output: '' is not valid; valid is a folder that does not exist")
+    scenario = _scenario(values)
     folder = Path(values['output']).resolve()
     world = Path(values['world'] or scenario.world_folder()).resolve()
+    options = []
+    if values['use_sim_time']:
+        options += ['-p', f'use_sim_time:={values["use_sim_time"]}']
+    if values['log_level']:
+        options += ['--log-level', values['log_level']]
     nodes = {
-        # Not `parameters`: launch writes those for `/**`, and the sections of the scenario win.
+        # Not `parameters`: launch would write them to files of its own.
         plan.name: Node(package='lunar_rover_sim', executable=plan.name, name=plan.name,
-                        output='screen', sigterm_timeout='15',
-                        ros_arguments=plan.ros_arguments(folder / SCENARIO_FILE)[1:])
+                        namespace=values['namespace'] or None, output='screen',
+                        sigterm_timeout='15',
+                        ros_arguments=[*plan.ros_arguments(folder / SCENARIO_FILE)[1:], *options])
         for plan in prepare(scenario, folder, world)}
     ended = OnProcessExit(target_action=lambda action: action in nodes.values(),
                           on_exit=_Ending(nodes).on_exit)
-    return [RegisterEventHandler(ended), *nodes.values()]
+    return [RegisterEventHandler(ended), *_logs(nodes, folder / LOG_FOLDER), *nodes.values()]
+
+
+def _logs(nodes, folder):
+    """Return the actions that write what each node prints to a file of its own."""
+    folder.mkdir()
+    actions = []
+    for name, node in nodes.items():
+        path = folder / f'{name}.log'
+        path.touch()
+
+        def write(event, path=path):
+            with path.open('ab') as log:
+                log.write(event.text)
+
+        actions.append(RegisterEventHandler(OnProcessIO(target_action=node, on_stdout=write,
+                                                        on_stderr=write)))
+    return actions
 
 
 class _Ending:
@@ -70,11 +115,13 @@ class _Ending:
             node = self._nodes.get(other)
             if node is not None and node.return_code is None:
                 return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
-        return EmitEvent(event=Shutdown(reason='the run is complete'))
+        # Without processes the launch ends by itself, once another rover has finished too.
+        return None
 
 
 def generate_launch_description():
     """Return the nodes of the scenario."""
     return LaunchDescription(
-        [DeclareLaunchArgument(name, default_value=default, description=text)
-         for name, (default, text) in _ARGUMENTS.items()] + [OpaqueFunction(function=_start)])
+        [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
+         for name, (default, text, choices) in _ARGUMENTS.items()]
+        + [OpaqueFunction(function=_start)])

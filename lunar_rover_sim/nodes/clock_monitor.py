@@ -30,7 +30,7 @@ class ClockMonitor:
         self._node = rclpy.create_node('lunar_rover_sim_run', start_parameter_services=False,
                                        enable_rosout=False)
         self._now_ns = 0
-        self._node.create_subscription(Clock, topics.CLOCK.name, self._clock_callback,
+        self._node.create_subscription(Clock, topics.CLOCK.graph_name, self._clock_callback,
                                        qos.newest())
 
     def _clock_callback(self, message: Clock) -> None:

@@ -51,13 +51,15 @@ def fill_clock(msg: Clock, stamp: Time) -> Clock:
     return msg
 
 
-def fill_odometry(msg: Odometry, state: RoverState, stamp: Time) -> Odometry:
-    """Write the true pose in `odom` and the true twist in `base_link` into `msg`; return it.
+def fill_odometry(msg: Odometry, state: RoverState, stamp: Time,
+                  frame_id: str = frames.ODOM_FRAME,
+                  child_frame_id: str = frames.BASE_FRAME) -> Odometry:
+    """Write the true pose in the world and the true twist in base axes into `msg`; return it.
 
     Covariances stay as they are: `set_odometry_covariance`.
     """
-    _set_header(msg.header, stamp, frames.ODOM_FRAME)
-    msg.child_frame_id = frames.BASE_FRAME
+    _set_header(msg.header, stamp, frame_id)
+    msg.child_frame_id = child_frame_id
     pose, twist = msg.pose.pose, msg.twist.twist
     _set_vector(pose.position, state.position_m)
     _set_quaternion(pose.orientation, state.orientation_wxyz)
@@ -185,10 +187,10 @@ def fill_imu_bias(msg: AccelStamped, sample: ImuSample, stamp: Time) -> AccelSta
     return msg
 
 
-def fill_wrench(msg: WrenchStamped, force_n: Array, torque_nm: Array,
+def fill_wrench(msg: WrenchStamped, force_n: Array, torque_nm: Array, frame_id: str,
                 stamp: Time) -> WrenchStamped:
-    """Write the ground reaction on one leg, world axes, into `msg` and return it."""
-    _set_header(msg.header, stamp, frames.ODOM_FRAME)
+    """Write the ground reaction on one leg, (3,) each in axes of the frame; return `msg`."""
+    _set_header(msg.header, stamp, frame_id)
     _set_vector(msg.wrench.force, force_n)
     _set_vector(msg.wrench.torque, torque_nm)
     return msg

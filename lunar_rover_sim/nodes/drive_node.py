@@ -41,9 +41,9 @@ class DriveNode(node_main.GraphNode):
         self._matching = Matching(self, [self._publisher],
                                   config.participants if config.lockstep else ())
         self._held: list[bytes] = []
-        self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
+        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)
-        self.report_ready(config, waits=(topics.ODOM.name,))
+        self.report_ready(config, waits=(config.truth.name,))
 
     # Raw: one message in ten is used, and deserialising odometry takes 50 us.
     def _odom_callback(self, raw: bytes) -> None:

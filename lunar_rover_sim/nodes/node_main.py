@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import functools
 import os
+from pathlib import Path
 import signal
 import sys
+from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import Any
 
@@ -22,6 +24,7 @@ from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.nodes import qos_overrides
 from lunar_rover_sim.nodes.type_watch import TypeWatch
 from lunar_rover_sim.run.node_config import NodeConfig
+from lunar_rover_sim.run.params_files import arguments_of_program
 
 _SPIN_S = 0.1   # the longest time until an idle node notices a signal
 
@@ -125,6 +128,17 @@ def executor() -> Executor:
     return EventsExecutor()
 
 
+def _init(arguments: Sequence[str]) -> None:
+    """Start rclpy; raise ConfigError for a parameter file that cannot be read.
+
+    The first argument names the program, as `sys.argv` does.
+    """
+    program = Path(arguments[0]).stem if arguments else ''
+    with TemporaryDirectory() as folder:
+        rclpy.init(args=arguments_of_program(arguments, program, Path(folder)),
+                   signal_handler_options=SignalHandlerOptions.NO)
+
+
 def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     """Run one node until it is finished, fails, or receives SIGINT or SIGTERM.
 
@@ -148,7 +162,7 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        _init(sys.argv if args is None else args)
         spinner = executor()
         node = factory()
         qos_overrides.check_topics(node)

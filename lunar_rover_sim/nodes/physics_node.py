@@ -46,7 +46,7 @@ class PhysicsNode(node_main.GraphNode):
         self._end_ns = round(config.duration_s * 1e9)
         self._paused = config.start_paused
 
-        self._publisher = StatePublisher(self, rover, self._imu_noise(), config.odometry)
+        self._publisher = StatePublisher(self, rover, self._imu_noise(), config)
         self._matching = Matching(self, self._publisher.publishers,
                                   tuple(dict.fromkeys([*config.wait.topics,
                                                        *config.participants])))

@@ -26,29 +26,32 @@ from lunar_rover_sim.run.node_config import RecorderNodeConfig
 # Log lines, parameters and diagnostics bear wall time: with them no two runs would give the same
 # bag.
 _NOT_RECORDED = ('rosout', 'parameter_events', 'diagnostics')
+_GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
 # done often while topics appear, and seldom when none has appeared for a while.
 _DISCOVERY_S, _SETTLED_S, _SETTLED_DISCOVERY_S = 0.05, 5.0, 0.5
 
 
 class RecorderNode(node_main.GraphNode):
-    """Subscribes to the listed topics, or to all, as they appear; writes serialised messages."""
+    """Subscribes to the listed topics, or to all, as they appear; writes serialised messages.
+
+    In a namespace `all` means its topics and /clock: those of other rovers stay out.
+    """
 
     def __init__(self) -> None:
         super().__init__('recorder_node')
         self._config = config = declare(self, RecorderNodeConfig)
         if not config.output:
             raise ConfigError("output: '' is not valid; valid is a folder that does not exist")
-        self._contract = {self.resolve_topic_name(t.name): t for t in topics.CONTRACT}
+        self._contract = {self._full(t.name): t for t in topics.CONTRACT}
         self._all = ALL in config.topics
-        self._listed = {self.resolve_topic_name(name) for name in config.topics if name != ALL}
-        self._excluded = {self.resolve_topic_name(name) for name in config.exclude}
+        self._listed = {self._full(name) for name in config.topics if name != ALL}
+        self._excluded = set(map(self._full, config.exclude))
         # Whoever subscribes to a topic on request makes others compute it.
-        self._not_in_all = {self.resolve_topic_name(topics.RECORDED.name), *(
+        self._not_in_all = {self._full(topics.RECORDED.name), *(
             name for name, topic in self._contract.items() if topic.on_request)}
-        self._written_ns_by_topic = {self.resolve_topic_name(name): 0
-                                     for name in config.acknowledge}
-        self._clock_name = self.resolve_topic_name(topics.CLOCK.name)
+        self._written_ns_by_topic = dict.fromkeys(map(self._full, config.acknowledge), 0)
+        self._clock_name = self._full(topics.CLOCK.name)
         self._jump = TimeJump(self)
         self._subscribed: set[str] = set()
         self._rate, self._drops, self._newest_told_ns = Rate(0.0), Drops(), -1
@@ -63,7 +66,7 @@ class RecorderNode(node_main.GraphNode):
         # that is to be acknowledged, and what the participants publish, has been subscribed.
         self._publisher: Publisher | None = None
         self._sent_ns = 0
-        self._needed = {name for name in map(self.resolve_topic_name,
+        self._needed = {name for name in map(self._full,
                                              (*config.acknowledge, *config.participants))
                         if self._is_wanted(name)}
         self._last_discovery_s = self._last_new_topic_s = time.monotonic()
@@ -93,9 +96,17 @@ class RecorderNode(node_main.GraphNode):
             self._publisher = self.create_publisher(Header, topics.RECORDED.name,
                                                     qos.offered(topics.RECORDED))
 
+    def _full(self, name: str) -> str:
+        """Return the full name of a topic, which may be one of the contract."""
+        return self.resolve_topic_name(_GRAPH_NAMES.get(name, name))
+
     def _is_wanted(self, name: str) -> bool:
         if name in self._listed or not self._all:
             return name in self._listed
+        # In a namespace `all` means the topics of this rover.
+        own = self.get_namespace().rstrip('/') + '/'
+        if not name.startswith(own) and name not in self._contract:
+            return False
         return (name not in self._excluded and name not in self._not_in_all
                 and name.rsplit('/', 1)[-1] not in _NOT_RECORDED)
 

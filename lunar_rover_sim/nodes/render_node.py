@@ -92,11 +92,11 @@ class RenderNode(node_main.GraphNode):
         # Long queues also in real time: the state of a period may come while a frame is drawn.
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
                                  qos.requested(topics.JOINT_STATES, lockstep=True), raw=True)
-        self.create_subscription(Odometry, topics.ODOM.name, self._odom_callback,
+        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
                                  qos.requested(topics.ODOM, lockstep=True), raw=True)
         on_change(self, config, self._publisher.configure)
         Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})
-        self.report_ready(config, f'world {world.hash[:12]}', (topics.ODOM.name,))
+        self.report_ready(config, f'world {world.hash[:12]}', (config.truth.name,))
 
     def destroy_node(self) -> None:
         """Finish the publishing under way and release the GL context.

@@ -9,31 +9,36 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from lunar_rover_sim import frames, topics
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.rover.base_footprint import footprint_pose
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
-from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
+from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose
 from lunar_rover_sim.rover.visual import link_poses
-from lunar_rover_sim.run.node_config import OdometryConfig
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 
 try:
     from tf2_msgs.msg import TFMessage
 except ImportError:
     TFMessage = None
 
-# In the order of publishing. The clock is last: it means that the rest has been published.
-_TOPICS = (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS, *topics.CONTACTS, topics.ODOM,
-           topics.JOINT_STATES, topics.CLOCK)
-
 
 class StatePublisher:
     """Publishers of one state: IMU with its truth, contacts, odometry, joints, tf, clock."""
 
     def __init__(self, node: Node, rover: RoverDescription, imu: ImuNoise,
-                 odometry: OdometryConfig) -> None:
+                 config: PhysicsNodeConfig) -> None:
         self._rover = rover
+        self._config = config
+        self._truth = config.truth
+        self._base_frame = frames.TRUE_BASE_FRAME if config.separate_truth else frames.BASE_FRAME
+        # In the order of publishing. The clock is last: it means that the rest has been published.
+        in_order = (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS, *topics.CONTACTS,
+                    self._truth, topics.JOINT_STATES,
+                    *([topics.CLOCK] if config.publish_clock else []))
         self._imu = imu
         self._imu_variances = imu.white_noise_variances()
         self._imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
@@ -41,12 +46,12 @@ class StatePublisher:
         # filling them.
         self._messages: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}
-        for topic in _TOPICS:
+        for topic in in_order:
             message_type = message_class(topic.type)
             self._messages[topic.name] = message_type()
-            self._publishers[topic.name] = node.create_publisher(message_type, topic.name,
+            self._publishers[topic.name] = node.create_publisher(message_type, topic.graph_name,
                                                                  qos.offered(topic))
-        conversions.set_odometry_covariance(self._messages[topics.ODOM.name], odometry)
+        conversions.set_odometry_covariance(self._messages[self._truth.name], config.odometry)
         self._tf = None
         if TFMessage is None:
             node.get_logger().info('tf2_msgs is not installed: no tf is published')
@@ -69,9 +74,10 @@ class StatePublisher:
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish one state with one stamp [ns]."""
         stamp = conversions.time_msg(stamp_ns)
-        self._fill(state, stamp)
+        links = link_poses(self._rover, state.joint_angle_rad)
+        self._fill(state, links, stamp)
         if self._tf is not None:
-            self._tf.publish(self._moving_transforms(state, stamp))
+            self._tf.publish(self._moving_transforms(state, links, stamp))
         # Sent in one go, after all are serialised: readers then wake up once per state, not once
         # per message.
         serialised = [(name, serialize_message(message))
@@ -79,34 +85,40 @@ class StatePublisher:
         for name, data in serialised:
             self._publishers[name].publish(data)
 
-    def _fill(self, state: RoverState, stamp: Time) -> None:
+    def _fill(self, state: RoverState, links: dict[str, Array], stamp: Time) -> None:
         messages = self._messages
         sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
         conversions.fill_imu_raw(messages[topics.IMU_RAW.name], sample, *self._imu_variances,
                                  stamp)
         conversions.fill_imu_truth(messages[topics.IMU_TRUTH.name], state, self._imu_wxyz, stamp)
         conversions.fill_imu_bias(messages[topics.IMU_BIAS.name], sample, stamp)
-        for leg, topic in enumerate(topics.CONTACTS):
-            conversions.fill_wrench(messages[topic.name], state.contact_force_n[leg],
-                                    state.contact_torque_nm[leg], stamp)
-        conversions.fill_odometry(messages[topics.ODOM.name], state, stamp)
+        R_world_base = frames.matrix_from_wxyz(state.orientation_wxyz)
+        for k, (leg, topic) in enumerate(zip(LEG_NAMES, topics.CONTACTS)):
+            R_world_leg = R_world_base @ links[leg][:3, :3]
+            conversions.fill_wrench(messages[topic.name], state.contact_force_n[k] @ R_world_leg,
+                                    state.contact_torque_nm[k] @ R_world_leg, topic.frame_id,
+                                    stamp)
+        conversions.fill_odometry(messages[self._truth.name], state, stamp, self._truth.frame_id,
+                                  self._base_frame)
         conversions.fill_joint_state(messages[topics.JOINT_STATES.name], state.joint_angle_rad,
                                      state.joint_velocity_radps, state.motor_torque_nm, stamp)
-        conversions.fill_clock(messages[topics.CLOCK.name], stamp)
+        if self._config.publish_clock:
+            conversions.fill_clock(messages[topics.CLOCK.name], stamp)
 
-    def _moving_transforms(self, state: RoverState, stamp: Time) -> Any:
-        links = link_poses(self._rover, state.joint_angle_rad)
-        return TFMessage(transforms=[
-            conversions.transform(frames.ODOM_FRAME, frames.BASE_FRAME, state.T_world_base,
-                                  stamp),
-            *(conversions.transform(frames.BASE_FRAME, leg, links[leg], stamp)
-              for leg in LEG_NAMES)])
+    def _moving_transforms(self, state: RoverState, links: dict[str, Array], stamp: Time) -> Any:
+        base, footprint, T_world_base = frames.BASE_FRAME, frames.FOOTPRINT_FRAME, \
+            state.T_world_base
+        transforms = [conversions.transform(base, frames.leg_frame(leg), links[leg], stamp)
+                      for leg in LEG_NAMES]
+        if self._config.publish_tf:
+            transforms.append(conversions.transform(self._truth.frame_id, self._base_frame,
+                                                    T_world_base, stamp))
+            if not self._config.separate_truth:
+                transforms.append(conversions.transform(base, footprint, footprint_pose(
+                    self._rover, T_world_base[:3, :3], links), stamp))
+        return TFMessage(transforms=transforms)
 
     def _static_transforms(self) -> Any:
         zero = conversions.time_msg(0)
-        left, right = optical_poses(self._rover)
-        return TFMessage(transforms=[
-            conversions.transform(frames.BASE_FRAME, child, pose, zero)
-            for child, pose in ((frames.IMU_FRAME, imu_pose(self._rover)),
-                                (frames.LEFT_OPTICAL_FRAME, left),
-                                (frames.RIGHT_OPTICAL_FRAME, right))])
+        return TFMessage(transforms=[conversions.transform(parent, child, pose, zero)
+                                     for parent, child, pose in fixed_frames(self._rover)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lunar_rover_sim import frames
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
 from lunar_rover_sim.rover.description import RoverDescription
 
@@ -29,3 +30,17 @@ def optical_poses(rover: RoverDescription) -> tuple[Array, Array]:
     left, right = camera_poses(rover)
     turn = se3(R_BODY_OPTICAL, np.zeros(3))
     return left @ turn, right @ turn
+
+
+def fixed_frames(rover: RoverDescription) -> tuple[tuple[str, str, Array], ...]:
+    """Return (parent, child, (4, 4) T_parent_child) of all frames that do not move on base_link.
+
+    URDF and tf_static are both made from them.
+    """
+    left, right = camera_poses(rover)
+    turn = se3(R_BODY_OPTICAL, np.zeros(3))
+    return ((frames.BASE_FRAME, frames.IMU_FRAME, imu_pose(rover)),
+            (frames.BASE_FRAME, frames.LEFT_CAMERA_FRAME, left),
+            (frames.LEFT_CAMERA_FRAME, frames.LEFT_OPTICAL_FRAME, turn),
+            (frames.BASE_FRAME, frames.RIGHT_CAMERA_FRAME, right),
+            (frames.RIGHT_CAMERA_FRAME, frames.RIGHT_OPTICAL_FRAME, turn))

@@ -1,7 +1,7 @@
 """The rover as URDF: links, joints, inertias and simple visuals, for RViz, tf and other tools.
 
-Links: base_link, one per leg (joint `<leg>_joint`), imu_link, stereo_left_link and
-stereo_right_link (x forward), each with its optical frame.
+Links: base_link, `<leg>_link` on `<leg>_joint`, imu_link, stereo_left_link and stereo_right_link
+(x forward), each with its optical frame. These are the frames of tf, with the same parents.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ from lunar_rover_sim import frames
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
-from lunar_rover_sim.rover.mounts import camera_poses, imu_pose, MAST_RADIUS_M
+from lunar_rover_sim.rover.mounts import fixed_frames, MAST_RADIUS_M
 
-_OPTICAL_RPY = (-math.pi / 2, 0.0, -math.pi / 2)
 _COLOURS = {'body': (0.78, 0.66, 0.36), 'leg': (0.55, 0.55, 0.57), 'tip': (0.15, 0.15, 0.16)}
 
 
@@ -30,13 +29,8 @@ def urdf(rover: RoverDescription) -> str:
     _add_base(robot, rover)
     for leg, position in zip(LEG_NAMES, rover.legs.axle_positions_m()):
         _add_leg(robot, leg, position, rover)
-    _add_fixed(robot, frames.BASE_FRAME, frames.IMU_FRAME, imu_pose(rover))
-    sides = (('stereo_left_link', frames.LEFT_OPTICAL_FRAME),
-             ('stereo_right_link', frames.RIGHT_OPTICAL_FRAME))
-    for (link, optical), pose in zip(sides, camera_poses(rover)):
-        _add_fixed(robot, frames.BASE_FRAME, link, pose)
-        rotation = frames.matrix_from_wxyz(frames.wxyz_from_rpy(*_OPTICAL_RPY))
-        _add_fixed(robot, link, optical, frames.se3(rotation, np.zeros(3)))
+    for parent, child, pose in fixed_frames(rover):
+        _add_fixed(robot, parent, child, pose)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding='unicode') + '\n'
 
@@ -60,7 +54,7 @@ def _add_base(robot: ElementTree.Element, rover: RoverDescription) -> None:
 def _add_leg(robot: ElementTree.Element, leg: str, position: tuple[float, float, float],
              rover: RoverDescription) -> None:
     legs, motor = rover.legs, rover.motor
-    link = _add(robot, 'link', name=leg)
+    link = _add(robot, 'link', name=frames.leg_frame(leg))
     _add_inertial(link, legs.mass_kg, (0.0, 0.0, 0.0), leg_inertia(legs))
     for direction in np.array(legs.spoke_directions()):
         tip = (legs.spoke_length_m - legs.tip_radius_m) * direction
@@ -73,7 +67,7 @@ def _add_leg(robot: ElementTree.Element, leg: str, position: tuple[float, float,
                 _add(part, 'material', name='tip')
     joint = _add(robot, 'joint', name=f'{leg}_joint', type='continuous')
     _add(joint, 'parent', link=frames.BASE_FRAME)
-    _add(joint, 'child', link=leg)
+    _add(joint, 'child', link=frames.leg_frame(leg))
     _add(joint, 'origin', xyz=_numbers(position), rpy='0 0 0')
     _add(joint, 'axis', xyz='0 1 0')
     _add(joint, 'limit', effort=_number(motor.leg_stall_torque_nm),

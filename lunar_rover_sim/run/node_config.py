@@ -35,6 +35,16 @@ class NodeConfig(Parameters):
         (), 'topics by whose publishers the participants of a run are recognised; a run names '
         'all awaited ones; in lockstep no node sends before they are discovered and matched')
 
+    separate_truth: bool = param(
+        False, 'the true odometry is ground_truth/odom, in frames ground_truth/odom and '
+        'ground_truth/base_link, so that odom and its frames are free for an estimator; the '
+        'nodes of this package read the true one')
+
+    @property
+    def truth(self) -> topics.Topic:
+        """The topic of the true odometry."""
+        return topics.TRUE_ODOM if self.separate_truth else topics.ODOM
+
     @property
     def lockstep(self) -> bool:
         """Whether simulated time waits for the answers of other nodes."""
@@ -98,6 +108,11 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
                               unit='s', low=0.0, high=MAX_DURATION_S)
     start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')
+    publish_tf: bool = param(True, 'publish odom to base_link and to base_footprint; false '
+                             'where an estimator does. The legs and sensors on base_link are '
+                             'published in any case')
+    publish_clock: bool = param(True, 'publish /clock; false for all but one of several rovers '
+                                'in one graph')
 
     @property
     def step_ns(self) -> int:

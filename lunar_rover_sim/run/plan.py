@@ -49,9 +49,8 @@ class NodePlan:
         """Return the arguments of the process."""
         arguments = ['--ros-args', '--params-file', str(params_file)]
         for name, value in self.parameters.items():
-            # The node's name is needed, since the node's section of the file wins over `/**`. The
-            # quotes keep a path of digits text.
-            arguments += ['-p', f'{self.name}:{name}:={json.dumps(value, ensure_ascii=False)}']
+            # The quotes keep a path of digits text.
+            arguments += ['-p', f'{name}:={json.dumps(value, ensure_ascii=False)}']
         return arguments
 
 
@@ -127,14 +126,22 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
         periodic = topic.rate in (topics.STATE, topics.FRAME)
         if topic.node not in scenario.run.nodes or not periodic:
             continue
-        if topic == topics.TF:
-            continue  # tf2_msgs may be missing
+        if topic in _unpublished(scenario):
+            continue
         # As recorder_node has it.
         in_all = (ALL in recorder.topics and topic.name not in recorder.exclude
                   and not topic.on_request)
         if in_all or topic.name in recorder.topics:
-            result.append(topic.name)
+            result.append(topic.graph_name)
     return tuple(result)
+
+
+def _unpublished(scenario: Scenario) -> tuple[topics.Topic, ...]:
+    """Return the topics that physics does not publish, or may not."""
+    separate = scenario.shared.separate_truth
+    clock = () if scenario.physics_node.publish_clock else (topics.CLOCK,)
+    # tf2_msgs may be missing.
+    return topics.TF, topics.ODOM if separate else topics.TRUE_ODOM, *clock
 
 
 def _participants(scenario: Scenario) -> tuple[str, ...]:

@@ -3,7 +3,8 @@
 The sections are `/**` (parameters that all nodes share), one per node, and three that no node
 reads: `world` (the recipe of the terrain), `rover` (deviations from config/rover.yaml) and `run`.
 Each section holds `ros__parameters`, so that `ros2 run … --params-file scenario.yaml` accepts the
-file. Defaults live in the dataclasses; a file overrides them.
+file. The section of a node holds in every namespace (`params_files`) and may be written
+`/**/physics_node`. Defaults live in the dataclasses; a file overrides them.
 """
 
 from __future__ import annotations
@@ -26,14 +27,11 @@ from lunar_rover_sim.run.node_config import (DriveNodeConfig, GaitNodeConfig, LO
                                              MAX_DURATION_S, NODE_CONFIGS, NodeConfig,
                                              PhysicsNodeConfig, RecorderNodeConfig,
                                              RenderNodeConfig)
+from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import load_world as load_world_folder
-
-SHARED = '/**'
-ROS_KEY = 'ros__parameters'
-MAX_SCENARIO_BYTES = 1 << 18
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,16 +149,20 @@ def scenario_names() -> list[str]:
 
 def _read(path: Path) -> dict[str, Any]:
     """Return section → nested values of a scenario file; ConfigError for unknown sections."""
-    document = parse_yaml(read_text(path, MAX_SCENARIO_BYTES), str(path))
+    document = parse_yaml(read_text(path, MAX_BYTES), str(path))
     if document is None:
         document = {}
     if not isinstance(document, Mapping):
         raise ConfigError(f'{path}: not a scenario; valid is a mapping of sections')
     sections: dict[str, Any] = {}
-    for section, body in document.items():
+    programs = {name: node for node in NODE_CONFIGS for name in section_names(node)}
+    for name, body in document.items():
+        section = programs.get(name, name)
         if section not in _section_names():
             raise ConfigError(f'{path}: no such section {brief(section)}; '
                               f'{nearest(str(section), _section_names())}')
+        if section in sections:
+            raise ConfigError(f'{path}: section {section} is given twice')
         if not isinstance(body, Mapping) or set(body) != {ROS_KEY}:
             raise ConfigError(f'{path}: section {section!r} must hold {ROS_KEY!r} and nothing '
                               'else')

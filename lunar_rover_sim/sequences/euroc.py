@@ -49,7 +49,7 @@ class EurocSequence(Sequence):
         if bag.has(topics.IMU_RAW.name):
             self.line(_IMU, _IMU_TITLE)
             self._sensor('imu0', self._imu_lines())
-        if bag.has(topics.ODOM.name):
+        if bag.has(bag.truth):
             self.line(_TRUTH, _TRUTH_TITLE)
             self._sensor('state_groundtruth_estimate0',
                          ['sensor_type: visual-inertial', 'comment: true pose of the IMU',

@@ -61,9 +61,12 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
 
 
 def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -> list[str]:
-    wanted = [name for name in sequence.needs + sequence.uses
-              if bag.has(name) and _TYPES[name] != _CAMERA_INFO]
-    names = {bag.resolve(name): name for name in wanted}
+    # The formats know the true odometry by its usual name.
+    sources = {name: bag.truth if name == topics.ODOM.name else name
+               for name in sequence.needs + sequence.uses}
+    wanted = [name for name, source in sources.items()
+              if bag.has(source) and _TYPES[name] != _CAMERA_INFO]
+    names = {bag.resolve(sources[name]): name for name in wanted}
     images = [name for name in wanted if _TYPES[name] == _IMAGE]
     sets = _ImageSets(bag, sequence, images, topics.IMU_RAW.name in wanted)
     for message in bag.raw(names):

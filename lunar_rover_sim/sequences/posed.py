@@ -28,7 +28,7 @@ class PosedSequence(Sequence):
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
         self._path = bag.path
-        self._has_truth = bag.has(topics.ODOM.name)
+        self._has_truth = bag.has(bag.truth)
         self._poses: dict[int, Array] = {}
         self._waiting: list[int] = []
         self.count = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -26,7 +27,9 @@ from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
-from lunar_rover_sim.run.node_config import OdometryConfig  # noqa: E402
+from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
+from lunar_rover_sim.rover.visual import link_poses  # noqa: E402
+from lunar_rover_sim.run.node_config import OdometryConfig, PhysicsNodeConfig  # noqa: E402
 
 LEG_JOINTS = [f'{leg}_joint' for leg in topics.LEGS]
 YAW_90 = frames.wxyz_from_rpy(0, 0, np.pi / 2)
@@ -130,19 +133,75 @@ def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
     node = FakeNode()
     noise = ImuNoise(ImuConfig(), 200, np.random.default_rng(1))
-    publisher = state_publisher.StatePublisher(  # type: ignore[arg-type]
-        node, RoverDescription(), noise, OdometryConfig())
+    publisher = state_publisher.StatePublisher(node, RoverDescription(), noise,  # type: ignore
+                                               PhysicsNodeConfig())
     publisher.publish(state, state.stamp_ns)
-    moving = {t.child_frame_id: t for t in node.sent[topics.TF.name][0].transforms}
-    assert set(moving) == {'base_link', *topics.LEGS}
+    moving = {t.child_frame_id: t for t in node.sent['tf'][0].transforms}
+    legs = {f'{leg}_link' for leg in topics.LEGS}
+    assert set(moving) == {'base_link', 'base_footprint', *legs}
     assert moving['base_link'].header.frame_id == 'odom'
     assert moving['base_link'].transform.translation.y == 2.0
-    static = {t.child_frame_id: t for t in node.sent[topics.TF_STATIC.name][0].transforms}
-    assert set(static) == {'imu_link', 'stereo_left_optical_frame', 'stereo_right_optical_frame'}
-    left, right = (static[f'stereo_{side}_optical_frame'].transform for side in ('left', 'right'))
-    assert left.translation.y - right.translation.y == pytest.approx(0.1)
-    for name in (topics.ODOM.name, topics.IMU_RAW.name, topics.CLOCK.name):
+    for name in ('odom', 'imu/data_raw', '/clock'):
         assert len(node.sent[name]) == 1
+
+
+def test_tf_is_the_tree_of_the_urdf(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same parents and poses: with robot_state_publisher no frame has two parents."""
+    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
+    rover = RoverDescription()
+    upright = dataclasses.replace(state, joint_angle_rad=np.zeros(4))
+    node = FakeNode()
+    publisher = state_publisher.StatePublisher(  # type: ignore
+        node, rover, ImuNoise(ImuConfig(), 200, np.random.default_rng(1)), PhysicsNodeConfig())
+    publisher.publish(upright, 5_000_000)
+    sent = {t.child_frame_id: t for name in ('tf', 'tf_static')
+            for t in node.sent[name][0].transforms}
+    for joint in ElementTree.fromstring(urdf(rover).encode()).findall('joint'):
+        parent, child, origin = map(joint.find, ('parent', 'child', 'origin'))
+        assert parent is not None and child is not None and origin is not None
+        found = sent.pop(child.attrib['link'])
+        assert found.header.frame_id == parent.attrib['link']
+        xyz, rpy = ([float(v) for v in origin.attrib[k].split()] for k in ('xyz', 'rpy'))
+        p, q = found.transform.translation, found.transform.rotation
+        assert [p.x, p.y, p.z] == pytest.approx(xyz, abs=1e-8)
+        assert abs(np.dot([q.w, q.x, q.y, q.z], frames.wxyz_from_rpy(*rpy))) == pytest.approx(1.0)
+    assert set(sent) == {'base_link', 'base_footprint'}     # they belong to no link
+    frame_ids = {topic.frame_id for topic in topics.CONTRACT} - {'', topics.TRUE_ODOM.frame_id}
+    tree = {t.header.frame_id for name in ('tf', 'tf_static')
+            for t in node.sent[name][0].transforms} | {
+        t.child_frame_id for name in ('tf', 'tf_static') for t in node.sent[name][0].transforms}
+    assert frame_ids <= tree
+
+
+@pytest.mark.parametrize(('parameters', 'frames_sent', 'odometry'), [
+    ({'publish_tf': False}, set(), ('odom', 'odom', 'base_link')),
+    ({'separate_truth': True}, {'ground_truth/base_link'},
+     ('ground_truth/odom', 'ground_truth/odom', 'ground_truth/base_link')),
+    ({'separate_truth': True, 'publish_tf': False}, set(),
+     ('ground_truth/odom', 'ground_truth/odom', 'ground_truth/base_link'))])
+def test_an_estimator_may_own_odom(state: RoverState, monkeypatch: pytest.MonkeyPatch,
+                                   parameters: dict[str, bool], frames_sent: set[str],
+                                   odometry: tuple[str, str, str]) -> None:
+    """Then nobody else publishes odom → base_link, and the truth may have frames of its own."""
+    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
+    node = FakeNode()
+    state_publisher.StatePublisher(  # type: ignore
+        node, RoverDescription(), ImuNoise(ImuConfig(), 200, np.random.default_rng(1)),
+        PhysicsNodeConfig(**parameters)).publish(state, 5_000_000)    # type: ignore[arg-type]
+    moving = {t.child_frame_id for t in node.sent['tf'][0].transforms}
+    assert moving == {f'{leg}_link' for leg in topics.LEGS} | frames_sent
+    assert {'odom', 'ground_truth/odom'} & set(node.sent) == {odometry[0]}
+    msg = deserialize_message(node.sent[odometry[0]][0], Odometry)
+    assert (msg.header.frame_id, msg.child_frame_id) == odometry[1:]
+
+
+def test_one_of_several_rovers_is_without_a_clock(state: RoverState) -> None:
+    """Two publishers of /clock would make time jump."""
+    node = FakeNode()
+    state_publisher.StatePublisher(  # type: ignore
+        node, RoverDescription(), ImuNoise(ImuConfig(), 200, np.random.default_rng(1)),
+        PhysicsNodeConfig(publish_clock=False)).publish(state, 5_000_000)
+    assert '/clock' not in node.sent and len(node.sent['odom']) == 1
 
 
 def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,8 +214,8 @@ def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> No
     rover = dataclasses.replace(rover, imu=mount)
     noise, same = (ImuNoise(ImuConfig(), 200, np.random.default_rng(1)) for _ in range(2))
     node = FakeNode()
-    publisher = state_publisher.StatePublisher(  # type: ignore[arg-type]
-        node, rover, noise, OdometryConfig())
+    publisher = state_publisher.StatePublisher(node, rover, noise,  # type: ignore[arg-type]
+                                               PhysicsNodeConfig())
     publisher.publish(first, 5_000_000)
     publisher.publish(second, 1_234_567_890_123)
     same.measure(first.specific_force_mps2, first.imu_rate_radps)
@@ -165,6 +224,7 @@ def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> No
     odometry = Odometry()
     conversions.set_odometry_covariance(odometry, OdometryConfig())
     imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
+    links = link_poses(rover, second.joint_angle_rad)
     expected = {
         topics.CLOCK: Clock(clock=stamp),
         topics.ODOM: conversions.fill_odometry(odometry, second, stamp),
@@ -175,12 +235,13 @@ def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> No
                                                  stamp),
         topics.IMU_TRUTH: conversions.fill_imu_truth(Imu(), second, imu_wxyz, stamp),
         topics.IMU_BIAS: conversions.fill_imu_bias(AccelStamped(), sample, stamp),
-        **{topic: conversions.fill_wrench(WrenchStamped(), second.contact_force_n[k],
-                                          second.contact_torque_nm[k], stamp)
-           for k, topic in enumerate(topics.CONTACTS)}}
+        **{topic: conversions.fill_wrench(WrenchStamped(), second.contact_force_n[k] @ R,
+                                          second.contact_torque_nm[k] @ R, f'{leg}_link', stamp)
+           for k, (leg, topic) in enumerate(zip(topics.LEGS, topics.CONTACTS))
+           for R in [frames.matrix_from_wxyz(second.orientation_wxyz) @ links[leg][:3, :3]]}}
     for topic, message in expected.items():
         # As sent: a message that is refilled is serialised before the next one.
-        assert deserialize_message(node.sent[topic.name][1], type(message)) == message, topic.name
+        assert deserialize_message(node.sent[topic.graph_name][1], type(message)) == message, topic.name
 
 
 def test_imu_messages(state: RoverState) -> None:

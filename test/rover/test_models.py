@@ -14,6 +14,7 @@ import yaml
 from lunar_rover_sim import frames
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.rover.base_footprint import footprint_pose
 from lunar_rover_sim.rover.description import (Chassis, ImuMount, JOINT_NAMES, LEG_NAMES, Legs,
                                                RoverDescription, StereoMount)
 from lunar_rover_sim.rover.mjcf import IMU_SITE, rover_spec, tip_geom
@@ -95,7 +96,8 @@ def urdf_poses(document: str) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize('rover', [ROVER, OTHER])
 def test_urdf_frames_are_where_the_description_says(rover):
     poses = urdf_poses(urdf(rover))
-    expected = dict(link_poses(rover, np.zeros(4)))
+    expected = {frames.BASE_FRAME: np.eye(4)} | {
+        frames.leg_frame(leg): link_poses(rover, np.zeros(4))[leg] for leg in LEG_NAMES}
     expected[frames.IMU_FRAME] = imu_pose(rover)
     expected['stereo_left_link'], expected['stereo_right_link'] = camera_poses(rover)
     expected[frames.LEFT_OPTICAL_FRAME], expected[frames.RIGHT_OPTICAL_FRAME] = optical_poses(
@@ -112,9 +114,9 @@ def test_mujoco_reads_the_urdf_with_the_same_masses(rover):
     own, _ = compiled(rover)
     assert [model.joint(i).name for i in range(model.njnt)] == list(JOINT_NAMES)
     for leg in LEG_NAMES:
-        np.testing.assert_allclose(model.body(leg).mass, own.body(leg).mass)
-        np.testing.assert_allclose(model.body(leg).pos, own.body(leg).pos)
-        np.testing.assert_allclose(np.sort(model.body(leg).inertia),
+        np.testing.assert_allclose(model.body(f'{leg}_link').mass, own.body(leg).mass)
+        np.testing.assert_allclose(model.body(f'{leg}_link').pos, own.body(leg).pos)
+        np.testing.assert_allclose(np.sort(model.body(f'{leg}_link').inertia),
                                    np.sort(own.body(leg).inertia), rtol=1e-6)
     root = ElementTree.fromstring(urdf(rover).encode())
     masses = [float(m.get('value')) for m in root.iter('mass')]
@@ -201,3 +203,21 @@ def test_joint_order_is_that_of_the_legs():
     assert [model.joint(i + 1).name for i in range(4)] == list(JOINT_NAMES)
     assert model.nu == 4
     assert dataclasses.fields(RoverDescription)[0].name == 'chassis'
+
+
+def test_the_footprint_is_level_below_the_lowest_foot():
+    """Pitched by 0.2 rad: no roll, no pitch, the yaw of the body; no tip lies below it."""
+    rover = OTHER
+    R_world_base = frames.matrix_from_wxyz(frames.wxyz_from_rpy(0.05, 0.2, 2.5))
+    links = link_poses(rover, [0.1, 0.7, -0.3, 2.0])
+    T_world_foot = frames.se3(R_world_base, np.zeros(3)) @ footprint_pose(
+        rover, R_world_base, links)
+    roll, pitch, yaw = frames.rpy_from_wxyz(frames.wxyz_from_matrix(T_world_foot[:3, :3]))
+    assert [roll, pitch, yaw] == pytest.approx([0.0, 0.0, 2.5], abs=1e-9)
+    assert T_world_foot[:2, 3] == pytest.approx([0.0, 0.0], abs=1e-12)
+    legs = rover.legs
+    lowest = min(
+        (R_world_base @ (links[leg] @ [*(legs.spoke_length_m - legs.tip_radius_m) * np.array(d),
+                                       1.0])[:3])[2] - legs.tip_radius_m
+        for leg in LEG_NAMES for d in legs.spoke_directions())
+    assert T_world_foot[2, 3] == pytest.approx(lowest)
