@@ -2,6 +2,7 @@
 
 from glob import glob
 import os
+import sys
 
 from setuptools import find_packages, setup
 
@@ -17,6 +18,11 @@ def folder(path):
             for root, _, names in os.walk(path) if names]
 
 
+# colcon puts console scripts into lib/NAME, as setup.cfg says, where `ros2 run` looks; the shell
+# looks in bin/. pip itself makes bin/NAME, of the console script.
+by_pip = {'bdist_wheel', 'editable_wheel'} & set(sys.argv)
+programs = [] if by_pip else [('bin', ['resource/bin/' + NAME])]
+
 setup(
     name=NAME,
     version='0.1.0',
@@ -31,6 +37,7 @@ setup(
         (SHARE, ['package.xml']),
         (os.path.join(SHARE, 'launch'), sorted(glob('lunar_rover_sim/launch/*.launch.py'))),
         *folder('config'),
+        *programs,
     ],
     zip_safe=False,
     python_requires='>=3.10',

@@ -41,6 +41,20 @@ def processes_naming(*words: str) -> list[int]:
                   and all(word in ' '.join(process.info['cmdline'] or []) for word in words))
 
 
+# What depends on the workspace: the installation, the command line, bags, runs and nodes. Pictures
+# and studies do not. `./bootstrap test` runs all.
+_OF_WORKSPACE = ('bag', 'cli', 'files', 'gait', 'nodes', 'rover', 'run', 'test')
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the rooms to `colcon test` that depend on the workspace: it runs one test at a time."""
+    if config.getoption('junitprefix') != 'lunar_rover_sim' or config.getoption('markexpr'):
+        return
+    kept = [item for item in items if item.path.parent.name in _OF_WORKSPACE]
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = kept
+
+
 @pytest.fixture(scope='session', autouse=True)
 def world_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Keep the worlds of tests apart from those of the user."""

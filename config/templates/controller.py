@@ -6,30 +6,24 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-PERIOD_NS = 50_000_000
-
 
 class Controller(Node):
     """Walks straight on and swings its head."""
 
     def __init__(self):
         super().__init__('controller')
-        self._period = 0
         self._publisher = self.create_publisher(TwistStamped, 'cmd_vel', 10)
         self.create_subscription(Odometry, 'odom', self._odom_callback, 10)
 
     def _odom_callback(self, odom):
         stamp = odom.header.stamp
-        period = (stamp.sec * 1_000_000_000 + stamp.nanosec) // PERIOD_NS
-        if period == self._period:
-            return
-        self._period = period
-        command = TwistStamped()
-        command.header.stamp = stamp        # tells which odometry this answers
-        command.header.frame_id = 'base_link'
-        command.twist.linear.x = 0.1
-        command.twist.angular.z = 0.2 if stamp.sec // 2 % 2 else -0.2
-        self._publisher.publish(command)
+        if stamp.nanosec % 50_000_000 == 0:
+            command = TwistStamped()
+            command.header.stamp = stamp        # tells which odometry this answers
+            command.header.frame_id = 'base_link'
+            command.twist.linear.x = 0.1
+            command.twist.angular.z = 0.2 if stamp.sec // 2 % 2 else -0.2
+            self._publisher.publish(command)
 
 
 def main():
@@ -39,7 +33,6 @@ def main():
         rclpy.spin(Controller())
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    rclpy.try_shutdown()
 
 
 if __name__ == '__main__':

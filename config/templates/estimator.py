@@ -8,7 +8,7 @@ from sensor_msgs.msg import Image
 
 
 class Estimator(Node):
-    """Pairs left and right images by their stamp; put your SLAM system into `estimate`."""
+    """Pairs images by their stamp; put your SLAM system where the pose is filled."""
 
     def __init__(self):
         super().__init__('estimator')
@@ -17,22 +17,17 @@ class Estimator(Node):
         self.create_subscription(Image, 'stereo/left/image_raw', self._left_callback, 10)
         self.create_subscription(Image, 'stereo/right/image_raw', self._right_callback, 10)
 
-    def _left_callback(self, image):
-        self._left[image.header.stamp.sec, image.header.stamp.nanosec] = image
+    def _left_callback(self, left):
+        self._left[str(left.header.stamp)] = left
 
     def _right_callback(self, right):
-        left = self._left.pop((right.header.stamp.sec, right.header.stamp.nanosec), None)
-        if left is None:
-            return
-        pose = PoseStamped()
-        pose.header.stamp = left.header.stamp        # tells which images this answers
-        pose.header.frame_id = 'odom'
-        pose.pose = self.estimate(left, right, pose.pose)
-        self._publisher.publish(pose)
-
-    def estimate(self, left, right, pose):
-        """Return the pose of base_link in odom; here it stays at the origin."""
-        return pose
+        left = self._left.pop(str(right.header.stamp), None)
+        if left is not None:
+            pose = PoseStamped()
+            pose.header.stamp = left.header.stamp        # tells which images this answers
+            pose.header.frame_id = 'odom'
+            pose.pose.position.x = 0.0      # of base_link in odom
+            self._publisher.publish(pose)
 
 
 def main():
@@ -42,7 +37,6 @@ def main():
         rclpy.spin(Estimator())
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    rclpy.try_shutdown()
 
 
 if __name__ == '__main__':

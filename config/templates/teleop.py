@@ -27,9 +27,7 @@ class Teleop(Node):
 
     def _read(self):
         for line in sys.stdin:
-            command = Twist()
-            command.linear.x, command.angular.z = map(float, line.split())
-            self._command = command
+            self._command.linear.x, self._command.angular.z = map(float, line.split())
 
 
 def main():
@@ -39,7 +37,6 @@ def main():
         rclpy.spin(Teleop())
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    rclpy.try_shutdown()
 
 
 if __name__ == '__main__':

@@ -187,4 +187,4 @@ def _information(database: sqlite3.Connection, name: str,
             'compression_format': 'zstd' if compressed else '',
             'compression_mode': 'message' if compressed else '',
             'files': [{'path': name, **span}],
-            'custom_data': {'incomplete': reason}, 'ros_distro': 'rosbags'}, sum(counts.values())
+            'custom_data': {'incomplete': reason}, 'ros_distro': 'jazzy'}, sum(counts.values())

@@ -29,7 +29,7 @@ from lunar_rover_sim.bag.definitions import learn
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.stamps import NS_PER_S, StampTable
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.files.atomic import sync_folder
+from lunar_rover_sim.files.atomic import atomic_write, sync_folder
 
 STORAGES = ('mcap', 'sqlite3')
 COMPRESSIONS = ('none', 'zstd')
@@ -47,13 +47,14 @@ class BagWriter:
 
     path: folder to make; it must not exist, its parents are made.
     storage: 'mcap' or 'sqlite3'; compression: 'none' or 'zstd' (per chunk in MCAP, per message in
-        SQLite).
+        SQLite). distribution: of ROS 2, for the metadata.
 
     Raises BagError where the folder exists, cannot be made, or the disk is full. After a failed
     write the bag is closed and marked incomplete; `recover` makes it readable.
     """
 
-    def __init__(self, path: Path, storage: str = 'mcap', compression: str = 'none') -> None:
+    def __init__(self, path: Path, storage: str = 'mcap', compression: str = 'none',
+                 distribution: str = 'jazzy') -> None:
         if storage not in STORAGES:
             raise BagError(f'storage: {storage!r} is not valid; valid are {", ".join(STORAGES)}')
         if compression not in COMPRESSIONS:
@@ -61,6 +62,7 @@ class BagWriter:
             raise BagError(f'compression: {compression!r} is not valid; valid are {valid}')
         self.path = Path(path)
         self.counts: dict[str, int] = {}
+        self._distribution = distribution
         self._file = self.path / (self.path.name + _SUFFIXES[storage])
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(self._typestore)
@@ -155,6 +157,7 @@ class BagWriter:
                 marker.mark(self.path, incomplete)
                 writer.set_custom_data('incomplete', incomplete)
             writer.close()
+            self._name_distribution()
             if self._file.suffix == '.mcap':
                 write_checksums(self._file)
             for path in (self._file, self.path / marker.METADATA_NAME):
@@ -178,6 +181,13 @@ class BagWriter:
             return
         with suppress(BagError):  # the bag is marked, and `error` goes on
             self.close(incomplete=in_words(error))
+
+    def _name_distribution(self) -> None:
+        """Name the ROS distribution in the metadata, where rosbags writes its own name."""
+        path = self.path / marker.METADATA_NAME
+        text = path.read_text(encoding='utf-8')
+        atomic_write(path, text.replace('ros_distro: rosbags',
+                                        f'ros_distro: {self._distribution}'))
 
     def _open_writer(self) -> Writer:
         if self._writer is None:

@@ -14,6 +14,7 @@ from launch.actions import (DeclareLaunchArgument, IncludeLaunchDescription, Opa
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.substitutions import ExecutableInPackage
 
 from lunar_rover_sim.slam.live import wrapper
 
@@ -43,6 +44,8 @@ def _start(context):
             raise RuntimeError(f'{name}: {values[name]!r} is not valid; valid is a folder that '
                                'does not exist')
     chosen = wrapper(values['wrapper'], values['sensor'])
+    # Raises for a package or a program that is not installed, before a folder is made.
+    ExecutableInPackage(package=chosen.package, executable=chosen.executable).perform(context)
     folder = Path(values['estimate']).absolute()
     folder.mkdir(parents=True)
     actions = [Node(package=chosen.package, executable=chosen.executable, output='screen',

@@ -55,13 +55,18 @@ class GaitControllerNode(node_main.GraphNode):
                                           self._answer_while_open,
                                           {topics.CMD_VEL: self._velocities.append}
                                           if self._waits else None)
-        if not self._waits:
-            VelocitySubscription(self, self._set_velocity)    # its timer keeps it
+        self._velocity = None if self._waits else VelocitySubscription(self, self._set_velocity)
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
                                  qos.requested(topics.JOINT_STATES, config.lockstep))
         on_change(self, config, self._controller.configure)
         self.create_timer(0.5, self._watch)
         self.report_ready(config, waits=(topics.JOINT_STATES.name, *config.wait.topics))
+
+    def destroy_node(self) -> None:
+        """Leave the graph, as the reader of Twist too."""
+        if self._velocity is not None:
+            self._velocity.close()
+        super().destroy_node()
 
     def _state_callback(self, msg: JointState) -> None:
         if self._jump.has_occurred(time_ns(msg.header.stamp)):

@@ -46,7 +46,7 @@ class GraphNode(Node):
         # `parameters.declare` checks all overrides, also those with unknown names.
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self._has_parameters = True
-        TypeWatch(self)     # its timer keeps it
+        self.type_watch = TypeWatch(self)
 
     @property
     def ending(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 import time
 from typing import Any
@@ -57,7 +58,8 @@ class RecorderNode(node_main.GraphNode):
         self._rate, self._drops, self._newest_told_ns = Rate(0.0), Drops(), -1
         self._written_ns = self._newest_ns = 0
 
-        self._writer = BagWriter(Path(config.output), config.storage, config.compression)
+        self._writer = BagWriter(Path(config.output), config.storage, config.compression,
+                                 os.environ.get('ROS_DISTRO') or 'jazzy')
         if config.scenario_file:
             self._scenario_publisher = self.create_publisher(
                 String, topics.SCENARIO.name, qos.offered(topics.SCENARIO))

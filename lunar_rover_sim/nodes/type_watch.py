@@ -15,7 +15,12 @@ class TypeWatch:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._told: set[tuple[str, str, str]] = set()
+        self._ignored: set[tuple[str, str]] = set()
         node.create_timer(_PERIOD_S, self._look)
+
+    def ignore(self, topic: str, type_name: str) -> None:
+        """Let others use a type on a topic, given by its full name."""
+        self._ignored.add((topic, type_name))
 
     def _look(self) -> None:
         several = {name for name, types in self._node.get_topic_names_and_types()
@@ -31,7 +36,10 @@ class TypeWatch:
                 else self._node.get_publishers_info_by_topic(topic)
             for info in infos:
                 key = topic, info.node_name, info.topic_type
-                if info.topic_type == type_name or key in self._told:
+                # Hidden nodes are part of others, which may read two types.
+                if (info.topic_type == type_name or key in self._told
+                        or (topic, info.topic_type) in self._ignored
+                        or info.node_name.startswith('_')):
                     continue
                 self._told.add(key)
                 self._node.get_logger().warning(

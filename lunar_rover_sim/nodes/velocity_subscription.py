@@ -1,56 +1,87 @@
-"""cmd_vel of either type: TwistStamped, or Twist as teleoperation and Nav2 on Jazzy send it."""
+"""cmd_vel of both types: TwistStamped, and Twist as teleoperation and Nav2 on Jazzy send it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.node import Node
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.message_types import name_of
+from lunar_rover_sim.nodes.node_main import GraphNode
 
 _FOLLOW_S = 0.2
-_TYPES = {name_of(kind): kind for kind in (TwistStamped, Twist)}
+_POLL_S = 0.02
 
 
 class VelocitySubscription:
-    """Subscribes `cmd_vel` with the type that its publishers offer; TwistStamped before the first.
+    """Subscribes `cmd_vel` as TwistStamped and, while somebody publishes it, as Twist.
 
-    A DDS participant knows one type per topic name, so a node cannot subscribe to both. The type
-    is changed when nobody publishes the present one and somebody the other.
+    Of both types at once the newest message counts.
 
     on_velocity: gets the Twist of each message
     """
 
-    def __init__(self, node: Node, on_velocity: Callable[[Twist], None]) -> None:
+    def __init__(self, node: GraphNode, on_velocity: Callable[[Twist], None]) -> None:
         self._node = node
         self._on_velocity = on_velocity
         self._topic = node.resolve_topic_name(topics.CMD_VEL.name)
-        self._type = name_of(TwistStamped)
-        self._subscription: Any = self._subscribe()
+        self._plain: _PlainTwist | None = None
+        node.create_subscription(TwistStamped, topics.CMD_VEL.name,
+                                 lambda msg: on_velocity(msg.twist),
+                                 qos.requested(topics.CMD_VEL, lockstep=False))
+        node.type_watch.ignore(self._topic, name_of(Twist))
         node.create_timer(_FOLLOW_S, self._follow)
+        node.create_timer(_POLL_S, self._poll)
 
-    def _subscribe(self) -> Any:
-        stamped = _TYPES[self._type] is TwistStamped
-        return self._node.create_subscription(
-            _TYPES[self._type], topics.CMD_VEL.name,
-            (lambda msg: self._on_velocity(msg.twist)) if stamped else self._on_velocity,
-            qos.requested(topics.CMD_VEL, lockstep=False))
+    def close(self) -> None:
+        """Stop reading Twist."""
+        if self._plain is not None:
+            self._plain.close()
+            self._plain = None
 
     def _follow(self) -> None:
-        if self._subscription is None:
-            # The executor has let go of the old one since the last call.
-            self._subscription = self._subscribe()
-            return
-        infos = self._node.get_publishers_info_by_topic(self._topic)
-        offered = {info.topic_type for info in infos}
-        others = [name for name in _TYPES if name in offered and name != self._type]
-        if others and self._type not in offered:
-            self._type = others[0]
-            self._node.get_logger().info(f'{self._topic}: publishers offer {self._type}, which is '
-                                         'read from now on')
-            self._node.destroy_subscription(self._subscription)
-            self._subscription = None
+        offered = any(info.topic_type == name_of(Twist)
+                      for info in self._node.get_publishers_info_by_topic(self._topic))
+        if offered and self._plain is None:
+            self._node.get_logger().info(f'{self._topic}: publishers offer {name_of(Twist)}, '
+                                         'which is read too')
+            self._plain = _PlainTwist(self._node, self._topic, self._on_velocity)
+        elif not offered:
+            self.close()
+
+    def _poll(self) -> None:
+        if self._plain is not None:
+            self._plain.poll()
+
+
+class _PlainTwist:
+    """Reads Twist on a topic in a DDS participant of its own: one knows one type per topic."""
+
+    def __init__(self, node: GraphNode, topic: str,
+                 on_velocity: Callable[[Twist], None]) -> None:
+        self._context = Context()
+        rclpy.init(args=[], context=self._context, domain_id=node.context.get_domain_id(),
+                   signal_handler_options=SignalHandlerOptions.NO)
+        # Hidden from `ros2 node list` by its first letter.
+        self._node = rclpy.create_node(
+            f'_{node.get_name()}_twist', namespace=node.get_namespace(), context=self._context,
+            use_global_arguments=False, start_parameter_services=False, enable_rosout=False)
+        self._node.create_subscription(Twist, topic, on_velocity, qos.newest())
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+
+    def poll(self) -> None:
+        """Hand on the newest message, if there is one."""
+        self._executor.spin_once(timeout_sec=0.0)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()

@@ -21,7 +21,7 @@ _PROBE_S = 30.0
 def check_domain(domain: int, topics: Sequence[str]) -> None:
     """Raise GraphError if somebody publishes one of these topics in a ROS domain.
 
-    It takes some seconds: who does not answer discovery within 2 s is not there.
+    It takes some seconds: who does not answer discovery within 4 s is not there.
     """
     found = subprocess.run(
         [sys.executable, '-m', 'lunar_rover_sim.nodes.domain_probe', *topics],

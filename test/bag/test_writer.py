@@ -195,6 +195,15 @@ def test_damaged_bytes_are_one_error(tmp_path, storage):
             assert '\n' not in str(error)
 
 
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_the_metadata_name_the_distribution(tmp_path, items, storage):
+    odom = next(i for i in items if i.topic == 'odom')
+    with BagWriter(tmp_path / 'bag', storage, distribution='kilted') as writer:
+        writer.write('/odom', odom.msgtype, synthetic.serialise(odom), 0)
+    text = (tmp_path / 'bag' / 'metadata.yaml').read_text()
+    assert text.count('ros_distro: kilted') == text.count('ros_distro') == 1
+
+
 def test_unknown_topics_offer_the_nearest(tmp_path, items):
     path = synthetic.write(tmp_path / 'bag', items, namespace='/rover1')
     with open_bag(path) as bag:

@@ -6,6 +6,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from typing import Any
 
@@ -35,21 +36,22 @@ WAIT = ('-p', 'time_mode:=lockstep', '-p', 'wait.topics:=[joint_commands]', '-p'
 
 def refusal(peer: Peer, world: Path, meanwhile: Any = lambda: None) -> str:
     """Return the last line of a physics_node that must end soon after it is ready."""
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'physics_node',
-         '--ros-args', '-p', f'world:={world}', *WAIT], stderr=subprocess.PIPE, text=True)
-    try:
-        peer.spin_until(lambda: process.poll() is not None, limit_s=60.0, meanwhile=meanwhile)
-        ended_s = time.time()
-        log = process.communicate()[1]
-        ready = re.search(r'\[([0-9.]+)\] \[physics_node\]: ready', log)
-        # 3 s, and what a loaded machine takes to end a process.
-        assert ready and ended_s - float(ready[1]) < 6.0
-        assert process.returncode == 1
-        return log.strip().splitlines()[-1]
-    finally:
-        process.kill()
-        process.wait()
+    with tempfile.NamedTemporaryFile('w+') as log:
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'physics_node',
+             '--ros-args', '-p', f'world:={world}', *WAIT], stderr=log)
+        try:
+            peer.spin_until(lambda: 'FATAL' in Path(log.name).read_text(), limit_s=60.0,
+                            meanwhile=meanwhile)
+            refused_s = time.time()
+            text = Path(log.name).read_text()
+            ready = re.search(r'\[([0-9.]+)\] \[physics_node\]: ready', text)
+            assert ready and refused_s - float(ready[1]) < 3.0
+            assert process.wait(20) == 1
+            return text.strip().splitlines()[-1]
+        finally:
+            process.kill()
+            process.wait()
 
 
 def test_a_controller_with_default_qos_answers_every_state(peer: Peer,
@@ -91,6 +93,22 @@ def test_an_answer_without_a_stamp_is_refused(peer: Peer, world_folder: Path) ->
     line = refusal(peer, world_folder, lambda: publisher.publish(
         JointState(name=LEGS, velocity=[0.0] * 4)))
     assert 'joint_commands: stamp 0 (from peer) is no answer' in line
+
+
+def test_a_lost_answer_ends_the_run(peer: Peer, world_folder: Path) -> None:
+    """The queue of its publisher holds one: what overflows is lost, and the topic is named."""
+    publisher = peer.node.create_publisher(JointState, 'joint_commands', 1)
+    states = peer.listen(JointState, 'joint_states')
+
+    def burst() -> None:
+        if states:
+            for _ in range(2000):
+                publisher.publish(JointState(header=states[-1].header, name=LEGS * 100,
+                                             velocity=[0.0] * 400))
+
+    line = refusal(peer, world_folder, burst)
+    assert 'joint_commands: ' in line and 'messages of peer are lost' in line
+    assert 'a depth of at least its lag' in line
 
 
 def test_a_domain_in_use_is_refused(peer: Peer, domain: int) -> None:

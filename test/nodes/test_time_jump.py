@@ -62,6 +62,36 @@ def test_every_node_goes_on_when_time_restarts(peer: Peer, world_folder: Path,
     assert min(odometry[len(odometry) // 2:]) < 1_500_000_000 or odometry[-1] < odometry[0]
 
 
+def test_lockstep_goes_on_after_reset_and_restart(peer: Peer, world_folder: Path) -> None:
+    """~/reset: every stamp once. ~/restart: time begins at one period, nobody stalls."""
+    states = peer.listen(JointState, 'joint_states', 1000)
+    lockstep = ('-p', 'time_mode:=lockstep', '-p', 'participants:=[joint_commands, cmd_vel]')
+
+    def reached(second: float, count: int = 0) -> bool:
+        return len(states) > count and header_ns(states[-1]) / 1e9 > second
+
+    with ExitStack() as stack:
+        for name, arguments in (
+                ('drive_node', ('-p', 'mode:=spline', '-p', 'shape:=circle')),
+                ('gait_controller_node', ('-p', 'wait.topics:=[cmd_vel]', '-p',
+                                          'wait.lags_s:=[0.05]')),
+                ('physics_node', ('-p', f'world:={world_folder}', '-p',
+                                  'wait.topics:=[joint_commands]', '-p', 'wait.lags_s:=[0.0]'))):
+            stack.enter_context(running(name, *lockstep, *arguments))
+        peer.spin_until(lambda: reached(0.5), limit_s=60.0)
+        assert peer.call(Trigger, 'physics_node/reset', Trigger.Request()).success
+        later_s = header_ns(states[-1]) / 1e9 + 0.5
+        peer.spin_until(lambda: reached(later_s))
+        assert peer.call(Trigger, 'physics_node/restart', Trigger.Request()).success
+        first = next((k for k, (a, b) in enumerate(zip(states, states[1:]), 1)
+                      if header_ns(b) < header_ns(a)), len(states))
+        peer.spin_until(lambda: reached(0.5, first + 100))
+    stamps = [header_ns(state) for state in states]
+    first = next(k for k, (a, b) in enumerate(zip(stamps, stamps[1:]), 1) if b < a)
+    assert stamps[:first] == [5_000_000 * (k + 1) for k in range(first)]
+    assert stamps[first:] == [5_000_000 * (k + 1) for k in range(len(stamps) - first)]
+
+
 def test_a_single_pose_between_periods_is_drawn(peer: Peer, world_folder: Path) -> None:
     """Where no stream of odometry follows, no period will begin."""
     from nav_msgs.msg import Odometry

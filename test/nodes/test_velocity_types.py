@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from typing import Any
 
 import pytest
 
@@ -11,40 +12,52 @@ rclpy = pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import Twist, TwistStamped  # noqa: E402  (needs rclpy)
 from peer import LEGS, Peer, running  # noqa: E402
+from rclpy.context import Context  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
 
-def test_cmd_vel_of_either_type_moves_the_legs(peer: Peer) -> None:
-    """Twist first, as teleop_twist_keyboard sends it; then TwistStamped instead of it."""
+def test_cmd_vel_of_both_types_moves_the_legs(peer: Peer) -> None:
+    """Twist as teleop_twist_keyboard sends it; then, with both offered, of each in turn."""
     commands = peer.listen(JointState, 'joint_commands')
     states = peer.node.create_publisher(JointState, 'joint_states', 10)
     ticks = [0]
+    # A DDS participant knows one type per topic.
+    context = Context()
+    rclpy.init(context=context)
+    teleop = rclpy.create_node('teleop', context=context)
+    publishers = {Twist: teleop.create_publisher(Twist, 'cmd_vel', 10)}
+    sending: list[Any] = [Twist]
 
     def tick() -> None:
         ticks[0] += 1
         state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
         state.header.stamp.sec, state.header.stamp.nanosec = divmod(5_000_000 * ticks[0], 10**9)
         states.publish(state)
-        if publisher.msg_type is Twist:
-            twist = Twist()
-            twist.linear.x = 0.1
-            publisher.publish(twist)
-        else:
-            stamped = TwistStamped(header=state.header)
-            stamped.twist.linear.x = 0.1
-            publisher.publish(stamped)
+        twist = Twist()
+        twist.linear.x = 0.1
+        for kind in sending:
+            publishers[kind].publish(
+                twist if kind is Twist else TwistStamped(header=state.header, twist=twist))
 
-    def fastest() -> float:
-        return max(map(abs, commands[-1].velocity)) if commands else 0.0
+    def is_fast(wanted: bool) -> bool:
+        return bool(commands) and (max(map(abs, commands[-1].velocity)) > 0.5) == wanted
 
-    with running('gait_controller_node', '-p', 'cmd_timeout_s:=0.02'):
-        publisher = peer.node.create_publisher(Twist, 'cmd_vel', 10)
-        peer.spin_until(lambda: fastest() > 0.5, meanwhile=tick)
-        peer.node.destroy_publisher(publisher)
-        publisher = peer.node.create_publisher(TwistStamped, 'cmd_vel', 10)
-        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
-        commands.clear()
-        peer.spin_until(lambda: fastest() > 0.5, meanwhile=tick)
+    try:
+        with running('gait_controller_node', '-p', 'cmd_timeout_s:=0.02') as node:
+            peer.spin_until(lambda: is_fast(True), meanwhile=tick)
+            publishers[TwistStamped] = peer.node.create_publisher(TwistStamped, 'cmd_vel', 10)
+            for kind in (TwistStamped, Twist):
+                sending.clear()
+                peer.spin_until(lambda: is_fast(False), meanwhile=tick)
+                sending.append(kind)
+                peer.spin_until(lambda: is_fast(True), meanwhile=tick)
+            node.send_signal(signal.SIGINT)
+            log = node.stdout.read()
+        assert 'publishers offer geometry_msgs/msg/Twist, which is read too' in log
+        assert 'no message gets through' not in log
+    finally:
+        teleop.destroy_node()
+        context.try_shutdown()
 
 
 def test_another_type_is_named_with_ours(peer: Peer) -> None:
