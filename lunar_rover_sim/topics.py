@@ -38,7 +38,7 @@ class Topic:
 
     @property
     def graph_name(self) -> str:
-        """The name as nodes give it to ROS 2: relative, but for what all nodes of a graph share."""
+        """The name as nodes use it: relative, but for what all nodes of a graph share."""
         return f'/{self.name}' if self.name in ('clock', 'diagnostics') else self.name
 
 

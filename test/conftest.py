@@ -47,7 +47,7 @@ _OF_WORKSPACE = ('bag', 'cli', 'files', 'gait', 'nodes', 'rover', 'run', 'test')
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the rooms to `colcon test` that depend on the workspace: it runs one test at a time."""
+    """Leave to `colcon test`, which runs one test at a time, what depends on the workspace."""
     if config.getoption('junitprefix') != 'lunar_rover_sim' or config.getoption('markexpr'):
         return
     kept = [item for item in items if item.path.parent.name in _OF_WORKSPACE]

@@ -241,7 +241,8 @@ def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> No
            for R in [frames.matrix_from_wxyz(second.orientation_wxyz) @ links[leg][:3, :3]]}}
     for topic, message in expected.items():
         # As sent: a message that is refilled is serialised before the next one.
-        assert deserialize_message(node.sent[topic.graph_name][1], type(message)) == message, topic.name
+        sent = deserialize_message(node.sent[topic.graph_name][1], type(message))
+        assert sent == message, topic.name
 
 
 def test_imu_messages(state: RoverState) -> None:

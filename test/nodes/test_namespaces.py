@@ -60,7 +60,7 @@ def test_two_rovers_share_one_time(tmp_path: Path, world_folder: Path, domain: i
             process.kill()
             process.wait()
     for k, rover in enumerate(rovers):
-        assert check(tmp_path / rover / 'bag').passed
+        assert check(tmp_path / rover / 'bag').ok
         with open_bag(tmp_path / rover / 'bag') as bag:
             assert set(bag.types) - {'/clock'} == {
                 topic for topic in bag.types if topic.startswith(f'/{rover}/')}

@@ -36,7 +36,8 @@ def test_contract(recorded_run: Path) -> None:
     with open_bag(recorded_run / 'bag') as bag:
         assert not bag.incomplete
         for topic in topics.CONTRACT:
-            if topic in (topics.RECORDED, topics.TRUE_ODOM) or topic.name in OPTIONAL - set(bag.types):
+            if (topic in (topics.RECORDED, topics.TRUE_ODOM)
+                    or topic.name in OPTIONAL - set(bag.types)):
                 continue
             if topic.on_request:
                 assert f'/{topic.name}' not in bag.types
