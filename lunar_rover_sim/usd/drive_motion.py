@@ -48,9 +48,9 @@ class Motion(NamedTuple):
 
 def read_motion(bag: Bag) -> Motion:
     """Return the motion in a bag; raise UsdError where it holds no drive."""
-    for topic in (topics.ODOM, topics.JOINT_STATES):
-        if not bag.has(topic.name) or not bag.counts[bag.resolve(topic.name)]:
-            raise UsdError(f'{bag.path}: holds no drive: {topic.name} is missing')
+    for name in (bag.truth, topics.JOINT_STATES.name):
+        if not bag.has(name) or not bag.counts[bag.resolve(name)]:
+            raise UsdError(f'{bag.path}: holds no drive: {name} is missing')
     odometry = read_odometry(bag)
     angles, velocities, torques = [], [], []
     stamps = []
