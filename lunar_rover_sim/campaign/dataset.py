@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
 import fcntl
 import hashlib
@@ -98,8 +98,7 @@ class Dataset:
         """Write the campaign into the folder."""
         mapping = self.campaign.to_mapping()
         write_json(self.folder / CAMPAIGN_FILE, {
-            'campaign': mapping, 'sha256': hashlib.sha256(
-                json.dumps(mapping, sort_keys=True).encode()).hexdigest()})
+            'campaign': mapping, 'sha256': mapping_hash(mapping)})
 
     def tasks(self, plans: Sequence[EpisodePlan], names: Sequence[str]) -> list[EpisodeTask]:
         """Return the tasks of the named episodes, in the order of the plan."""
@@ -124,6 +123,11 @@ class Dataset:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def mapping_hash(mapping: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a campaign as plain values."""
+    return hashlib.sha256(json.dumps(mapping, sort_keys=True).encode()).hexdigest()
 
 
 def manifests(folder: Path) -> Iterator[dict[str, Any]]:

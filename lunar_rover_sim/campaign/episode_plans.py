@@ -118,8 +118,8 @@ def _base(campaign: Campaign) -> str:
 def _self_contained(scenario: Scenario) -> Scenario:
     """Return the scenario without anything that depends on the folder or machine.
 
-    The rover is spelled out; paths of elevation models and calibrations are made absolute; paths
-    that each run chooses by itself are left out.
+    The rover is spelled out; paths of elevation models and calibrations are made absolute; those
+    of world and rover, which each run chooses by itself, are left out.
     """
     changes: dict[str, Any] = {
         name: dataclasses.replace(scenario.node(name), world='', rover='')
@@ -128,8 +128,6 @@ def _self_contained(scenario: Scenario) -> Scenario:
     if gait.calibration:
         gait = dataclasses.replace(gait, calibration=str(Path(gait.calibration).resolve()))
     changes['gait_controller_node'] = gait
-    changes['recorder_node'] = dataclasses.replace(
-        changes['recorder_node'], output='', scenario_file='')
     changes['shared'] = dataclasses.replace(scenario.shared, world='', rover='')
     if scenario.world.source != PROCEDURAL:
         changes['world'] = dataclasses.replace(

@@ -54,10 +54,10 @@ def file_table(folder: Path) -> dict[str, dict[str, Any]]:
     disk before it is read.
     """
     table = {}
-    for path in sorted(_files(folder)):
+    for name, path in sorted(episode_files(folder).items()):
         with path.open('rb') as file:
             os.fsync(file.fileno())
-        table[path.relative_to(folder).as_posix()] = {
+        table[name] = {
             'bytes': path.stat().st_size, 'sha256': file_hash(path)}
     for path in sorted(p for p in folder.rglob('*') if p.is_dir() and not p.is_symlink()):
         sync_folder(path)
@@ -87,7 +87,7 @@ def why_unfinished(folder: Path, scenario_hash: str | None = None) -> str | None
         files = manifest.get('files')
         if not isinstance(files, dict) or not files:
             return 'its manifest lists no files'
-        found = {path.relative_to(folder).as_posix(): path for path in _files(folder)}
+        found = episode_files(folder)
         for name, entry in files.items():
             path = found.get(name)
             if path is None or not isinstance(entry, dict):
@@ -103,6 +103,7 @@ def why_unfinished(folder: Path, scenario_hash: str | None = None) -> str | None
     return None
 
 
-def _files(folder: Path) -> list[Path]:
-    return [path for path in folder.rglob('*')
-            if path.is_file() and not path.is_symlink() and path.name != MANIFEST]
+def episode_files(folder: Path) -> dict[str, Path]:
+    """Return relative path → path of the files of an episode; links and manifest are left out."""
+    return {path.relative_to(folder).as_posix(): path for path in folder.rglob('*')
+            if path.is_file() and not path.is_symlink() and path.name != MANIFEST}

@@ -9,10 +9,8 @@ from typing import Any
 from rich.console import Console
 
 from lunar_rover_sim.campaign.card import make_card, write_card
-from lunar_rover_sim.campaign.layout import EPISODES
-from lunar_rover_sim.campaign.manifest import why_unfinished
 from lunar_rover_sim.campaign.page import write_page
-from lunar_rover_sim.errors import CampaignError
+from lunar_rover_sim.campaign.verification import verify
 
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
@@ -22,8 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     datasets = parser.add_subparsers(metavar='WHAT', required=True)
     for name, run, text in (
             ('show', _show, 'one HTML page: pictures, paths on the ground, statistics'),
-            ('verify', _verify, 'compare every file with the manifests; exits with 1 if any '
-                                'differs'),
+            ('verify', _verify, 'compare the episodes with the plan, and every file with the '
+                                'manifests; exits with 1 if anything was changed, deleted, added '
+                                'or renamed'),
             ('card', _card, 'write the data card anew: README.md and card.json')):
         command = datasets.add_parser(name, help=text, description=text)
         command.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
@@ -48,20 +47,18 @@ def _show(args: argparse.Namespace) -> int:
 
 def _verify(args: argparse.Namespace) -> int:
     console = Console()
-    folders = sorted(p for p in (args.dataset / EPISODES).glob('*') if p.is_dir())
-    if not folders:
-        raise CampaignError(f'{args.dataset}: holds no episodes')
-    wrong = 0
     with console.status('') as status:
-        for folder in folders:
-            status.update(f'verifying {folder.name}')
-            reason = why_unfinished(folder)
-            if reason is not None:
-                wrong += 1
-                console.print(f'{folder.name}: {reason}', **_PLAIN)
-    console.print(f'{len(folders) - wrong} of {len(folders)} episodes are as they were made',
-                  **_PLAIN)
-    return 1 if wrong else 0
+        found = verify(args.dataset, lambda name: status.update(f'verifying {name}'))
+    for name, reason in found.problems.items():
+        console.print(f'{name}: {reason}', **_PLAIN)
+    if found.problems:
+        console.print(f'{len(found.problems)} differences from the plan of {found.planned} '
+                      'episodes and their manifests', **_PLAIN)
+        return 1
+    failed = f', {len(found.failed)} failed' if found.failed else ''
+    console.print(f'{found.planned - len(found.failed)} of {found.planned} episodes are as they '
+                  f'were made{failed}', **_PLAIN)
+    return 0
 
 
 def _card(args: argparse.Namespace) -> int:

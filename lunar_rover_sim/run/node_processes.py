@@ -14,7 +14,7 @@ from types import TracebackType
 
 import psutil
 
-from lunar_rover_sim.bag.marker import why_incomplete
+from lunar_rover_sim.bag.marker import mark, UNFINISHED, why_incomplete
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.child_process import dies_with_parent
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
@@ -147,11 +147,24 @@ class NodeProcesses:
             except (subprocess.TimeoutExpired, psutil.TimeoutExpired):
                 process.kill()
                 process.wait()
-                return [f'{name} did not stop within {limit_s:g} s and was killed']
+                problem = f'{name} did not stop within {limit_s:g} s and was killed'
+                self._mark_bag(name, problem)
+                return [problem]
         # Python's own handler of SIGINT ends a process whose node does not exist yet.
         if process.returncode == 0 or (running and process.returncode == -signal.SIGINT):
             return []
+        if process.returncode < 0:
+            self._mark_bag(name, f'{name} ended with {signal.Signals(-process.returncode).name}')
         return [self._describe_end(name)]
+
+    def _mark_bag(self, name: str, reason: str) -> None:
+        """Write into the mark of the bag why the recorder did not finish it.
+
+        A reason that the recorder itself has written stays.
+        """
+        bag = self._folder / BAG_FOLDER
+        if name == 'recorder_node' and bag.is_dir() and why_incomplete(bag) == UNFINISHED:
+            mark(bag, reason)
 
     def kill(self) -> None:
         """Kill what is left."""

@@ -24,7 +24,9 @@ from lunar_rover_sim.campaign.manifest import (file_table, MANIFEST, read_json, 
                                                write_json)
 from lunar_rover_sim.campaign.schedulers import run_local
 from lunar_rover_sim.campaign.statistics import MEANINGS, statistics
-from lunar_rover_sim.errors import CampaignError
+from lunar_rover_sim.campaign.verification import verify
+from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.errors import CampaignError, ConfigError
 
 CAMPAIGN = parse_campaign('episodes: 3\nsettings: {run.duration_s: 1.0}',
                           Path('/nowhere/test.yaml'))
@@ -250,3 +252,65 @@ def test_an_error_of_one_episode_is_not_that_of_the_others(
         run_local(dataset.tasks(plans, [p.name for p in plans]), tmp_path, 2, outcomes.append)
     assert {o.name: o.error for o in outcomes} == {
         '0000': '', '0001': 'RuntimeError: unexpected', '0002': ''}
+
+
+@pytest.fixture()
+def dataset(tmp_path: Path) -> Path:
+    """Return a data set of three small episodes, as their plan has them; the last one failed."""
+    data = tmp_path / 'data'
+    with Dataset(data, CAMPAIGN) as made:
+        made.record()
+    for planned in list(plan(CAMPAIGN))[:2]:
+        folder = data / EPISODES / planned.name
+        folder.mkdir()
+        for name in ('scenario.yaml', 'bag.mcap'):
+            (folder / name).write_text(f'{name} of {planned.name}')
+        write_json(folder / MANIFEST, {
+            'format': 1, 'name': planned.name, 'scenario_sha256': planned.scenario_hash,
+            'drawn': planned.drawn, 'files': file_table(folder)})
+    write_json_in(data / 'failed' / '0002', {'error': 'no disk'})
+    return data
+
+
+@pytest.mark.parametrize(('change', 'found'), [
+    (lambda d: None, {}),
+    (lambda d: flip(d / '0000' / 'bag.mcap'),
+     {'0000': 'bag.mcap is not what was recorded'}),
+    (lambda d: (d / '0000' / 'bag.mcap').unlink(), {'0000': "'bag.mcap' is missing"}),
+    (lambda d: (d / '0001' / 'notes.txt').write_text('mine'), {'0001': 'notes.txt was added'}),
+    (lambda d: (d / '0001' / 'bag.mcap').rename(d / '0001' / 'other.mcap'),
+     {'0001': 'bag.mcap was renamed to other.mcap'}),
+    (lambda d: shutil.rmtree(d / '0001'), {'0001': 'is missing'}),
+    (lambda d: (d / '0001').rename(d / '0007'),
+     {'0001': 'is missing', '0007': 'is not in the plan'}),
+    (lambda d: (d / '0001').rename(d / '0002'),
+     {'0001': 'is missing', '0002': "is episode '0001': the folder was renamed"}),
+    (lambda d: (d / 'readme').write_text('mine'), {'readme': 'is not in the plan'}),
+    (lambda d: shutil.rmtree(d.parent / 'failed'), {'0002': 'is missing'}),
+    (lambda d: (d / '0000' / MANIFEST).write_text(
+        (d / '0000' / MANIFEST).read_text().replace('"seed": ', '"seed": 1')),
+     {'0000': 'its drawn values are not those of the plan'}),
+    (lambda d: (d.parent / 'campaign.json').unlink(), {'campaign.json': 'the plan is not known'}),
+    (lambda d: (d.parent / 'campaign.json').write_text(
+        (d.parent / 'campaign.json').read_text().replace('"episodes": 3', '"episodes": 2')),
+     {'campaign.json': 'was changed'}),
+])
+def test_verify_compares_with_the_plan(change: Callable[[Path], object], found: dict[str, str],
+                                       dataset: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What was changed, deleted, added or renamed is named, and nothing else."""
+    change(dataset / EPISODES)
+    problems = verify(dataset).problems
+    assert set(problems) == set(found)
+    assert all(found[name] in problems[name] for name in found)
+    assert main(['dataset', 'verify', str(dataset)]) == (1 if found else 0)
+    said = capsys.readouterr().out
+    assert all(f'{name}: ' in said for name in found)
+    assert found or '2 of 3 episodes are as they were made, 1 failed' in said
+
+
+def test_a_campaign_places_its_bags_itself() -> None:
+    """A place for the bag in the settings is refused, not ignored."""
+    campaign = parse_campaign('episodes: 1\nsettings: {recorder_node.output: /tmp/mine}',
+                              Path('/nowhere/test.yaml'))
+    with pytest.raises(ConfigError, match='recorder_node.output: .* is not valid in a run'):
+        list(plan(campaign))

@@ -16,10 +16,12 @@ import pytest
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
+from lunar_rover_sim.bag.marker import why_incomplete
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.plan import resolve
+from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.run.node_processes import NodeProcesses
+from lunar_rover_sim.run.plan import NodePlan, resolve
 from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
@@ -179,8 +181,26 @@ def test_a_killed_node_ends_the_run(node: str, tmp_path: Path) -> None:
     assert run.returncode == 1
     assert f'{node} ended with SIGKILL' in stderr
     assert len(stderr.strip().splitlines()) == 1
+    if node == 'recorder_node':
+        assert why_incomplete(folder / 'bag') == 'recorder_node ended with SIGKILL'
     with open_bag(readable_bag(folder)) as bag:
         assert bag.counts['/odom'] > 0
+
+
+def test_a_recorder_that_does_not_stop_marks_its_bag(tmp_path: Path, domain: int) -> None:
+    """It is killed, and the bag says so."""
+    bag = tmp_path / 'bag'
+    (tmp_path / 'scenario.yaml').write_text('/**: {ros__parameters: {seed: 1}}\n')
+    plan = NodePlan('recorder_node', {'output': str(bag)})
+    with pytest.raises(GraphError, match='recorder_node did not stop within .* and was killed'):
+        with NodeProcesses([plan], tmp_path, domain):
+            recorder = process_of(tmp_path, 'recorder_node')
+            deadline = time.monotonic() + 30.0
+            while not (bag / 'incomplete.yaml').exists():
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+            os.kill(recorder, signal.SIGSTOP)
+    assert 'and was killed' in (why_incomplete(bag) or '')
 
 
 def test_a_killed_run_takes_its_nodes_along(tmp_path: Path) -> None:
