@@ -1,4 +1,4 @@
-"""Summary of a recording: counts, duration, distance, size, hash."""
+"""Summary of a recording: counts, duration, distance, size, hash, and how well it is tracked."""
 
 from __future__ import annotations
 
@@ -9,17 +9,23 @@ from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.camera.prediction import PredictionMiss
+from lunar_rover_sim.inspection import tracking
 
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """Counts by topic, simulated time [s], path length [m], size [bytes], content hash."""
+    """Counts by topic, simulated time [s], path length [m], size [bytes], content hash.
+
+    tracking: how far constant velocity mispredicts the images, as `tracking.predictions` has it
+    """
 
     counts: dict[str, int]
     duration_s: float
     distance_m: float
     size_bytes: int
     hash: str
+    tracking: tuple[PredictionMiss, ...] = ()
 
     def lines(self, wall_s: float | None = None) -> str:
         """Return a readable text; `wall_s` is the wall time that the run took."""
@@ -30,6 +36,7 @@ class Summary:
             *table,
             f'{sum(self.counts.values())} messages, {self.duration_s:.2f} s{pace}, '
             f'{self.distance_m:.2f} m, {self.size_bytes / 1e6:.0f} MB',
+            *([f'tracking: {tracking.sentence(self.tracking)}'] if self.tracking else []),
             f'hash {self.hash}'])
 
 
@@ -37,7 +44,7 @@ def summarise(path: Path) -> Summary:
     """Return the summary of a bag; the distance is that along the true path."""
     with open_bag(path) as bag:
         return Summary(dict(bag.counts), bag.end_ns / 1e9, _distance_m(bag), bag.size_bytes,
-                       bag_hash(path))
+                       bag_hash(path), tuple(tracking.of_bag(bag)))
 
 
 def _distance_m(bag: Bag) -> float:
