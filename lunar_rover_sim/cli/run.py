@@ -99,13 +99,14 @@ class _Display:
             TextColumn('{task.completed:.1f}/{task.total:g} s'), TextColumn('{task.fields[pace]}'),
             TimeRemainingColumn(), console=console)
         self._first: tuple[float, float] | None = None     # wall time, simulated time [s]
-        self._frame_s = 1.0
+        self._frame_ns: int | None = None
 
     def start(self, scenario: Scenario, domain: int) -> None:
         """Name the run and show its progress from now on."""
         self._console.print(f'{scenario.name}, seed {scenario.shared.seed}: '
                             f'{scenario.run.duration_s:g} s, ROS_DOMAIN_ID={domain}')
-        self._frame_s = scenario.render_node.frame_period_ns / 1e9
+        if scenario.render_node.lockstep:   # in real time, frames may be left out
+            self._frame_ns = scenario.render_node.frame_period_ns
         self._task = self._progress.add_task('starting', total=scenario.run.duration_s, pace='')
         self._progress.start()
 
@@ -116,7 +117,9 @@ class _Display:
             self._first = wall_s, now_s
         if self._first is not None and wall_s > self._first[0]:
             factor = (now_s - self._first[1]) / (wall_s - self._first[0])
-            pace = f'RTF {factor:.2f}, {int(now_s / self._frame_s + 1e-6)} frames'
+            pace = f'RTF {factor:.2f}'
+            if self._frame_ns is not None:
+                pace += f', {now_ns // self._frame_ns} frames'
         self._progress.update(self._task, completed=now_s, pace=pace,
                               description='simulating' if now_ns else 'starting')
 
@@ -133,7 +136,7 @@ class _Display:
 
 def _print_summary(console: Console, recording: Recording) -> None:
     if recording.warnings:
-        console.print('the nodes warned of:', highlight=False)
+        console.print('warnings:', highlight=False)
         for text in recording.warnings:
             console.print(f'  {text}', highlight=False, soft_wrap=True, markup=False)
     shares = ', '.join(f'{name} {100 * used_s / recording.wall_s:.0f} %'

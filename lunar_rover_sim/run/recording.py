@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import dataclasses
 import logging
 from pathlib import Path
@@ -37,7 +37,7 @@ class Recording:
     simulated_s, wall_s: simulated time, and wall time with start and stop of the nodes [s]
     cpu_s: node → processor time [s]
     interrupted: whether the run was stopped before its end
-    warnings: one line per kind of warning that nodes logged
+    warnings: one line per kind of warning that nodes logged, and one if images are missing
     """
 
     folder: Path
@@ -133,7 +133,23 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
             counts, simulated_s = dict(recorded.counts), recorded.end_ns / 1e9
         _check_topics(scenario.recorder_node.topics, counts)
     return Recording(folder, bag, scenario, counts, simulated_s, wall_s, nodes.cpu_s,
-                     interrupted=not finished, warnings=tuple(logs.summary()))
+                     interrupted=not finished,
+                     warnings=(*logs.summary(), *missing_frames(scenario, counts, simulated_s)))
+
+
+def missing_frames(scenario: Scenario, counts: Mapping[str, int],
+                   simulated_s: float) -> list[str]:
+    """Return one line if images are missing in a recording in real time, else none.
+
+    The last one may have been under way when the run ended.
+    """
+    recorded = counts.get(f'/{topics.LEFT_IMAGE.name}')
+    meant = round(simulated_s * 1e9) // scenario.render_node.frame_period_ns
+    if scenario.render_node.lockstep or recorded is None or recorded >= meant - 1:
+        return []
+    return [f'render_node: {recorded} of {meant} stereo pairs were drawn and recorded, '
+            f'{recorded / simulated_s:.1f} of {scenario.render_node.frame_rate_hz} a second: this '
+            'machine is too slow for them in real time']
 
 
 def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:

@@ -28,6 +28,8 @@ pytestmark = pytest.mark.ros
 
 DURATION_S = 2
 OPTIONAL = {topics.TF.name, topics.TF_STATIC.name}
+# Faults that have nothing to do with images are tried without a renderer, which starts slowly.
+BLIND = ('--set', 'run.nodes=[physics_node,gait_controller_node,drive_node,recorder_node]')
 
 
 def test_contract(recorded_run: Path) -> None:
@@ -123,8 +125,7 @@ def test_same_seed_same_bag_under_load(recorded_run: Path, tmp_path: Path) -> No
 
 def test_another_seed_gives_another_bag(recorded_run: Path, tmp_path: Path) -> None:
     """The seed reaches noise and world; without cameras the graph is the same but for them."""
-    nodes = 'run.nodes=[physics_node,gait_controller_node,drive_node,recorder_node]'
-    finished = simulate(tmp_path / 'other', '--duration', '1', '--seed', '2', '--set', nodes)
+    finished = simulate(tmp_path / 'other', '--duration', '1', '--seed', '2', *BLIND)
     assert finished.returncode == 0, finished.stderr
     with open_bag(tmp_path / 'other' / 'bag') as bag, open_bag(recorded_run / 'bag') as first:
         assert bag.first('world_hash').data != first.first('world_hash').data
@@ -143,9 +144,9 @@ def wait_for_recording(folder: Path, limit_s: float = 60.0) -> None:
     """Return when the bag has grown: the graph runs."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
-        if sum(f.stat().st_size for f in (folder / 'bag').glob('*.mcap')) > 2_000_000:
+        if sum(f.stat().st_size for f in (folder / 'bag').glob('*.mcap')) > 1_500_000:
             return
-        time.sleep(0.2)
+        time.sleep(0.1)
     raise AssertionError('nothing was recorded')
 
 
@@ -168,11 +169,12 @@ def readable_bag(folder: Path) -> Path:
     return bag
 
 
-@pytest.mark.parametrize('node', ['physics_node', 'render_node', 'recorder_node'])
-def test_a_killed_node_ends_the_run(node: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize('node,nodes', [('physics_node', BLIND), ('render_node', ()),
+                                        ('recorder_node', BLIND)])
+def test_a_killed_node_ends_the_run(node: str, nodes: tuple[str, ...], tmp_path: Path) -> None:
     """Within 10 s, with one line that names it; the bag up to there can be read."""
     folder = tmp_path / 'run'
-    run = start(folder)
+    run = start(folder, *nodes)
     wait_for_recording(folder)
     os.kill(process_of(folder, node), signal.SIGKILL)
     killed = time.monotonic()
@@ -206,9 +208,9 @@ def test_a_recorder_that_does_not_stop_marks_its_bag(tmp_path: Path, domain: int
 def test_a_killed_run_takes_its_nodes_along(tmp_path: Path) -> None:
     """After SIGKILL of the run no process of it goes on, and the bag can be read."""
     folder = tmp_path / 'run'
-    run = start(folder)
+    run = start(folder, *BLIND)
     wait_for_recording(folder)
-    nodes = [process_of(folder, name) for name in ('physics_node', 'render_node',
+    nodes = [process_of(folder, name) for name in ('physics_node', 'drive_node',
                                                    'recorder_node')]
     monitors = [child.pid for child in psutil.Process(run.pid).children()]
     run.kill()
@@ -247,7 +249,7 @@ def wait_until_gone(process: int, limit_s: float = 10.0) -> None:
 def test_a_stopped_node_is_named(tmp_path: Path) -> None:
     """A node that stays silent ends the run with its name."""
     folder = tmp_path / 'run'
-    run = start(folder, '--set', 'physics_node.wait.silence_s=3.0')
+    run = start(folder, *BLIND, '--set', 'physics_node.wait.silence_s=3.0')
     wait_for_recording(folder)
     os.kill(process_of(folder, 'gait_controller_node'), signal.SIGSTOP)
     stopped = time.monotonic()
@@ -262,7 +264,7 @@ def test_a_stopped_node_is_named(tmp_path: Path) -> None:
 def test_physics_stopped_while_the_nodes_start(tmp_path: Path) -> None:
     """It is not given the time that a slow start is given."""
     folder = tmp_path / 'run'
-    run = start(folder, '--set', 'physics_node.wait.silence_s=3.0')
+    run = start(folder, *BLIND, '--set', 'physics_node.wait.silence_s=3.0')
     os.kill(process_of(folder, 'physics_node'), signal.SIGSTOP)
     stopped = time.monotonic()
     _, stderr = run.communicate(timeout=60)
@@ -276,17 +278,17 @@ def test_divergence_in_the_drive_ends_the_run(tmp_path: Path) -> None:
     folder = tmp_path / 'run'
     motors = ('rover.motor.velocity_gain_nms=10.0', 'rover.motor.current_limit_a=1.0e6',
               'rover.motor.stall_torque_nm=1000.0', 'physics_node.integrator=euler',
-              'drive_node.start_delay_s=3.0')
+              'drive_node.start_delay_s=1.0')
     run = start(folder, *(word for setting in motors for word in ('--set', setting)))
     _, stderr = run.communicate(timeout=90)
     assert run.returncode == 1
     assert len(stderr.strip().splitlines()) == 1
     said = re.search(r'physics_node ended with status 1: the simulation diverged at ([\d.]+) s in '
                      r'body \w+', stderr)
-    assert said and float(said[1]) > 3.0
+    assert said and float(said[1]) > 1.0
     with open_bag(folder / 'bag') as bag:
-        assert bag.counts['/odom'] > 500
-        assert bag.counts['/stereo/left/image_raw'] > 25
+        assert bag.counts['/odom'] > 180
+        assert bag.counts['/stereo/left/image_raw'] > 8
 
 
 def test_interrupt_finishes_the_bag(tmp_path: Path) -> None:
