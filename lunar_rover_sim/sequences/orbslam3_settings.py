@@ -2,8 +2,9 @@
 
 Its readers require, without documenting it: every real number with a decimal point, whole numbers
 (width, height, fps, counts) without one, `Viewer.*` also without a viewer. A pinhole camera
-with `Stereo.T_c1_c2` is written for stereo, since the rectified type crashes. Stereo starts only
-with more than 500 keypoints in a frame, hence the large number of features.
+with `Stereo.T_c1_c2` is written for stereo: with the rectified type, the printout of the settings
+reads a pointer that was never set. Stereo starts only with more than 500 keypoints in a frame,
+hence the large number of features.
 """
 
 from __future__ import annotations
@@ -19,6 +20,10 @@ from lunar_rover_sim.sequences.sensors import SensorSuite
 
 SENSORS = ('mono', 'stereo', 'stereo-inertial', 'rgbd')
 DEPTH_FACTOR = 5000.0  # of 16-bit depth images, per metre, as the TUM data sets have it
+
+_GRAVITY_NOTE = (
+    '# ORB-SLAM3 has the gravity of the Earth compiled in: GRAVITY_VALUE, 9.81, in ImuTypes.h.',
+    '# A recording on the Moon (1.62 m/s^2) needs a build with its own value.')
 
 # Largest distance of a near point, in baselines.
 _THRESHOLD_BASELINES = 60.0
@@ -100,7 +105,7 @@ def _image(suite: SensorSuite) -> list[str]:
 
 def _imu(suite: SensorSuite, mount: str) -> list[str]:
     noise = suite.noise
-    return ['', *_matrix(mount, suite.T_imu_left),
+    return ['', *_GRAVITY_NOTE, *_matrix(mount, suite.T_imu_left),
             f'IMU.NoiseGyro: {_real(noise.gyro_noise_density)}',
             f'IMU.NoiseAcc: {_real(noise.accel_noise_density)}',
             f'IMU.GyroWalk: {_real(noise.gyro_bias_random_walk)}',
