@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
+from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.illumination import rock_shadow
 from lunar_rover_sim.illumination.hapke import reflectance, SETS
 from lunar_rover_sim.illumination.horizon import (disc_fraction, shadow_levels, ShadowLevel,
@@ -18,6 +19,7 @@ from lunar_rover_sim.world import fine_relief
 from lunar_rover_sim.world.grid import HeightGrid
 
 RADIUS = np.radians(0.533 / 2)
+SMALL = CameraConfig(width=320, height=240)
 
 
 def sun(azimuth_deg, elevation_deg):
@@ -171,7 +173,7 @@ def test_drawn_shadow_edge_follows_the_line(elevation_deg):
         assert np.std(np.array(side)[7:-7] - smooth) < 0.25
 
 
-@pytest.mark.parametrize('elevation_deg', [2.0, 5.0, 10.0, 15.0])
+@pytest.mark.parametrize('elevation_deg', [2.0, 10.0])
 def test_plane_has_no_speckle(elevation_deg):
     with Renderer(scene.plane(), scene.ROVER, scene.config(elevation_deg)) as renderer:
         frame = renderer.render(RoverPose(scene.pose(yaw_deg=0.0)), 0,
@@ -186,7 +188,7 @@ def test_plane_has_no_speckle(elevation_deg):
     assert curve.max() < r[ground].max() / 4095
 
 
-@pytest.mark.parametrize('elevation_deg', [2.0, 5.0, 10.0, 15.0])
+@pytest.mark.parametrize('elevation_deg', [2.0, 10.0])
 def test_plane_looks_the_same_from_everywhere(elevation_deg):
     """Pixels of the same geometry are equal, wherever on the plane and its grid they fall."""
     sensor = dataclasses.replace(scene.IDEAL, encoding='mono16', companding='linear')
@@ -219,10 +221,10 @@ def test_full_shadow_is_black():
 
 def test_relief_below_the_grid_casts_shadows():
     def lit_share(**values):
-        cfg = scene.config(4.0, detail=scene.DetailConfig(
+        cfg = scene.config(4.0, camera=SMALL, detail=scene.DetailConfig(
             **{'relief_rms_slope': 0.0, 'pebble_cover': 0.0, 'pit_cover': 0.0, 'bounce': False,
                **values}))
-        with Renderer(scene.plane(far=False), scene.ROVER, cfg) as renderer:
+        with Renderer(scene.plane(257, far=False), scene.ROVER, cfg) as renderer:
             frame = renderer.render(RoverPose(scene.pose()), 0, ('left', 'radiance', 'depth'))
         near = np.isfinite(frame.depth_m) & (frame.depth_m < 1.0)
         return float((frame.radiance[near] > 0.02).mean())
@@ -269,7 +271,7 @@ def test_bounce_of_a_lit_slope():
 
 
 def test_plane_is_as_bright_as_hapke_says_at_any_elevation():
-    with Renderer(scene.plane(), scene.ROVER, scene.config(6.0)) as renderer:
+    with Renderer(scene.plane(257), scene.ROVER, scene.config(6.0, camera=SMALL)) as renderer:
         T = scene.pose(0.0, 0.0, 0.1, 20.0)
         eye = -(T @ renderer.rig.T_base_left)[:3, :3] @ renderer.rig.rays()[..., None]
         eye = eye[..., 0] / np.linalg.norm(eye[..., 0], axis=2, keepdims=True)

@@ -160,7 +160,9 @@ def test_the_picture_is_the_mean_of_sub_exposures(name):
     """
     exposure_s = {'baseline': 5e-3, 'feature_sparse': 9e-3, 'low_albedo': 10e-3,
                   'permanent_shadow': 20e-3}[name]
-    scenario = Scenario.load(name, ['world.size_m=12.8', 'world.surroundings.samples=257'])
+    scenario = Scenario.load(name, ['world.size_m=12.8', 'world.surroundings.samples=257',
+                                    'render_node.camera.width=320',
+                                    'render_node.camera.height=240'])
     world = build_world(scenario.world, 1)
     sensor = dataclasses.replace(LINEAR, exposure_s=exposure_s)
     config = dataclasses.replace(scenario.render_node, lens=CLEAR, sensor=sensor)

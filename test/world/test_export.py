@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import os
 
+from matplotlib.figure import Figure
 import numpy as np
 from PIL import Image
 import pytest
@@ -129,9 +130,12 @@ def test_preview_is_a_picture(tmp_path):
     with Image.open(tmp_path / 'sheet.png') as image:
         pixels = np.asarray(image.convert('L'), float)
     assert pixels.shape[0] > 600 and pixels.std() > 20.0
-    flat = worlds.small(**worlds.BARE, albedo={'variation': 0.0, 'grain': 0.0})
+
+
+def test_a_preview_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(map_sheet, 'sheet', lambda *_: Figure())
     with pytest.raises(WorldError, match='cannot be written'):
-        map_sheet.write(flat, tmp_path / 'nowhere' / 'sheet.png')
+        map_sheet.write(worlds.small(), tmp_path / 'nowhere' / 'sheet.png')
 
 
 def call(*argv):
@@ -154,7 +158,7 @@ def test_command_line(tmp_path, capsys):
     assert call('info', folder) == 0
     out = capsys.readouterr().out
     assert world.hash in out and '6.4 m at 0.025 m' in out
-    assert call('preview', folder) == 0 and (tmp_path / 'w.png').is_file()
+    assert call('preview', folder, '--no-views') == 0 and (tmp_path / 'w.png').is_file()
     assert call('export', folder, '-o', str(tmp_path / 'w.ply')) == 0
     for again in (('build', '-o', folder), ('preview', folder),
                   ('export', folder, '-o', str(tmp_path / 'w.ply'))):
