@@ -38,7 +38,8 @@ def test_undistorting_the_image_gives_the_rectified_one(distortion):
     pose = scene.pose(z=float(world.height_at((0.0, 0.0))) + 0.1)
     images = []
     for d in ((0.0,) * 5, distortion):
-        config = scene.config(15.0, azimuth_deg=60.0, camera=CameraConfig(width=400, height=300, distortion=d))
+        camera = CameraConfig(width=400, height=300, distortion=d)
+        config = scene.config(15.0, azimuth_deg=60.0, camera=camera)
         with Renderer(world, scene.ROVER, config) as renderer:
             frame = renderer.render(RoverPose(pose), 0, ('left', 'right', 'depth'))
             images.append((frame.left, frame.right, frame.depth_m, renderer.rig))
