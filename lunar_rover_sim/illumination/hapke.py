@@ -44,19 +44,25 @@ def hockey_stick(b: float) -> float:
     return 3.29 * float(np.exp(-17.4 * b * b)) - 0.908
 
 
-# Sato et al. (2014, J. Geophys. Res. Planets 119, 1775-1805) mapped w, b, c, B_S0 and h_S over the
-# Moon at 321-689 nm with theta = 23.4 deg fixed and c from the hockey-stick relation. The sets
-# below lie within the ranges of those maps at 643 nm; w is set so that the normal albedo is that
-# of average highland and mare there (0.17 and 0.09). Rock faces are taken as less backscattering
-# than mature soil and smooth at the scale of facets; basalt is the rock of the maria.
+# The Moon at 643 nm, on the scale of LROC's Wide Angle Camera. Sato et al. (2014, J. Geophys. Res.
+# Planets 119, 1775-1805) mapped w, b, c, B_S0 and h_S in tiles of 1 deg with theta fixed.
+# - mare: the five values of the tile of Tranquility Base (23.5 E, 0.5 N) in their published map
+#   WAC_HAPKEPARAMMAP.
+# - highland: b and B_S0 as they give them for highlands (section 3.4, eq. 4). The phase curves of
+#   the map begin beyond the peak of the opposition effect: their h_S = 0.074 makes a surge of 24 %
+#   from 4 to 0 deg of phase, where Clementine saw more than 40 % (Buratti et al., 1996, Icarus
+#   124, 490-499). h_S is the width that makes 41 %. w then gives the reflectance of the median of
+#   their map between 30 S and 30 N (w = 0.385, b = 0.2375, c = 0.325, B_S0 = 1.69, h_S = 0.067),
+#   which is mostly highland, at i = g = 30 deg, e = 0: 0.098.
+# Rocks are a choice: less backscattering than mature soil, smooth at the scale of facets, brighter
+# than the soil around them by a tenth (highland) and a fifth (basalt, the rock of the maria).
 SETS: dict[str, HapkeParameters] = {
-    'highland': HapkeParameters(w=0.300, b=0.235, c=hockey_stick(0.235), b_s0=1.65, h_s=0.075,
+    'highland': HapkeParameters(w=0.412, b=0.23, c=hockey_stick(0.23), b_s0=1.65, h_s=0.034,
                                 theta_deg=23.4),
-    'mare': HapkeParameters(w=0.155, b=0.245, c=hockey_stick(0.245), b_s0=2.05, h_s=0.065,
-                            theta_deg=23.4),
-    'rock': HapkeParameters(w=0.370, b=0.26, c=hockey_stick(0.26), b_s0=1.2, h_s=0.06,
+    'mare': HapkeParameters(w=0.222, b=0.254, c=0.160, b_s0=1.993, h_s=0.0597, theta_deg=23.4),
+    'rock': HapkeParameters(w=0.455, b=0.26, c=hockey_stick(0.26), b_s0=1.2, h_s=0.06,
                             theta_deg=16.0),
-    'basalt': HapkeParameters(w=0.220, b=0.26, c=hockey_stick(0.26), b_s0=1.2, h_s=0.06,
+    'basalt': HapkeParameters(w=0.290, b=0.26, c=hockey_stick(0.26), b_s0=1.2, h_s=0.06,
                               theta_deg=16.0),
 }
 

@@ -65,6 +65,19 @@ def test_terrain_relief_read_back():
                                                               rel=0.02)
 
 
+@pytest.mark.parametrize('far_rms_slope_deg,published_deg,within_deg', [
+    (2.5, 3.4, 0.3), (6.5, 7.5, 0.5)])
+def test_slopes_of_a_landing_site_and_of_the_average_highland(far_rms_slope_deg, published_deg,
+                                                             within_deg):
+    # LOLA's median at 17 m is 7.5 deg in highlands and 2.0 deg in maria (Rosenburg et al., 2011).
+    world = worlds.small(surroundings={'samples': 513},
+                         relief={'far_rms_slope_deg': far_rms_slope_deg})
+    z, lag = world.levels[2].heights_m, 11      # 819 m wide, 1.6 m cells
+    rise = np.hypot((z[:, lag:] - z[:, :-lag])[:-lag], (z[lag:] - z[:-lag])[:, :-lag])
+    slope = np.degrees(np.arctan(rise / (lag * world.levels[2].cell_m)))
+    assert np.median(slope) == pytest.approx(published_deg, abs=within_deg)
+
+
 def test_relief_does_not_repeat():
     # A periodic synthesis would correlate opposite edges of the coarsest level.
     heights = worlds.world(**FREE).levels[-1].heights_m
