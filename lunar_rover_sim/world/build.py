@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy.ndimage
 
-from lunar_rover_sim.world import crater_population
+from lunar_rover_sim.world import crater_population, curvature
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world import relief, rockfield, shapes, stamping
 from lunar_rover_sim.world import tile as measured
@@ -166,7 +166,10 @@ class _Builder:
         return made.select(~finer), dataclasses.replace(left, level=left.level - 1)
 
     def _sealed(self, arrays: list[tuple[NDArray[np.float32], float]]) -> tuple[HeightGrid, ...]:
-        """Shift the origin to height 0, close the seams, and embed each level in the next one."""
+        """Return the finished levels: origin at height 0, on the sphere, without seams.
+
+        Each level shows the finer one within it.
+        """
         offset = float(on_lattice(HeightGrid(*arrays[0]).height_at((0.0, 0.0)),
                                   height_step_m(arrays[0][1])))
         reference = self.source.reference_m if self.source is not None else 0.0
@@ -174,6 +177,8 @@ class _Builder:
         for heights, cell in arrays:
             heights -= np.float32(offset)
             round_to(heights, height_step_m(cell))
+        for heights, cell in arrays[1:]:
+            curvature.bend(heights, cell, math.sqrt(0.5) * self.config.size_m)
         for (child, cell), parent in zip(arrays[-2::-1], arrays[::-1]):
             nest.close_seam(child, cell, HeightGrid(*parent))
         for (child, _), (heights, _) in zip(arrays, arrays[1:]):

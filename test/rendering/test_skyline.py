@@ -3,11 +3,15 @@
 import camera_scene as scene
 import numpy as np
 import pytest
+import worlds
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.curvature import MOON_RADIUS_M
 
 FINER = 8
 
@@ -47,6 +51,26 @@ def test_share_of_ground(world, roll_deg):
     stepped = np.sqrt(np.mean((ground[row, column] - share[row, column])**2))
     assert len(row) > 100 and stepped > 0.2
     assert drawn < 0.45 * stepped
+
+
+def test_the_horizon_is_that_of_the_sphere():
+    """It lies sqrt(2 h / R) below the horizontal; that of a plane 3.3 km wide hardly does."""
+    flat = {**worlds.BARE, 'size_m': 12.8, 'surroundings': {'extent_m': 3000.0, 'samples': 513}}
+    world = build_world(WorldConfig.from_mapping(flat), 0)
+    camera = CameraConfig(width=64, height=128, horizontal_fov_deg=1.0)
+    with Renderer(world, scene.ROVER, scene.config(15.0, 180.0, camera=camera)) as renderer:
+        # The cameras look 10 deg down.
+        state = RoverPose(scene.pose(z=0.4, pitch_deg=-10.0))
+        frame = renderer.render(state, layers=('depth',))
+        T_world_left = state.T_world_base @ renderer.rig.T_base_left
+        rays = renderer.rig.rays() @ T_world_left[:3, :3].T
+    up = rays[:, 32, 2] / np.hypot(rays[:, 32, 0], rays[:, 32, 1])
+    first = int(np.argmax(np.isfinite(frame.depth_m[:, 32])))
+    pixel = abs(up[1] - up[0])
+    dip = np.sqrt(2.0 * T_world_left[2, 3] / MOON_RADIUS_M)
+    assert up[first] == pytest.approx(-dip - 0.5 * pixel, abs=pixel)
+    # It has moved by two pixels.
+    assert dip - T_world_left[2, 3] / world.levels[-1].half_extent_m > 2.0 * pixel
 
 
 def test_nothing_but_the_skyline_is_touched():

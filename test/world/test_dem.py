@@ -16,6 +16,7 @@ from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.parameters import merge
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.curvature import drop_m
 from lunar_rover_sim.world.dem import open_dem
 
 MOON = '+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs'
@@ -111,7 +112,10 @@ def test_axes_point_where_the_file_says(tmp_path):
 def test_a_flat_model_stays_flat(tmp_path):
     path = write_tiff(tmp_path / 'flat.tif', np.full((30, 30), 1234.5, np.float32))
     world = build_world(config(path, **worlds.BARE), 0)
-    assert all(np.abs(level.heights_m).max() < 1e-4 for level in world.levels)
+    for level in world.levels:
+        x = np.arange(level.n) * level.cell_m - level.half_extent_m
+        bent = level.heights_m + drop_m(x**2 + x[:, None]**2, 0.5**0.5 * world.config.size_m)
+        assert np.abs(bent).max() < 1e-4
     assert world.report['origin_height_m'] == pytest.approx(1234.5, abs=1e-3)
 
 

@@ -12,6 +12,7 @@ import worlds
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import preset, WorldConfig
+from lunar_rover_sim.world.curvature import drop_m
 from lunar_rover_sim.world.grid import HeightGrid
 
 
@@ -116,12 +117,17 @@ def test_start_is_gentle():
         assert np.abs(world.height_at(ring)).max() < 0.4 * np.tan(np.radians(14.0))
 
 
-def test_flat_is_flat_to_the_horizon():
+def test_flat_is_flat_but_for_the_sphere():
     world = build_world(preset('flat'), 3)
-    assert all(not level.heights_m.any() for level in world.levels)
+    assert not world.ground.heights_m.any()
+    # The drop of the sphere at the farthest corners, and nothing else.
+    for level in world.levels[1:]:
+        deepest = drop_m(2.0 * level.half_extent_m**2, 25.6 * 2.0**0.5)
+        assert level.heights_m.max() == 0.0
+        assert level.heights_m.min() == pytest.approx(-deepest, abs=1e-5)
     assert len(world.rocks) == 0 and len(world.craters) == 0
     assert np.all(world.albedo == 1.0)
-    assert np.all(world.height_at(np.array([[0.3, 20.0], [900.0, -800.0]])) == 0.0)
+    assert np.all(world.height_at(np.array([[0.3, 20.0], [25.0, -25.5]])) == 0.0)
 
 
 def test_seed_decides():

@@ -68,7 +68,7 @@ def test_terrain_relief_read_back():
 @pytest.mark.parametrize('far_rms_slope_deg,published_deg,within_deg', [
     (2.5, 3.4, 0.3), (6.5, 7.5, 0.5)])
 def test_slopes_of_a_landing_site_and_of_the_average_highland(far_rms_slope_deg, published_deg,
-                                                             within_deg):
+                                                              within_deg):
     # LOLA's median at 17 m is 7.5 deg in highlands and 2.0 deg in maria (Rosenburg et al., 2011).
     world = worlds.small(surroundings={'samples': 513},
                          relief={'far_rms_slope_deg': far_rms_slope_deg})
