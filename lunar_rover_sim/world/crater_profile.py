@@ -35,7 +35,7 @@ class ProfileTable:
 
     def at(self, age: float) -> Array:
         """Return the profile (r,) of that age."""
-        index = int(np.clip(np.searchsorted(self.ages, age) - 1, 0, len(self.ages) - 2))
+        index = min(max(int(np.searchsorted(self.ages, age)) - 1, 0), len(self.ages) - 2)
         part = (age - self.ages[index]) / (self.ages[index + 1] - self.ages[index])
         return (1.0 - part) * self.heights[index] + part * self.heights[index + 1]
 

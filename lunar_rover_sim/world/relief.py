@@ -96,11 +96,16 @@ def synthesise(S: Spectrum, n: int, cell_m: float, parent_cell_m: float | None, 
     wave = _white_spectrum(size, rng)
     scale = (len(table) - 1) / table_k[-1]
     k2_half = k_half * k_half
-    for row, ky in zip(wave, k_axis):
+    rise = np.diff(table)
+    for j, ky in enumerate(k_half):
         index = np.sqrt(k2_half + ky * ky) * scale
         lower = index.astype(np.int32)
-        part = index - lower
-        row *= table[lower] + (table[lower + 1] - table[lower]) * part
+        index -= lower
+        index *= rise[lower]
+        index += table[lower]
+        wave[j] *= index
+        if 0 < j < (size + 1) // 2:
+            wave[-j] *= index       # the row of -ky
     heights = scipy.fft.irfft2(wave, s=(size, size), overwrite_x=True)
     round_to(heights, height_step_m(cell_m))
     return heights[:n, :n].astype(np.float32)

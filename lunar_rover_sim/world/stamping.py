@@ -67,15 +67,19 @@ def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config:
 
 def _irregular(rho: NDArray, dx: NDArray, dy: NDArray, lobes: NDArray) -> NDArray:
     """Return the radii relative to the lobed outline."""
-    with np.errstate(divide='ignore', invalid='ignore'):
-        inverse = 1.0 / np.maximum(rho, np.float32(1e-3))
+    inverse = 1.0 / np.maximum(rho, np.float32(1e-3))
     c, s = dx * inverse, dy[:, None] * inverse
     c2, s2 = c * c - s * s, 2.0 * c * s
     a, b, d = (np.complex64(lobe) for lobe in lobes)
     lobed = a.real * c2 + a.imag * s2
     lobed += b.real * (c2 * c - s2 * s) + b.imag * (s2 * c + c2 * s)
     lobed += d.real * (c2 * c2 - s2 * s2) + d.imag * (2.0 * c2 * s2)
-    return rho * (1.0 + np.clip(lobed, -0.3, 0.3))
+    # Not np.clip, which takes longer to look at its bounds than at most craters.
+    np.minimum(lobed, np.float32(0.3), out=lobed)
+    np.maximum(lobed, np.float32(-0.3), out=lobed)
+    lobed += np.float32(1.0)
+    lobed *= rho
+    return lobed
 
 
 def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, amount: float) -> None:
@@ -98,7 +102,9 @@ def _flatten(patch: NDArray, dx: NDArray, dy: NDArray, rho: NDArray, amount: flo
     rows = slice(int(outer_y.argmax()), len(dy) - int(outer_y[::-1].argmax()))
     ground, x, y = patch[rows, columns], dx[columns], dy[rows]
     plane = (middle + sx * x) + (sy * y)[:, None]
-    t = np.clip((_UNTOUCHED - rho[rows, columns]) / (_UNTOUCHED - _ERASED), 0.0, 1.0)
+    t = (_UNTOUCHED - rho[rows, columns]) / (_UNTOUCHED - _ERASED)
+    np.minimum(t, np.float32(1.0), out=t)
+    np.maximum(t, np.float32(0.0), out=t)
     ground += np.float32(amount) * t * t * (3.0 - 2.0 * t) * (plane - ground)
 
 
