@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ Near = tuple[NDArray[np.int64], NDArray[np.int64], F32, F32, F32]
 _BATCH = 1_500_000
 _MAX_REACH_M = 40.0
 _FALL = 0.05        # slope of the ground away from the rock that its shadow may follow
-_LIT_RAD = 0.014    # where the sun stands higher above the horizon the ground is fully lit
+_LIT_RAD = 0.014    # with the sun that far above the horizon ground is lit, that far below dark
 _MARGIN_CELLS = 2
 _OUTLINE_SHARE = 0.8        # of an outline in the rectangle around it
 _LEAST_WIDTH_CELLS = 0.4    # rocks narrower than this cast no shadow on a coarse grid
@@ -46,11 +47,21 @@ class Silhouettes:
     top: Array
     axes: Array
 
+    @functools.cached_property
+    def _by_edge(self) -> F32:
+        """(k, 3, m) edges, one of all rocks after the other."""
+        return np.ascontiguousarray(self.edges.transpose(1, 2, 0))
+
     def distance(self, index: NDArray[np.int64], a: F32, b: F32) -> F32:
         """Return the signed distance [m] of points (a, b) from outline `index`; < 0 inside."""
-        edges = self.edges[index]
-        return (edges[..., 0] * a[..., None] + edges[..., 1] * b[..., None]
-                - edges[..., 2]).max(axis=-1)
+        result = np.full(len(a), -np.inf, np.float32)
+        # Edge by edge: a table of all edges of all points is too large for the cache.
+        for normal_a, normal_b, offset in self._by_edge:
+            beyond = normal_a[index] * a
+            beyond += normal_b[index] * b
+            beyond -= offset[index]
+            np.maximum(result, beyond, out=result)
+        return result
 
 
 def sun_axes(sun: SunGeometry) -> Array:
@@ -72,8 +83,8 @@ def silhouettes(rocks: Rocks, shapes: tuple[RockShape, ...], sun: SunGeometry) -
         members = np.flatnonzero(rocks.shape == k)
         if len(members) == 0:
             continue
-        turned = np.einsum('ij,mjk,vk->mvi', axes, rotation[members], shape.vertices)
-        turned = turned * rocks.diameter_m[members, None, None]
+        turned = shape.vertices @ (axes @ rotation[members]).transpose(0, 2, 1)
+        turned *= rocks.diameter_m[members, None, None]
         half_width[members] = np.abs(turned[..., 0]).max(axis=1)
         top[members] = centre[members, 1] + turned[..., 1].max(axis=1)
         edges = outlines(turned, shape.faces)
@@ -89,18 +100,17 @@ def silhouettes(rocks: Rocks, shapes: tuple[RockShape, ...], sun: SunGeometry) -
 
 def outlines(vertices: Array, faces: NDArray[np.int32]) -> F32:
     """Return (m, k, 3) outline edges of (m, v, 3) convex meshes seen along their third axis."""
-    corners = vertices[:, faces]
-    cross = ((corners[:, :, 1, 0] - corners[:, :, 0, 0])
-             * (corners[:, :, 2, 1] - corners[:, :, 0, 1])
-             - (corners[:, :, 1, 1] - corners[:, :, 0, 1])
-             * (corners[:, :, 2, 0] - corners[:, :, 0, 0]))
-    front = cross > 0.0
+    x, y = np.ascontiguousarray(vertices[..., 0]), np.ascontiguousarray(vertices[..., 1])
+    first, second, third = faces.T
+    x0, y0 = x[:, first], y[:, first]
+    front = (x[:, second] - x0) * (y[:, third] - y0) > (y[:, second] - y0) * (x[:, third] - x0)
     pairs, left, right = _edges(faces)
     outline = front[:, left] != front[:, right]
-    widest = max(int(outline.sum(axis=1).max(initial=1)), 1)
-    order = np.argsort(~outline, axis=1, kind='stable')[:, :widest]
-    used = np.take_along_axis(outline, order, axis=1)
-    order = np.where(used, order, order[:, :1])
+    owner, edge = np.nonzero(outline)
+    count = outline.sum(axis=1)
+    start = np.cumsum(count) - count
+    order = np.repeat(edge[start][:, None], count.max(initial=1), axis=1)
+    order[owner, np.arange(len(owner)) - start[owner]] = edge
     rows = np.arange(len(vertices))[:, None]
     p = vertices[rows, pairs[order, 0]][..., :2]
     q = vertices[rows, pairs[order, 1]][..., :2]
@@ -137,10 +147,11 @@ def stamp(clearance_m: F32, occluder_m: F32, grid: HeightGrid, rocks: Silhouette
     pieces = []
     for cells, owner, along, a, b in _pairs(grid, rocks, sun, _near(grid, rocks, 0.0),
                                             _MARGIN_CELLS):
-        distance = rocks.distance(owner, a, b)
+        light = angle[cells] > -_LIT_RAD
+        distance = rocks.distance(owner[light], a[light], b[light])
         close = distance < 2.5 * grid.cell_m
-        cells, distance = cells[close], distance[close]
-        along = np.maximum(along[close], np.float32(0.01))
+        cells, distance = cells[light][close], distance[close]
+        along = np.maximum(along[light][close], np.float32(0.01))
         value = distance / along
         np.minimum.at(best, cells, value)
         pieces.append((cells, distance, along, value))
@@ -177,7 +188,9 @@ def share(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry,
             cells_of.append(cells)
             shares.append(np.clip(across / width, 0.0, 1.0) * upward)
         np.add.at(dark, np.concatenate(cells_of), np.concatenate(shares))
-    return np.rint(255.0 * np.minimum(dark, 1.0)).astype(np.uint8).reshape(grid.heights_m.shape)
+    np.minimum(dark, np.float32(1.0), out=dark)
+    dark *= np.float32(255.0)
+    return np.rint(dark, out=dark).astype(np.uint8).reshape(grid.heights_m.shape)
 
 
 def _near(grid: HeightGrid, rocks: Silhouettes, inner_half_m: float) -> NDArray[np.bool_]:
@@ -217,7 +230,7 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry, chosen: NDArr
 
     chosen: the rocks that count; margin_cells: beside a shadow, how many cells count as near
     """
-    n, cell = grid.n, grid.cell_m
+    n, cell, heights = grid.n, grid.cell_m, np.asarray(grid.heights_m)
     heading = sun.direction_xy
     swap = abs(heading[0]) > abs(heading[1])
     major, minor = (0, 1) if swap else (1, 0)
@@ -260,7 +273,7 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry, chosen: NDArr
             ix, iy = (mi, ni) if swap else (ni, mi)
             x = ((ix - middle) * cell).astype(np.float32)
             y = ((iy - middle) * cell).astype(np.float32)
-            z = grid.heights_m[iy, ix]
+            z = heights[iy, ix]
             axes = rocks.axes.astype(np.float32)
             along = rocks.centre[owner, 2].astype(np.float32) \
                 - (axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z)
