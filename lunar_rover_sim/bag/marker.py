@@ -55,8 +55,9 @@ def why_incomplete(bag: Path) -> str | None:
     """Return why the bag folder is incomplete, or None where it is complete."""
     path = bag / MARKER_NAME
     if path.is_file():
-        with suppress(OSError, yaml.YAMLError, AttributeError):
-            reason = yaml.safe_load(path.read_text('utf-8')).get('reason')
+        with suppress(OSError, yaml.YAMLError, AttributeError, ValueError, RecursionError):
+            with path.open('rb') as file:
+                reason = yaml.safe_load(file.read(2 * _SIZE).decode('utf-8')).get('reason')
             if isinstance(reason, str):
                 return reason
         return UNFINISHED

@@ -68,8 +68,10 @@ def qos_of_text(text: str) -> list[Qos]:
                     QosTime(**p['liveliness_lease_duration']),
                     bool(p['avoid_ros_namespace_conventions']))
                 for p in yaml.safe_load(text) or []]
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise BagError(f'offered QoS profiles cannot be read: {error}') from None
+    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, OverflowError,
+            RecursionError) as error:
+        raise BagError('offered QoS profiles cannot be read: '
+                       + ' '.join(str(error).split())) from None
 
 
 def _member(kind: Any, value: Any, otherwise: Any) -> Any:

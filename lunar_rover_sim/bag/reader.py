@@ -19,7 +19,10 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import has_end
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.files.regular_file import check_regular
 from lunar_rover_sim.parameters import brief, nearest
+
+_MOST_BYTES = 1 << 24    # of metadata.yaml
 
 
 class RawMessage(NamedTuple):
@@ -43,6 +46,7 @@ class Bag:
         self._reader: AnyReader | None = None
         if not self.path.exists():
             raise BagError(f'{self.path}: there is no such bag')
+        check_files(self.path)
         self.incomplete = (marker.why_incomplete(self.path) if self.path.is_dir() else None)
         self.storage_path = self.path if self.path.is_file() else storage_file(self.path)
         if self.path.is_dir() and not (self.path / marker.METADATA_NAME).is_file():
@@ -64,8 +68,12 @@ class Bag:
             self.incomplete = f'{self.storage_path.name} has no end'
 
     def _check_counts(self) -> None:
-        """Raise BagError if a count or time of the metadata is not one; rosbags takes them all."""
+        """Raise BagError if a count, time or name is not one; rosbags takes them all."""
         reader = self.reader
+        for name in (name for c in reader.connections for name in (c.topic, c.msgtype)):
+            if not isinstance(name, str):
+                raise BagError(f'{self.path}: {marker.METADATA_NAME}: {brief(name)} is not the '
+                               'name of a topic or type')
         values: dict[str, Any] = {f'messages on {c.topic}': c.msgcount for c in reader.connections}
         try:
             values['messages'] = reader.message_count
@@ -240,6 +248,22 @@ def open_bag(path: Path | str) -> Bag:
     return Bag(Path(path))
 
 
+def check_files(path: Path) -> None:
+    """Raise BagError if a bag, or a file in its folder, is a pipe or a device: they never end."""
+    try:
+        if not path.is_dir():
+            check_regular(path, BagError)
+            return
+        for file in path.iterdir():
+            if file.exists() and not file.is_dir():
+                check_regular(file, BagError)
+        metadata = path / marker.METADATA_NAME
+        if metadata.is_file() and metadata.stat().st_size > _MOST_BYTES:
+            raise BagError(f'{metadata}: larger than {_MOST_BYTES} bytes')
+    except OSError as error:
+        raise BagError(f'{path}: cannot be read: {error.strerror}') from None
+
+
 def storage_file(path: Path) -> Path:
     """Return the first storage file in a bag folder; BagError where there is none."""
     for suffix in ('.mcap', '.db3'):
@@ -254,4 +278,6 @@ def _is_count(value: object) -> bool:
 
 
 def _words(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return 'it names a length that no memory holds'
     return ' '.join(str(error).split()) or type(error).__name__

@@ -55,7 +55,7 @@ def recorded_scenario(bag: Bag, namespace: str | None = None) -> RecordedScenari
     try:
         text = str(bag.first(topic).data)
         document = yaml.safe_load(text) if len(text) <= _MAX_CHARACTERS else None
-    except (BagError, yaml.YAMLError, AttributeError, RecursionError):
+    except (BagError, yaml.YAMLError, AttributeError, RecursionError, ValueError):
         return RecordedScenario({})
     if not isinstance(document, Mapping):
         return RecordedScenario({})

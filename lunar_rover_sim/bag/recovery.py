@@ -7,8 +7,9 @@ that is missing is made from its tables, as `ros2 bag reindex` does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 import contextlib
+import logging
 from pathlib import Path
 import shutil
 import sqlite3
@@ -20,10 +21,12 @@ import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import qos_of_text
-from lunar_rover_sim.bag.reader import open_bag, storage_file
+from lunar_rover_sim.bag.reader import check_files, open_bag, storage_file
 from lunar_rover_sim.bag.writer import BagWriter, DISK_ERRORS, in_words, VERSION
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.atomic import atomic_write
+
+logger = logging.getLogger(__name__)
 
 _PARTIAL = '.recovered.partial'
 _MOST_BYTES = 1 << 30     # of a record; more is no record of a bag
@@ -44,6 +47,7 @@ def recover(path: Path | str, output: Path | str | None = None) -> int:
     path = Path(path)
     if not path.is_dir():
         raise BagError(f'{path}: is not a bag folder')
+    check_files(path)
     reason = marker.why_incomplete(path)
     if reason is None:
         raise BagError(f'{path}: is complete; there is nothing to recover')
@@ -75,7 +79,10 @@ def _count(path: Path) -> int:
 def _recover_mcap(file: Path, output: Path | None, reason: str) -> int:
     """Write a new bag from a cut-off file, in its place if there is no output."""
     if output is not None:
-        output.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            output.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BagError(f'{output}: cannot be made: {error.strerror}') from None
         _need_space(output.parent, file)
         return _rewrite(file, output, reason)
     _need_space(file.parent, file)
@@ -101,25 +108,40 @@ def _rewrite(file: Path, bag: Path, reason: str) -> int:
     """Write what can be read of an MCAP file to a new bag; return the number of messages."""
     schemas: dict[int, Schema] = {}
     topics: dict[int, str] = {}
+    left_out = set()
     writer = None
-    with file.open('rb') as stream:
-        for record, compressed in _complete_records(stream):
-            if writer is None:
-                writer = BagWriter(bag, 'mcap', 'zstd' if compressed else 'none')
-            if isinstance(record, Message):
-                writer.write_at(topics[record.channel_id], record.log_time, record.data)
-            elif isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                schema = schemas[record.schema_id]
-                profiles = qos_of_text(record.metadata.get('offered_qos_profiles', ''))
-                writer.add_topic(record.topic, schema.name, profiles[0] if profiles else None,
-                                 schema.data.decode())
-                topics[record.id] = record.topic
-    if writer is None or not any(writer.counts.values()):
-        raise BagError(f'{file.parent}: holds no complete chunk; there is nothing to recover')
-    writer.close(incomplete=reason)
+    try:
+        with file.open('rb') as stream:
+            for record, compressed in _complete_records(stream):
+                if writer is None:
+                    writer = BagWriter(bag, 'mcap', 'zstd' if compressed else 'none')
+                if isinstance(record, Message) and record.channel_id in topics:
+                    writer.write_at(topics[record.channel_id], record.log_time, record.data)
+                elif isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    try:
+                        _add_topic(writer, record, schemas)
+                        topics[record.id] = record.topic
+                    except (BagError, KeyError, UnicodeDecodeError):
+                        left_out.add(record.topic)
+        if writer is None or not any(writer.counts.values()):
+            raise BagError(f'{file.parent}: holds no complete chunk; there is nothing to recover')
+        for topic in sorted(left_out):
+            logger.warning('%s: %s is left out: the description of its type is damaged', file,
+                           topic)
+    finally:
+        if writer is not None:
+            writer.close(incomplete=reason)
     return sum(writer.counts.values())
+
+
+def _add_topic(writer: BagWriter, channel: Channel, schemas: Mapping[int, Schema]) -> None:
+    """Add the topic of a channel; raises what a damaged record of it raises."""
+    schema = schemas[channel.schema_id]
+    profiles = qos_of_text(channel.metadata.get('offered_qos_profiles', ''))
+    writer.add_topic(channel.topic, schema.name, profiles[0] if profiles else None,
+                     schema.data.decode())
 
 
 def _complete_records(stream: BinaryIO) -> Iterator[tuple[McapRecord, bool]]:
@@ -151,7 +173,7 @@ def _complete_records(stream: BinaryIO) -> Iterator[tuple[McapRecord, bool]]:
 
 def _recover_sqlite(file: Path, reason: str) -> int:
     """Roll back what was not committed and write metadata.yaml; return the number of messages."""
-    with contextlib.closing(sqlite3.connect(f'{file.resolve().as_uri()}?mode=rw',
+    with contextlib.closing(sqlite3.connect(f'{file.absolute().as_uri()}?mode=rw',
                                             uri=True)) as database:
         information, count = _information(database, file.name, reason)
         with database:
@@ -162,21 +184,31 @@ def _recover_sqlite(file: Path, reason: str) -> int:
     return count
 
 
+def _profiles(text: object) -> Any:
+    """Return the offered QoS as metadata.yaml has it; none if it cannot be read."""
+    try:
+        return yaml.safe_load(str(text)) or []
+    except (yaml.YAMLError, RecursionError, ValueError):
+        return []
+
+
 def _information(database: sqlite3.Connection, name: str,
                  reason: str) -> tuple[dict[str, Any], int]:
     """Return what metadata.yaml says of the storage file `name`, and its number of messages."""
     sample = database.execute('SELECT data FROM messages LIMIT 1').fetchone()
     if sample is None:
         raise BagError(f'{name}: holds no message; there is nothing to recover')
-    compressed = sample[0][:4] == _ZSTD_MAGIC
+    compressed = isinstance(sample[0], bytes) and sample[0][:4] == _ZSTD_MAGIC
     counts = dict(database.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id'))
     start_ns, end_ns = database.execute(
         'SELECT min(timestamp), max(timestamp) FROM messages').fetchone()
+    if not isinstance(start_ns, int) or not isinstance(end_ns, int):     # SQLite stores any type
+        raise BagError(f'{name}: is damaged: the time of a message is not a whole number')
     span: dict[str, Any] = {'starting_time': {'nanoseconds_since_epoch': start_ns},
                             'duration': {'nanoseconds': end_ns - start_ns},
                             'message_count': sum(counts.values())}
     topics = [{'topic_metadata': {'name': topic, 'type': msgtype, 'serialization_format': encoding,
-                                  'offered_qos_profiles': yaml.safe_load(qos) or [],
+                                  'offered_qos_profiles': _profiles(qos),
                                   'type_description_hash': type_hash},
                'message_count': counts.get(key, 0)}
               for key, topic, msgtype, encoding, qos, type_hash in database.execute(

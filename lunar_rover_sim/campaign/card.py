@@ -15,7 +15,9 @@ from lunar_rover_sim.campaign.manifest import read_json, write_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.parameters import brief
 
+LARGEST = 1e18     # of a statistic
 _SUMS = ('duration_s', 'frames', 'distance_m', 'bytes')
 _FORMATS = {
     'bag': 'rosbag2 (MCAP or SQLite), all topics; the bag of an episode is checked by '
@@ -40,6 +42,12 @@ def make_card(dataset: Path) -> dict[str, Any]:
     campaign = recorded.get('campaign')
     if not isinstance(campaign, dict):
         raise CampaignError(f'{dataset / CAMPAIGN_FILE}: has no campaign')
+    formats, vary = campaign.get('formats', []), campaign.get('vary', {})
+    if not isinstance(formats, list) or not all(isinstance(name, str) for name in formats):
+        raise CampaignError(f'{dataset / CAMPAIGN_FILE}: formats: {brief(formats)} is not a list '
+                            'of names')
+    if not isinstance(vary, dict):
+        raise CampaignError(f'{dataset / CAMPAIGN_FILE}: vary: {brief(vary)} is not a mapping')
     failed = failures(dataset)
     presets = sorted({str(e['statistics'].get('imu_preset', '')) for e in episodes})
     return {
@@ -56,16 +64,23 @@ def make_card(dataset: Path) -> dict[str, Any]:
 
 
 def write_card(dataset: Path) -> dict[str, Any]:
-    """Write card.json and README.md into the folder of a data set; return the card."""
+    """Write card.json and README.md into the folder of a data set; return the card.
+
+    Raises CampaignError if the folder is not a data set, or they cannot be written.
+    """
     card = make_card(dataset)
-    write_json(dataset / CARD_FILE, card)
+    try:
+        write_json(dataset / CARD_FILE, card)
+    except (OSError, ValueError) as error:      # NaN is no JSON
+        raise CampaignError(f'{dataset / CARD_FILE}: cannot be written: {error}') from None
     atomic_write(dataset / README_FILE, markdown(card), CampaignError)
     return card
 
 
 def _summary(name: str, episodes: Sequence[dict[str, Any]]) -> dict[str, float] | None:
     values = [value for e in episodes
-              if isinstance(value := e['statistics'].get(name), (int, float))]
+              if isinstance(value := e['statistics'].get(name), (int, float))
+              and abs(value) <= LARGEST]
     if not values:
         return None
     result = {'mean': float(f'{np.mean(values):.9g}'), 'min': min(values), 'max': max(values)}

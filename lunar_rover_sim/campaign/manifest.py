@@ -15,6 +15,7 @@ from typing import Any
 
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.parameters import brief
 
 MANIFEST = 'manifest.json'
@@ -34,12 +35,8 @@ def write_json(path: Path, content: Any) -> None:
 def read_json(path: Path, most_bytes: int = _MOST_BYTES) -> dict[str, Any]:
     """Return the object in a JSON file; raise CampaignError if there is none."""
     try:
-        with path.open('rb') as file:
-            content = file.read(most_bytes + 1)
-        if len(content) > most_bytes:
-            raise CampaignError(f'{path}: larger than {most_bytes} bytes')
-        document = json.loads(content)
-    except (OSError, ValueError, RecursionError) as error:
+        document = json.loads(read_text(path, most_bytes, CampaignError))
+    except (ValueError, RecursionError) as error:
         reason = ' '.join(str(error).split())[:200]
         raise CampaignError(f'{path}: cannot be read: {reason}') from None
     if not isinstance(document, dict):

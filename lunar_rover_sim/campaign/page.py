@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import picture, read_odometry
-from lunar_rover_sim.campaign.card import number
+from lunar_rover_sim.campaign.card import LARGEST, number
 from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.errors import BagError, CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.images import read_picture
 from lunar_rover_sim.files.templates import data_uri, template
 from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
 from lunar_rover_sim.run.plan import BAG_FOLDER
@@ -73,7 +74,8 @@ def _distributions(card: dict[str, Any]) -> str:
     figure = Figure(figsize=(12.0, 2.3), layout='constrained')
     for axes, name in zip(figure.subplots(1, len(_SHOWN)), _SHOWN):
         values = [v for e in card['episodes'].values()
-                  if isinstance(v := e['statistics'].get(name), (int, float))]
+                  if isinstance(v := e['statistics'].get(name), (int, float))
+                  and abs(v) <= LARGEST]
         if values:
             axes.hist(values, bins=min(20, max(5, len(values) // 3)), color='0.45')
         axes.set_title(name, fontsize=9)
@@ -90,7 +92,7 @@ def _pictures(folder: Path) -> EpisodePictures:
         path = _map(folder)
         if path:
             images.append(('path on the ground', path))
-    except BagError as problem:
+    except (BagError, CampaignError) as problem:
         error = str(problem)
     return EpisodePictures(folder.name, images, error)
 
@@ -114,9 +116,7 @@ def thumbnails(folder: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     for kind in _IMAGE_FOLDERS:
         files = sorted((folder / kind).glob('*.png'))
         for k in _spread(len(files)):
-            read = cv2.imread(str(files[k]), cv2.IMREAD_COLOR)
-            if read is not None:
-                yield files[k].name, np.asarray(read[..., ::-1], dtype=np.uint8)
+            yield files[k].name, read_picture(files[k], CampaignError, colour=True)
         if files:
             return
 

@@ -7,11 +7,16 @@ from collections.abc import Collection, Sequence
 import importlib
 import logging
 import re
+import resource
 import sys
 from typing import NamedTuple
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError
+
+logger = logging.getLogger('lunar_rover_sim.cli')
+
+_LEAST_OPEN_FILES = 64
 
 
 class Command(NamedTuple):
@@ -104,12 +109,21 @@ def _check_command(names: Sequence[str]) -> None:
         raise ConfigError(f'{name}: no such command; {hint}')
 
 
+def configure_logging(verbose: bool) -> None:
+    """Log to stderr: the warnings of this package, or with `verbose` all, also of libraries."""
+    handler = logging.StreamHandler()
+    if not verbose:
+        handler.addFilter(logging.Filter('lunar_rover_sim'))
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, handlers=[handler],
+                        format='%(levelname)s %(name)s: %(message)s')
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return the exit status: 0, 1 after an error, 130 after Ctrl-C."""
     try:
+        _check_open_files()
         arguments = parse(sys.argv[1:] if argv is None else argv)
-        logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING,
-                            format='%(levelname)s %(name)s: %(message)s')
+        configure_logging(arguments.verbose)
         return arguments.run(arguments)
     except LunarRoverSimError as error:
         print(f'lunar_rover_sim: {error}', file=sys.stderr)
@@ -120,6 +134,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of our output (head, less) has seen enough.
         sys.stderr.close()
         return 0
+    except (OSError, MemoryError) as error:
+        # A file or a resource of the machine, whichever part of a command needed it.
+        logger.info('where it was needed', exc_info=True)
+        print(f'lunar_rover_sim: {_in_words(error)}', file=sys.stderr)
+        return 1
+
+
+def _in_words(error: OSError | MemoryError) -> str:
+    if isinstance(error, MemoryError):
+        return 'the memory of this machine is not enough'
+    reason = error.strerror or ' '.join(str(error).split())
+    return f'{error.filename}: {reason}' if error.filename else reason
+
+
+def _check_open_files() -> None:
+    """Raise ConfigError if a process may open so few files that libraries cannot be loaded."""
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    if 0 <= limit < _LEAST_OPEN_FILES:
+        raise ConfigError(f'{limit} open files are allowed; at least {_LEAST_OPEN_FILES} are '
+                          f'needed; raise the limit with `ulimit -n {_LEAST_OPEN_FILES}`')
 
 
 if __name__ == '__main__':

@@ -18,7 +18,9 @@ from lunar_rover_sim.bag.stamps import in_seconds, NS_PER_S
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.regular_file import check_regular
 from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
+from lunar_rover_sim.parameters import brief
 
 # Stamps above this are ns: as seconds they would lie 30,000 years ahead.
 _NS_FROM = 1e12
@@ -123,8 +125,7 @@ def _numbers(*values: float, separator: str = ' ') -> str:
 def _rows(path: Path, least: int, most: int | None) -> Iterator[tuple[int, list[str]]]:
     """Yield (line number, words) of all lines that are not empty or comments."""
     try:
-        if path.exists() and not path.is_file():
-            raise EvaluationError(f'{path}: is not a regular file')
+        check_regular(path, EvaluationError)
         if path.stat().st_size > _MAX_BYTES:
             raise EvaluationError(f'{path}: larger than {_MAX_BYTES >> 20} MiB; not a trajectory')
         text = path.read_text(encoding='utf-8')
@@ -169,9 +170,14 @@ def _stamps(path: Path, words: Sequence[str], always_ns: bool = False) -> list[i
         largest = max((abs(_float(word)) for word in words), default=0.0)
         ns = always_ns or largest > _NS_FROM
         to_ns: Callable[[str], int] = _integer if ns else _from_seconds
-        return [to_ns(word) for word in words]
+        stamps = [to_ns(word) for word in words]
     except (ValueError, OverflowError):
         raise EvaluationError(f'{path}: a stamp is not a finite number') from None
+    for stamp in stamps:
+        if abs(stamp) >= 1 << 63:
+            raise EvaluationError(f'{path}: stamp {brief(stamp)} ns is not valid; valid are 64 '
+                                  'bits')
+    return stamps
 
 
 def _integer(word: str) -> int:

@@ -1,4 +1,4 @@
-"""Output folders of commands: always new ones, so that no result is overwritten."""
+"""Output folders of commands, always new ones so that no result is overwritten; home folders."""
 
 from __future__ import annotations
 
@@ -20,3 +20,14 @@ def make_new(folder: Path) -> None:
         folder.mkdir(parents=True)
     except OSError as error:
         raise ConfigError(f'--output: {folder} cannot be made: {error}') from None
+
+
+def user_path(text: str, name: str) -> Path:
+    """Return a path in which `~` is the home of the user.
+
+    name: of the parameter, for the ConfigError that is raised if there is no home.
+    """
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:
+        raise ConfigError(f'{name}: {text} names a home folder that there is not') from None

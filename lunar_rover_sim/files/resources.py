@@ -48,6 +48,8 @@ def find_file(kind: str, name_or_path: str) -> Path:
     """
     path = Path(name_or_path)
     if path.suffix in ('.yaml', '.yml') or '/' in name_or_path:
+        if path.exists() and not path.is_file():
+            raise ConfigError(f'{name_or_path}: is not a regular file')
         if not path.is_file():
             raise ConfigError(f'{name_or_path}: no such {kind} file')
         return path

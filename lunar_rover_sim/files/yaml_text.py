@@ -13,7 +13,8 @@ from typing import Any
 
 import yaml
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
+from lunar_rover_sim.files.regular_file import check_regular
 from lunar_rover_sim.parameters import brief
 
 _MAX_DEPTH = 32
@@ -60,35 +61,38 @@ _Loader.add_implicit_resolver(
     list('-+.0123456789'))
 
 
-def parse_yaml(text: str, where: str) -> Any:
+def read_yaml(path: Path, most_bytes: int, error: type[LunarRoverSimError] = ConfigError) -> Any:
+    """Return the document in a file as plain values; raise `error` as the two below do."""
+    return parse_yaml(read_text(path, most_bytes, error), str(path), error)
+
+
+def parse_yaml(text: str, where: str, error: type[LunarRoverSimError] = ConfigError) -> Any:
     """Return the document as plain values.
 
-    Raises ConfigError, in which `where` names the document, if it is not valid.
+    Raises `error`, in which `where` names the document, if it is not valid.
     """
     try:
         return yaml.load(text, _Loader)  # noqa: S506  (a safe loader)
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
-        raise ConfigError(f'{where}: not valid YAML: {_line(error)}') from None
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as reason:
+        raise error(f'{where}: not valid YAML: {_line(reason)}') from None
 
 
-def read_text(path: Path, most_bytes: int) -> str:
+def read_text(path: Path, most_bytes: int, error: type[LunarRoverSimError] = ConfigError) -> str:
     """Return the text of a regular file.
 
-    Raises ConfigError if it does not exist, is larger than most_bytes, or is not UTF-8.
+    Raises `error` if it does not exist, is larger than most_bytes, or is not UTF-8.
     """
+    check_regular(path, error)
     try:
-        if not path.is_file():
-            raise ConfigError(f'{path}: cannot be read: no such file')
         with path.open('rb') as file:
             content = file.read(most_bytes + 1)
         if len(content) > most_bytes:
-            raise ConfigError(f'{path}: larger than {most_bytes} bytes')
+            raise error(f'{path}: larger than {most_bytes} bytes')
         return content.decode('utf-8')
     except UnicodeDecodeError:
-        raise ConfigError(f'{path}: cannot be read: it is not UTF-8 text') from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f'{path}: cannot be read: {reason}') from None
+        raise error(f'{path}: cannot be read: it is not UTF-8 text') from None
+    except OSError as reason:
+        raise error(f'{path}: cannot be read: {reason.strerror}') from None
 
 
 def _line(error: BaseException) -> str:

@@ -15,7 +15,7 @@ import yaml
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.resources import config_path
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
+from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import brief, nearest
@@ -140,7 +140,7 @@ class GaitCalibration:
         if path is None:
             return cls.default()
         try:
-            document = parse_yaml(read_text(Path(path), _MOST_BYTES), str(path))
+            document = read_yaml(Path(path), _MOST_BYTES)
         except ConfigError as error:
             reason = str(error).removeprefix(f'{path}: ').removeprefix('cannot be read: ')
             raise ConfigError(f'calibration: {path} cannot be read: {reason}; make it with'
@@ -161,7 +161,7 @@ class GaitCalibration:
             for name in fields[2:4]:
                 document[name] = tuple(tuple(float(x) for x in row) for row in document[name])
             return cls(**document)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise ConfigError(f'calibration: {path} is not a table of numbers: {error}') from None
         except ConfigError as error:
             raise ConfigError(f'calibration: {path}: {error}') from None

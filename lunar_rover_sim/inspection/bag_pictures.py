@@ -38,9 +38,12 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     paths: list[Path] = []
 
     def save(figure: Figure, name: str) -> None:
-        output.mkdir(parents=True, exist_ok=True)
         paths.append(output / name)
-        figure.savefig(paths[-1], dpi=100)
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+            figure.savefig(paths[-1], dpi=100)
+        except OSError as error:
+            raise BagError(f'{paths[-1]}: cannot be written: {error.strerror}') from None
         if progress is not None:
             progress(name)
 

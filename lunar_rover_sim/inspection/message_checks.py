@@ -6,10 +6,11 @@ from pathlib import Path
 import re
 
 import numpy as np
-import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.inspection.report import grouped, Report, Status
 from lunar_rover_sim.inspection.rover_data import RoverData, STEREO_SET
 from lunar_rover_sim.inspection.scan import TopicScan
@@ -18,6 +19,7 @@ from lunar_rover_sim.topics import EVENT, FRAME, LATCHED, STATE
 # tf2_msgs may not be installed; velocity commands come at the pace of their publisher; recordings
 # of earlier versions lack the CameraInfo of the depth image.
 OPTIONAL = (topics.TF.name, topics.TF_STATIC.name, topics.CMD_VEL.name, topics.DEPTH_INFO.name)
+_MAX_BYTES = 1 << 20     # of world.yaml
 
 
 def contract_topics(rover: RoverData, report: Report) -> None:
@@ -170,7 +172,7 @@ def _count_problem(topic: TopicScan, expected: np.ndarray) -> str:
 
 def _hash_of_world(folder: Path) -> str | None:
     try:
-        document = yaml.safe_load((folder / 'world.yaml').read_text(encoding='utf-8'))
-        return str(document['hash'])
-    except (OSError, yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError):
+        document = read_yaml(folder / 'world.yaml', _MAX_BYTES, WorldError)
+    except WorldError:
         return None
+    return str(document['hash']) if isinstance(document, dict) and 'hash' in document else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.contact import set_contact
 from lunar_rover_sim.physics.soil_contact import add_soil
@@ -27,6 +28,7 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     """Return the model of the rover on the finest level of the world, with its rocks.
 
     The height field has the samples of the world's grid, and the same two triangles per cell.
+    Raises PhysicsError if MuJoCo cannot simulate such a rover.
     """
     spec = rover_spec(rover)
     option = spec.option
@@ -46,7 +48,12 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     # for a model that has such a one.
     spec.add_sensor(name='acceleration', type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
                     objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU_SITE)
-    model = spec.compile()
+    try:
+        model = spec.compile()
+    except ValueError as error:     # of MuJoCo: a mass or an inertia below 1e-15, for instance
+        reason = ' '.join(str(error).removeprefix('Error:').split())
+        raise PhysicsError(f'the rover cannot be simulated: {reason}; are its masses in kg and '
+                           'its lengths in m?') from None
     _fill_ground(model, world.ground)
     of_rover = (model.geom_bodyid > 0) & (model.body_mocapid[model.geom_bodyid] < 0)
     rover_geoms = np.flatnonzero(of_rover)

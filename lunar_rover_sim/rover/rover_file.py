@@ -9,7 +9,7 @@ import yaml
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.resources import config_path
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
+from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.rover.description import RoverDescription
 
 _MOST_BYTES = 1 << 18
@@ -21,7 +21,7 @@ def load_rover(path: str | Path | None = None) -> RoverDescription:
     Raises ConfigError if the file cannot be read or is not valid.
     """
     path = Path(path) if path is not None else config_path('rover.yaml')
-    content = parse_yaml(read_text(path, _MOST_BYTES), str(path))
+    content = read_yaml(path, _MOST_BYTES)
     try:
         return RoverDescription.from_mapping({} if content is None else content)
     except ConfigError as error:

@@ -19,7 +19,7 @@ import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.resources import find_file, packaged_names
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml
 from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -149,7 +149,7 @@ def scenario_names() -> list[str]:
 
 def _read(path: Path) -> dict[str, Any]:
     """Return section → nested values of a scenario file; ConfigError for unknown sections."""
-    document = parse_yaml(read_text(path, MAX_BYTES), str(path))
+    document = read_yaml(path, MAX_BYTES)
     if document is None:
         document = {}
     if not isinstance(document, Mapping):

@@ -18,6 +18,7 @@ from typing import Any
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import LunarRoverSimError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.run.plan import BAG_FOLDER
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.resumable import record_once
@@ -28,6 +29,7 @@ from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
 # The topics that estimators and their evaluation need.
 _RECORDED = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,
              topics.TRUE_DEPTH, topics.ODOM, topics.IMU_RAW, topics.SCENARIO, topics.WORLD_HASH)
+_MAX_BYTES = 1 << 24  # of a result
 _START_S = 300.0     # wall time of the start of the nodes
 _SLOWEST = 60.0      # wall time over simulated time
 
@@ -209,8 +211,8 @@ def _plain(value: Any) -> Any:
 
 def _load(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, ValueError) as error:
+        return json.loads(read_text(path, _MAX_BYTES, SlamError))
+    except (ValueError, RecursionError) as error:
         raise SlamError(f'{path}: cannot be read: {error}') from None
 
 

@@ -7,7 +7,6 @@ left camera, or of the IMU if it uses one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import dataclasses
 from pathlib import Path
 import shlex
@@ -17,6 +16,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
+from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.run.child_process import Echo, executable, run_program
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
@@ -29,6 +29,7 @@ _SLACK_S = 120.0         # for loading a vocabulary, and for the end
 _SLOWEST = 10.0          # wall time over sequence time
 _STAMP_NS = 2000         # how far a written stamp may be off
 _TUM_STAMPS = 'rgb.txt'
+_MAX_BYTES = 1 << 30     # of a trajectory
 _FIELDS = ('sequence', 'settings', 'times', 'sensor', 'out')   # of a command
 
 
@@ -210,10 +211,7 @@ def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
     be read.
     """
     rows = []
-    try:
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        raise SlamError(f'{path}: cannot be read: {error}') from None
+    text = read_text(path, _MAX_BYTES, SlamError)
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition('#')[0].split()
         if not words:
@@ -251,11 +249,11 @@ def _frames_ns(sequence: Path, kind: str) -> Stamps:
     if kind == 'euroc':
         return np.array(euroc_reader.stamps_ns(sequence), dtype=np.int64)
     try:
-        lines: Sequence[str] = (sequence / _TUM_STAMPS).read_text(encoding='ascii').splitlines()
+        lines = read_text(sequence / _TUM_STAMPS, _MAX_BYTES, SlamError).splitlines()
         words = [line.split()[0].partition('.') for line in lines if not line.startswith('#')]
         return np.array([int(whole) * 10**9 + int(part.ljust(9, '0')[:9])
                          for whole, _, part in words], dtype=np.int64)
-    except (OSError, ValueError, IndexError) as error:
+    except (ValueError, OverflowError, IndexError) as error:
         raise SlamError(f'{sequence}: {_TUM_STAMPS} cannot be read: {error}') from None
 
 

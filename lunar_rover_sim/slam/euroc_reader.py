@@ -10,12 +10,19 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-import yaml
 
 from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.files.images import read_picture
+from lunar_rover_sim.files.yaml_text import read_text, read_yaml
 from lunar_rover_sim.frames import Array, inverse
+from lunar_rover_sim.parameters import brief
 
 Image = NDArray[np.uint8]
+
+_MAX_BYTES = 1 << 24
+_LARGEST = 1e6          # of a number of a calibration: beyond any camera
+_SKEW = 1e-3            # of a rotation matrix with few digits
+_MOST_DIGITS = 19       # of a stamp of 64 bits
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,47 +64,65 @@ def read_camera(sequence: Path, stereo: bool) -> Camera:
     left = _sensor(sequence, 'cam0')
     baseline_m = 0.0
     if stereo:
-        T_left_right = inverse(_mount(left)) @ _mount(_sensor(sequence, 'cam1'))
+        T_left_right = inverse(_mount(sequence, left)) @ _mount(sequence,
+                                                                _sensor(sequence, 'cam1'))
         baseline_m = float(T_left_right[0, 3])
         off = np.abs(T_left_right - np.eye(4))
         off[0, 3] = 0.0
         if not baseline_m > 0.0 or off.max() > 1e-3:
             raise SlamError(f'{sequence}: cam1 is not cam0 shifted along x; only '
                             'rectified pairs can be tracked')
-    fx, fy, cx, cy = left['intrinsics']
-    return Camera((fx, fy), (cx, cy), baseline_m, tuple(left['distortion_coefficients']))
+    fx, fy, cx, cy = _numbers(sequence, left, 'intrinsics', 4)
+    distortion = _numbers(sequence, left, 'distortion_coefficients', 4)
+    if not (fx > 0.0 and fy > 0.0):
+        raise SlamError(f'{sequence}: intrinsics: focal lengths {fx:g}, {fy:g} are not positive')
+    return Camera((fx, fy), (cx, cy), baseline_m, distortion)
 
 
 def stamps_ns(sequence: Path) -> list[int]:
     """Return the stamps of the frames [ns]."""
-    try:
-        return [int(line) for line in (sequence / 'times.txt').read_text().split()]
-    except (OSError, ValueError) as error:
-        raise SlamError(f'{sequence}: times.txt cannot be read: {error}') from None
+    path = sequence / 'times.txt'
+    stamps = []
+    for word in read_text(path, _MAX_BYTES, SlamError).split():
+        if (not word.isascii() or not word.isdigit() or len(word) > _MOST_DIGITS
+                or int(word) >= 1 << 63):
+            raise SlamError(f'{path}: {brief(word)} is not a stamp [ns]')
+        stamps.append(int(word))
+    return stamps
 
 
 def read_frames(sequence: Path, camera: Camera) -> Iterator[Frame]:
     """Yield the undistorted frames in order, with right images if there is a baseline."""
     for stamp_ns in stamps_ns(sequence):
-        images = [camera.rectified(_image(sequence / 'mav0' / name / 'data' / f'{stamp_ns}.png'))
+        images = [camera.rectified(read_picture(
+            sequence / 'mav0' / name / 'data' / f'{stamp_ns}.png', SlamError))
                   for name in (('cam0', 'cam1') if camera.baseline_m else ('cam0',))]
         yield Frame(stamp_ns, *images)
 
 
-def _image(path: Path) -> Image:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise SlamError(f'{path}: is missing or no image')
-    return np.asarray(image, np.uint8)
-
-
-def _sensor(sequence: Path, name: str) -> Any:
+def _sensor(sequence: Path, name: str) -> dict[str, Any]:
     path = sequence / 'mav0' / name / 'sensor.yaml'
-    try:
-        return yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, yaml.YAMLError) as error:
-        raise SlamError(f'{path}: cannot be read: {error}') from None
+    sensor = read_yaml(path, _MAX_BYTES, SlamError)
+    if not isinstance(sensor, dict):
+        raise SlamError(f'{path}: is not a mapping of a sensor')
+    return sensor
 
 
-def _mount(sensor: Any) -> Array:
-    return np.array(sensor['T_BS']['data'], dtype=float).reshape(4, 4)
+def _mount(sequence: Path, sensor: dict[str, Any]) -> Array:
+    mount = sensor.get('T_BS')
+    matrix = np.reshape(_numbers(sequence, mount if isinstance(mount, dict) else {}, 'data', 16),
+                        (4, 4))
+    skew = matrix[:3, :3] @ matrix[:3, :3].T - np.eye(3)
+    if np.abs(skew).max() > _SKEW or np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > _SKEW:
+        raise SlamError(f'{sequence}: T_BS is not a pose')
+    return matrix
+
+
+def _numbers(sequence: Path, values: dict[str, Any], name: str, count: int) -> tuple[float, ...]:
+    """Return the finite numbers of an entry; raise SlamError if there are not as many."""
+    found = values.get(name)
+    if (not isinstance(found, list) or len(found) != count
+            or not all(isinstance(x, (int, float)) and abs(x) <= _LARGEST for x in found)):
+        raise SlamError(f'{sequence}: sensor.yaml: {name}: {brief(found)} is not {count} numbers '
+                        f'of at most {_LARGEST:g}')
+    return tuple(map(float, found))

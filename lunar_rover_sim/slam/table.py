@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
-import yaml
 
 from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.slam.benchmark import Cell
 
 CONFIDENCE = 0.95
 _NEAR_ONE = 0.05
+_MAX_BYTES = 1 << 18
 
 # Published numbers, by scenario and sensor: ate_m, scale.
 Paper = Mapping[str, Mapping[str, Mapping[str, float]]]
@@ -114,16 +115,21 @@ def read_paper(path: Path) -> Paper:
 
     Raises SlamError if the file cannot be read or holds something else.
     """
+    values = read_yaml(path, _MAX_BYTES, SlamError)
     try:
-        values = yaml.safe_load(path.read_text(encoding='utf-8'))
-        return {str(scenario): {str(sensor): {str(k): float(v) for k, v in numbers.items()}
+        return {str(scenario): {str(sensor): {str(k): _finite(v) for k, v in numbers.items()}
                                 for sensor, numbers in sensors.items()}
                 for scenario, sensors in values.items()}
-    except OSError as error:
-        raise SlamError(f'{path}: cannot be read: {error.strerror}') from None
-    except (yaml.YAMLError, AttributeError, TypeError, ValueError):
+    except (AttributeError, TypeError, ValueError, OverflowError):
         raise SlamError(f'{path}: is not valid; valid is scenario: {{sensor: {{ate_m: '
                         'number, scale: number}}') from None
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    if not np.isfinite(number):
+        raise ValueError(value)
+    return number
 
 
 def markdown(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '') -> str:

@@ -70,5 +70,5 @@ def disparity_from_depth(depth_m: ArrayLike, focal_px: float,
     NaN stays NaN.
     """
     depth = np.asarray(depth_m, dtype=np.float32)
-    with np.errstate(divide='ignore'):
+    with np.errstate(divide='ignore', over='ignore'):
         return np.float32(focal_px * baseline_m) / depth

@@ -10,10 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.parameters import brief
 
 START_S = 5.0         # the transient is looked for in this time after the command
 STEADY_FROM_S = 10.0  # the steady walk begins this time after the command
+
+_MAX_BYTES = 1 << 26    # of a curve
+_LARGEST = 1e9          # of a number of a curve [s, deg]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,22 +99,23 @@ def read_curve(path: str | Path, name: str = '') -> PitchCurve:
     The curve is resampled to even steps. Raises StudyError that names file and line.
     """
     rows: list[tuple[float, float]] = []
+    text = read_text(Path(path), _MAX_BYTES, StudyError)
     try:
-        with Path(path).open(newline='', encoding='utf-8') as file:
-            for number, row in enumerate(csv.reader(file), start=1):
-                if not row or row[0].lstrip().startswith('#'):
-                    continue
-                try:
-                    time, pitch = float(row[0]), float(row[1])
-                except (ValueError, IndexError):
-                    if rows or number > 1:
-                        raise StudyError(f'{path}, line {number}: {",".join(row)!r} is not'
-                                         ' time [s], pitch [deg]') from None
-                    continue
-                if not (math.isfinite(time) and math.isfinite(pitch)):
-                    raise StudyError(f'{path}, line {number}: not finite')
-                rows.append((time, pitch))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        for number, row in enumerate(csv.reader(text.splitlines()), start=1):
+            if not row or row[0].lstrip().startswith('#'):
+                continue
+            try:
+                time, pitch = float(row[0]), float(row[1])
+            except (ValueError, IndexError):
+                if rows or number > 1:
+                    raise StudyError(f'{path}, line {number}: {brief(",".join(row))} is not'
+                                     ' time [s], pitch [deg]') from None
+                continue
+            if not (abs(time) <= _LARGEST and abs(pitch) <= _LARGEST):
+                raise StudyError(f'{path}, line {number}: {time:g}, {pitch:g} is not valid; valid '
+                                 f'are numbers up to {_LARGEST:g}')
+            rows.append((time, pitch))
+    except csv.Error as error:
         raise StudyError(f'{path} cannot be read: {error}') from None
     times, values = np.array(rows).reshape(-1, 2).T
     if len(times) < 2 or np.any(np.diff(times) <= 0.0):

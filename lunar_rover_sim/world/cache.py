@@ -10,7 +10,7 @@ import os
 import pathlib
 from typing import Any
 
-from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import PROCEDURAL, WorldConfig
 from lunar_rover_sim.world.world_folder import FORMAT, load_world, RECIPE, save_world
@@ -19,10 +19,18 @@ logger = logging.getLogger(__name__)
 
 
 def cache_folder() -> pathlib.Path:
-    """Return the folder of built worlds, in $LUNAR_ROVER_SIM_CACHE or the cache of the user."""
+    """Return the folder of built worlds, in $LUNAR_ROVER_SIM_CACHE or the cache of the user.
+
+    Raises ConfigError if neither that variable nor a home folder is there.
+    """
     named = os.environ.get('LUNAR_ROVER_SIM_CACHE')
-    root = pathlib.Path(named) if named else pathlib.Path.home() / '.cache' / 'lunar_rover_sim'
-    return root / 'worlds'
+    if named:
+        return pathlib.Path(named) / 'worlds'
+    try:
+        return pathlib.Path.home() / '.cache' / 'lunar_rover_sim' / 'worlds'
+    except RuntimeError:
+        raise ConfigError('there is no home folder to keep worlds in; name a folder in the '
+                          'environment variable LUNAR_ROVER_SIM_CACHE') from None
 
 
 def cache_key(config: WorldConfig, seed: int) -> str:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import pathlib
-
 from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.files.folders import user_path
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.dem_folder import DemFolder
 from lunar_rover_sim.world.geotiff import GeoRaster
@@ -13,7 +12,7 @@ from lunar_rover_sim.world.raster import Raster
 
 def open_dem(config: WorldConfig) -> Raster:
     """Return the elevation model that the parameters name; raise WorldError."""
-    path = pathlib.Path(config.path).expanduser()
+    path = user_path(config.path, 'path')
     if not path.exists():
         raise WorldError(f'path: {path}: no such file')
     if not path.is_dir() and not path.is_file():

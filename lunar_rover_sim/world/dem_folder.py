@@ -6,11 +6,16 @@ import pathlib
 
 import numpy as np
 from numpy.typing import NDArray
-import yaml
 
 from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.files.arrays import map_array
+from lunar_rover_sim.files.yaml_text import read_yaml
+from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.raster import MAX_HEIGHT_M, Raster
+
+_MAX_BYTES = 1 << 18
+_MAX_PIXEL_M = 1e6
 
 
 class DemFolder(Raster):
@@ -18,28 +23,24 @@ class DemFolder(Raster):
 
     def __init__(self, path: pathlib.Path, config: WorldConfig) -> None:
         super().__init__(path, config)
-        try:
-            self._data = np.load(path / 'dem.npy', mmap_mode='r', allow_pickle=False)
-            document = yaml.safe_load((path / 'dem.yaml').read_text(encoding='utf-8'))
-        except FileNotFoundError as error:
-            raise WorldError(f'{path}: {pathlib.Path(error.filename).name} is missing; a folder '
-                             'needs dem.npy and dem.yaml') from None
-        except (OSError, ValueError, EOFError, yaml.YAMLError) as error:
-            raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
-        if (not isinstance(self._data, np.ndarray) or self._data.ndim != 2
-                or self._data.dtype.kind not in 'iuf'):
+        for name in ('dem.npy', 'dem.yaml'):
+            if not (path / name).exists():
+                raise WorldError(f'{path}: {name} is missing; a folder needs dem.npy and dem.yaml')
+        self._data = map_array(path / 'dem.npy', WorldError)
+        document = read_yaml(path / 'dem.yaml', _MAX_BYTES, WorldError)
+        if self._data.ndim != 2 or self._data.dtype.kind not in 'iuf':
             raise WorldError(f'{path}/dem.npy: not a two-dimensional array of heights')
         self.height, self.width = self._data.shape
         document = document if isinstance(document, dict) else {}
         size = document.get('size', [self.width, self.height])
-        if list(size) != [self.width, self.height]:
-            raise WorldError(f'{path}/dem.yaml: size: {size}; dem.npy is {self.width} wide and '
-                             f'{self.height} high')
+        if size != [self.width, self.height]:
+            raise WorldError(f'{path}/dem.yaml: size: {brief(size)}; dem.npy is {self.width} wide '
+                             f'and {self.height} high')
         pixel = document.get('pixel_size', [config.dem.pixel_m, -config.dem.pixel_m])
         if (not isinstance(pixel, list) or len(pixel) != 2
-                or not all(isinstance(p, (int, float)) and p for p in pixel)):
-            raise WorldError(f'{path}/dem.yaml: pixel_size: {pixel!r} is not two lengths [m]; '
-                             'correct it or set dem.pixel_m')
+                or not all(_is_length(p) for p in pixel)):
+            raise WorldError(f'{path}/dem.yaml: pixel_size: {brief(pixel)} is not two lengths '
+                             '[m]; correct it or set dem.pixel_m')
         if config.dem.pixel_m:
             pixel = [config.dem.pixel_m, np.copysign(config.dem.pixel_m, pixel[1])]
         self.pixel_x_m, self.pixel_y_m = abs(float(pixel[0])), abs(float(pixel[1]))
@@ -66,3 +67,8 @@ class DemFolder(Raster):
             strips.append(total / np.maximum(data, 1))
             masks.append(data > 0)
         return np.array(strips), np.array(masks)
+
+
+def _is_length(value: object) -> bool:
+    return (isinstance(value, (int, float)) and not isinstance(value, bool)
+            and 0.0 < abs(value) <= _MAX_PIXEL_M)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import pathlib
 import warnings
@@ -30,22 +31,25 @@ class GeoRaster(Raster):
 
     def __init__(self, path: pathlib.Path, config: WorldConfig) -> None:
         super().__init__(path, config)
+        # Within an Env, what GDAL says is logged by rasterio; else GDAL prints it.
+        self._open_files = contextlib.ExitStack()
+        self._open_files.enter_context(rasterio.Env())
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter('ignore', NotGeoreferencedWarning)
-                self._data = rasterio.open(path)
-        except RasterioError as error:
+                self._data = self._open_files.enter_context(rasterio.open(path))
+            self._interpret()
+        except (RasterioError, UnicodeDecodeError) as error:
+            self.close()
             raise WorldError(f'{path}: not a raster that can be read: '
                              f'{" ".join(str(error).split())}') from None
-        try:
-            self._interpret()
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
         """Release the file."""
-        self._data.close()
+        self._open_files.close()
 
     def _interpret(self) -> None:
         data, dem = self._data, self.config.dem

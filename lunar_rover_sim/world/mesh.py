@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 import trimesh
 
 from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.files.folders import user_path
+from lunar_rover_sim.files.regular_file import check_regular
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.fill import harmonic_fill
 from lunar_rover_sim.world.tile import Tile
@@ -20,6 +22,7 @@ logger = logging.getLogger(__name__)
 
 FORMATS = ('.obj', '.stl', '.ply', '.glb', '.gltf', '.off')
 _CANDIDATES = 1_000_000  # points tested against triangles at once
+_LARGEST_M = 1e8         # of a coordinate: 60 radii of the Moon
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +102,7 @@ class MeshSource:
 
     def __init__(self, config: WorldConfig) -> None:
         self.config = config
-        self.path = pathlib.Path(config.path).expanduser()
+        self.path = user_path(config.path, 'path')
         triangles = _triangles(self.path, config)
         low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
         middle = 0.5 * (low + high)[:2] + np.asarray(config.mesh.center)
@@ -168,16 +171,16 @@ class MeshSource:
 
 def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     """Return the (f, 3, 3) corners [m] of a mesh file, z up; raise WorldError."""
-    if not path.is_file():
-        raise WorldError(f'path: {path}: no such file')
+    check_regular(path, WorldError)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise WorldError(f'path: {path}: not a mesh format that is read; valid are '
                          + ', '.join(FORMATS))
     try:
-        loaded: Any = trimesh.load(path, process=False)
-        if isinstance(loaded, trimesh.Scene):
-            loaded = loaded.to_mesh()
+        with np.errstate(all='ignore'):     # numbers beyond all bounds are refused below
+            loaded: Any = trimesh.load(path, process=False)
+            if isinstance(loaded, trimesh.Scene):
+                loaded = loaded.to_mesh()
     except Exception as error:  # the parsers raise errors of any class on a damaged file
         text = ' '.join(str(error).split()) or type(error).__name__
         raise WorldError(f'{path}: cannot be read as a mesh: {text}') from None
@@ -188,9 +191,11 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     if indices.min() < 0 or indices.max() >= count:
         raise WorldError(f'{path}: a face names vertex {int(indices.max())}, counted from 0; the '
                          f'file has {count} vertices')
-    triangles = np.asarray(loaded.triangles, np.float64) * config.mesh.scale
-    if not np.all(np.isfinite(triangles)):
-        raise WorldError(f'{path}: has vertices that are not finite numbers')
+    with np.errstate(all='ignore'):
+        triangles = np.asarray(loaded.triangles, np.float64) * config.mesh.scale
+    if not np.all(np.abs(triangles) <= _LARGEST_M):
+        raise WorldError(f'{path}: has vertices that are not finite numbers up to '
+                         f'{_LARGEST_M:g} m')
     up = config.mesh.up_axis
     if up == 'auto':
         up = 'y' if suffix in ('.glb', '.gltf') else 'z'

@@ -10,7 +10,7 @@ Folders are untrusted: arrays are read without pickle, and their size is bounded
 
 from __future__ import annotations
 
-import contextlib
+from collections.abc import Mapping
 import dataclasses
 import hashlib
 import json
@@ -18,13 +18,15 @@ import pathlib
 import shutil
 import tempfile
 from typing import Any
-import zipfile
 
 import numpy as np
 from numpy.typing import NDArray
 import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.files.arrays import map_array, read_archive
+from lunar_rover_sim.files.yaml_text import read_yaml
+from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
@@ -36,7 +38,7 @@ FORMAT = 1
 # another one. It stands in the folder and in the name in the cache.
 RECIPE = 6
 _MAX_SAMPLES = 8193 ** 2
-_MAX_ITEMS = 2_000_000
+_MAX_BYTES_ARRAY = 64_000_000
 _MAX_BYTES_YAML = 1_000_000
 
 
@@ -167,26 +169,18 @@ def _document(folder: pathlib.Path) -> dict[str, Any]:
     if not path.is_file():
         raise WorldError(f'{folder}: not a world folder (it has no world.yaml); make one with '
                          '`lunar_rover_sim world build`')
-    try:
-        if path.stat().st_size > _MAX_BYTES_YAML:
-            raise WorldError(f'{path}: larger than {_MAX_BYTES_YAML} bytes')
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
+    document = read_yaml(path, _MAX_BYTES_YAML, WorldError)
     if not isinstance(document, dict) or document.get('format') != FORMAT:
         found = document.get('format') if isinstance(document, dict) else document
-        raise WorldError(f'{path}: format {found!r}; this version reads format {FORMAT}: build '
-                         'the world again')
+        raise WorldError(f'{path}: format {brief(found)}; this version reads format {FORMAT}: '
+                         'build the world again')
     return document
 
 
 def _grid(path: pathlib.Path) -> NDArray[np.float32]:
-    try:
-        array = np.load(path, mmap_mode='r', allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
-    if (not isinstance(array, np.ndarray) or array.dtype != np.float32 or array.ndim != 2
-            or array.shape[0] != array.shape[1] or not 9 <= array.size <= _MAX_SAMPLES):
+    array = map_array(path, WorldError)
+    if (array.dtype != np.float32 or array.ndim != 2 or array.shape[0] != array.shape[1]
+            or not 9 <= array.size <= _MAX_SAMPLES):
         raise WorldError(f'{path}: not a square of 3 to 8193 samples of float32')
     return array
 
@@ -198,58 +192,41 @@ def _archive(path: pathlib.Path, members: dict[str, str]) -> dict[str, NDArray]:
     """
     result = {}
     length: int | None = None
-    with _opened(path) as archive:
-        for name, kind in members.items():
-            array = _member(path, archive, name)
-            dtype, _, columns = kind.rstrip('*').partition(',')
-            shape = array.shape[1:]
-            if array.dtype != np.dtype(dtype) or shape != ((int(columns),) if columns else ()):
-                raise WorldError(f'{path}: {name}: {array.dtype} {array.shape} is not {kind}')
-            if not kind.endswith('*'):
-                length = len(array) if length is None else length
-                if len(array) != length:
-                    raise WorldError(f'{path}: {name}: {len(array)} items; others have {length}')
-            result[name] = array
+    archive = read_archive(path, WorldError, _MAX_BYTES_ARRAY)
+    for name, kind in members.items():
+        array = _member(path, archive, name)
+        dtype, _, columns = kind.rstrip('*').partition(',')
+        shape = array.shape[1:]
+        if array.dtype != np.dtype(dtype) or shape != ((int(columns),) if columns else ()):
+            raise WorldError(f'{path}: {name}: {array.dtype} {array.shape} is not {kind}')
+        if not kind.endswith('*'):
+            length = len(array) if length is None else length
+            if len(array) != length:
+                raise WorldError(f'{path}: {name}: {len(array)} items; others have {length}')
+        result[name] = array
     return result
 
 
 def _shapes(path: pathlib.Path) -> tuple[RockShape, ...]:
     shapes = []
-    with _opened(path) as archive:
-        names = _member(path, archive, 'names')
-        if names.dtype.kind != 'U' or names.ndim != 1 or len(names) > 1024:
-            raise WorldError(f'{path}: names: not up to 1024 names')
-        for index, name in enumerate(names):
-            vertices = _member(path, archive, f'vertices_{index}')
-            faces = _member(path, archive, f'faces_{index}')
-            if (vertices.dtype != np.float32 or vertices.shape[1:] != (3,)
-                    or faces.dtype != np.int32 or faces.shape[1:] != (3,) or len(faces) < 4
-                    or faces.min() < 0 or faces.max() >= len(vertices)):
-                raise WorldError(f'{path}: {name}: not a triangle mesh')
-            shapes.append(RockShape(str(name), vertices, faces))
+    archive = read_archive(path, WorldError, _MAX_BYTES_ARRAY)
+    names = _member(path, archive, 'names')
+    if names.dtype.kind != 'U' or names.ndim != 1 or len(names) > 1024:
+        raise WorldError(f'{path}: names: not up to 1024 names')
+    for index, name in enumerate(names):
+        vertices = _member(path, archive, f'vertices_{index}')
+        faces = _member(path, archive, f'faces_{index}')
+        if (vertices.dtype != np.float32 or vertices.shape[1:] != (3,)
+                or faces.dtype != np.int32 or faces.shape[1:] != (3,) or len(faces) < 4
+                or faces.min() < 0 or faces.max() >= len(vertices)):
+            raise WorldError(f'{path}: {name}: not a triangle mesh')
+        shapes.append(RockShape(str(name), vertices, faces))
     return tuple(shapes)
 
 
-@contextlib.contextmanager
-def _opened(path: pathlib.Path) -> Any:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise WorldError(f'{path}: not an npz archive')
-            too_large = [info.filename for info in archive.zip.infolist()  # type: ignore
-                         if info.file_size > 32 * _MAX_ITEMS]
-            if too_large:
-                raise WorldError(f'{path}: {too_large[0]}: larger than a world may be')
-            yield archive
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise WorldError(f'{path}: {" ".join(str(error).split())}') from None
-
-
-def _member(path: pathlib.Path, archive: Any, name: str) -> NDArray:
-    if name not in archive.files:
+def _member(path: pathlib.Path, archive: Mapping[str, NDArray], name: str) -> NDArray:
+    if name not in archive:
         raise WorldError(f'{path}: {name} is missing')
-    array = archive[name]
-    if array.ndim == 0:
+    if archive[name].ndim == 0:
         raise WorldError(f'{path}: {name}: not a list')
-    array.setflags(write=False)
-    return array
+    return archive[name]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import textwrap
@@ -146,6 +148,33 @@ def test_types_that_ros_does_not_know_are_recovered(tmp_path, items):
     assert recover(path) == 1
     with open_bag(path) as bag:
         assert bag.first('/slip').slip == 0.0
+
+
+def test_a_damaged_description_costs_its_topic_only(tmp_path, items, caplog):
+    """Neither does it end in a traceback; the topic that is left out is named."""
+    path = tmp_path / 'bag'
+    with BagWriter(path) as writer:
+        for k, item in enumerate(i for i in items if i.topic in ('odom', 'sun')):
+            writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), k)
+    (path / 'metadata.yaml').unlink()
+    content = (path / 'bag.mcap').read_bytes()
+    assert b' vector\n' in content     # in the definition of Vector3Stamped
+    (path / 'bag.mcap').write_bytes(content.replace(b' vector\n', b'\xffvector\n'))
+    assert recover(path) > 0
+    with open_bag(path) as bag:
+        assert list(bag.types) == ['/odom']
+    assert '/sun is left out' in caplog.text
+
+
+def test_sqlite_stores_any_type(tmp_path, items):
+    path = synthetic.write(tmp_path / 'bag', items[:50], storage='sqlite3')
+    (path / 'metadata.yaml').unlink()
+    with contextlib.closing(sqlite3.connect(path / 'bag.db3')) as database:
+        database.execute('UPDATE messages SET timestamp = "late" WHERE id = 3')
+        database.execute('UPDATE topics SET offered_qos_profiles = "[" WHERE id = 1')
+        database.commit()
+    with pytest.raises(BagError, match='time of a message is not a whole number'):
+        recover(path)
 
 
 def test_bag_time_is_kept_where_it_is_not_the_stamp(tmp_path, items):

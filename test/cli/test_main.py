@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pkgutil
+import resource
 import subprocess
 import sys
 
@@ -87,3 +88,39 @@ def test_completion_knows_every_command(shell: str, capsys: pytest.CaptureFixtur
     assert '--real-time' in script
     if shell == 'bash':
         subprocess.run(['bash', '-n'], input=script, text=True, check=True)
+
+
+def test_few_open_files_are_named(capsys: pytest.CaptureFixture[str],
+                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before a library fails to load, each in a way of its own."""
+    monkeypatch.setattr(resource, 'getrlimit', lambda kind: (16, 1024))
+    assert main(['parameters']) == 1
+    assert capsys.readouterr().err.startswith('lunar_rover_sim: 16 open files are allowed; at le')
+
+
+@pytest.mark.parametrize(('error', 'line'), [
+    (OSError(24, 'Too many open files', 'x.png'), 'x.png: Too many open files'),
+    (OSError('cannot\nbe'), 'cannot be'), (MemoryError(), 'the memory of this machine')])
+def test_what_the_machine_lacks_is_one_line(capsys: pytest.CaptureFixture[str],
+                                            monkeypatch: pytest.MonkeyPatch,
+                                            error: BaseException, line: str) -> None:
+    def fail(_args: object) -> int:
+        raise error
+
+    monkeypatch.setattr('lunar_rover_sim.cli.parameters.run', fail)
+    assert main(['parameters']) == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith(f'lunar_rover_sim: {line}') and printed.count('\n') == 1
+
+
+def test_warnings_of_libraries_are_not_shown() -> None:
+    """Unless the user asks for all that is logged."""
+    code = ('import logging, sys\n'
+            'from lunar_rover_sim.cli.main import configure_logging\n'
+            'configure_logging(verbose=sys.argv[1] == "-v")\n'
+            'logging.getLogger("rasterio._env").warning("CPLE_AppDefined")\n'
+            'logging.getLogger("lunar_rover_sim.world").warning("a hole is filled")\n')
+    shown = {option: subprocess.run([sys.executable, '-c', code, option], capture_output=True,
+                                    text=True).stderr for option in ('', '-v')}
+    assert shown[''] == 'WARNING lunar_rover_sim.world: a hole is filled\n'
+    assert 'CPLE_AppDefined' in shown['-v']

@@ -218,6 +218,7 @@ BAD_FILES = {
     'digits.txt': ('0.1 0 0 1_0 0 0 0 1\n', "line 1: '1_0' is not a number"),
     'digits_of_time.txt': ('1_0 0 0 1 0 0 0 1\n', 'a stamp is not a finite number'),
     'inf_stamp.txt': ('inf 0 0 0 0 0 0 1\n', 'a stamp is not a finite number'),
+    'late_stamp.txt': (f'{10**30} 0 0 0 0 0 0 1\n', 'stamp .* ns is not valid; valid are 64 bits'),
     'words.txt': ('0.1 0 0 0 0 0 0 1\n0.2 a 0 0 0 0 0 1\n', "line 2: 'a' is not a number"),
     'short.txt': ('0.1 0 0 0 0 0 0 1\n0.2 0 0\n', 'line 2 has 3 columns'),
     'columns.txt': ('1 2 3 4\n', 'line 1 has 4 columns'),

@@ -10,6 +10,8 @@ from physics_scene import make_world
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, GaitError, PhysicsError
+from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
@@ -64,6 +66,15 @@ def test_a_calibration_that_is_missing_is_named() -> None:
     scenario = Scenario.load('flat', ['gait_controller_node.calibration=none.yaml'])
     with pytest.raises(ConfigError, match='none.yaml cannot be read: .* `lunar_rover_sim calibr'):
         GaitController.from_scenario(scenario)
+
+
+def test_a_number_beyond_all_bounds_in_a_table(tmp_path: Path) -> None:
+    """It is no traceback of Python, which holds integers of any size."""
+    text = config_path('gait_calibration.yaml').read_text()
+    text = text.replace('turns: [', f'turns: [{10**400}, ')
+    (tmp_path / 'table.yaml').write_text(text)
+    with pytest.raises(ConfigError, match='table.yaml is not a table of numbers'):
+        GaitCalibration.load(tmp_path / 'table.yaml')
 
 
 def test_bad_input_raises_one_line_of_the_package() -> None:

@@ -8,8 +8,10 @@ import numpy as np
 from physics_scene import GRAVITY, make_world, rough_heights, ROVER, simulate, STATE_S, trot
 import pytest
 
+from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
 from lunar_rover_sim.physics.config import StartPose
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose
 
 G = np.array([0.0, 0.0, -GRAVITY])
@@ -129,3 +131,9 @@ def test_the_pose_maps_points_of_the_base_to_the_world():
         T = simulation.state.T_world_base
     ahead = T @ [1.0, 0.0, 0.0, 1.0]
     np.testing.assert_allclose(ahead[:2], [1.0, -1.0], atol=0.02)
+
+
+def test_a_rover_too_light_for_mujoco_is_refused_in_one_line():
+    rover = RoverDescription.from_mapping({'legs': {'mass_kg': 1e-14}})
+    with pytest.raises(PhysicsError, match='the rover cannot be simulated: mass and inertia'):
+        simulate(make_world(), rover=rover)

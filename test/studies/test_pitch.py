@@ -132,10 +132,11 @@ def test_a_curve_is_read_with_or_without_a_header(tmp_path):
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('0,1\n1,x\n', 'line 2'), ('t\n0,1\n1\n', 'line 3'), ('0,1\n', 'two or more'), ('', 'two or'),
-    ('0,1\n0,2\n', 'increasing'), ('0,1\n1,nan\n', 'line 2: not finite')])
+    ('0,1\n0,2\n', 'increasing'), ('0,1\n1,nan\n', 'line 2: 1, nan is not valid; valid are numb'),
+    ('0,1\n1e300,2\n', 'line 2: 1e[+]300, 2 is not valid')])
 def test_curves_that_are_none_are_refused(tmp_path, text, message):
     (tmp_path / 'bad.csv').write_text(text)
     with pytest.raises(StudyError, match=message):
         read_curve(tmp_path / 'bad.csv')
-    with pytest.raises(StudyError, match='none.csv cannot be read'):
+    with pytest.raises(StudyError, match='none.csv: cannot be read'):
         read_curve(tmp_path / 'none.csv')

@@ -1,6 +1,7 @@
 """Meshes: exact vertical rays, axes, holes, overhangs, and what is not a surface."""
 
 import os
+import warnings
 
 import numpy as np
 import pytest
@@ -164,7 +165,12 @@ def test_what_is_not_a_surface(tmp_path):
     refused(tmp_path / 'index.ply',
             'a face names vertex 7, .* 3 vertices|cannot be read as a mesh')
     os.mkfifo(tmp_path / 'pipe.obj')
-    refused(tmp_path / 'pipe.obj', 'no such file')
+    refused(tmp_path / 'pipe.obj', 'not a regular file')
+    for far in ('1e300', '-1e300', 'nan', '3e8'):
+        (tmp_path / 'far.obj').write_text(f'v 0 0 0\nv {far} 0 0\nv 0 9 1\nf 1 2 3\n')
+        with warnings.catch_warnings():
+            warnings.simplefilter('error')     # of NumPy, about its overflow
+            refused(tmp_path / 'far.obj', 'not finite numbers up to 1e[+]08 m|cannot be read')
     mesh, _ = bumps()
     mesh.export(tmp_path / 'bumps.stl')
     refused(tmp_path / 'bumps.stl', r'reaches 1.4 m beyond the mesh \(20 x 20 m\); move '

@@ -1,0 +1,50 @@
+"""Arrays in files of NumPy. Files are untrusted: nothing is unpickled, sizes are bounded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.files.regular_file import check_regular
+
+
+def map_array(path: Path, error: type[LunarRoverSimError]) -> NDArray:
+    """Return the array of a .npy file, mapped and read-only; raise `error` if there is none."""
+    check_regular(path, error)
+    try:
+        return np.lib.format.open_memmap(path, mode='r')
+    except Exception as reason:  # whatever NumPy makes of a damaged file
+        raise error(f'{path}: {_words(reason)}') from None
+
+
+def read_archive(path: Path, error: type[LunarRoverSimError],
+                 most_bytes: int) -> dict[str, NDArray]:
+    """Return the arrays of a .npz file, read-only, by name.
+
+    most_bytes: of one array. Raises `error` if the file is damaged or an array is larger.
+    """
+    check_regular(path, error)
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise error(f'{path}: not an npz archive')
+            for info in archive.zip.infolist():  # type: ignore[union-attr]
+                if info.file_size > most_bytes:
+                    raise error(f'{path}: {info.filename}: larger than {most_bytes} bytes')
+            arrays = {name: archive[name] for name in archive.files}
+    except error:
+        raise
+    except Exception as reason:  # whatever NumPy and zipfile make of a damaged file
+        raise error(f'{path}: {_words(reason)}') from None
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray):
+            raise error(f'{path}: {name}: not an array')
+        array.setflags(write=False)
+    return arrays
+
+
+def _words(reason: Exception) -> str:
+    return ' '.join(str(reason).split()) or type(reason).__name__
