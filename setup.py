@@ -54,6 +54,7 @@ setup(
         # 1.26 for the rclpy of Ubuntu 24.04, 2 with the wheels.
         'numpy>=1.26,<3',
         'opencv-python-headless>=4.9,<6',
+        'Pillow>=10',
         'psutil>=5.9',
         'PyYAML>=6',
         'rasterio>=1.4',
