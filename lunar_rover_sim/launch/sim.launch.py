@@ -1,8 +1,9 @@
 """The graph of a scenario: `ros2 launch lunar_rover_sim sim.launch.py scenario:=baseline output:=DIR`.
 
-The plan is that of `lunar_rover_sim run`, in the ROS domain of the shell, in any namespace. The
-launch ends when physics_node has finished and the recorder has written its bag. A node that dies
-ends it with an error and a non-zero status. What each node prints is in `DIR/logs` too.
+The plan is that of `lunar_rover_sim run`, in the ROS domain of the shell, in any namespace. When
+physics_node has finished, or a signal has ended a node, the others are stopped and the recorder
+writes its bag. A node that dies ends the launch with an error and a non-zero status. What each
+node prints is in `DIR/logs` too.
 """  # noqa: E501
 
 from pathlib import Path
@@ -97,19 +98,21 @@ def _logs(nodes, folder):
 
 
 class _Ending:
-    """Stops the nodes one by one, the recorder last, once physics_node has finished."""
+    """Stops the nodes one by one, the recorder last, once physics_node or another has ended."""
 
     def __init__(self, nodes):
         self._nodes = nodes
-        self._stopping = False
 
     def on_exit(self, event, context):
-        """Stop the next node; raise RuntimeError, which ends the launch, for one that has died."""
+        """Stop the next node; raise RuntimeError, which ends the launch, for one that has died.
+
+        Status 0 is that of physics at its end, and of every node after a signal: on Ctrl-C a node
+        may be faster than launch itself.
+        """
         if context.is_shutdown:
             return None
         name = next(name for name, node in self._nodes.items() if node is event.action)
-        self._stopping |= name == 'physics_node' and event.returncode == 0
-        if event.returncode != 0 or not self._stopping:
+        if event.returncode != 0:
             raise RuntimeError(f'{name} has ended with status {event.returncode}')
         for other in STOP_ORDER:
             node = self._nodes.get(other)

@@ -185,4 +185,8 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
                 failure = error
                 print(f'FATAL {failure}', file=sys.stderr, flush=True)
     rclpy.try_shutdown()
+    # Ctrl-C comes from the terminal and from `ros2 launch`. Python's own end gives signals back
+    # their default effect, unless they are ignored.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     return 0 if failure is None else 1

@@ -55,3 +55,18 @@ def test_every_node_stops_quietly(node: str, world_folder: Path, tmp_path: Path,
         bad = [line for line in output_text.splitlines()
                if any(word in line for word in ('Traceback', 'rror', 'FATAL', 'bort'))]
         assert not bad, output_text
+
+
+def test_a_second_signal_does_no_harm(domain: int) -> None:
+    """Ctrl-C reaches a node twice under ros2 launch. At its end Python gives signals back their
+    default effect, which would be the death of the process, unless they are ignored.
+    """
+    script = """
+import signal
+from lunar_rover_sim.nodes import gait_controller_node
+assert gait_controller_node.main(['gait_controller_node', '--ros-args', '-p', 'no:=1']) == 1
+assert {signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)} == {signal.SIG_IGN}
+"""
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              timeout=60)
+    assert finished.returncode == 0, finished.stderr
