@@ -196,9 +196,9 @@ def fill_wrench(msg: WrenchStamped, force_n: Array, torque_nm: Array, frame_id: 
     return msg
 
 
-def fill_entity_state(msg: Any, state: RoverState, stamp: Time) -> None:
-    """Write pose and twist in axes of `odom` into a simulation_interfaces/EntityState."""
-    _set_header(msg.header, stamp, frames.ODOM_FRAME)
+def fill_entity_state(msg: Any, state: RoverState, stamp: Time, frame_id: str) -> None:
+    """Write pose and twist in axes of a frame into a simulation_interfaces/EntityState."""
+    _set_header(msg.header, stamp, frame_id)
     R_world_base = frames.matrix_from_wxyz(state.orientation_wxyz)
     _set_vector(msg.pose.position, state.position_m)
     _set_quaternion(msg.pose.orientation, state.orientation_wxyz)

@@ -193,6 +193,11 @@ class PhysicsNode(node_main.GraphNode):
         """The simulated time [ns]."""
         return self._now_ns
 
+    @property
+    def world_frame(self) -> str:
+        """The frame of the true poses."""
+        return self._config.truth.frame_id
+
     def rover_state(self) -> RoverState:
         """Return the present state."""
         return self._simulation.state

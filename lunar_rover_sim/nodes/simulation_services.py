@@ -13,7 +13,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lunar_rover_sim import frames
 from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions
@@ -23,7 +22,6 @@ from lunar_rover_sim.physics.state import RoverState
 
 ENTITY = 'lunar_rover'      # the name in the URDF
 RADIUS_M = 0.3              # of a sphere around base_link that holds the packaged rover
-_WORLD_FRAMES = ('', 'world', frames.ODOM_FRAME)
 # Jazzy's SetEntityState has no flags: it sets pose and twist.
 _FEATURES = ('ENTITY_CATEGORIES', 'ENTITY_STATE_GETTING', 'ENTITY_STATE_SETTING',
              'SIMULATION_RESET', 'SIMULATION_RESET_TIME', 'SIMULATION_RESET_STATE',
@@ -45,6 +43,10 @@ class Simulator(Protocol):
     @property
     def now_ns(self) -> int:
         """The simulated time [ns]."""
+
+    @property
+    def world_frame(self) -> str:
+        """The frame of the true poses."""
 
     def rover_state(self) -> RoverState:
         """Return the present state."""
@@ -186,11 +188,12 @@ class SimulationServices:
         return self._ok(response)
 
     def get_entity(self, request: Any, response: Any) -> Any:
-        """Answer GetEntityState: true pose and twist, both in axes of odom."""
+        """Answer GetEntityState: true pose and twist, both in axes of the world frame."""
         if request.entity != ENTITY:
             return self._not_found(response, request.entity)
         conversions.fill_entity_state(response.state, self._simulator.rover_state(),
-                                      conversions.time_msg(self._simulator.now_ns))
+                                      conversions.time_msg(self._simulator.now_ns),
+                                      self._simulator.world_frame)
         return self._ok(response)
 
     def set_entity(self, request: Any, response: Any) -> Any:
@@ -201,9 +204,9 @@ class SimulationServices:
         if refusal:
             return self._result(response, self._msg.Result.RESULT_INCORRECT_STATE, refusal)
         state = request.state
-        if state.header.frame_id not in _WORLD_FRAMES:
+        if state.header.frame_id not in ('', 'world', self._simulator.world_frame):
             return self._failed(response, f'frame {state.header.frame_id!r}: valid is '
-                                f'{frames.ODOM_FRAME!r} or none')
+                                f'{self._simulator.world_frame!r} or none')
         pose: tuple[Array | None, Array | None] = (None, None)
         twist: tuple[Array | None, Array | None] = (None, None)
         if getattr(request, 'set_pose', True):

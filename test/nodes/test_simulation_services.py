@@ -73,7 +73,7 @@ class FakeSimulator:
 
     def __init__(self) -> None:
         self.is_paused = self.is_lockstep = False
-        self.now_ns = 1_500_000_000
+        self.now_ns, self.world_frame = 1_500_000_000, 'odom'
         self.calls: list[Any] = []
         self.problem = ''
         with simulate() as simulation:
