@@ -64,7 +64,7 @@ class TileMaker:
 
     def __init__(self, config: DetailConfig, seed: int) -> None:
         self._config, self._seed = config, seed
-        self._heights: list[F32] = []
+        self._heights: list[tuple[float, F32]] = []
 
     def start(self, sun_direction: Array) -> Future[ReliefTiles]:
         """Start making the tiles under this sun."""
@@ -75,19 +75,24 @@ class TileMaker:
             pool.shutdown(wait=False)
 
     def _make(self, sun: SunGeometry) -> ReliefTiles:
-        recipes = [_recipe(self._config, k) for k in range(len(_TILES))]
         if not self._heights:
-            self._heights = [self._relief(recipe, k) for k, recipe in enumerate(recipes)]
+            self._heights = relief_heights(self._config, self._seed)
         centre, half_range = _horizon_range(sun)
-        coarse, fine = (_tile(recipe.period_m, heights, sun, centre, half_range)
-                        for recipe, heights in zip(recipes, self._heights))
+        coarse, fine = (_tile(period_m, heights, sun, centre, half_range)
+                        for period_m, heights in self._heights)
         return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range)
 
-    def _relief(self, recipe: fine_relief.TileRecipe, k: int) -> F32:
-        """Return the heights of tile k, which take most of the time to make it."""
-        return kept('relief', [fine_relief.RECIPE, dataclasses.asdict(recipe), self._seed, k],
-                    lambda: fine_relief.relief(recipe,
-                                               np.random.default_rng([self._seed, 77, k])))
+
+def relief_heights(config: DetailConfig, seed: int) -> list[tuple[float, F32]]:
+    """Return period [m] and periodic (n, n) heights [m] of the coarse and the fine tile."""
+    recipes = [_recipe(config, k) for k in range(len(_TILES))]
+    return [(recipe.period_m, _relief(recipe, seed, k)) for k, recipe in enumerate(recipes)]
+
+
+def _relief(recipe: fine_relief.TileRecipe, seed: int, k: int) -> F32:
+    """Return the heights of tile k, which take most of the time to make it."""
+    return kept('relief', [fine_relief.RECIPE, dataclasses.asdict(recipe), seed, k],
+                lambda: fine_relief.relief(recipe, np.random.default_rng([seed, 77, k])))
 
 
 def _recipe(config: DetailConfig, k: int) -> fine_relief.TileRecipe:

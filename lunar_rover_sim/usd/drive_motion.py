@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.messages import header_ns, imu_row, xyz
+from lunar_rover_sim.bag.messages import header_ns, imu_row, odometry_row, xyz
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.series import Odometry, read_odometry
+from lunar_rover_sim.bag.series import Odometry
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import UsdError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, product_wxyz
@@ -47,35 +47,40 @@ class Motion(NamedTuple):
 
 
 def read_motion(bag: Bag) -> Motion:
-    """Return the motion in a bag; raise UsdError where it holds no drive."""
+    """Return the motion in a bag, which is read once; raise UsdError where it holds no drive."""
     for name in (bag.truth, topics.JOINT_STATES.name):
         if not bag.has(name) or not bag.counts[bag.resolve(name)]:
             raise UsdError(f'{bag.path}: holds no drive: {name} is missing')
-    odometry = read_odometry(bag)
-    angles, velocities, torques = [], [], []
-    stamps = []
-    for _, _, message in bag.messages([topics.JOINT_STATES.name]):
-        order = _order(bag, message)
-        stamps.append(header_ns(message))
-        angles.append(np.asarray(message.position)[order])
-        velocities.append(_values(message.velocity, order))
-        torques.append(_values(message.effort, order))
-    at = np.array(stamps, np.int64)
-    angle = np.array(angles, float)
-    joints = np.stack([np.interp(odometry.stamps_ns, at, angle[:, k]) for k in range(4)], axis=-1)
-    others = {'joint_velocity': Series(at, np.array(velocities, float)),
-              'joint_torque': Series(at, np.array(torques, float))}
-    if bag.has(topics.JOINT_COMMANDS.name):
-        others['joint_command'] = _series(bag, topics.JOINT_COMMANDS.name,
-                                          lambda m: _values(m.velocity, _order(bag, m)), 4)
-    if bag.has(topics.IMU_RAW.name):
-        others['imu'] = _series(bag, topics.IMU_RAW.name, imu_row, 6)
-    for leg, topic in zip(LEG_NAMES, topics.CONTACTS):
-        if bag.has(topic.name):
-            others[f'contact/{leg}'] = _series(bag, topic.name, lambda m: xyz(m.wrench.force), 3)
-    if bag.has(topics.LEFT_INFO.name):
-        others['frames'] = _series(bag, topics.LEFT_INFO.name, lambda m: (), 0)
-    return Motion(odometry, joints, {k: s for k, s in others.items() if len(s.stamps_ns)})
+    rows: dict[str, Callable[[Any], Any]] = {
+        bag.truth: odometry_row,
+        topics.JOINT_STATES.name: lambda m: _joint_row(bag, m),
+        topics.JOINT_COMMANDS.name: lambda m: _values(m.velocity, _order(bag, m)),
+        topics.IMU_RAW.name: imu_row,
+        **{topic.name: lambda m: xyz(m.wrench.force) for topic in topics.CONTACTS},
+        topics.LEFT_INFO.name: lambda m: ()}
+    names = {bag.resolve(name): name for name in rows if bag.has(name)}
+    stamps: dict[str, list[int]] = {name: [] for name in names.values()}
+    values: dict[str, list[Any]] = {name: [] for name in names.values()}
+    for full_name, _, message in bag.messages(names):
+        name = names[full_name]
+        stamps[name].append(header_ns(message))
+        values[name].append(rows[name](message))
+    found = {name: Series(np.array(stamps[name], np.int64), np.array(values[name], float))
+             for name in stamps if stamps[name]}
+    odometry, states = found[bag.truth], found[topics.JOINT_STATES.name]
+    pose = odometry.values
+    count = len(JOINT_NAMES)
+    angles, velocity, torque = np.split(states.values, [count, 2 * count], axis=1)
+    joints = np.stack([np.interp(odometry.stamps_ns, states.stamps_ns, angle)
+                       for angle in angles.T], axis=-1)
+    others = {'joint_velocity': Series(states.stamps_ns, velocity),
+              'joint_torque': Series(states.stamps_ns, torque)}
+    keys = {topics.JOINT_COMMANDS.name: 'joint_command', topics.IMU_RAW.name: 'imu',
+            topics.LEFT_INFO.name: 'frames',
+            **{topic.name: f'contact/{leg}' for leg, topic in zip(LEG_NAMES, topics.CONTACTS)}}
+    others |= {key: found[name] for name, key in keys.items() if name in found}
+    return Motion(Odometry(odometry.stamps_ns, pose[:, 0:3], pose[:, 3:7], pose[:, 7:13]), joints,
+                  others)
 
 
 def link_motion(rover: RoverDescription, motion: Motion) -> dict[str, tuple[Array, Array]]:
@@ -99,14 +104,6 @@ def continuous(orientations_wxyz: Array) -> Array:
     return orientations_wxyz * sign[:, None]
 
 
-def _series(bag: Bag, topic: str, row: Callable[[Any], Any], width: int) -> Series:
-    stamps, rows = [], []
-    for _, _, message in bag.messages([topic]):
-        stamps.append(header_ns(message))
-        rows.append(row(message))
-    return Series(np.array(stamps, np.int64), np.array(rows, float).reshape(len(rows), width))
-
-
 def _order(bag: Bag, message: Any) -> list[int]:
     """Return where each of our joints stands in a message."""
     names = list(message.name)
@@ -115,6 +112,13 @@ def _order(bag: Bag, message: Any) -> list[int]:
         raise UsdError(f'{bag.path}: {topics.JOINT_STATES.name} lacks {missing[0]}; valid are the '
                        f'joints {", ".join(JOINT_NAMES)}')
     return [names.index(name) for name in JOINT_NAMES]
+
+
+def _joint_row(bag: Bag, message: Any) -> Array:
+    """Return angles, velocities and torques, in our order."""
+    order = _order(bag, message)
+    return np.concatenate([_values(v, order) for v in (message.position, message.velocity,
+                                                       message.effort)])
 
 
 def _values(values: Any, order: list[int]) -> Array:

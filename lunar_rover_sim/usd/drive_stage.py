@@ -133,7 +133,8 @@ def _set_time(stage: Usd.Stage, motion: Motion, frame_hz: float) -> None:
 
 def _codes(motion: Motion, stamps_ns: Any) -> list[float]:
     """Return stamps as time codes; whole numbers for states."""
-    return [int(t) * motion.rate_hz / NS_PER_S for t in stamps_ns]
+    rate_hz = motion.rate_hz
+    return [int(t) * rate_hz / NS_PER_S for t in stamps_ns]
 
 
 def _write_motion(path: Path, motion: Motion, rover: RoverDescription) -> None:

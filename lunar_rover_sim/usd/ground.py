@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.usd.conventions import integers, label, place, points
 from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
+from lunar_rover_sim.world.fine_relief import slopes
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.levels import axis_m
 
@@ -28,9 +29,35 @@ _TILE_CELLS = 128           # at most, along a side
 _SURROUNDING_SAMPLES = 1025     # at most, along a side
 
 
+def write_relief(path: Path, tiles: list[tuple[float, F32]]) -> float:
+    """Write the relief below the grid as a normal map that repeats; return its period [m].
+
+    tiles: period [m] and periodic (n, n) heights [m], the coarsest first; finer ones are averaged
+    to its texels. Tangents are along x and y, as the texture coordinates of the ground are.
+    """
+    period, heights = tiles[0]
+    n = len(heights)
+    slope = slopes(heights, period / n)
+    for finer_period, finer in tiles[1:]:
+        copies = round(period / finer_period)
+        texels = n // copies
+        part = cv2.resize(slopes(finer, finer_period / len(finer)), (texels, texels),
+                          interpolation=cv2.INTER_AREA)
+        slope += np.tile(part, (copies, copies, 1))
+    normal = np.concatenate([-slope, np.ones((n, n, 1), np.float32)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    colours = np.rint(127.5 * (normal[::-1, :, ::-1] + 1.0)).astype(np.uint8)
+    _write_png(path, colours)
+    return period
+
+
 def write_texture(path: Path, albedo: F32) -> None:
     """Write (n, n) albedo factors as a PNG of 8 bits; its first row is in the north."""
     texels = np.clip(np.rint(albedo[::-1] * (255.0 / TEXTURE_SCALE)), 0, 255).astype(np.uint8)
+    _write_png(path, texels)
+
+
+def _write_png(path: Path, texels: NDArray[np.uint8]) -> None:
     done, data = cv2.imencode('.png', texels)
     if not done:
         raise OSError(f'{path.name} cannot be encoded')

@@ -26,6 +26,7 @@ class Look:
     albedo, roughness: linear red, green, blue, and roughness of UsdPreviewSurface
     twin_albedo: that of the twin, which has no microfacet lobe
     texture: of factors on the albedo, 0 to `texture_scale`, raw; its name among the parts
+    relief: normal map; its name among the parts; relief_repeats: its copies along the texture
     """
 
     albedo: Sequence[float]
@@ -33,6 +34,8 @@ class Look:
     twin_albedo: Sequence[float]
     texture: str = ''
     texture_scale: float = 1.0
+    relief: str = ''
+    relief_repeats: float = 1.0
 
 
 def add_material(stage: Usd.Stage, path: Sdf.Path, look: Look,
@@ -46,7 +49,11 @@ def add_material(stage: Usd.Stage, path: Sdf.Path, look: Look,
     preview.CreateInput('ior', _Types.Float).Set(IOR)
     colour = preview.CreateInput('diffuseColor', _Types.Color3f)
     if look.texture:
-        colour.ConnectToSource(_texture(stage, path, look, f'{parts}/{look.texture}'))
+        st = _coordinates(stage, path)
+        colour.ConnectToSource(_texture(stage, path, look, f'{parts}/{look.texture}', st))
+        if look.relief:
+            preview.CreateInput('normal', _Types.Normal3f).ConnectToSource(
+                _relief(stage, path, look, f'{parts}/{look.relief}', st))
     else:
         colour.Set(Gf.Vec3f(*look.albedo))
     material.CreateSurfaceOutput().ConnectToSource(
@@ -68,6 +75,13 @@ def write_twins(path: Path, looks: Mapping[Sdf.Path, Look], parts: str = '.') ->
             image.Set(Sdf.AssetPath(f'{parts}/{look.texture}'))
             image.GetAttr().SetColorSpace('raw')
             twin.CreateInput('diffuse_tint', _Types.Color3f).Set(albedo * look.texture_scale)
+            if look.relief:
+                image = twin.CreateInput('detail_normalmap_texture', _Types.Asset)
+                image.Set(Sdf.AssetPath(f'{parts}/{look.relief}'))
+                image.GetAttr().SetColorSpace('raw')
+                twin.CreateInput('detail_texture_scale', _Types.Float2).Set(
+                    Gf.Vec2f(look.relief_repeats))
+                twin.CreateInput('detail_bump_factor', _Types.Float).Set(1.0)
         else:
             twin.CreateInput('diffuse_color_constant', _Types.Color3f).Set(albedo)
         twin.CreateInput('reflection_roughness_constant', _Types.Float).Set(look.roughness)
@@ -82,11 +96,37 @@ def write_twins(path: Path, looks: Mapping[Sdf.Path, Look], parts: str = '.') ->
     stage.Save()
 
 
-def _texture(stage: Usd.Stage, path: Sdf.Path, look: Look, file: str) -> UsdShade.Output:
-    """Return the albedo that a texture holds."""
+def _coordinates(stage: Usd.Stage, path: Sdf.Path) -> UsdShade.Output:
+    """Return the texture coordinates of a mesh."""
     reader = UsdShade.Shader.Define(stage, path.AppendChild('st'))
     reader.CreateIdAttr('UsdPrimvarReader_float2')
     reader.CreateInput('varname', _Types.String).Set('st')
+    return reader.CreateOutput('result', _Types.Float2)
+
+
+def _relief(stage: Usd.Stage, path: Sdf.Path, look: Look, file: str,
+            st: UsdShade.Output) -> UsdShade.Output:
+    """Return the normals that a repeated map holds."""
+    repeat = UsdShade.Shader.Define(stage, path.AppendChild('relief_st'))
+    repeat.CreateIdAttr('UsdTransform2d')
+    repeat.CreateInput('in', _Types.Float2).ConnectToSource(st)
+    repeat.CreateInput('scale', _Types.Float2).Set(Gf.Vec2f(look.relief_repeats))
+    image = UsdShade.Shader.Define(stage, path.AppendChild('relief'))
+    image.CreateIdAttr('UsdUVTexture')
+    image.CreateInput('file', _Types.Asset).Set(Sdf.AssetPath(file))
+    image.CreateInput('sourceColorSpace', _Types.Token).Set('raw')
+    image.CreateInput('wrapS', _Types.Token).Set('repeat')
+    image.CreateInput('wrapT', _Types.Token).Set('repeat')
+    image.CreateInput('scale', _Types.Float4).Set(Gf.Vec4f(2.0, 2.0, 2.0, 1.0))
+    image.CreateInput('bias', _Types.Float4).Set(Gf.Vec4f(-1.0, -1.0, -1.0, 0.0))
+    image.CreateInput('st', _Types.Float2).ConnectToSource(
+        repeat.CreateOutput('result', _Types.Float2))
+    return image.CreateOutput('rgb', _Types.Float3)
+
+
+def _texture(stage: Usd.Stage, path: Sdf.Path, look: Look, file: str,
+             st: UsdShade.Output) -> UsdShade.Output:
+    """Return the albedo that a texture holds."""
     image = UsdShade.Shader.Define(stage, path.AppendChild('albedo'))
     image.CreateIdAttr('UsdUVTexture')
     image.CreateInput('file', _Types.Asset).Set(Sdf.AssetPath(file))
@@ -95,8 +135,7 @@ def _texture(stage: Usd.Stage, path: Sdf.Path, look: Look, file: str) -> UsdShad
     image.CreateInput('wrapT', _Types.Token).Set('clamp')
     factor = [look.texture_scale * a for a in look.albedo]
     image.CreateInput('scale', _Types.Float4).Set(Gf.Vec4f(*factor, 1.0))
-    image.CreateInput('st', _Types.Float2).ConnectToSource(
-        reader.CreateOutput('result', _Types.Float2))
+    image.CreateInput('st', _Types.Float2).ConnectToSource(st)
     return image.CreateOutput('rgb', _Types.Float3)
 
 

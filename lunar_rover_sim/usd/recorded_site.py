@@ -31,7 +31,7 @@ class RecordedSite:
 def site_of(physics: PhysicsNodeConfig, render: RenderNodeConfig) -> Site:
     """Return what the stage of a world is to be made for, by the parameters of the nodes."""
     return Site(render.sun, render.reflectance, physics.gravity_mps2,
-                physics.contact.sliding_friction, render.detail.far_rocks_m)
+                physics.contact.sliding_friction, render.detail)
 
 
 def recorded_site(bag: Bag) -> RecordedSite:

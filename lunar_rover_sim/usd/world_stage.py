@@ -10,6 +10,8 @@ import numpy as np
 from lunar_rover_sim.frames import sun_direction, wxyz_from_matrix
 from lunar_rover_sim.illumination.config import ReflectanceConfig, SunConfig
 from lunar_rover_sim.illumination.hapke import parameter_set
+from lunar_rover_sim.rendering.config import DetailConfig
+from lunar_rover_sim.rendering.relief_tiles import relief_heights
 from lunar_rover_sim.usd import ground, rocks
 from lunar_rover_sim.usd.conventions import add_gravity, label, new_stage, place
 from lunar_rover_sim.usd.material import (add_contact_material, add_material, bind, bind_contact,
@@ -32,14 +34,14 @@ class Site:
     """What a stage needs to know besides the world.
 
     sun, reflectance: as the renderer has them; gravity_mps2: along -z; friction: of contacts;
-    far_rocks_m: how far from the origin rocks are drawn [m]
+    detail: relief below the grid, reach of distant rocks
     """
 
     sun: SunConfig = SunConfig()
     reflectance: ReflectanceConfig = ReflectanceConfig()
     gravity_mps2: float = 1.62
     friction: float = 0.8
-    far_rocks_m: float = 400.0
+    detail: DetailConfig = DetailConfig()
 
 
 def write_world(world: World, path: str | Path, site: Site = Site(), *, name: str = 'World',
@@ -155,7 +157,7 @@ class _WorldStage:
                                                            world.levels), 1):
             bind(self._payload(self._path('surroundings', name), 'surroundings.usdc', f'/{name}'),
                  self._regolith(k))
-        distant = far_rocks(world, self._site.far_rocks_m)
+        distant = far_rocks(world, self._site.detail.far_rocks_m)
         if len(distant):
             rocks.write_far_rocks(self._parts / 'far_rocks.usdc', distant, world.rock_shapes)
             bind(self._payload(self._path('surroundings', 'rocks'), 'far_rocks.usdc', '/rocks'),
@@ -166,12 +168,17 @@ class _WorldStage:
         reflectance = self._site.reflectance
         fit = fit_shading(parameter_set(reflectance.ground), self._site.sun.elevation_deg,
                           reflectance.albedo_scale)
-        texture = f'albedo_{k}.png'
+        texture, relief, repeats = f'albedo_{k}.png', '', 1.0
         ground.write_texture(self._parts / texture,
                              self._world.albedo if k == 0 else far_albedo(self._world, k))
+        if k == 0:
+            relief = 'relief.png'
+            tiles = relief_heights(self._site.detail, max(self._world.config.seed, 0))
+            grid = self._world.ground
+            repeats = grid.n * grid.cell_m / ground.write_relief(self._parts / relief, tiles)
         return self._material(f'regolith_{k}', Look(
             [fit.preview_albedo] * 3, fit.preview_roughness, [fit.lambert_albedo] * 3, texture,
-            ground.TEXTURE_SCALE))
+            ground.TEXTURE_SCALE, relief, repeats))
 
     def _rock(self, name: str, factor: float) -> UsdShade.Material:
         """Return a material of rocks; factor: on their single-scattering albedo."""

@@ -15,6 +15,8 @@ from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.model import build_model
+from lunar_rover_sim.rendering.config import DetailConfig
+from lunar_rover_sim.rendering.relief_tiles import relief_heights
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.usd.ground import TEXTURE_SCALE, tile_cells
 from lunar_rover_sim.usd.shading_fit import fit_shading
@@ -144,7 +146,7 @@ def test_surroundings_leave_the_inner_levels_out(stage: Usd.Stage, moon: World) 
         assert away.min() > inner.half_extent_m - 3.0 * (points[1, 0] - points[0, 0])
         assert not mesh.HasAPI(UsdPhysics.CollisionAPI)
     rocks = UsdGeom.PointInstancer(stage.GetPrimAtPath('/World/surroundings/rocks'))
-    assert len(rocks.GetPositionsAttr().Get()) == len(far_rocks(moon, 400.0))
+    assert len(rocks.GetPositionsAttr().Get()) == len(far_rocks(moon, 300.0))
 
 
 def test_sun(moon: World, tmp_path: Path) -> None:
@@ -175,6 +177,26 @@ def test_albedo_texture_lies_where_the_albedo_is(stage: Usd.Stage, world_file: P
         assert np.abs(texels[row, column] - moon.albedo[row, column]).max() < 0.6 / 255 * 2
     scale = image.GetInput('scale').Get()[0]
     assert scale == pytest.approx(TEXTURE_SCALE * fit_of(6.0).preview_albedo)
+
+
+def test_relief_is_a_normal_map(stage: Usd.Stage, world_file: Path, moon: World) -> None:
+    """A texel holds the normal of our relief there; copies are as far apart as ours."""
+    shader = UsdShade.Shader(stage.GetPrimAtPath('/World/looks/regolith_0/relief'))
+    file = world_file.parent / shader.GetInput('file').Get().path
+    normal = cv2.imread(str(file))[::-1, :, ::-1] / 127.5 - 1.0
+    (period, coarse), (_, fine) = relief_heights(DetailConfig(), moon.config.seed)
+    n = len(coarse)
+    slope = -normal[..., :2] / normal[..., 2:]
+    dz_dx = (np.roll(coarse, -1, 1) - np.roll(coarse, 1, 1)) * n / (2.0 * period)
+    dz_dy = (np.roll(coarse, -1, 0) - np.roll(coarse, 1, 0)) * n / (2.0 * period)
+    for found, own in ((slope[..., 0], dz_dx), (slope[..., 1], dz_dy)):
+        # The rest is the fine tile, which is as steep.
+        assert np.corrcoef(found.ravel(), own.ravel())[0, 1] > 0.6
+        assert found.std() > own.std()
+    repeat = UsdShade.Shader(stage.GetPrimAtPath('/World/looks/regolith_0/relief_st'))
+    side = moon.ground.n * moon.ground.cell_m
+    assert repeat.GetInput('scale').Get()[0] == pytest.approx(side / period)
+    assert len(fine) == n
 
 
 def fit_of(elevation_deg: float):
