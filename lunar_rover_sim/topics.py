@@ -61,6 +61,12 @@ CONTACTS = tuple(
     Topic(f'contacts/{leg}', 'geometry_msgs/msg/WrenchStamped', STATE, 'physics_node',
           frames.leg_frame(leg), 'ground reaction on that leg, torque about its axle [N, N m]')
     for leg in LEGS)
+GROUND_CHANGES = Topic('ground/changes', 'sensor_msgs/msg/PointCloud2', FRAME, 'physics_node',
+                       frames.ODOM_FRAME, 'where ground.model is regolith: samples that changed '
+                       'since the message before; height_change and compaction are absolute [m]')
+GROUND_SNAPSHOT = Topic('ground/snapshot', 'sensor_msgs/msg/PointCloud2', LATCHED, 'physics_node',
+                        frames.ODOM_FRAME, 'where ground.model is regolith: all changed samples, '
+                        'anew for every reader that joins', on_request=True)
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
                        'velocity command [rad/s], reference angle [rad]; stamp = state answered')
@@ -112,7 +118,7 @@ DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
                     on_request=True)
 
 CONTRACT: tuple[Topic, ...] = (
-    CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, JOINT_COMMANDS,
-    CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO,
-    TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, SUN, WORLD_HASH, ROBOT_DESCRIPTION,
-    SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS)
+    CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
+    GROUND_SNAPSHOT, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO,
+    DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, SUN,
+    WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS)

@@ -68,12 +68,15 @@ def world_folder(world_cache: None) -> Path:
     return Path(cached(scenario.world, scenario.shared.seed))
 
 
+SOFT = ('--set', 'physics_node.ground.model=regolith')
+
+
 @pytest.fixture(scope='session')
 def recorded_run(tmp_path_factory: pytest.TempPathFactory, world_folder: Path) -> Path:
-    """Return the folder of one real run of 2 s with all nodes."""
+    """Return the folder of one real run of 2 s with all nodes, on ground that gives."""
     pytest.importorskip('rclpy')
     folder = tmp_path_factory.mktemp('runs') / 'first'
-    finished = simulate(folder, '--duration', '2')
+    finished = simulate(folder, '--duration', '2', *SOFT)
     assert finished.returncode == 0, finished.stdout + finished.stderr
     return folder
 

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 
-from conftest import command, SMALL
+from conftest import command, SMALL, SOFT
 import pytest
 
 import lunar_rover_sim
@@ -68,8 +68,8 @@ def test_bad_input_reads_as_on_the_command_line(name: str, arguments: dict, opti
 
 
 def small_scenario(duration_s: float) -> Scenario:
-    """Return a small `baseline`."""
-    return Scenario.load('baseline', SMALL, duration_s=duration_s)
+    """Return a small `baseline` on ground that gives."""
+    return Scenario.load('baseline', [*SMALL, SOFT[1]], duration_s=duration_s)
 
 
 @pytest.mark.ros

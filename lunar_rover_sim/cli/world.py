@@ -15,8 +15,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
+from lunar_rover_sim.run.recorded_ground import recorded_ground
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.usd.suffixes import is_stage, stage_bytes
 from lunar_rover_sim.world.build import build_world
@@ -48,17 +50,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
-    export = add_parser('export', help='a mesh file (GLB, OBJ, PLY) or an OpenUSD stage')
-    export.add_argument('folder', help='world folder')
+    export = add_parser('export', help='a mesh file (GLB, OBJ, PLY) or an OpenUSD stage; the tracks'
+                        ' of a recording in a mesh file, or as heights (NPZ)')
+    export.add_argument('folder', nargs='?', help='world folder (default with --at: the world of'
+                        ' the recording)')
     export.add_argument('-o', '--output', required=True, metavar='FILE',
                         help='file to write; its suffix says the format: .glb, .obj, .ply, or '
-                             '.usd, .usda, .usdc, .usdz for a stage')
+                             '.usd, .usda, .usdc, .usdz for a stage; with --at also .npz: x, y, '
+                             'height, height change and compaction [m]')
     export.add_argument('--overwrite', action='store_true', help='replace an existing file')
     mesh = export.add_argument_group('mesh files')
     mesh.add_argument('--stride', type=int, default=0, metavar='N',
                       help='keep every N-th sample of the ground (default: 513 along a side)')
     mesh.add_argument('--no-rocks', action='store_true', help='leave the rocks out')
     mesh.add_argument('--surroundings', action='store_true', help='add the coarse levels')
+    mesh.add_argument('--at', type=Path, metavar='BAG', help='with the tracks that a recording left'
+                      ' on soft ground')
+    mesh.add_argument('--time', type=float, metavar='S', help='simulated time of these tracks [s]'
+                      ' (default: the end)')
     stage = export.add_argument_group('stages')
     stage.add_argument('--scenario', metavar='NAME_OR_PATH',
                        help='where sun, reflectance, gravity and friction are from (default: '
@@ -214,14 +223,32 @@ def run_export(args: argparse.Namespace) -> int:
         if value:
             kind = 'mesh files' if foreign is of_mesh else 'stages'
             raise ConfigError(f'{name}: is for {kind}, and {output} is none')
+    if args.at is not None and is_stage(output):
+        raise ConfigError(f'--at: is for mesh files and .npz, and {output} is none')
+    if args.at is None and (args.folder is None or args.time is not None
+                            or output.suffix.lower() == '.npz'):
+        raise ConfigError('export: give the folder of a world, or --at BAG; --time and .npz need '
+                          '--at')
     if is_stage(output):
         _export_stage(args, output)
     else:
         _refuse_existing(output, args.overwrite)
-        write_mesh(load_world(args.folder), output, args.stride, not args.no_rocks,
-                   args.surroundings)
+        _export_mesh(args, output)
     print(f'{output}: {stage_bytes(output) / 1e6:.1f} MB')
     return 0
+
+
+def _export_mesh(args: argparse.Namespace, output: Path) -> None:
+    if args.at is None:
+        write_mesh(load_world(args.folder), output, args.stride, not args.no_rocks,
+                   args.surroundings)
+        return
+    world, overlay = recorded_ground(args.at, args.folder, args.time)
+    patch = changed_patch(world.ground, overlay)
+    if output.suffix.lower() == '.npz':
+        save_patch(patch, output)
+    else:
+        write_mesh(world, output, args.stride, not args.no_rocks, args.surroundings, patch)
 
 
 def _export_stage(args: argparse.Namespace, output: Path) -> None:

@@ -71,8 +71,9 @@ def _check(rover: RoverData, report: Report) -> None:
     """Run all checks on one rover of a bag."""
     for one in (rates, duration, message_checks.contract_topics, message_checks.counts,
                 message_checks.stamps, message_checks.stereo_sets, message_checks.contents,
-                message_checks.world_hash, imu_checks.imu_and_odometry, imu_checks.imu_noise,
-                stereo_checks.calibration, stereo_checks.disparity_and_depth, tracking.tracking):
+                message_checks.world_hash, message_checks.ground, imu_checks.imu_and_odometry,
+                imu_checks.imu_noise, stereo_checks.calibration,
+                stereo_checks.disparity_and_depth, tracking.tracking):
         one(rover, report)
 
 

@@ -14,12 +14,14 @@ from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.inspection.report import grouped, Report, Status
 from lunar_rover_sim.inspection.rover_data import RoverData, STEREO_SET
 from lunar_rover_sim.inspection.scan import TopicScan
+from lunar_rover_sim.regolith.config import REGOLITH
 from lunar_rover_sim.topics import EVENT, FRAME, LATCHED, STATE
 
 # tf2_msgs may not be installed; velocity commands come at the pace of their publisher; recordings
 # of earlier versions lack the CameraInfo of the depth image.
 OPTIONAL = (topics.TF.name, topics.TF_STATIC.name, topics.CMD_VEL.name, topics.DEPTH_INFO.name)
 _MAX_BYTES = 1 << 20     # of world.yaml
+_VOLUME_M = 1e-5    # of samples: what rounding to float32 leaves of a sum over all prints
 
 
 def contract_topics(rover: RoverData, report: Report) -> None:
@@ -123,6 +125,22 @@ def contents(rover: RoverData, report: Report) -> None:
     report.verdict('frames', wrong, 'as in the contract')
 
 
+def ground(rover: RoverData, report: Report) -> None:
+    """The ground can be rebuilt: changes begin at the start, and soil is neither made nor lost."""
+    changes = rover.scan.topics.get(topics.GROUND_CHANGES.name)
+    if changes is None or not changes.stamps_ns:
+        return
+    height_m, compaction_m = rover.scan.ground.sums_m()
+    problems = []
+    if rover.frame_ns and changes.stamps_ns[0] > rover.frame_ns:
+        problems.append(f'changes before {changes.stamps_ns[0] / NS_PER_S:.3f} s are missing')
+    if abs(height_m + compaction_m) > _VOLUME_M:
+        problems.append(f'height changes ({height_m:.6f} m) and compaction ({compaction_m:.6f} m)'
+                        ' do not add up to 0: a change is missing')
+    report.verdict('ground changes', problems,
+                   f'{len(rover.scan.ground.snapshot())} samples, no soil made or lost')
+
+
 def world_hash(rover: RoverData, report: Report) -> None:
     """The hash of the world is recorded; it is that of the world in the scenario's folder."""
     topic = rover.scan.topics.get(topics.WORLD_HASH.name)
@@ -146,6 +164,8 @@ def _unpublished(rover: RoverData) -> set[str]:
     names = {(topics.ODOM if separate else topics.TRUE_ODOM).name}
     if not rover.scenario.get('physics_node', 'publish_clock', True):
         names.add(topics.CLOCK.name)
+    if rover.scenario.get('physics_node', 'ground.model') != REGOLITH:
+        names.add(topics.GROUND_CHANGES.name)
     return names
 
 

@@ -10,10 +10,13 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import message_validity
+from lunar_rover_sim.bag.ground_points import changes_of
+from lunar_rover_sim.bag.ground_points import problem as ground_problem
 from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.matching import disparity_map, frame_error, FrameError, is_textured
+from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.stereo.depth import disparity_from_depth
 from lunar_rover_sim.topics import Topic
 
@@ -30,6 +33,7 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
     topics.DEPTH.name: (message_validity.image_problem, message_validity.depth_problem),
     topics.TRUE_DEPTH.name: (message_validity.image_problem, message_validity.true_depth_problem),
     topics.DISPARITY.name: (message_validity.disparity_problem,),
+    topics.GROUND_CHANGES.name: (ground_problem,),
     topics.LEFT_INFO.name: (message_validity.camera_info_problem,),
     topics.RIGHT_INFO.name: (message_validity.camera_info_problem,),
     topics.DEPTH_INFO.name: (message_validity.camera_info_problem,),
@@ -61,6 +65,7 @@ class Scan:
     frames: list[FrameError] = dataclasses.field(default_factory=list)
     depth_mismatch: list[str] = dataclasses.field(default_factory=list)
     contrast: int = 0  # left images with more than one grey level
+    ground: Overlay = dataclasses.field(default_factory=Overlay)  # after all its changes
 
     @property
     def truth(self) -> Topic:
@@ -145,7 +150,9 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validit
         result.signals.setdefault(name, []).append((stamp_ns, _SIGNALS[name](message)))
     if problem:
         return
-    if name in (topics.DISPARITY.name, topics.TRUE_DEPTH.name, topics.DEPTH.name):
+    if name == topics.GROUND_CHANGES.name:
+        result.ground.apply(changes_of(message))
+    elif name in (topics.DISPARITY.name, topics.TRUE_DEPTH.name, topics.DEPTH.name):
         pair.take(name, stamp_ns, message)
     elif name == topics.LEFT_IMAGE.name:
         grey = message_validity.pixels(message)

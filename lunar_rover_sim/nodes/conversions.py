@@ -21,6 +21,7 @@ from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
 from lunar_rover_sim import frames
+from lunar_rover_sim.bag.ground_points import FLOAT32, POINT
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.compression import encoding_of
 from lunar_rover_sim.errors import GraphError
@@ -281,6 +282,19 @@ def disparity_image(disparity: DisparityMap, focal_px: float, baseline_m: float,
     x, y, width, height = disparity.valid_window
     msg.valid_window.x_offset, msg.valid_window.y_offset = int(x), int(y)
     msg.valid_window.width, msg.valid_window.height = int(width), int(height)
+    return msg
+
+
+def ground_cloud(points: NDArray[np.void], stamp: Time) -> PointCloud2:
+    """Return changes of the ground, points as of `bag.ground_points`, as a message."""
+    msg = PointCloud2()
+    _set_header(msg.header, stamp, frames.ODOM_FRAME)
+    msg.height, msg.width = 1, len(points)
+    msg.fields = [PointField(name=name, offset=4 * k, datatype=FLOAT32, count=1)
+                  for k, name in enumerate(POINT.names or ())]
+    msg.point_step, msg.row_step = POINT.itemsize, points.nbytes
+    msg.is_dense = True
+    msg.data = points.tobytes()
     return msg
 
 

@@ -11,6 +11,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
+from lunar_rover_sim.nodes.ground_publisher import GroundPublisher
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
@@ -47,7 +48,10 @@ class PhysicsNode(node_main.GraphNode):
         self._paused = config.start_paused
 
         self._publisher = StatePublisher(self, rover, self._imu_noise(), config)
-        self._matching = Matching(self, self._publisher.publishers,
+        self._ground = (None if self._simulation.overlay is None else GroundPublisher(
+            self, self._simulation.overlay, world.ground, config.ground_period_ns))
+        changes = [] if self._ground is None else [self._ground.changes]
+        self._matching = Matching(self, [*self._publisher.publishers, *changes],
                                   tuple(dict.fromkeys([*config.wait.topics,
                                                        *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
@@ -137,6 +141,8 @@ class PhysicsNode(node_main.GraphNode):
     def _advance(self) -> RoverState:
         state = self._simulation.advance(self._steps)
         self._now_ns += self._config.state_period_ns
+        if self._ground is not None:
+            self._ground.publish(self._now_ns)
         self._publisher.publish(state, self._now_ns)
         self._listener.note_progress()
         self._diagnostics.tick()
@@ -221,6 +227,8 @@ class PhysicsNode(node_main.GraphNode):
         self._publisher.restart(self._imu_noise())
         self.get_logger().info(f'restarted at {self._now_ns / 1e9:.3f} s: time begins at 0')
         self._now_ns = 0
+        if self._ground is not None:
+            self._ground.restart()
         self._pace.restart(self._now_ns)
         self._listener.restart()
         self.wake()

@@ -20,6 +20,7 @@ from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.frame_publisher import FramePublisher
+from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.time_jump import TimeJump
@@ -76,6 +77,7 @@ class RenderNode(node_main.GraphNode):
         self._single_s = 0.0
         self._poses: collections.deque[tuple[int, bytes]] = collections.deque()
         self._joints: dict[int, bytes] = {}
+        self._ground = GroundListener(self, self._wake_if_idle)
         self._begun: collections.deque[_Begun] = collections.deque()
         self._newest: _Frame | None = None
         self._counted: _Frame | None = None
@@ -203,6 +205,8 @@ class RenderNode(node_main.GraphNode):
         stamp, raw = self._poses[0]
         if lockstep and (stamp not in self._joints or not self._readers_are_there()):
             return None
+        if lockstep and self._config.await_ground and not self._ground.knows(stamp):
+            return None
         self._poses.popleft()
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
             self._joints.get(stamp, next(reversed(self._joints.values()), None))
@@ -220,6 +224,9 @@ class RenderNode(node_main.GraphNode):
         if not names:
             return False
         layers = self._publisher.layers_of(names) - set(frame.layers)
+        if self._ground.is_known and not self._begun and not self._renderer.follows:
+            self._renderer.follow(self._ground.overlay)
+        self._ground.advance(frame.stamp_ns)
         self._renderer.begin(frame.state, frame.stamp_ns // self._config.frame_period_ns, layers)
         self._begun.append(_Begun(frame, names, layers))
         return True

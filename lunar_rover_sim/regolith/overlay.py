@@ -52,9 +52,24 @@ class Overlay:
     def __init__(self) -> None:
         self._tiles: dict[tuple[int, int], _Tile] = {}
         self._dirty: set[tuple[int, int]] = set()
+        # Tile → number of the last write to it; the tile written last is the last one.
+        self._written: dict[tuple[int, int], int] = {}
+        self.writes = 0     # so far
         self.residue_m = 0.0
 
     # Reading
+
+    def tiles_since(self, writes: int) -> list[tuple[int, int]]:
+        """Return the tiles written since `self.writes` had a value; 0: all.
+
+        The tile (tx, ty) holds the samples from (TILE tx, TILE ty) on.
+        """
+        tiles = []
+        for key, number in reversed(self._written.items()):
+            if number <= writes:
+                break
+            tiles.append(key)
+        return tiles
 
     def height_change(self, xy_m: ArrayLike) -> NDArray[np.float64]:
         """Return the height change [m] at (..., 2) positions [m], bilinear between samples."""
@@ -125,19 +140,29 @@ class Overlay:
                                     | (tile.compaction[there] != compaction[here]))
             tile.height[there] = height[here]
             tile.compaction[there] = compaction[here]
-            self._dirty.add(key)
+            self._note_write(key)
 
     def apply(self, changes: GroundChanges) -> None:
         """Take over the values of another overlay."""
         tiles, inside = np.divmod(changes.index, TILE)
-        for key in sorted(set(map(tuple, tiles.tolist()))):
-            chosen = (tiles[:, 0] == key[0]) & (tiles[:, 1] == key[1])
+        order = np.lexsort((tiles[:, 1], tiles[:, 0]))
+        begins = np.flatnonzero(np.any(np.diff(tiles[order], axis=0), axis=1)) + 1
+        for chosen in np.split(order, begins):
+            if not len(chosen):
+                continue
+            key = int(tiles[chosen[0], 0]), int(tiles[chosen[0], 1])
             tile = self._tiles.setdefault(key, _Tile())
             there = inside[chosen, 1], inside[chosen, 0]
             tile.height[there] = changes.height_m[chosen]
             tile.compaction[there] = changes.compaction_m[chosen]
             tile.changed[there] = True
-            self._dirty.add(key)
+            self._note_write(key)
+
+    def _note_write(self, key: tuple[int, int]) -> None:
+        self._dirty.add(key)
+        self.writes += 1
+        self._written.pop(key, None)
+        self._written[key] = self.writes
 
     def take_changes(self) -> GroundChanges:
         """Return the samples that have changed since the last call, and forget that they did."""
@@ -167,7 +192,7 @@ class Overlay:
                              | (tile.compaction != source.compaction))
             tile.height[:] = source.height
             tile.compaction[:] = source.compaction
-            self._dirty.add(key)
+            self._note_write(key)
         self.residue_m = other.residue_m
 
     def _collect(self, keys: list[tuple[int, int]], only_changed: bool) -> GroundChanges:

@@ -38,6 +38,26 @@ class DetailConfig(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
+class TracksConfig(Parameters):
+    """How soil looks that a rover has disturbed; `illumination/hapke.py` has the reflectance.
+
+    Tracks are seen by their relief first. Disturbed soil is darker on the Moon, by a tenth or so
+    in images from orbit, and scatters less back where it is smooth; how much differs from place to
+    place, so the defaults are choices.
+    """
+
+    compacted_darkening: float = param(0.06, 'part of the albedo that compacted soil loses',
+                                       low=0.0, high=0.9)
+    loose_darkening: float = param(0.08, 'part of the albedo that soil loses which was thrown up '
+                                   'or has slid', low=0.0, high=0.9)
+    compacted_theta_deg: float = param(12.0, 'mean slope of the relief too small to be drawn on '
+                                       'compacted soil', unit='deg', low=0.0, high=45.0)
+    compacted_c: float = param(-0.25, 'what compacted soil adds to the balance c of the lobes of '
+                               'the phase function: below 0 it scatters less back', low=-2.0,
+                               high=2.0)
+
+
+@dataclasses.dataclass(frozen=True)
 class RenderConfig(Parameters):
     """Everything about the image."""
 
@@ -48,6 +68,7 @@ class RenderConfig(Parameters):
     sensor: SensorConfig = group(SensorConfig)
     detail: DetailConfig = group(DetailConfig)
     lamp: LampConfig = group(LampConfig)
+    tracks: TracksConfig = group(TracksConfig)
 
     def validate(self) -> None:
         """Check parameters that depend on each other."""

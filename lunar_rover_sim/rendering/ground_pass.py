@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import moderngl
 
 from lunar_rover_sim.frames import Array
@@ -13,6 +15,8 @@ from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, lattic
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.relief_brightness import LEVELS
 from lunar_rover_sim.rendering.surface import Surface, ZONE
+from lunar_rover_sim.rendering.track_map import DEFINES, TrackMap
+from lunar_rover_sim.rendering.track_pass import TrackChoice, TrackPass
 from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.world.model import World
 
@@ -23,8 +27,38 @@ _SHADERS: dict[str, dict[str, int]] = {
     'unlit': {'UNLIT': 1},
     'unlit refined': {'UNLIT': 1, 'REFINE': 1},
     'truth': {'TRUTH': 1}}
+_WITH_TRACKS = ('lit', 'lit refined', 'unlit refined', 'truth')
+_MESH_TRACKS = 0.85       # of the way up to which the mesh is the grid, tracks are drawn as a mesh
 
-Chosen = list[Selection]        # of each level
+
+@dataclasses.dataclass(frozen=True)
+class Chosen:
+    """What a view shows of the ground: chunks of each level, and tracks if any are known."""
+
+    levels: list[Selection]
+    tracks: TrackChoice | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class GroundRows:
+    """The rows of an image that the ground covers.
+
+    first, last: the first one, and the one after the last; middle: the first one below all coarse
+    meshes; tracks: the first one that may show tracks, and the one after the last
+    """
+
+    first: int = 0
+    middle: int = 0
+    last: int = 0
+    tracks: tuple[int, int] = (0, 0)
+
+    def parts(self) -> list[tuple[int, int, str]]:
+        """Return spans of rows, first and one after the last, with what each needs."""
+        cuts = sorted({self.first, self.middle, self.last,
+                       *(row for row in self.tracks if self.first < row < self.last)})
+        return [(top, bottom, (' refined' if top < self.middle else '')
+                 + (' tracks' if self.tracks[0] <= top < self.tracks[1] else ''))
+                for top, bottom in zip(cuts, cuts[1:])]
 
 
 class GroundPass:
@@ -60,64 +94,99 @@ class GroundPass:
         self.programs = tuple(self._programs.values())
         self._screens = {name: context.vertex_array(program, [])
                          for name, program in self._programs.items()}
+        self._lamp = lamp
+        self._tracks: TrackPass | None = None
+
+    def follow(self, tracks: TrackMap) -> None:
+        """Draw tracks from now on; `programs` are more then."""
+        context = self._context
+        reach = _MESH_TRACKS * float(self._ranges[0][0])
+        self._tracks = TrackPass(context, tracks, self._levels[0], reach)
+        for kind in ('', ' skirt'):
+            self._depth_programs[f'inner{kind} cut'] = load_program(
+                context, 'terrain', 'terrain', CUT=1,
+                **({'SKIRT': 1, 'CHUNK': CHUNK} if kind else {}))
+        for name in _WITH_TRACKS:
+            program = load_program(
+                context, 'screen', 'ground', LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS,
+                ZONE=ZONE, TRACKS=1, **DEFINES, **_SHADERS[name],
+                **({'LAMP': 1} if self._lamp and 'unlit' not in name and 'lit' in name else {}))
+            self._programs[f'{name} tracks'] = program
+            self._screens[f'{name} tracks'] = context.vertex_array(program, [])
+        self.programs = tuple(self._programs.values())
 
     def choose(self, volume: ViewVolume) -> Chosen:
         """Choose what to draw for a view."""
-        return [level.tree.select(volume, reach)
-                for level, reach in zip(self._levels, self._ranges)]
+        levels = [level.tree.select(volume, reach)
+                  for level, reach in zip(self._levels, self._ranges)]
+        tracks = None if self._tracks is None else self._tracks.choose(volume, levels[0])
+        return Chosen(levels, tracks)
 
     def draw_depth(self, chosen: Chosen) -> None:
         """Draw the depth of the chosen meshes into the framebuffer in use."""
-        context, programs = self._context, self._depth_programs
-        for level, selection in zip(self._levels, chosen):
-            name = 'inner' if level.tree.aligned else 'outer'
-            context.enable_only(context.DEPTH_TEST | context.CULL_FACE)
-            level.bind(programs[name])
-            self._mesh.draw(programs[name], selection.chunks)
-            context.enable_only(context.DEPTH_TEST)     # skirts are seen from both sides
-            level.bind(programs[f'{name} skirt'])
-            self._mesh.draw(programs[f'{name} skirt'], selection.skirts, skirt=True)
+        tracks = chosen.tracks
+        for level, selection in zip(self._levels, chosen.levels):
+            name, cut = 'inner' if level.tree.aligned else 'outer', ''
+            chunks = selection.chunks
+            if self._tracks is not None and tracks is not None and level is self._levels[0]:
+                self._tracks.draw_blocks(tracks)
+                cut = ' cut'
+                self._draw_chunks('inner cut', level, chunks[tracks.cut])
+                chunks = chunks[~tracks.cut]
+            self._draw_chunks(name, level, chunks)
+            self._draw_chunks(f'{name} skirt{cut}', level, selection.skirts)
+
+    def _draw_chunks(self, name: str, level: GridTexture, chunks: Array) -> None:
+        context, program = self._context, self._depth_programs[name]
+        skirt = 'skirt' in name     # seen from both sides
+        context.enable_only(context.DEPTH_TEST | (context.NOTHING if skirt else context.CULL_FACE))
+        level.bind(program)
+        if self._tracks is not None and 'cut' in name:
+            self._tracks.bind_cut(program)
+        self._mesh.draw(program, chunks, skirt=skirt)
 
     def rows(self, chosen: Chosen, projection: Projection,
-             T_world_camera: Array) -> tuple[int, int, int]:
-        """Return the rows that the ground covers, the same in both images of a rectified pair.
-
-        They are: the first one, the first one below all coarse meshes, the one after the last.
-        """
+             T_world_camera: Array) -> GroundRows:
+        """Return the rows that the ground covers, the same in both images of a rectified pair."""
         spans = [projection.covered_rows(selection.boxes, T_world_camera)
-                 for selection in chosen if len(selection.chunks)]
+                 for selection in chosen.levels if len(selection.chunks)]
         if not spans:
-            return 0, 0, 0
+            return GroundRows()
         first, last = min(s[0] for s in spans), max(s[1] for s in spans)
-        coarse = chosen[0].boxes[chosen[0].chunks[:, 2] > 1.0]
+        finest = chosen.levels[0]
+        coarse = finest.boxes[finest.chunks[:, 2] > 1.0]
         middle = projection.covered_rows(coarse, T_world_camera)[1] if len(coarse) else first
-        return first, max(first, middle), last
+        tracks = (0, 0)
+        if chosen.tracks is not None:
+            tracks = projection.covered_rows(chosen.tracks.boxes, T_world_camera)
+        return GroundRows(first, max(first, middle), last, tracks)
 
-    def draw(self, target: moderngl.Framebuffer, window: Window, rows: tuple[int, int, int],
+    def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
              ground_depth: moderngl.Texture, *, lit: bool) -> None:
         """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
 
         rows: see `rows`; where the meshes may be coarser than the grid, depth is refined first
         """
-        first, middle, last = rows
         self._context.enable_only(self._context.NOTHING)
         kind = 'lit' if lit else 'unlit'
-        for name, top, bottom in ((f'{kind} refined', first, middle), (kind, middle, last)):
-            if top < bottom:
-                target.viewport = (window[0], window[1] + top, window[2], bottom - top)
-                self._draw_screen(name, ground_depth)
+        for top, bottom, needs in rows.parts():
+            target.viewport = (window[0], window[1] + top, window[2], bottom - top)
+            name = f'{kind}{needs}'
+            self._draw_screen(name if name in self._programs else kind, ground_depth)
 
     def draw_truth(self, ground_depth: moderngl.Texture) -> None:
         """Draw normals and labels into the framebuffer in use."""
         self._context.enable_only(self._context.NOTHING)
-        self._draw_screen('truth', ground_depth)
+        self._draw_screen('truth' if self._tracks is None else 'truth tracks', ground_depth)
 
     def _draw_screen(self, name: str, ground_depth: moderngl.Texture) -> None:
         program = self._programs[name]
         self._surface.bind(program)
         ground_depth.use(texture_units.GROUND_DEPTH)
         set_uniform(program, u_depth=texture_units.GROUND_DEPTH)
-        if name.endswith('refined'):
+        if self._tracks is not None and name.endswith('tracks'):
+            self._tracks.bind(program)
+        if 'refined' in name:
             finest = self._levels[0]
             finest.heights.use(texture_units.HEIGHTS)
             set_uniform(program, u_heights=texture_units.HEIGHTS, u_lattice=lattice(finest.grid),
@@ -128,3 +197,5 @@ class GroundPass:
         """Release the GL objects."""
         release_all(*self._screens.values(), *self.programs, *self._depth_programs.values(),
                     self._mesh, *self._levels)
+        if self._tracks is not None:
+            self._tracks.release()

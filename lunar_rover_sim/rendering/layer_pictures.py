@@ -48,10 +48,11 @@ def signed_error_picture(error: NDArray[np.floating], full: float) -> U8:
 
 
 def label_picture(label: NDArray[np.int32]) -> U8:
-    """Return (h, w, 3) BGR colours of labels; sky black, ground grey, rover white."""
+    """Return (h, w, 3) BGR colours of labels; sky black, ground grey, disturbed
+    ground lighter, rover white."""
     palette = np.random.default_rng(1).integers(60, 256, (4096, 3), dtype=np.uint8)
-    palette[0], palette[1], palette[2] = 0, 70, 255
-    return palette[np.where(label < 3, label, 3 + label % 4093)]
+    palette[0], palette[1], palette[2], palette[3] = 0, 70, 255, 150
+    return palette[np.where(label < 4, label, 4 + label % 4092)]
 
 
 def gray8(image: NDArray[np.generic]) -> U8:

@@ -24,6 +24,9 @@ def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, 
         'u_rock_theta': math.tan(math.radians(rocks.theta_deg)),
         'u_diffuse': (hapke.hemispherical_albedo(ground) * scale / math.pi,
                       hapke.hemispherical_albedo(rocks) / math.pi),
+        'u_trodden': (config.tracks.compacted_darkening, config.tracks.loose_darkening,
+                      math.tan(math.radians(config.tracks.compacted_theta_deg)),
+                      config.tracks.compacted_c),
     }
     for name, kind, factor in (('u_regolith', ground, scale), ('u_rock', rocks, 1.0)):
         values.update({f'{name}.w': kind.w * factor, f'{name}.b': kind.b, f'{name}.c': kind.c,

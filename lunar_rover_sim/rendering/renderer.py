@@ -20,6 +20,7 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import LunarRoverSimError, RenderError
 from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.checked_state import checked_state
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
@@ -69,6 +70,7 @@ class Renderer:
     rig: the cameras; sensor: their image sensors; config, seed: as given
     sun_direction: (3,) unit vector to the sun, world frame
     exposure_s: exposure time of the last frame, or of the first one before it [s]
+    follows: whether tracks are drawn
 
     Raises RenderError if there is no usable EGL device or if it cannot draw this image size.
     """
@@ -94,7 +96,7 @@ class Renderer:
         self._begun: collections.deque[Scene] = collections.deque()
         self._context = create_context()
         self._owned = contextlib.ExitStack()
-        self._closed = False
+        self._closed = self.follows = False
         try:
             with self._context:
                 self._build(rover)
@@ -143,6 +145,21 @@ class Renderer:
         if self._auto is None:
             self.exposure_s = first_exposure_s(self.sensor, self.config.sun, self.config.lamp,
                                                self.config.reflectance)
+
+    def follow(self, overlay: Overlay | None) -> None:
+        """Draw the tracks in an overlay, such as `Simulation.overlay`, from now on.
+
+        `begin` draws the ground as the overlay is then. None, rigid ground, changes nothing.
+        Raises RenderError between `begin` and `finish`, or if tracks are followed already.
+        """
+        self._check_idle('follow')
+        if overlay is None:
+            return
+        if self.follows:
+            raise RenderError('follow: the renderer follows an overlay already; make another one')
+        self.follows = True
+        with self._drawing():
+            self._passes.follow(overlay)
 
     @property
     def device(self) -> str:

@@ -12,6 +12,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.frame_targets import FrameTargets
+from lunar_rover_sim.rendering.ground_pass import GroundRows
 from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.rover.pose import RoverPose
 
@@ -93,7 +94,7 @@ class Scene:
     T_world_links: Array
     T_world_cameras: list[Array]
     windows: list[Window]
-    rows: tuple[int, int, int] = (0, 0, 0)
+    rows: GroundRows = GroundRows()
     shadow: Uniforms = dataclasses.field(default_factory=dict)
     body: Uniforms | None = None
     sun: SeenSun | None = None

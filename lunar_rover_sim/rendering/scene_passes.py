@@ -12,6 +12,7 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.rock_shadow import sun_axes
 from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window, set_uniform
 from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
@@ -27,6 +28,8 @@ from lunar_rover_sim.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
 from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.rendering.surface import Surface
+from lunar_rover_sim.rendering.track_map import TrackMap
+from lunar_rover_sim.rendering.track_texels import TrackSun
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.far_rocks import far_rocks
@@ -73,8 +76,24 @@ class ScenePasses:
         self._rover_shadow = self._own(RoverShadow(context, rover))
         self._sun = self._own(SunPass(context, self.lit, self._projection, config))
         self._lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
+        self._tracks: TrackMap | None = None
+        self._gather_programs()
+
+    def _gather_programs(self) -> None:
         self._programs = (*self._ground.programs, *self._rocks.programs, *self._rover.programs)
         self._set_constants()
+
+    def follow(self, overlay: Overlay) -> None:
+        """Draw the tracks of an overlay from now on."""
+        self._tracks = self._own(TrackMap(self._context, self._world.ground, overlay,
+                                          self._track_sun()))
+        self._ground.follow(self._tracks)
+        self._gather_programs()
+
+    def _track_sun(self) -> TrackSun:
+        sun = self._config.sun
+        return TrackSun.of(sun_direction(sun.azimuth_deg, sun.elevation_deg),
+                           math.radians(0.5 * sun.angular_diameter_deg))
 
     def _own(self, item: Owned) -> Owned:
         """Have an object released with the passes, the last one first."""
@@ -86,6 +105,8 @@ class ScenePasses:
         self._config = config
         self._rocks.relight(self._light_surface().rock_light())
         self._sun.relight(config.sun)
+        if self._tracks is not None:
+            self._tracks.relight(self._track_sun())
         self._set_constants()
 
     def _light_surface(self) -> Sunlight:
@@ -119,6 +140,8 @@ class ScenePasses:
         # Both cameras decide what is drawn: an image does not depend on the other layers.
         cameras = [T_world_base @ self._rig.T_base_left, T_world_base @ self._rig.T_base_right]
         volume = projection.view_volume(cameras, self._world)
+        if self._tracks is not None:
+            self._tracks.update(volume)
         chosen = self._ground.choose(volume)
         if self._lamp is not None and request.lit:
             self._lamp.draw(T_world_base, self._world, self._ground, self._rocks)

@@ -15,7 +15,8 @@ from lunar_rover_sim.physics.config import ImuConfig, PhysicsConfig
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.stereo.config import SgmConfig
 
-FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.rate == topics.FRAME)
+FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT
+                     if t.rate == topics.FRAME and t.node == 'render_node')
 
 LOCKSTEP, REAL_TIME = 'lockstep', 'real_time'
 
@@ -103,6 +104,8 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
                                'steps', unit='Hz', low=1, high=1000)
+    ground_rate_hz: int = param(10, 'rate of ground/changes where ground.model is regolith; a run '
+                                'sets that of the frames', unit='Hz', low=1, high=200)
     real_time_factor: float = param(1.0, 'simulated time per wall time in time_mode real_time',
                                     low=0.01, high=100.0)
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
@@ -124,12 +127,20 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
         """The period of state messages [ns]."""
         return 1_000_000_000 // self.state_rate_hz
 
+    @property
+    def ground_period_ns(self) -> int:
+        """The period of ground/changes [ns]."""
+        return 1_000_000_000 // self.ground_rate_hz
+
     def validate(self) -> None:
-        """Raise ConfigError unless state messages fall on steps."""
+        """Raise ConfigError unless state messages fall on steps, and changes on states."""
         super().validate()
         if 1_000_000_000 % self.state_rate_hz or self.state_period_ns % self.step_ns:
             raise ConfigError(f'state_rate_hz: {self.state_rate_hz} is not valid; valid is a rate '
                               f'whose period is a multiple of step_s = {self.step_s:g} s')
+        if self.ground.deforms and self.state_rate_hz % self.ground_rate_hz:
+            raise ConfigError(f'ground_rate_hz: {self.ground_rate_hz} is not valid; valid is a '
+                              f'divisor of state_rate_hz = {self.state_rate_hz}')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,6 +202,8 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
                                            'first frame is drawn in lockstep',
                                            choices=FRAME_TOPICS)
+    await_ground: bool = param(False, 'in lockstep a frame is drawn when ground/changes of its '
+                               'stamp has arrived; a run sets it where the ground gives')
 
     @property
     def frame_period_ns(self) -> int:

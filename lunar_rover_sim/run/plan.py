@@ -73,6 +73,9 @@ def resolve(scenario: Scenario) -> Scenario:
     duration_s = round(duration_s, 9)
     physics, gait = scenario.physics_node, scenario.gait_controller_node
     recorder, render = scenario.recorder_node, scenario.render_node
+    physics = dataclasses.replace(physics, ground_rate_hz=render.frame_rate_hz)
+    render = dataclasses.replace(render, await_ground=render.await_ground or (
+        physics.ground.deforms and 'physics_node' in nodes))
     # In real time nothing is awaited, but time starts only when these topics have publishers.
     physics = dataclasses.replace(
         physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
@@ -140,8 +143,9 @@ def _unpublished(scenario: Scenario) -> tuple[topics.Topic, ...]:
     """Return the topics that physics does not publish, or may not."""
     separate = scenario.shared.separate_truth
     clock = () if scenario.physics_node.publish_clock else (topics.CLOCK,)
+    ground = () if scenario.physics_node.ground.deforms else (topics.GROUND_CHANGES,)
     # tf2_msgs may be missing.
-    return topics.TF, topics.ODOM if separate else topics.TRUE_ODOM, *clock
+    return topics.TF, topics.ODOM if separate else topics.TRUE_ODOM, *clock, *ground
 
 
 def _participants(scenario: Scenario) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import pathlib
 from typing import Any
 
@@ -23,10 +24,23 @@ _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0
                   [0.0, 0.0, 0.0, 1.0]])
 
 
+@dataclasses.dataclass(frozen=True)
+class FinePart:
+    """A part of the ground on a finer grid, which takes the place of the ground there.
+
+    x_m: (nx,), y_m: (ny,) positions, in equal steps; height_m: (ny, nx) [m]
+    """
+
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+
+
 def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool = True,
-          surroundings: bool = False) -> pathlib.Path:
+          surroundings: bool = False, fine: FinePart | None = None) -> pathlib.Path:
     """Write the ground and, as geometry of their own, rocks and surroundings to a mesh file.
 
+    fine: a part of the ground that is geometry of its own, `fine`, such as tracks
     stride: keep every `stride`-th sample of the ground; 0 chooses one that keeps at most 513 along
     a side. Vertices have the albedo as a grey colour. A PLY file holds only one mesh, in which all
     parts are joined. Raises WorldError on an unknown format, a stride that does not divide the
@@ -37,7 +51,7 @@ def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool =
     if suffix not in FORMATS:
         raise WorldError(f'{path}: {suffix or "no"} format is not one that is written; valid are '
                          + ', '.join(FORMATS))
-    scene = to_scene(world, stride, rocks, surroundings)
+    scene = to_scene(world, stride, rocks, surroundings, fine)
     if suffix == '.glb':
         scene.apply_transform(_Y_UP)
         content: Any = scene.export(file_type='glb')
@@ -51,8 +65,8 @@ def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool =
     return path
 
 
-def to_scene(world: World, stride: int = 0, rocks: bool = True,
-             surroundings: bool = False) -> Any:
+def to_scene(world: World, stride: int = 0, rocks: bool = True, surroundings: bool = False,
+             fine: FinePart | None = None) -> Any:
     """Return the world as a `trimesh.Scene`, z up, in metres; arguments as for `write`."""
     cells = world.ground.n - 1
     if stride == 0:
@@ -65,6 +79,14 @@ def to_scene(world: World, stride: int = 0, rocks: bool = True,
     scene = trimesh.Scene()
     vertices, faces = surface(world.ground, stride)
     grey = np.clip(128.0 * world.albedo[::stride, ::stride].ravel(), 0, 255).astype(np.uint8)
+    if fine is not None:
+        x, y = vertices[:, 0], vertices[:, 1]
+        covered = ((x >= fine.x_m[0]) & (x <= fine.x_m[-1])
+                   & (y >= fine.y_m[0]) & (y <= fine.y_m[-1]))
+        faces = faces[~covered[faces].all(axis=1)]
+        points, triangles = _fine_surface(fine)
+        scene.add_geometry(_mesh(points, triangles, np.full(len(points), 128, np.uint8)),
+                           node_name='fine', geom_name='fine')
     scene.add_geometry(_mesh(vertices, faces, grey), node_name='ground', geom_name='ground')
     if surroundings:
         for index, level in enumerate(world.levels[1:], 1):
@@ -90,9 +112,14 @@ def surface(grid: HeightGrid, stride: int = 1) -> tuple[NDArray[np.float64], NDA
     heights = grid.heights_m[::stride, ::stride]
     n = heights.shape[0]
     axis = (np.arange(n) - 0.5 * (n - 1)) * grid.cell_m * stride
-    x, y = np.meshgrid(axis, axis)
-    vertices = np.column_stack([x.ravel(), y.ravel(), heights.ravel()]).astype(np.float64)
-    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    return _fine_surface(FinePart(axis, axis, heights.astype(np.float64)))
+
+
+def _fine_surface(part: FinePart) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    rows, n = part.height_m.shape
+    x, y = np.meshgrid(part.x_m, part.y_m)
+    vertices = np.column_stack([x.ravel(), y.ravel(), part.height_m.ravel()])
+    corner = (np.arange(rows - 1)[:, None] * n + np.arange(n - 1)).ravel()
     east, north, both = corner + 1, corner + n, corner + n + 1
     faces = np.concatenate([np.column_stack([corner, east, both]),
                             np.column_stack([corner, both, north])])

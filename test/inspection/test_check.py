@@ -13,6 +13,7 @@ from synthetic_bag import Item
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
+from lunar_rover_sim.bag.ground_points import POINT
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
@@ -26,7 +27,7 @@ rover:
   ros__parameters: {imu: {position_m: [0.0, 0.0, 0.0], rpy_deg: [0.0, 0.0, 0.0]},
                     stereo: {baseline_m: 0.1}}
 physics_node:
-  ros__parameters: {state_rate_hz: 200, gravity_mps2: 1.62}
+  ros__parameters: {state_rate_hz: 200, gravity_mps2: 1.62, ground: {model: regolith}}
 render_node:
   ros__parameters: {frame_rate_hz: 10}
 recorder_node:
@@ -39,7 +40,7 @@ def good() -> list[Item]:
     items = synthetic.drive(0.6)
     next(i for i in items if i.topic == 'scenario').message.data = \
         SCENARIO.replace('MODE', 'lockstep')
-    return items
+    return items + synthetic.ground_items(0.6)
 
 
 def stamp_of(item: Item) -> int:
@@ -90,6 +91,14 @@ def with_floats(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[object]
     def edit(message: object) -> None:
         image = getattr(message, 'image', message)
         image.data = change(floats(image)).astype(np.float32).view(np.uint8)
+    return edit
+
+
+def with_points(name: str, more: float) -> Callable[[object], object]:
+    def edit(message: object) -> None:
+        points = np.frombuffer(bytes(message.data), POINT).copy()
+        points[name] += more
+        message.data = np.frombuffer(points.tobytes(), np.uint8)
     return edit
 
 
@@ -144,6 +153,19 @@ DAMAGES: dict[str, tuple[Callable[[list[Item]], list[Item]], str, str]] = {
         lambda b: [i for i in b if i.topic != 'world_hash'], 'world hash', 'not in the bag'),
     'world hash nonsense': (
         lambda b: edited(b, 'world_hash', setter('data', 'the moon')), 'world hash', 'hexadec'),
+    'a change of the ground lost': (
+        lambda b: edited(b, 'ground/changes', drop, 0.3), 'frame counts',
+        'ground/changes: 1 of 6 missing'),
+    'soil lost with it': (
+        lambda b: edited(b, 'ground/changes', drop, 0.3), 'ground changes', 'do not add up'),
+    'ground not recorded': (
+        lambda b: [i for i in b if i.topic != 'ground/changes'], 'topics', 'ground/changes'),
+    'ground changes cut': (
+        lambda b: edited(b, 'ground/changes', setter('data', lambda d: d[:-4]), 0.5),
+        'contents', 'ground/changes at 0.500 s'),
+    'ground changes between samples': (
+        lambda b: edited(b, 'ground/changes', with_points('x', 0.002), 0.5),
+        'contents', 'x is not a multiple of 5 mm'),
     'cut short': (
         lambda b: [i for i in b if stamp_of(i) < 5 * 10**8],
         'duration', 'of the 0.600 s'),

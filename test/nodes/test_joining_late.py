@@ -8,6 +8,7 @@ import dataclasses
 from pathlib import Path
 import time
 
+import numpy as np
 import pytest
 
 pytestmark = pytest.mark.ros
@@ -21,6 +22,7 @@ from std_msgs.msg import String  # noqa: E402
 
 from lunar_rover_sim.bag.messages import header_ns, time_ns  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.nodes.ground_listener import GroundListener  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
@@ -136,3 +138,22 @@ def test_physics_alone_with_use_sim_time_ends_at_ctrl_c(peer: Peer, world_folder
     """`running` checks the status."""
     with physics(peer, world_folder, '-p', 'use_sim_time:=true'):
         pass
+
+
+def test_a_late_reader_has_the_ground_exactly(peer: Peer, world_folder: Path) -> None:
+    """The snapshot and the later changes give what a reader from the start has."""
+    soft = ('-p', 'ground.model:=regolith')
+    early = GroundListener(peer.node, lambda: None)     # type: ignore[arg-type]
+    with physics(peer, world_folder, *soft) as clock:
+        peer.spin_until(lambda: early.knows(1_000_000_000))
+        late = GroundListener(peer.node, lambda: None)  # type: ignore[arg-type]
+        joined_ns = time_ns(clock[-1].clock)
+        at_ns = joined_ns // FRAME_NS * FRAME_NS + 5 * FRAME_NS
+        peer.spin_until(lambda: early.knows(at_ns) and late.knows(at_ns))
+    for listener in (early, late):
+        listener.advance(at_ns)
+    first, second = early.overlay.snapshot(), late.overlay.snapshot()
+    assert len(first) > 20      # it has sunk in
+    np.testing.assert_array_equal(first.index, second.index)
+    np.testing.assert_array_equal(first.height_m, second.height_m)
+    np.testing.assert_array_equal(first.compaction_m, second.compaction_m)

@@ -2,6 +2,9 @@
 #include "common.glsl"
 #include "ray.glsl"
 #include "relief.glsl"
+#ifdef TRACKS
+#include "tracks.glsl"
+#endif
 uniform sampler2D u_depth;
 uniform sampler2DArray u_ground;    // slope x, slope y, clearance, occluder distance
 // Albedo / 2, roots of 4 irradiance scattered here and around; on the finest level the share of the
@@ -23,22 +26,15 @@ float depth_at(vec2 p) { return textureLod(u_depth, p * u_texel, 0.0).r; }
 
 #ifdef REFINE
 // Where the mesh is coarser than the grid, find where the ray meets the triangles of the grid.
-uniform sampler2D u_heights;
 uniform vec3 u_refine;          // nearest and farthest depth, bound of the mesh's error [m]
-uniform vec4 u_lattice;         // 1 / cell [1/m], half and last whole index of cells, 1 / samples
+#include "heights.glsl"
 
 float ground_at(vec2 xy) {
-    vec2 g = xy * u_lattice.x + u_lattice.y;
-    vec2 c = clamp(floor(g), 0.0, u_lattice.z);
-    vec2 f = g - c;
-    bool lower = f.x >= f.y;
-    float texel = u_lattice.w;
-    vec2 corner = (c + 0.5) * texel;
-    float z00 = textureLod(u_heights, corner, 0.0).r;
-    float z11 = textureLod(u_heights, corner + texel, 0.0).r;
-    float zc = textureLod(u_heights, corner + (lower ? vec2(texel, 0.0) : vec2(0.0, texel)), 0.0).r;
-    vec2 w = lower ? f : f.yx;
-    return z00 + w.x * (zc - z00) + w.y * (z11 - zc);
+#ifdef TRACKS
+    return grid_height(xy) + print_height(xy);
+#else
+    return grid_height(xy);
+#endif
 }
 
 float refined(float depth, vec3 ray) {
@@ -130,7 +126,13 @@ void main() {
         vec3 uv = vec3(xy * grid.x + grid.y, layer);
 #ifdef TRUTH
         vec2 fall = textureLod(u_ground, uv, 0.0).xy;
-        o_truth = vec4(normalize(vec3(-fall, 1.0)), 1.0);
+        float label = 1.0;
+#ifdef TRACKS
+        Print print = print_at(xy, -16.0);
+        fall += print.slope;
+        label = max(print.pressed, print.loose) > 0.5 ? 3.0 : 1.0;
+#endif
+        o_truth = vec4(normalize(vec3(-fall, 1.0)), label);
 #elif !defined(UNLIT)
         vec3 view = -normalize(ray);
         // Footprint of the pixel on level ground: across and along the line of sight.
@@ -147,6 +149,20 @@ void main() {
         float detail = min(mip(log2(footprint) + u_tile.w), float(RELIEF_LEVELS - 1));
         vec4 scales = relief_scales(detail);
         Relief relief = relief_at(xy, detail);
+        Hapke soil = u_regolith;
+        float albedo = 2.0 * matter.r;
+#ifdef TRACKS
+        // Relief below the grid is pressed flat in prints, and partly buried beside them.
+        Print print = print_at(xy, level);
+        float untouched = u_heading.z - dot(ground.xy, u_heading.xy);
+        float kept = 1.0 - max(print.pressed, 0.6 * print.loose);
+        ground.xy += print.slope;
+        relief.slope_a *= kept;
+        relief.slope_b *= kept;
+        scales.x = mix(u_trodden.z, scales.x, kept);
+        albedo *= 1.0 - dot(u_trodden.xy, vec2(print.pressed, print.loose));
+        soil.c += u_trodden.w * print.pressed;
+#endif
         vec2 slope = ground.xy + relief.slope_a + relief.slope_b;
         vec3 normal = normalize(vec3(-slope, 1.0));
         // Faces of the fine relief that turn away from the camera are hidden by those that face it.
@@ -164,19 +180,23 @@ void main() {
         float drawn = disc(tangent - relief.horizon.x, width + scales.y)
             * disc(tangent - dot(relief.slope_a, heading) - relief.horizon.y, width + scales.z);
         drawn *= scales.w / (1.0 + (scales.w - 1.0) * drawn);
-        lit *= drawn * relief_factor(detail, cosine, dot(up, u_sun), dot(u_sun, view), tangent);
+        drawn *= relief_factor(detail, cosine, dot(up, u_sun), dot(u_sun, view), tangent);
+#ifdef TRACKS
+        drawn = mix(1.0, drawn, kept) * mix(disc(untouched - print.horizon, width), print.seen,
+                                            print.coarse);
+#endif
+        lit *= drawn;
 #ifdef ROVER_SHADOW
         lit *= rover_visibility(relative);
 #endif
-        float albedo = 2.0 * matter.r;
         float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
         float reflectance = hapke(lit > 0.0 ? mu0 : 0.0, mu, dot(u_sun, view),
-                                  scales.x, albedo, u_regolith);
+                                  scales.x, albedo, soil);
 #ifdef LAMP
         vec3 to_lamp;
         float lamp = lamp_irradiance(relative, up, to_lamp);
         float lamp_radiance = lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view),
-                                           scales.x, albedo, u_regolith);
+                                           scales.x, albedo, soil);
 #else
         const float lamp_radiance = 0.0;
 #endif

@@ -1,0 +1,69 @@
+"""Changes of the ground as points of a sensor_msgs/PointCloud2, and back, exactly.
+
+A point is a sample of the overlay of 5 mm: x, y and z [m] of the changed surface in `odom`, for
+whoever draws it as a cloud, then its values, absolute: height change and compaction [m]. The
+newest point on a sample is all that counts. float32 holds x and y far better than 5 mm, so that
+the index of the sample follows from them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.regolith.overlay import CELL_M, GroundChanges
+from lunar_rover_sim.world.grid import HeightGrid
+
+POINT = np.dtype([(name, '<f4') for name in ('x', 'y', 'z', 'height_change', 'compaction')])
+FLOAT32 = 7     # of sensor_msgs/PointField
+_OFF_GRID = 0.01            # of a cell, what rounding may leave
+_MOST_M = 1.0               # no print is deeper, no rim higher
+
+
+def points_of(changes: GroundChanges, ground: HeightGrid) -> NDArray[np.void]:
+    """Return (n,) points of the dtype POINT; ground: the untouched one."""
+    points = np.zeros(len(changes), POINT)
+    xy = changes.index * CELL_M
+    points['x'], points['y'] = xy.T
+    points['z'] = ground.height_at(xy) + changes.height_m
+    points['height_change'], points['compaction'] = changes.height_m, changes.compaction_m
+    return points
+
+
+def problem(message: Any) -> str:
+    """Return why a PointCloud2 does not hold changes of the ground, or ''."""
+    fields = [(f.name, f.offset, f.datatype, f.count) for f in message.fields]
+    wanted = [(name, POINT.fields[name][1], FLOAT32, 1) for name in POINT.names or ()
+              if POINT.fields is not None]
+    if fields != wanted or message.point_step != POINT.itemsize or message.is_bigendian:
+        return f'fields are not {", ".join(POINT.names or ())} of float32'
+    count = message.height * message.width
+    if message.height != 1 or len(message.data) != count * POINT.itemsize:
+        return f'{len(message.data)} bytes are not those of {count} points'
+    points = np.frombuffer(bytes(message.data), POINT)
+    for name in POINT.names or ():
+        if not np.isfinite(points[name]).all():
+            return f'{name} holds numbers that are not finite'
+    for name in ('x', 'y'):
+        cells = points[name] / CELL_M
+        if (np.abs(cells - np.rint(cells)) > _OFF_GRID).any():
+            return f'{name} is not a multiple of {1e3 * CELL_M:g} mm'
+    if (np.abs(points['height_change']) > _MOST_M).any():
+        return f'height_change is more than {_MOST_M:g} m'
+    if (points['compaction'] < -1e-6).any():
+        return 'compaction is less than 0'
+    return ''
+
+
+def changes_of(message: Any) -> GroundChanges:
+    """Return the changes in a PointCloud2 of rosbags or rclpy; BagError if it holds none."""
+    found = problem(message)
+    if found:
+        raise BagError(f'ground changes: {found}')
+    points = np.frombuffer(bytes(message.data), POINT)
+    index = np.rint(np.stack([points['x'], points['y']], axis=-1).astype(float) / CELL_M)
+    return GroundChanges(index.astype(np.int32).reshape(len(points), 2),
+                         points['height_change'].copy(), points['compaction'].copy())

@@ -1,0 +1,74 @@
+"""The ground at any time of a bag, exactly; what is lost is named; meshes and heights of it."""
+
+import numpy as np
+import pytest
+import synthetic_bag as synthetic
+import trimesh
+
+from lunar_rover_sim.bag.ground_history import ground_at
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.errors import BagError, WorldError
+from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.regolith.patch import changed_patch, save_patch
+from lunar_rover_sim.world.export import write as write_mesh
+from lunar_rover_sim.world.grid import HeightGrid
+
+
+@pytest.fixture
+def walk(tmp_path):
+    """Return a bag of 1 s, and the samples of the ground at each of its frames."""
+    overlay, snapshots = Overlay(), {}
+
+    def seen(ns):
+        snapshots[ns] = overlay.snapshot()
+    items = synthetic.drive(1.0) + synthetic.ground_items(1.0, overlay, seen)
+    return synthetic.write(tmp_path / 'bag', items), snapshots, items
+
+
+def test_the_ground_at_any_time_is_that_of_the_drive_bit_by_bit(walk):
+    path, snapshots, _ = walk
+    with open_bag(path) as bag:
+        for ns, expected in snapshots.items():
+            found = ground_at(bag, ns + 50_000_000).snapshot()
+            for name in ('index', 'height_m', 'compaction_m'):
+                np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        assert len(ground_at(bag, 50_000_000).snapshot()) == 0
+        with pytest.raises(BagError, match=r'3\.000 s is not valid.*up to 1\.000 s'):
+            ground_at(bag, 3 * 10**9)
+
+
+def test_a_lost_change_is_named(walk, tmp_path):
+    _, _, items = walk
+    changes = [i for i in items if i.topic == 'ground/changes']
+    items = [i for i in items if i is not changes[3]]
+    with open_bag(synthetic.write(tmp_path / 'less', items)) as bag:
+        with pytest.raises(BagError, match=r'between 0\.300 s and 0\.500 s'):
+            ground_at(bag)
+    with open_bag(synthetic.write(tmp_path / 'rigid', synthetic.drive(0.2))) as bag:
+        with pytest.raises(BagError, match='rigid'):
+            ground_at(bag)
+
+
+def test_mesh_and_heights_have_the_prints(walk, tmp_path):
+    path, _, _ = walk
+    ground = HeightGrid(np.zeros((81, 81), np.float32), 0.025)
+    with open_bag(path) as bag:
+        overlay = ground_at(bag)
+    patch = changed_patch(ground, overlay)
+    save_patch(patch, tmp_path / 'heights.npz')
+    saved = np.load(tmp_path / 'heights.npz')
+    x, y = np.meshgrid(saved['x_m'], saved['y_m'])
+    np.testing.assert_allclose(saved['height_m'], overlay.height_change(np.stack([x, y], -1)),
+                               atol=1e-6)
+    assert saved['height_m'].min() < -0.01
+    with pytest.raises(WorldError, match='untouched'):
+        changed_patch(ground, Overlay())
+    from physics_scene import make_world
+    write_mesh(make_world(np.zeros((81, 81))), tmp_path / 'tracks.glb', fine=patch)
+    mesh = trimesh.load(tmp_path / 'tracks.glb').to_mesh()
+    # glTF: y is up. No face of the untouched ground is left over a print.
+    corners = mesh.vertices[mesh.faces]
+    middle, lowest = corners.mean(axis=1), corners[:, :, 1].min(axis=1)
+    over = np.hypot(middle[:, 0] - 0.0, -middle[:, 2] - 0.03) < 0.004
+    assert over.sum() >= 3
+    assert (lowest[over] < -0.008).all()
