@@ -38,7 +38,8 @@ MODULES = {
     'Soft ground': ['regolith.soil', 'regolith.overlay'],
     'Images and stereo': ['rendering.frame', 'camera.rig', 'stereo.depth', 'stereo.error',
                           'illumination.hapke'],
-    'Bags and sequences': ['bag.series', 'bag.content_hash', 'sequences.export'],
+    'Bags and sequences': ['bag.series', 'bag.content_hash', 'bag.ground_history',
+                           'bag.ground_points', 'sequences.export'],
     'Evaluation': ['evaluation.trajectory', 'evaluation.trajectory_evaluation',
                    'evaluation.alignment', 'evaluation.metrics', 'evaluation.trajectory_files'],
 }

@@ -10,12 +10,14 @@ import cv2
 import numpy as np
 from rich.console import Console
 
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new, refuse_existing
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.recorded_ground import recorded_ground
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.cache import cached
@@ -39,6 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
                         help='folder for the pictures; must not exist')
     parser.add_argument('--world', type=Path, metavar='DIR', help='a world made by `world build`')
+    parser.add_argument('--at', type=Path, metavar='BAG', help='with the tracks that a recording '
+                        'left on soft ground, and in its world')
+    parser.add_argument('--time', type=float, metavar='S', help='simulated time of these tracks '
+                        '[s] (default: the end)')
     parser.add_argument('--seed', type=int, metavar='N', help='seed of everything random')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
@@ -49,15 +55,21 @@ def run(args: argparse.Namespace) -> int:
     """Draw and save."""
     scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed)
     refuse_existing(args.output)
+    if args.time is not None and args.at is None:
+        raise ConfigError('--time: needs --at BAG')
     console = Console()
     with console.status('building the world'):
-        folder = args.world or cached(scenario.world, scenario.shared.seed)
-        world = load_world(folder)
+        overlay = None
+        if args.at is not None:
+            world, overlay = recorded_ground(args.at, args.world, args.time)
+        else:
+            world = load_world(args.world or cached(scenario.world, scenario.shared.seed))
     angles = np.radians(args.joints)
     poses = [standing(world, *pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]
     with console.status('computing the sunlight'):
         renderer = Renderer.from_scenario(scenario, world)
     with renderer:
+        renderer.follow(overlay)
         matcher = SgmMatcher.from_scenario(scenario)
         make_new(args.output)
         for k, T in enumerate(poses):

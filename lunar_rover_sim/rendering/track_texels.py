@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import zlib
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,34 +46,69 @@ class TrackTexels:
 
     prints, soil: of each level of the near window, (n, n, 4) and (n, n, 2) float16; far: (5, 5, 4)
     blocks: (2, 2) whether a block [iy, ix] has relief; the samples at its edges count
-    low_m, high_m: least and greatest height change
+    full: whether there is anything to show
     """
 
     prints: list[NDArray[np.float16]]
     soil: list[NDArray[np.float16]]
     far: NDArray[np.float16]
     blocks: NDArray[np.bool_]
-    low_m: float
-    high_m: float
+    full: bool
 
 
-def track_texels(overlay: Overlay, tile: tuple[int, int], sun: TrackSun) -> TrackTexels:
-    """Return the texels of a tile (tx, ty) of an overlay."""
-    far = math.ceil(REACH_M / CELL_M) + 2
-    # Samples around the tile: one for slopes, more towards the sun for shadows.
-    west, east = (far, 2) if sun.heading[0] < 0.0 else (2, far)
-    south, north = (far, 2) if sun.heading[1] < 0.0 else (2, far)
-    height, compaction = overlay.window(tile[0] * TILE - west, tile[1] * TILE - south,
-                                        TILE + west + east, TILE + south + north)
+@dataclasses.dataclass(frozen=True)
+class Surroundings:
+    """The samples that what a tile shows depends on.
+
+    height: (ny, nx) height changes [m]; corner: the tile's first sample in it, ix and iy;
+    compaction: (TILE, TILE) that of the tile [m]; reach_m: how far shadows may come from
+    """
+
+    height: Array
+    corner: tuple[int, int]
+    compaction: Array
+    reach_m: float
+
+    @classmethod
+    def of(cls, overlay: Overlay, tile: tuple[int, int], sun: TrackSun) -> Surroundings:
+        """Return those of a tile (tx, ty)."""
+        x, y = tile[0] * TILE, tile[1] * TILE
+        far = math.ceil(REACH_M / CELL_M) + 2
+        # One sample for slopes, more towards the sun for shadows.
+        west, east = (far, 2) if sun.heading[0] < 0.0 else (2, far)
+        south, north = (far, 2) if sun.heading[1] < 0.0 else (2, far)
+        height, compaction = overlay.window(x - west, y - south, TILE + west + east,
+                                            TILE + south + north)
+        own = height[south:south + TILE, west:west + TILE]
+        # The ground itself may lean by as much as half of the sun's elevation.
+        reach = min(REACH_M, (float(height.max()) - float(own.min()))
+                    / (0.5 * max(sun.tangent, 0.01)))
+        less = far - 2 - math.ceil(reach / CELL_M)
+        cut = slice(less if south == far else 0, -less or None if north == far else None), \
+            slice(less if west == far else 0, -less or None if east == far else None)
+        return cls(height[cut], (west - (less if west == far else 0),
+                                 south - (less if south == far else 0)),
+                   compaction[south:south + TILE, west:west + TILE], reach)
+
+    @property
+    def checksum(self) -> int:
+        """A number that differs if the samples do."""
+        return zlib.crc32(np.ascontiguousarray(self.compaction), zlib.crc32(
+            np.ascontiguousarray(self.height)))
+
+
+def track_texels(around: Surroundings, sun: TrackSun) -> TrackTexels:
+    """Return the texels of a tile."""
+    height, (west, south) = around.height, around.corner
     inner = slice(south, south + TILE), slice(west, west + TILE)
     own = height[inner]
     slopes = [np.clip((height[south + dy:south + dy + TILE, west + dx:west + dx + TILE]
                        - height[south - dy:south - dy + TILE, west - dx:west - dx + TILE])
                       / (2.0 * CELL_M), -_STEEPEST, _STEEPEST) for dx, dy in ((1, 0), (0, 1))]
-    horizon = _horizon(height, (west, south), sun)
+    horizon = _horizon(around, sun)
     width = sun.radius_rad * (1.0 + sun.tangent ** 2)
     seen = disc_share((sun.tangent - horizon) / width)
-    pressed = np.clip(compaction[inner] / _FULLY_M, 0.0, 1.0)
+    pressed = np.clip(around.compaction / _FULLY_M, 0.0, 1.0)
     loose = np.clip(np.abs(own) / _FULLY_M, 0.0, 1.0) * (1.0 - pressed)
     facing = 1.0 - (slopes[0] * sun.heading[0] + slopes[1] * sun.heading[1]) / max(sun.tangent,
                                                                                    0.01)
@@ -90,20 +126,19 @@ def track_texels(overlay: Overlay, tile: tuple[int, int], sun: TrackSun) -> Trac
                        for j in (0, BLOCK)])
     return TrackTexels([p.astype(np.float16) for p in prints],
                        [s.astype(np.float16) for s in soil], far_texels.astype(np.float16),
-                       blocks, float(own.min()), float(own.max()))
+                       blocks, bool(relief.any() or pressed.any() or (seen < 1.0).any()))
 
 
-def _horizon(height: Array, corner: tuple[int, int], sun: TrackSun) -> Array:
+def _horizon(around: Surroundings, sun: TrackSun) -> Array:
     """Return the tangent of the horizon towards the sun over the untouched ground, (TILE, TILE).
 
-    height: changes on the samples around the tile, whose first sample is at the corner [ix, iy].
     Where nothing stands higher it is below 0.
     """
+    height, corner = around.height, around.corner
     own = height[corner[1]:corner[1] + TILE, corner[0]:corner[0] + TILE]
     highest = np.full(own.shape, _NO_HORIZON)
-    top = float(height.max()) - float(own.min())
     way = _FIRST_M
-    while way < REACH_M and top > 0.25 * sun.tangent * way:
+    while way < around.reach_m:
         x, y = way / CELL_M * sun.heading[0], way / CELL_M * sun.heading[1]
         ix, iy = math.floor(x), math.floor(y)
         u, v = x - ix, y - iy

@@ -11,6 +11,7 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.regolith.footprint import press
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
+from lunar_rover_sim.regolith.repose import relax
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.frame import LABEL_DISTURBED, LABEL_GROUND
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -27,7 +28,8 @@ def trodden(world, prints=8, x=0.45, seed=3):
     for _ in range(prints):
         at = x + rng.uniform(-0.1, 0.3), rng.uniform(-0.15, 0.15)
         z = world.ground.height_at_point(*at)
-        press(overlay, world.ground, (*at, z + 0.012), (*at, z - 0.008), 0.012, 0.5)
+        window = press(overlay, world.ground, (*at, z + 0.012), (*at, z - 0.008), 0.012, 0.5)
+        relax(overlay, world.ground, *window, 38.0)
     return overlay
 
 
@@ -66,10 +68,12 @@ def test_depth_of_prints_is_that_of_the_overlay(scene):
     xy = points[near][:, :2]
     change = overlay.height_change(xy)
     error = points[near][:, 2] - world.ground.height_at(xy) - change
-    assert (change < -0.01).sum() > 150     # the prints are in view
-    # Where the surface is steep, two pixels of the bilinear overlay and of its triangles differ.
-    assert np.percentile(np.abs(error), 99.5) < 1e-3
-    assert np.abs(error[change < -0.01]).max() < 2e-3
+    assert (change < -0.006).sum() > 150     # the prints are in view
+    # Between samples the overlay is bilinear, the mesh two triangles: they differ in hollow cells.
+    inside = np.abs(error[np.abs(change) > 1e-5])
+    assert np.percentile(inside, 99.5) < 1e-3
+    assert np.median(inside) < 1e-4
+    assert inside.max() < 2e-3
 
 
 def test_labels_and_normals_are_those_of_disturbed_ground(scene):

@@ -2,6 +2,7 @@
 uniform sampler2D u_prints;     // near: slope x, slope y, tangent of the horizon, share of the sun
 uniform sampler2D u_soil;       // near: height change [m], share that is compacted
 uniform sampler2D u_far_prints; // far: sunlight over that on level ground, compacted, loose
+uniform sampler2D u_touched;    // 1 where a tile has anything to show
 uniform vec4 u_windows;         // 1 / extent [1/m] and half extent [m] of the near window, the far one
 uniform vec2 u_window_centre;   // [m]
 uniform vec4 u_trodden;         // albedo lost where compacted, where loose; tangent of the roughness
@@ -15,11 +16,14 @@ bool is_near(vec2 xy) {
     return max(away.x, away.y) < u_windows.y;
 }
 float print_height(vec2 xy) {
-    return is_near(xy) ? textureLod(u_soil, print_place(xy), 0.0).r : 0.0;
+    bool touched = textureLod(u_touched, xy * u_windows.z, 0.0).r > 0.5;
+    return touched && is_near(xy) ? textureLod(u_soil, print_place(xy), 0.0).r : 0.0;
 }
 
 // footprint: log2 of its size [m]
 Print print_at(vec2 xy, float footprint) {
+    if (textureLod(u_touched, xy * u_windows.z, 0.0).r < 0.5)
+        return Print(vec2(0.0), -0.1, 1.0, 0.0, 0.0, 0.0);
     if (is_near(xy)) {
         float level = clamp(footprint + PRINT_LOG2, 0.0, 3.0);
         vec4 p = textureLod(u_prints, print_place(xy), level);
