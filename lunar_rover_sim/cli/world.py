@@ -50,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
-    export = add_parser('export', help='a mesh file (GLB, OBJ, PLY) or an OpenUSD stage; the tracks'
-                        ' of a recording in a mesh file, or as heights (NPZ)')
+    export = add_parser('export', help='a mesh file (GLB, OBJ, PLY) or an OpenUSD stage; the '
+                        'tracks of a recording in a mesh file, or as heights (NPZ)')
     export.add_argument('folder', nargs='?', help='world folder (default with --at: the world of'
                         ' the recording)')
     export.add_argument('-o', '--output', required=True, metavar='FILE',
@@ -64,8 +64,8 @@ def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
                       help='keep every N-th sample of the ground (default: 513 along a side)')
     mesh.add_argument('--no-rocks', action='store_true', help='leave the rocks out')
     mesh.add_argument('--surroundings', action='store_true', help='add the coarse levels')
-    mesh.add_argument('--at', type=Path, metavar='BAG', help='with the tracks that a recording left'
-                      ' on soft ground')
+    mesh.add_argument('--at', type=Path, metavar='BAG', help='with the tracks that a recording '
+                      'left on soft ground')
     mesh.add_argument('--time', type=float, metavar='S', help='simulated time of these tracks [s]'
                       ' (default: the end)')
     stage = export.add_argument_group('stages')

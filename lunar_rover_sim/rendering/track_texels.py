@@ -93,8 +93,7 @@ class Surroundings:
     @property
     def checksum(self) -> int:
         """A number that differs if the samples do."""
-        return zlib.crc32(np.ascontiguousarray(self.compaction), zlib.crc32(
-            np.ascontiguousarray(self.height)))
+        return zlib.crc32(self.compaction.tobytes(), zlib.crc32(self.height.tobytes()))
 
 
 def track_texels(around: Surroundings, sun: TrackSun) -> TrackTexels:
