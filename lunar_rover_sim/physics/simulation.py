@@ -12,19 +12,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.errors import ConfigError, PhysicsError
-from lunar_rover_sim.frames import Array, matrix_from_wxyz, wxyz_from_rpy
+from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.ground_contact import GroundContact
 from lunar_rover_sim.physics.model import build_model
+from lunar_rover_sim.physics.observation import Observer
 from lunar_rover_sim.physics.placement import place
 from lunar_rover_sim.physics.relocation import relocate
 from lunar_rover_sim.physics.soft_ground import SoftGround
 from lunar_rover_sim.physics.soil_contact import set_soil
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.regolith.overlay import Overlay
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.world.model import World
 
@@ -32,10 +33,6 @@ MAX_SPEED = 100.0  # [m/s] and [rad/s]: nothing on this rover moves faster unles
 MAX_COMMAND_RADPS = 1e6
 MAX_START_TILT_DEG = 60.0  # settled at more, the rover lies on its side or leans on a rock
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-# The cross product a x b is (a @ _CROSS).reshape(3, 3) @ b.
-_CROSS = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
-                   [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
-                   [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
 _FULL = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
 
 
@@ -75,22 +72,10 @@ class Simulation:
         self._model: mujoco.MjModel | None = build_model(world, rover, config)
         self._data: mujoco.MjData | None = mujoco.MjData(self._model)
         self._gear = rover.motor.gear_ratio
-        self._torque_per_ampere = rover.motor.gear_ratio * rover.motor.motor_constant
         model, data = self._model, self._data
-        legs = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, leg) for leg in LEG_NAMES]
-        base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
-        if legs != list(range(legs[0], legs[0] + 4)):
-            raise PhysicsError('the bodies of the legs do not follow each other in the model')
-        self._base = base
+        self._base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
-        self._leg_wrench = data.cfrc_ext[legs[0]:legs[0] + 4]
-        self._motor = data.qfrc_actuator[6:10]
-        self._com = data.subtree_com[base]
-        self._axles = data.xpos[legs[0]:legs[0] + 4]
         self._full = [data.warning[kind] for kind in _FULL]
-        self._imu_position = np.array(rover.imu.position_m)
-        self._R_base_imu = matrix_from_wxyz(wxyz_from_rpy(*np.radians(rover.imu.rpy_deg)))
-        self._gravity = np.array([0.0, 0.0, -config.gravity_mps2])
         self._steps = 0
         self._state: RoverState
         self._soft_ground: SoftGround | None = None
@@ -100,13 +85,12 @@ class Simulation:
             self._soft_ground = SoftGround(model, data, rover, world.ground, soil, rows)
         self._ground_contact: GroundContact | None = None
         place(model, data, world.ground, rover, config.start)
-        self._last_quat = self._qpos[3:7].copy()
-        self._last_imu_velocity = np.zeros(3)
+        self._observer = Observer(model, data, rover, config.gravity_mps2)
         self._settle()
         self._start = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, self._start, _STATE)
         self._start_state = self._state
-        self._start_motion = self._last_quat, self._last_imu_velocity
+        self._start_motion = self._observer.motion
         self._start_contact = self._ground_contact
         if self._soft_ground is not None:
             self._soft_ground.keep_start()
@@ -201,7 +185,8 @@ class Simulation:
             raise PhysicsError(f'advance: {brief(n_steps)} is not valid; valid is a whole number'
                                ' of steps >= 1')
         model, data = self.model, self.data
-        step, step_wrench, step_torque = mujoco.mj_step, self._leg_wrench, self._motor
+        step, observer = mujoco.mj_step, self._observer
+        step_wrench, step_torque = observer.leg_wrench, observer.motor_torque
         wrench, torque = np.zeros((4, 6)), np.zeros(4)
         soft_ground = self._soft_ground
         for _ in range(n_steps):
@@ -216,7 +201,8 @@ class Simulation:
             self._ground_contact = soft_ground.observe()
         wrench /= n_steps
         torque /= n_steps
-        self._state = self._observe(wrench, torque, n_steps * self.config.step_ns * 1e-9)
+        self._state = observer.observe(self.time_ns, n_steps * self.config.step_ns * 1e-9, wrench,
+                                       torque)
         return self._state
 
     def reset(self) -> RoverState:
@@ -229,7 +215,7 @@ class Simulation:
         self._ground_contact = self._start_contact
         self._steps = 0
         self._state = self._start_state
-        self._last_quat, self._last_imu_velocity = self._start_motion
+        self._observer.motion = self._start_motion
         return self._state
 
     def move(self, position_m: ArrayLike | None = None, orientation_wxyz: ArrayLike | None = None,
@@ -244,14 +230,12 @@ class Simulation:
             raise PhysicsError('move: the ground deforms; valid is rigid ground')
         relocate(self.model, self.data, self._ground, position_m, orientation_wxyz, linear_mps,
                  angular_radps)
-        quat, rate = self._qpos[3:7].copy(), self._qvel[3:6].copy()
-        R_world_base = matrix_from_wxyz(quat)
-        self._last_quat = quat
-        self._last_imu_velocity = R_world_base @ np.cross(rate, self._imu_position) \
-            + self._qvel[:3]
+        self._observer.after_jump()
+        quat = self._qpos[3:7].copy()
         self._state = dataclasses.replace(
             self._state, position_m=self._qpos[:3].copy(), orientation_wxyz=quat,
-            linear_velocity_mps=self._qvel[:3] @ R_world_base, angular_velocity_radps=rate)
+            linear_velocity_mps=self._qvel[:3] @ matrix_from_wxyz(quat),
+            angular_velocity_radps=self._qvel[3:6].copy())
         return self._state
 
     def _settle(self) -> None:
@@ -270,50 +254,6 @@ class Simulation:
             raise ConfigError(f'start: the rover does not stand at x_m = {start.x_m:g}, y_m ='
                               f' {start.y_m:g} (tilted {tilt_deg:.0f} deg once settled); choose'
                               ' another place')
-
-    def _observe(self, wrench: Array, torque: Array, interval_s: float) -> RoverState:
-        """Return the state now, with the IMU signals of the motion since the previous state.
-
-        The rate is the constant rate that turns the previous attitude into the present one. The
-        specific force is the mean acceleration of the IMU minus gravity, in the axes halfway
-        between both attitudes.
-        """
-        # ndarray.dot and MuJoCo's functions take a third of the time of @ and np.cross here.
-        qpos, qvel = self._qpos, self._qvel
-        quat, rate, middle = qpos[3:7].copy(), np.empty(3), self._last_quat.copy()
-        swing, matrix, matrix_middle = np.empty(3), np.empty(9), np.empty(9)
-        mujoco.mju_subQuat(rate, quat, middle)
-        rate /= interval_s
-        mujoco.mju_quatIntegrate(middle, rate, 0.5 * interval_s)
-        mujoco.mju_quat2Mat(matrix, quat)
-        mujoco.mju_quat2Mat(matrix_middle, middle)
-        R_world_base, R_world_middle = matrix.reshape(3, 3), matrix_middle.reshape(3, 3)
-        mujoco.mju_cross(swing, qvel[3:6], self._imu_position)
-        velocity = qvel[:3]
-        imu_velocity = R_world_base.dot(swing)
-        imu_velocity += velocity
-        force = imu_velocity - self._last_imu_velocity
-        force /= interval_s
-        force -= self._gravity
-        self._last_quat, self._last_imu_velocity = quat, imu_velocity
-        pull = wrench[:, 3:].copy()
-        lever = (self._com - self._axles).dot(_CROSS).reshape(4, 3, 3)
-        turn = np.matmul(lever, pull[:, :, None])[:, :, 0]
-        turn += wrench[:, :3]
-        return RoverState(
-            stamp_ns=self.time_ns,
-            position_m=qpos[:3].copy(),
-            orientation_wxyz=quat,
-            linear_velocity_mps=velocity.dot(R_world_base),
-            angular_velocity_radps=qvel[3:6].copy(),
-            joint_angle_rad=qpos[7:11].copy(),
-            joint_velocity_radps=qvel[6:10].copy(),
-            motor_torque_nm=torque,
-            motor_current_a=torque / self._torque_per_ampere,
-            contact_force_n=pull,
-            contact_torque_nm=turn,
-            specific_force_mps2=force.dot(R_world_middle).dot(self._R_base_imu),
-            imu_rate_radps=rate.dot(self._R_base_imu))
 
     def _is_full(self) -> bool:
         """Return whether MuJoCo had to leave out contacts or constraints."""
