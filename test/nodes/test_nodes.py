@@ -56,6 +56,7 @@ def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
         assert peer.call(SetBool, 'physics_node/pause', SetBool.Request(data=False)).success
         count = len(odometry)
         peer.spin_until(lambda: len(odometry) > count + 5)
+        peer.spin_until(lambda: bool(told))
         assert {status.name for status in told[-1].status} == {
             'physics_node: State rate', 'physics_node: Real-time factor',
             'physics_node: Participants', 'physics_node: Drops'}
@@ -138,7 +139,7 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
         images = received['stereo/left/image_raw/compressed']
         clouds = received['stereo/points2']
         peer.spin_until(lambda: images[-1].header.stamp.sec == clouds[-1].header.stamp.sec == 4,
-                        meanwhile=lambda: poses.publish(odometry))
+                        limit_s=60.0, meanwhile=lambda: poses.publish(odometry))
         assert (clouds[-1].height, clouds[-1].width, clouds[-1].row_step) == (30, 40, 640)
         # Rays of every fourth pixel, those of the first cloud.
         few, all_of_them = rays(clouds[-1]), rays(clouds[0])[::4, ::4]
