@@ -18,8 +18,8 @@ from pxr import Usd, UsdPhysics
 import warp
 
 GRAVITY = 1.62
-MASS_KG = sum(UsdPhysics.MassAPI(prim).GetMassAttr().Get()
-              for prim in Usd.Stage.Open(sys.argv[1]).Traverse()
+STAGE = Usd.Stage.Open(sys.argv[1])
+MASS_KG = sum(UsdPhysics.MassAPI(prim).GetMassAttr().Get() for prim in STAGE.Traverse()
               if prim.HasAPI(UsdPhysics.MassAPI))
 
 warp.set_device('cpu')
