@@ -18,7 +18,6 @@ from lunar_rover_sim.rendering.frame_targets import attachment
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import Scene, Uniforms
 from lunar_rover_sim.rendering.scene_passes import ScenePasses
-from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rover.description import RoverDescription
 
 _STILL_PX = 0.05        # a picture in which nothing moves farther stays as it is
@@ -50,8 +49,8 @@ class MotionPass:
     """
 
     def __init__(self, context: moderngl.Context, rover: RoverDescription, config: RenderConfig,
-                 projection: Projection) -> None:
-        """Compile the programs; projection: of both cameras."""
+                 projection: Projection, seen: tuple[int, ...]) -> None:
+        """Compile the programs; projection: of both cameras; seen: as `seen_links`."""
         self._context, self._rover, self._projection = context, rover, projection
         rig = StereoRig(rover, config.camera)
         self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
@@ -60,7 +59,6 @@ class MotionPass:
         # The sensor smears pixels as they lie in the pinhole image, before charge blooms.
         self._smears = not (config.camera.distorted or config.sensor.blooming
                             or self._line_time_s)
-        seen = seen_links(rover, self._T_base_cameras, projection)
         self._sees_rover, self._legs = bool(seen), [link for link in seen if link > 0]
         size = (projection.width, 2 * projection.height)
         self._image = attachment(context, size)

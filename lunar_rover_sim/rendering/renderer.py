@@ -120,7 +120,8 @@ class Renderer:
         self._passes = ScenePasses(context, self.world, rover, self.config, self._projection,
                                    self.seed)
         self._owned.callback(self._passes.release)
-        self._motion = MotionPass(context, rover, self.config, self._projection)
+        self._motion = MotionPass(context, rover, self.config, self._projection,
+                                  self._passes.seen)
         self._owned.callback(self._motion.release)
         # No ground and no lamp is brighter than a white surface under the sun, but the sun is.
         most = self.config.sun.irradiance or math.inf

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
-from lunar_rover_sim.rendering.context import load_program, release_all
+from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.rock_meshes import coarse, facets, OCTAHEDRON, octahedron_axes
 from lunar_rover_sim.rendering.surface import Surface
@@ -67,8 +67,12 @@ class RockPass:
         """Take the light under another sun, (m, 5) as `Sunlight.rock_light`."""
         self._data[:, 12:17] = light
 
-    def choose(self, volume: ViewVolume, focal_px: float, least_px: float) -> None:
-        """Choose what `draw` draws: rocks that are in view and look larger than `least_px`."""
+    def choose(self, volume: ViewVolume, focal_px: float, least_px: float) -> Array:
+        """Choose what `draw` draws: rocks that are in view and look larger than `least_px`.
+
+        Returns (m, 4) centres and radii of balls around those that are more than octahedra: their
+        outlines are smoothed [m].
+        """
         visible, distance = self._visible(volume, focal_px, least_px)
         size = self._diameter[visible] * np.float32(focal_px)
         shape = self.rocks.shape[visible]
@@ -84,6 +88,9 @@ class RockPass:
                 axes = self._axes[shape[order[start:start + count]]]
                 part[:, 3:12] *= np.repeat(axes, 3, axis=1)
             self._write(kind, part)
+        large = visible[kind_of != self._tiny]
+        return np.column_stack([self.rocks.position_m[large],
+                                _RADIUS * self.rocks.diameter_m[large]])
 
     def _write(self, kind: int, data: F32) -> None:
         """Write the instances of one kind."""
@@ -117,6 +124,7 @@ class RockPass:
                 self._arrays[key] = self._context.vertex_array(
                     program, [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
                               (self._instances[kind], _INSTANCE, *_NAMES)], skip_errors=True)
+            set_uniform(program, u_mark=1.0 if kind == self._tiny else -1.0)
             self._arrays[key].render(instances=count)
 
     def _visible(self, volume: ViewVolume, focal_px: float,

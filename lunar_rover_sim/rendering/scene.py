@@ -7,6 +7,8 @@ from collections.abc import Collection
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
@@ -86,6 +88,7 @@ class Scene:
     shadow: uniforms of the rover's shadow; body: of the light on the rover, None if it is out of
         view
     sun: what the cameras see of the sun, None if it cannot reach their lenses
+    outlined_m: (m, 4) centres and radii of balls around objects whose outlines are smoothed
     """
 
     request: Request
@@ -98,3 +101,4 @@ class Scene:
     shadow: Uniforms = dataclasses.field(default_factory=dict)
     body: Uniforms | None = None
     sun: SeenSun | None = None
+    outlined_m: Array = dataclasses.field(default_factory=lambda: np.empty((0, 4)))

@@ -1,4 +1,4 @@
-"""The passes of a frame in their order: geometry of the ground, light, rocks, rover, truth."""
+"""The passes of a frame in their order: geometry, light, rocks, rover, edges, truth."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from typing import Any, TypeVar
 
 import moderngl
+import numpy as np
 
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.frames import sun_direction
@@ -15,6 +16,7 @@ from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window, set_uniform
+from lunar_rover_sim.rendering.edge_pass import EdgePass
 from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
 from lunar_rover_sim.rendering.ground_pass import GroundPass
 from lunar_rover_sim.rendering.lamp_shadow import LampShadow
@@ -26,6 +28,7 @@ from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
 from lunar_rover_sim.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
+from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.rendering.track_map import TrackMap
@@ -44,6 +47,7 @@ class ScenePasses:
     """Draws the world into radiance, depth and truth.
 
     lit: what frames are lit into
+    seen: indices of the rover's links that its cameras may see, as `seen_links`
     """
 
     def __init__(self, context: moderngl.Context, world: World, rover: RoverDescription,
@@ -65,6 +69,7 @@ class ScenePasses:
                                                   2 * self._projection.height)))
         self._targets = [self._own(FrameTargets(context, self.lit))
                          for _ in range(FRAMES_UNDER_WAY)]
+        self._edges = self._own(EdgePass(context, self.lit, self._projection))
         self._surface = self._own(Surface(context, world))
         self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
         sunlight = self._light_surface()
@@ -72,6 +77,8 @@ class ScenePasses:
         self._ground = self._own(GroundPass(context, world, config.detail, self._surface, lamp))
         self._rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
                                          sunlight.rock_light(), self._surface, lamp))
+        self.seen = seen_links(rover, (self._rig.T_base_left, self._rig.T_base_right),
+                               self._projection)
         self._rover = self._own(RoverPass(context, rover))
         self._rover_shadow = self._own(RoverShadow(context, rover))
         self._sun = self._own(SunPass(context, self.lit, self._projection, config))
@@ -158,10 +165,15 @@ class ScenePasses:
             clear_window(targets.ground[side], windows[side])
             if side == request.sides[-1]:   # meanwhile the driver draws the other side
                 scene.shadow = self._rover_shadow.cast(links, self._sun_axes, volume)
-                self._rocks.choose(volume, self._rig.focal_px, self._config.detail.rock_min_px)
+                outlined = self._rocks.choose(volume, self._rig.focal_px,
+                                              self._config.detail.rock_min_px)
                 if self._rover.is_in_view(links, volume):
                     scene.body = self._rover.light(links, self._rover_shadow.radius_m,
-                                                   self._sunlight, self._config.sun.irradiance)
+                                                   self._sunlight, self._config.sun.irradiance,
+                                                   -1.0 if self.seen else 1.0)
+                    if self.seen:
+                        outlined = np.concatenate([outlined, self._rover.balls(links)])
+                scene.outlined_m = outlined
                 scene.rows = self._ground.rows(chosen, projection, cameras[LEFT])
             self._ground.draw_depth(chosen)
         return scene
@@ -179,6 +191,8 @@ class ScenePasses:
             self._look_from(scene, side)
             self._draw_objects(scene, targets.objects[side], side)
         if request.lit:
+            self._edges.draw({side: scene.T_world_cameras[side] for side in request.sides},
+                             scene.outlined_m)
             self._sun.draw(scene)
         if request.truth:
             self._look_from(scene, LEFT)

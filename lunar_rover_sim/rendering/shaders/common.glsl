@@ -12,6 +12,12 @@ float disc(float angle, float radius) {
     return 0.5 + x * (0.6366 - 0.1366 * x * x);
 }
 
+// Half width of the edge of a shadow that is cast from a distance, as an angle: the disc's radius
+// and half a pixel, since a pixel shows the mean of its light.
+float softened(vec3 relative, float distance) {
+    return u_sun_radius + 0.5 * u_pixel * dot(relative, u_axis) / distance;
+}
+
 #ifdef TRUTH
 layout(location = 0) out vec4 o_truth;  // unit normal, label
 #else
@@ -29,7 +35,8 @@ float rover_visibility(vec3 relative) {
     if (max(abs(q.x), abs(q.y)) > 1.0) return 1.0;
     vec2 s = textureLod(u_rover_map, 0.5 + 0.5 * q, 0.0).rg;
     float distance = s.y - dot(d, u_sun);
-    return distance < 0.0 ? 1.0 : disc(s.x / max(distance, 1e-3), u_sun_radius);
+    distance = max(distance, 1e-3);
+    return s.y < dot(d, u_sun) ? 1.0 : disc(s.x / distance, softened(relative, distance));
 }
 #endif
 

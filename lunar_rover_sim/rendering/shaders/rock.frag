@@ -13,6 +13,7 @@ uniform vec4 u_grain;           // 1 / period and strength of grain; periods and
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 uniform float u_rock_theta;
 uniform Hapke u_rock;
+uniform float u_mark;           // -1: the outline will be smoothed, see edges.frag; else 1
 
 void main() {
     vec3 normal = normalize(v_normal);
@@ -49,6 +50,7 @@ void main() {
     o_radiance += lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view), u_rock_theta,
                                v_matter.z, u_rock);
 #endif
+    o_radiance = u_mark * max(o_radiance, 1e-30);
     o_depth = dot(v_relative, u_axis);
 #endif
 }
