@@ -11,6 +11,7 @@ from lunar_rover_sim.rendering.context import load_program, release_all, set_uni
 from lunar_rover_sim.rendering.frame_targets import attachment, LitTargets
 from lunar_rover_sim.rendering.projection import Projection
 
+_DEPTHS = {'FIND': 0.9, 'COPY': 0.0, 'MIX': 0.0}     # in clip space; -1 is nothing found
 _MARGIN_PX = 2.0        # around a ball, for the pixels beside its outline
 
 
@@ -28,17 +29,18 @@ class EdgePass:
         self._context, self._lit, self._projection = context, lit, projection
         size = lit.radiance.size
         self._mixed = attachment(context, size)
-        # Pixels are mixed into a second texture, and brought back.
-        self._targets = [context.framebuffer([self._mixed]), context.framebuffer([lit.radiance])]
-        self._programs = [load_program(context, 'edges', 'edges'),
-                          load_program(context, 'edges', 'edges', COPY=1)]
+        self._depth = context.depth_renderbuffer(size)
+        self._found = context.framebuffer(depth_attachment=self._depth)
+        self._mixing = context.framebuffer([self._mixed], self._depth)
+        self._back = context.framebuffer([lit.radiance])
         self._boxes = context.buffer(reserve=16 * 1024, dynamic=True)
-        self._arrays: list[moderngl.VertexArray] = []
-        for program in self._programs:
+        self._programs = {name: load_program(context, 'edges', 'edges', **{name: 1})
+                          for name in ('FIND', 'COPY', 'MIX')}
+        self._arrays = {name: context.vertex_array(program, [(self._boxes, '4f /i', 'i_box')])
+                        for name, program in self._programs.items()}
+        for name, program in self._programs.items():
             set_uniform(program, u_drawn=0, u_depth=1, u_rows=0.5 * size[1],
-                        u_texel=(1.0 / size[0], 1.0 / size[1]))
-            self._arrays.append(context.vertex_array(program,
-                                                     [(self._boxes, '4f /i', 'i_box')]))
+                        u_texel=(1.0 / size[0], 1.0 / size[1]), u_z=_DEPTHS[name])
 
     def draw(self, cameras: dict[int, Array], balls_m: Array) -> None:
         """Smooth the outlines of objects that lie within balls, in the lit images.
@@ -53,14 +55,32 @@ class EdgePass:
         if len(data) > self._boxes.size:
             self._boxes.orphan(2 * len(data))
         self._boxes.write(data)
-        self._context.enable_only(self._context.NOTHING)
+        context = self._context
         self._lit.depth.use(1)
-        for target, source, array in zip(self._targets, (self._lit.radiance, self._mixed),
-                                         self._arrays):
-            target.use()
-            target.viewport = (0, 0, *self._mixed.size)
-            source.use(0)
-            array.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(boxes))
+        self._lit.radiance.use(0)
+        # Depth rejects blocks of pixels without an edge before they are computed, which a branch
+        # on llvmpipe does not. A pixel is found once, and mixed once, whatever boxes overlap.
+        context.enable_only(context.DEPTH_TEST)
+        context.depth_func = '>'
+        self._found.use()
+        self._found.viewport = (0, 0, *self._mixed.size)
+        self._found.clear(depth=0.0)
+        self._render('FIND', len(boxes))
+        context.enable_only(context.NOTHING)
+        self._mixing.use()
+        self._mixing.viewport = (0, 0, *self._mixed.size)
+        self._render('COPY', len(boxes))
+        context.enable_only(context.DEPTH_TEST)
+        context.depth_func = '<'
+        self._render('MIX', len(boxes))
+        context.enable_only(context.NOTHING)
+        self._mixed.use(0)
+        self._back.use()
+        self._back.viewport = (0, 0, *self._mixed.size)
+        self._render('COPY', len(boxes))
+
+    def _render(self, name: str, count: int) -> None:
+        self._arrays[name].render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
 
     def _around(self, T_world_camera: Array, side: int, centres_m: Array,
                 radii_m: Array) -> NDArray[np.float64]:
@@ -85,4 +105,5 @@ class EdgePass:
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(*self._arrays, self._boxes, *self._programs, *self._targets, self._mixed)
+        release_all(*self._arrays.values(), self._boxes, *self._programs.values(), self._found,
+                    self._mixing, self._back, self._depth, self._mixed)

@@ -32,13 +32,14 @@ class RockPass:
     """
 
     def __init__(self, context: moderngl.Context, rocks: Rocks, shapes: tuple[RockShape, ...],
-                 light: F32, surface: Surface, lamp: bool) -> None:
+                 light: F32, surface: Surface, lamp: bool,
+                 smooth: bool = False) -> None:
         """Make meshes and programs.
 
         light: (m, 5) as `Sunlight.rock_light`; surface: textures to light with; lamp: whether
-        there is one
+        there is one; smooth: whether radiance is marked for `EdgePass`, see shaders/edges.frag
         """
-        self._context, self._surface = context, surface
+        self._context, self._surface, self._smooth = context, surface, smooth
         lit = {'ROVER_SHADOW': 1, **({'LAMP': 1} if lamp else {})}
         self._lit = load_program(context, 'rock', 'rock', **lit)
         self._truth = load_program(context, 'rock', 'rock', TRUTH=1)
@@ -124,7 +125,7 @@ class RockPass:
                 self._arrays[key] = self._context.vertex_array(
                     program, [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
                               (self._instances[kind], _INSTANCE, *_NAMES)], skip_errors=True)
-            set_uniform(program, u_mark=1.0 if kind == self._tiny else -1.0)
+            set_uniform(program, u_mark=-1.0 if self._smooth and kind != self._tiny else 1.0)
             self._arrays[key].render(instances=count)
 
     def _visible(self, volume: ViewVolume, focal_px: float,

@@ -69,14 +69,16 @@ class ScenePasses:
                                                   2 * self._projection.height)))
         self._targets = [self._own(FrameTargets(context, self.lit))
                          for _ in range(FRAMES_UNDER_WAY)]
-        self._edges = self._own(EdgePass(context, self.lit, self._projection))
+        self._edges = (self._own(EdgePass(context, self.lit, self._projection))
+                       if config.detail.smooth_outlines else None)
         self._surface = self._own(Surface(context, world))
         self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
         sunlight = self._light_surface()
         lamp = config.lamp.power_w > 0.0
         self._ground = self._own(GroundPass(context, world, config.detail, self._surface, lamp))
         self._rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
-                                         sunlight.rock_light(), self._surface, lamp))
+                                         sunlight.rock_light(), self._surface, lamp,
+                                         config.detail.smooth_outlines))
         self.seen = seen_links(rover, (self._rig.T_base_left, self._rig.T_base_right),
                                self._projection)
         self._rover = self._own(RoverPass(context, rover))
@@ -167,11 +169,12 @@ class ScenePasses:
                 scene.shadow = self._rover_shadow.cast(links, self._sun_axes, volume)
                 outlined = self._rocks.choose(volume, self._rig.focal_px,
                                               self._config.detail.rock_min_px)
+                smooth = bool(self.seen) and self._edges is not None
                 if self._rover.is_in_view(links, volume):
                     scene.body = self._rover.light(links, self._rover_shadow.radius_m,
                                                    self._sunlight, self._config.sun.irradiance,
-                                                   -1.0 if self.seen else 1.0)
-                    if self.seen:
+                                                   -1.0 if smooth else 1.0)
+                    if smooth:
                         outlined = np.concatenate([outlined, self._rover.balls(links)])
                 scene.outlined_m = outlined
                 scene.rows = self._ground.rows(chosen, projection, cameras[LEFT])
@@ -190,9 +193,10 @@ class ScenePasses:
         for side in request.sides:
             self._look_from(scene, side)
             self._draw_objects(scene, targets.objects[side], side)
-        if request.lit:
+        if request.lit and self._edges is not None:
             self._edges.draw({side: scene.T_world_cameras[side] for side in request.sides},
                              scene.outlined_m)
+        if request.lit:
             self._sun.draw(scene)
         if request.truth:
             self._look_from(scene, LEFT)

@@ -1,30 +1,53 @@
-"""Outlines of rocks: no steps, against 8 x 8 times the pixels, and nothing else is touched."""
+"""Outlines of rocks and rover: few steps, against 8 x 8 times the pixels; nothing else changes."""
+
+import dataclasses
 
 import camera_scene as scene
 import numpy as np
-import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
-from lunar_rover_sim.rendering.frame import LABEL_FIRST_ROCK
+from lunar_rover_sim.rendering.frame import LABEL_FIRST_ROCK, LABEL_ROVER
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.description import RoverDescription, StereoMount
 from lunar_rover_sim.rover.pose import RoverPose
 
 FINER = 8
 WIDTH, HEIGHT = 160, 120
+# A rover whose cameras see its own deck and front legs.
+LOOKING_DOWN = RoverDescription(stereo=StereoMount(position_m=(-0.02, 0.0, 0.22), pitch_deg=45.0))
 
 
-def draw(world, roll_deg, finer=1):
-    """Return left radiance and label, with so many pixels per pixel."""
+def draw(world, rolls_deg, finer=1, smooth=True, rover=scene.ROVER, z=0.1):
+    """Return left radiance and label of each roll, with so many pixels per pixel."""
     camera = CameraConfig(width=WIDTH * finer, height=HEIGHT * finer)
-    pose = se3(matrix_from_wxyz(wxyz_from_rpy(np.radians(roll_deg), 0.0, 0.0)), (0.0, 0.0, 0.1))
-    with Renderer(world, scene.ROVER, scene.config(40.0, 150.0, camera=camera)) as renderer:
-        frame = renderer.render(RoverPose(pose), layers=('radiance', 'label'))
-    return frame.radiance.astype(float), frame.label
+    detail = dataclasses.replace(scene.SMOOTH, smooth_outlines=smooth)
+    frames = []
+    with Renderer(world, rover, scene.config(40.0, 150.0, camera=camera,
+                                             detail=detail)) as renderer:
+        for roll in np.radians(rolls_deg):
+            pose = se3(matrix_from_wxyz(wxyz_from_rpy(roll, 0.0, 0.0)), (0.0, 0.0, z))
+            frame = renderer.render(RoverPose(pose, np.full(4, 0.5)),
+                                    layers=('radiance', 'label'))
+            frames.append((frame.radiance.astype(float), frame.label))
+    return frames
 
 
 def means(fine):
     return fine.reshape(HEIGHT, FINER, WIDTH, FINER).mean((1, 3))
+
+
+def errors(world, rolls_deg, is_object, **options):
+    """Return the RMS error at outlines with steps and without, and how many pixels that are."""
+    square, count = np.zeros(2), 0
+    stepped, smooth = (draw(world, rolls_deg, 1, on, **options) for on in (False, True))
+    for (fine, label), *pair in zip(draw(world, rolls_deg, FINER, **options), stepped, smooth):
+        share = means(is_object(label).astype(float))
+        edge = (share > 0.0) & (share < 1.0)
+        edge[:3] = edge[-3:] = edge[:, :3] = edge[:, -3:] = False
+        count += np.count_nonzero(edge)
+        square += [np.sum((image - means(fine))[edge]**2) for image, _ in pair]
+    return np.sqrt(square / count), count
 
 
 def stones():
@@ -33,35 +56,29 @@ def stones():
                                            (3.0, -0.1, 0.1)], 0.6), shape=scene.block())
 
 
-@pytest.mark.parametrize('roll_deg', [3.0, 12.0, -20.0])
-def test_outlines_of_rocks_are_as_bright_as_their_share(roll_deg):
-    """RMS error at the outlines, relative to that of pixels that are all rock or none."""
-    world = stones()
-    radiance, label = draw(world, roll_deg)
-    fine, fine_label = draw(world, roll_deg, FINER)
-    true, share = means(fine), means((fine_label >= LABEL_FIRST_ROCK).astype(float))
-    edge = (share > 0.0) & (share < 1.0)
-    edge[:3] = edge[-3:] = edge[:, :3] = edge[:, -3:] = False
-    whole = fine_label >= LABEL_FIRST_ROCK
-    own = means(np.where(whole, fine, 0.0)) / np.maximum(share, 1e-9)
-    rest = means(np.where(whole, 0.0, fine)) / np.maximum(1.0 - share, 1e-9)
-    stepped = np.where(label >= LABEL_FIRST_ROCK, own, rest)
-    before = np.sqrt(np.mean((stepped - true)[edge]**2))
-    now = np.sqrt(np.mean((radiance - true)[edge]**2))
-    assert np.count_nonzero(edge) > 150
-    assert now < 0.45 * before
+def test_outlines_of_rocks_are_as_bright_as_their_share():
+    (stepped, smooth), count = errors(stones(), [3.0, 12.0, -20.0],
+                                      lambda label: label >= LABEL_FIRST_ROCK)
+    assert count > 500
+    assert smooth < 0.45 * stepped
+
+
+def test_outlines_of_the_rover_are_as_bright_as_their_share():
+    (stepped, smooth), count = errors(scene.plane(), [0.0, 10.0],
+                                      lambda label: label == LABEL_ROVER,
+                                      rover=LOOKING_DOWN, z=0.12)
+    assert count > 300
+    assert smooth < 0.6 * stepped
 
 
 def test_only_outlines_change():
-    """Pixels whose eight neighbours show the same surface are those of the rock alone."""
-    world = stones()
-    radiance, label = draw(world, 0.0)
-    bare, _ = draw(scene.plane(), 0.0)
-    near_rock = np.zeros(label.shape, bool)
+    """Pixels whose eight neighbours show the same surface are those without smoothing."""
+    (smooth, label), = draw(stones(), [5.0])
+    (stepped, _), = draw(stones(), [5.0], smooth=False)
+    same = np.ones(label.shape, bool)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
-            near_rock |= np.roll(label, (dy, dx), (0, 1)) >= LABEL_FIRST_ROCK
-    lit = ~near_rock & (radiance > 0.5 * bare)      # the rest lies in the shadow of a rock
-    assert lit.mean() > 0.5
-    np.testing.assert_array_equal(radiance[lit], bare[lit])
-    assert radiance.min() >= 0.0
+            same &= np.roll(label, (dy, dx), (0, 1)) == label
+    assert same.mean() > 0.8 and np.any(smooth != stepped)
+    np.testing.assert_array_equal(smooth[same], stepped[same])
+    assert smooth.min() >= 0.0 and stepped.min() >= 0.0

@@ -45,8 +45,11 @@ float share_of_other(vec2 p, vec2 across) {
 
 void main() {
     vec2 p = gl_FragCoord.xy;
-#ifdef COPY
-    o_radiance = drawn_at(p);
+#if defined(COPY)
+    o_radiance = abs(drawn_at(p));
+#elif defined(FIND)
+    if (!apart(p, p + vec2(1.0, 0.0)) && !apart(p, p - vec2(1.0, 0.0))
+        && !apart(p, p + vec2(0.0, 1.0)) && !apart(p, p - vec2(0.0, 1.0))) discard;
 #else
     float rest = 1.0, mixed = 0.0;
     for (int k = 0; k < 4; k++) {

@@ -175,7 +175,7 @@ void main() {
         float width = u_sun_radius * (1.0 + tangent * tangent);
         // Clearances make a crisp edge, but their mean is none: coarser mip levels of the finest
         // grid are of visibility.
-        float lit = disc(ground.z / ground.w, softened(relative, ground.w));
+        float lit = disc(ground.z / ground.w, u_sun_radius);
         lit = layer > 0.0 ? lit * (1.0 - matter.a) : mix(lit, matter.a, min(coarse, 1.0));
         float drawn = disc(tangent - relief.horizon.x, width + scales.y)
             * disc(tangent - dot(relief.slope_a, heading) - relief.horizon.y, width + scales.z);
