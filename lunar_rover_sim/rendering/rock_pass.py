@@ -59,9 +59,12 @@ class RockPass:
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
         self._vertices: list[moderngl.Buffer] = []
-        for shape in shapes:
+        self._reach = np.zeros(len(shapes))     # of a shape's farthest vertex, diameter 1
+        for k, shape in enumerate(shapes):
             for mesh in (shape, coarse(shape, _COARSE_VERTICES)):
                 self._vertices.append(context.buffer(facets(mesh).tobytes()))
+                self._reach[k] = max(self._reach[k],
+                                     np.linalg.norm(mesh.vertices, axis=1).max())
         self._vertices.append(context.buffer(facets(OCTAHEDRON).tobytes()))
 
     def relight(self, light: F32) -> None:
@@ -90,8 +93,9 @@ class RockPass:
                 part[:, 3:12] *= np.repeat(axes, 3, axis=1)
             self._write(kind, part)
         large = visible[kind_of != self._tiny]
+        reach = self._reach[self.rocks.shape[large]]
         return np.column_stack([self.rocks.position_m[large],
-                                _RADIUS * self.rocks.diameter_m[large]])
+                                reach * self.rocks.diameter_m[large]])
 
     def _write(self, kind: int, data: F32) -> None:
         """Write the instances of one kind."""
