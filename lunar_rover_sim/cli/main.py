@@ -116,6 +116,10 @@ def configure_logging(verbose: bool) -> None:
         handler.addFilter(logging.Filter('lunar_rover_sim'))
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, handlers=[handler],
                         format='%(levelname)s %(name)s: %(message)s')
+    # An error in a callback of a library, such as that of rasterio for texts of GDAL that are not
+    # UTF-8: Python would print its traceback.
+    sys.unraisablehook = lambda failed: logger.info('%s', failed.err_msg or 'in a callback',
+                                                    exc_info=failed.exc_value)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -60,7 +60,8 @@ class DemFolder(Raster):
         count = (columns.stop - columns.start) // factor
         strips, masks = [], []
         for start in range(rows.start, rows.stop, factor):
-            block = np.asarray(self._data[start:start + factor, columns], float)
+            with np.errstate(invalid='ignore'):     # a NaN of any bits is no data
+                block = np.asarray(self._data[start:start + factor, columns], float)
             known = np.isfinite(block) & (np.abs(block) < MAX_HEIGHT_M)
             total = np.where(known, block, 0.0).reshape(factor, count, factor).sum(axis=(0, 2))
             data = known.reshape(factor, count, factor).sum(axis=(0, 2))

@@ -39,7 +39,7 @@ class GeoRaster(Raster):
                 warnings.simplefilter('ignore', NotGeoreferencedWarning)
                 self._data = self._open_files.enter_context(rasterio.open(path))
             self._interpret()
-        except (RasterioError, UnicodeDecodeError) as error:
+        except (RasterioError, ValueError) as error:     # CRSError, UnicodeDecodeError
             self.close()
             raise WorldError(f'{path}: not a raster that can be read: '
                              f'{" ".join(str(error).split())}') from None

@@ -59,6 +59,12 @@ def test_what_is_missing_is_left_out(tmp_path, items):
     assert not (tmp_path / 'none').exists()
 
 
+def test_a_folder_that_cannot_be_made_is_named(tmp_path, bag):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(BagError, match='stereo_0.png: cannot be written: Not a directory'):
+        preview(bag, tmp_path / 'file' / 'out')
+
+
 def test_another_world_is_refused(tmp_path, items, world):
     other = [i for i in items if i.topic not in ('world_hash',)]
     other.append(synthetic.Item('world_hash', 'std_msgs/msg/String',

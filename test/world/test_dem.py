@@ -319,6 +319,11 @@ def test_rows_from_the_south(tmp_path):
     assert np.allclose(a.heights_m, b.heights_m) and np.allclose(a.y_m, b.y_m)
 
 
+def test_a_crs_without_lengths_on_a_plane(tmp_path):
+    refused(write_tiff(tmp_path / 'x.tif', hills(60, 5.0), pixel=5.0, crs='EPSG:4978'),
+            'not a raster that can be read: .*not defined for non projected CRS')
+
+
 def test_folder_refusals(tmp_path):
     heights = hills(60, 5.0)
     refused(write_folder(tmp_path / 'size', heights, size=[10, 10]), r'dem.yaml: size: \[10, 10\]')
