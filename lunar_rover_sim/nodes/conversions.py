@@ -1,4 +1,6 @@
-"""Conversions between core classes and ROS 2 messages: only this module knows their fields.
+"""Conversions between core classes and ROS 2 messages of states and commands.
+
+Only this module and `image_conversions` know the fields of messages.
 
 Quaternions are wxyz in the core and xyzw in messages. The `fill_` functions write every field that
 they name, so a message object that is made once can be published for every state.
@@ -13,27 +15,20 @@ from geometry_msgs.msg import (AccelStamped, Point, Quaternion, TransformStamped
                                TwistStamped, Vector3, WrenchStamped)
 from nav_msgs.msg import Odometry
 import numpy as np
-from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import (CameraInfo, CompressedImage, Image, Imu, JointState, PointCloud2,
-                             PointField)
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
-from stereo_msgs.msg import DisparityImage
 
 from lunar_rover_sim import frames
-from lunar_rover_sim.bag.ground_points import FLOAT32, POINT
 from lunar_rover_sim.bag.stamps import NS_PER_S
-from lunar_rover_sim.camera.compression import encoding_of
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.description import JOINT_NAMES
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.camera.rig import StereoRig
     from lunar_rover_sim.physics.imu import ImuSample
     from lunar_rover_sim.physics.state import RoverState
     from lunar_rover_sim.run.node_config import OdometryConfig
-    from lunar_rover_sim.stereo.depth import DisparityMap
 
 
 # What messages state of exact values, in the squares of their units. Zeros would mean `unknown` in
@@ -214,87 +209,6 @@ def transform(parent: str, child: str, T_parent_child: Array, stamp: Time) -> Tr
     msg.child_frame_id = child
     _set_vector(msg.transform.translation, T_parent_child[:3, 3])
     _set_quaternion(msg.transform.rotation, frames.wxyz_from_matrix(T_parent_child[:3, :3]))
-    return msg
-
-
-def camera_info(rig: StereoRig, frame_id: str, projection: Array,
-                stamp: Time) -> CameraInfo:
-    """Return intrinsics, distortion and projection of one camera (REP-104)."""
-    msg = CameraInfo()
-    _set_header(msg.header, stamp, frame_id)
-    msg.width, msg.height = rig.width, rig.height
-    msg.distortion_model = 'plumb_bob'
-    msg.d = [float(d) for d in rig.D]
-    msg.k = rig.K.ravel().tolist()
-    msg.r = rig.R.ravel().tolist()
-    msg.p = projection.ravel().tolist()
-    return msg
-
-
-def image(pixels: NDArray, frame_id: str, stamp: Time) -> Image:
-    """Return (h, w) uint8, uint16, float32 or (h, w, 3) uint8 pixels as a message."""
-    msg = Image()
-    _set_header(msg.header, stamp, frame_id)
-    msg.height, msg.width = pixels.shape[:2]
-    msg.encoding = encoding_of(pixels)
-    msg.step = pixels.strides[0] if pixels.flags.c_contiguous else pixels[0].nbytes
-    msg.data = pixels.tobytes()
-    return msg
-
-
-def compressed_image(description: str, data: bytes, frame_id: str,
-                     stamp: Time) -> CompressedImage:
-    """Return a compressed image; description: what image_transport calls its format."""
-    msg = CompressedImage(format=description)
-    _set_header(msg.header, stamp, frame_id)
-    msg.data = data
-    return msg
-
-
-def point_cloud(points_m: NDArray[np.float32], intensity: NDArray, frame_id: str,
-                stamp: Time) -> PointCloud2:
-    """Return (h, w, 3) points with (h, w) intensities as an organised cloud.
-
-    `is_dense` is false: unknown points are NaN, as in stereo_image_proc.
-    """
-    height, width, _ = points_m.shape
-    values = np.empty((height, width, 4), '<f4')
-    values[..., :3], values[..., 3] = points_m, intensity
-    msg = PointCloud2(
-        height=height, width=width, point_step=16, row_step=16 * width, is_dense=False,
-        fields=[PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
-                for k, name in enumerate(('x', 'y', 'z', 'intensity'))])
-    _set_header(msg.header, stamp, frame_id)
-    msg.data = values.tobytes()
-    return msg
-
-
-def disparity_image(disparity: DisparityMap, focal_px: float, baseline_m: float, frame_id: str,
-                    stamp: Time) -> DisparityImage:
-    """Return a disparity map with what a reader needs to turn it into depth: Z = f T / d."""
-    msg = DisparityImage()
-    _set_header(msg.header, stamp, frame_id)
-    msg.image = image(disparity.disparity_px, frame_id, stamp)
-    msg.f, msg.t = float(focal_px), float(baseline_m)
-    msg.min_disparity = float(disparity.min_disparity_px)
-    msg.max_disparity = float(disparity.max_disparity_px)
-    msg.delta_d = float(disparity.delta_d_px)
-    x, y, width, height = disparity.valid_window
-    msg.valid_window.x_offset, msg.valid_window.y_offset = int(x), int(y)
-    msg.valid_window.width, msg.valid_window.height = int(width), int(height)
-    return msg
-
-
-def ground_cloud(points: NDArray[np.void], stamp: Time) -> PointCloud2:
-    """Return changes of the ground, points as of `bag.ground_points`, as a message."""
-    msg = PointCloud2()
-    _set_header(msg.header, stamp, frames.ODOM_FRAME)
-    msg.height, msg.width = 1, len(points)
-    msg.fields = [PointField(name=name, offset=4 * k, datatype=FLOAT32, count=1)
-                  for k, name in enumerate(POINT.names or ())]
-    msg.point_step, msg.row_step = POINT.itemsize, points.nbytes
-    msg.is_dense = True
-    msg.data = points.tobytes()
     return msg
 
 

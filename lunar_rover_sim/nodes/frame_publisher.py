@@ -15,7 +15,7 @@ from rclpy.publisher import Publisher
 from lunar_rover_sim import topics
 from lunar_rover_sim.camera.compression import compressed
 from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.nodes import conversions, qos
+from lunar_rover_sim.nodes import image_conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.stereo.points import grey, points_from_depth
@@ -97,10 +97,11 @@ class FramePublisher:
             frame_id = _TOPICS[name].frame_id
             if name in _INFOS:
                 right = name == topics.RIGHT_INFO.name
-                self._send(name, conversions.camera_info(
+                self._send(name, image_conversions.camera_info(
                     self._rig, frame_id, self._rig.P_right if right else self._rig.P_left, stamp))
             elif name not in _MATCHED and name not in _COMPRESSED:
-                self._send(name, conversions.image(layers[_LAYERS[name][0]], frame_id, stamp))
+                pixels = layers[_LAYERS[name][0]]
+                self._send(name, image_conversions.image(pixels, frame_id, stamp))
         derived = [name for name in names if name in _MATCHED or name in _COMPRESSED]
         if derived:
             self.raise_error(wait=True)
@@ -124,20 +125,21 @@ class FramePublisher:
         for name in names:
             if name in _COMPRESSED:
                 pixels = layers[_LAYERS[name][0]]
-                self._send(name, conversions.compressed_image(
+                self._send(name, image_conversions.compressed_image(
                     *compressed(pixels, self._compression[name]), _TOPICS[name].frame_id, stamp))
         if not any(name in _MATCHED for name in names):
             return
         disparity = self._matcher.match(layers['left'], layers['right'])
         if topics.DISPARITY.name in names:
-            self._send(topics.DISPARITY.name, conversions.disparity_image(
+            self._send(topics.DISPARITY.name, image_conversions.disparity_image(
                 disparity, self._rig.focal_px, self._rig.baseline_m, topics.DISPARITY.frame_id,
                 stamp))
         depth = disparity.depth_m
         if topics.DEPTH.name in names:
-            self._send(topics.DEPTH.name, conversions.image(depth, topics.DEPTH.frame_id, stamp))
+            self._send(topics.DEPTH.name,
+                       image_conversions.image(depth, topics.DEPTH.frame_id, stamp))
         if topics.POINTS.name in names:
             step = self._points_step
-            self._send(topics.POINTS.name, conversions.point_cloud(
+            self._send(topics.POINTS.name, image_conversions.point_cloud(
                 points_from_depth(depth, self._rig.K)[::step, ::step],
                 grey(layers['left'])[::step, ::step], topics.POINTS.frame_id, stamp))

@@ -12,7 +12,7 @@ from sensor_msgs.msg import PointCloud2
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.ground_points import points_of
-from lunar_rover_sim.nodes import conversions, qos
+from lunar_rover_sim.nodes import conversions, image_conversions, qos
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.regolith.overlay import GroundChanges, Overlay
 from lunar_rover_sim.world.grid import HeightGrid
@@ -53,5 +53,5 @@ class GroundPublisher:
             self._send(self._snapshot, self._overlay.snapshot())
 
     def _send(self, publisher: Publisher, changes: GroundChanges) -> None:
-        publisher.publish(conversions.ground_cloud(points_of(changes, self._ground),
-                                                   conversions.time_msg(self._now_ns)))
+        publisher.publish(image_conversions.ground_cloud(
+            points_of(changes, self._ground), conversions.time_msg(self._now_ns)))
