@@ -158,7 +158,7 @@ def test_the_picture_is_the_mean_of_sub_exposures(name):
     Each scenario has its exposure of a walk. It takes some seconds since 32 pictures are drawn of
     each.
     """
-    exposure_s = {'baseline': 5e-3, 'feature_sparse': 9e-3, 'low_albedo': 10e-3,
+    exposure_s = {'baseline': 1e-2, 'feature_sparse': 9e-3, 'low_albedo': 10e-3,
                   'permanent_shadow': 20e-3}[name]
     scenario = Scenario.load(name, ['world.size_m=12.8', 'world.surroundings.samples=257',
                                     'render_node.camera.width=320',
