@@ -41,7 +41,7 @@ import psutil
 
 sys.path[:0] = [str(folder) for folder in Path(__file__).resolve().parents[:2]]
 
-from readers import Contradiction, one_line, Reader, READERS  # noqa: E402
+from readers import COMMANDS, Contradiction, one_line, Reader, READERS  # noqa: E402
 
 from lunar_rover_sim.cli.main import configure_logging  # noqa: E402
 from lunar_rover_sim.errors import LunarRoverSimError  # noqa: E402
@@ -275,14 +275,14 @@ def run_all(cases: list[Case], samples: Path, folder: Path, jobs: int) -> Iterat
 def run_by_command_line(case: Case, samples: Path, folder: Path) -> Outcome | None:
     """Give the input of a refused case to the command line; return a failure, or None."""
     file, _ = prepare(case, samples, folder)
-    words = READERS[case.reader].command.format(
-        file=file, folder=folder, valid=samples / case.reader, new=folder / 'new').split()
+    words = COMMANDS[case.reader].format(file=file, folder=folder, new=folder / 'new').split()
     try:
         ended = subprocess.run([sys.executable, '-m', 'lunar_rover_sim.cli.main', *words],
                                capture_output=True, text=True, errors='replace', timeout=60.0)
     except subprocess.TimeoutExpired:
         return Outcome(case.number, case.reader, 'cli', f'{words}: hangs', repeat=case.repeat)
-    lines = [line for line in ended.stderr.splitlines() if not _LOG_LINE.match(line)]
+    lines = [line for line in ended.stderr.splitlines()
+             if line.strip() and not _LOG_LINE.match(line)]
     # `bag check` and `dataset verify` say on stdout what is wrong.
     fine = (ended.returncode == 1 and (not lines or len(lines) == 1
                                        and lines[0].startswith('lunar_rover_sim: ')))
@@ -340,7 +340,7 @@ def main() -> int:
                 print(f'{outcome.kind}: {outcome.reader} {outcome.file}: {outcome.said}\n'
                       f'  {outcome.repeat}', flush=True)
         refused = [cases[o.number] for o in outcomes
-                   if o.kind == 'refused' and READERS[o.reader].command]
+                   if o.kind == 'refused' and o.reader in COMMANDS]
         random.Random(args.seed).shuffle(refused)
         for case in refused[:args.cli]:
             failure = run_by_command_line(case, folder / 'samples', folder / 'cli')

@@ -67,14 +67,13 @@ class Reader:
     """How a kind of input is made, mutated and read.
 
     make: fills the folder of a valid sample; mutate: pattern of files → mutation; weight: share of
-    the cases; command: words of a command line that reads it ({file}, {folder}, {valid}, {new})
+    the cases
     """
 
     make: Callable[[Path], None]
     mutate: Mapping[str, mutations.Mutate]
     read: Callable[[Path, Path, Path, random.Random], None]
     weight: int = 4
-    command: str = ''
 
 
 def claim(holds: object, what: str) -> None:
@@ -329,4 +328,23 @@ READERS: dict[str, Reader] = {
     'dataset': Reader(samples.dataset, {'*.json': mutations.any_json,
                                         '*/*/*.json': mutations.any_json,
                                         '*/*/kitti/*/*.png': mutations.any_bytes}, read_dataset),
+}
+
+# Command lines that read the same input; {new} does not exist.
+COMMANDS = {
+    'scenario': 'render {file} -o {new}',
+    'rover': 'calibrate gait --set rover={file} -o {new}',
+    'campaign': 'campaign {file} --dry-run',
+    'trajectory': 'evaluate {file} {file} --times {folder}/times.txt',
+    'pitch_curve': 'validate locomotion --overlay {file} -o {new}',
+    'geotiff': 'world build --dem {file} -o {new}',
+    'dem_folder': 'world build --dem {folder} -o {new}',
+    'mesh': 'world build --mesh {file} -o {new}',
+    'world': 'world info {folder}/world',
+    'mcap': 'bag check {folder}/bag',
+    'mcap_zstd': 'bag hash {folder}/bag',
+    'sqlite': 'bag info {folder}/bag',
+    'cut_mcap': 'bag recover {folder}/bag',
+    'cut_sqlite': 'bag recover {folder}/bag',
+    'dataset': 'dataset card {folder}',
 }
