@@ -227,9 +227,12 @@ def test_hostile_campaigns(line: str, match: str, tmp_path: Path) -> None:
 
 
 def test_a_scenario_cannot_name_where_a_campaign_writes(tmp_path: Path) -> None:
-    """Output, world and rover of the base scenario are those of its author's machine."""
-    campaign = parse_campaign('episodes: 1\nsettings: {recorder_node.output: /etc/x, '
-                              'recorder_node.scenario_file: /etc/passwd, world: /etc}',
-                              tmp_path / 'campaign.yaml')
-    text = episode(campaign, '0', draw(campaign)[0]).scenario_yaml
-    assert '/etc' not in text
+    """World and rover of the base scenario are those of its author's machine, outputs are refused.
+    """
+    campaign = parse_campaign('episodes: 1\nsettings: {world: /etc}', tmp_path / 'campaign.yaml')
+    assert '/etc' not in episode(campaign, '0', draw(campaign)[0]).scenario_yaml
+    for name in ('recorder_node.output', 'recorder_node.scenario_file'):
+        campaign = parse_campaign(f'episodes: 1\nsettings: {{{name}: /etc/x}}',
+                                  tmp_path / 'campaign.yaml')
+        with pytest.raises(ConfigError, match="'/etc/x' is not valid in a run, which places the"):
+            episode(campaign, '0', draw(campaign)[0])
