@@ -57,8 +57,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(scope='session', autouse=True)
 def world_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Keep the worlds of tests apart from those of the user."""
-    os.environ['LUNAR_ROVER_SIM_CACHE'] = str(tmp_path_factory.mktemp('cache'))
+    """Keep the worlds of tests apart from those of the user; the workers of xdist share them."""
+    folder = tmp_path_factory.getbasetemp()
+    if 'PYTEST_XDIST_WORKER' in os.environ:
+        folder = folder.parent
+    os.environ['LUNAR_ROVER_SIM_CACHE'] = str(folder / 'cache')
 
 
 @pytest.fixture(scope='session')
