@@ -97,10 +97,13 @@ def test_record_in_threads_and_stopped_early(tmp_path: Path) -> None:
     """Two runs at once do not meet; a run that is stopped leaves a complete bag."""
     stop = threading.Event()
     results = {}
+    without_cameras = Scenario.load('baseline', [
+        *SMALL, 'run.nodes=[physics_node,gait_controller_node,drive_node,recorder_node]'],
+        duration_s=60.0)
 
     def work(name: str) -> None:
         results[name] = record(
-            small_scenario(60.0), tmp_path / name, should_stop=stop.is_set,
+            without_cameras, tmp_path / name, should_stop=stop.is_set,
             on_progress=lambda now_ns: stop.set() if now_ns > 1_000_000_000 else None)
 
     threads = [threading.Thread(target=work, args=[name]) for name in ('a', 'b')]

@@ -18,7 +18,7 @@ from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
 from lunar_rover_sim.campaign.layout import STOP_FILE
 from lunar_rover_sim.errors import CampaignError
 
-_CONNECT_S = 10
+_CONNECT_S = 5
 
 
 def run_local(tasks: Sequence[EpisodeTask], dataset: Path, jobs: int,

@@ -26,7 +26,9 @@ settings:
   world.size_m: 12.8
   world.surroundings.samples: 257
   world.seed: 1
-  run.nodes: [physics_node, gait_controller_node, drive_node, recorder_node]
+  render_node.camera.width: 160
+  render_node.camera.height: 120
+  render_node.sgm.num_disparities: 32
 """
 KILLED = 'design: grid\nformats: [tum]\nvary:\n  case:\n    choice:\n' + ''.join(
     f'      - {case}\n' for case in (
@@ -34,10 +36,10 @@ KILLED = 'design: grid\nformats: [tum]\nvary:\n  case:\n    choice:\n' + ''.join
         '{physics_node.start.yaw_deg: 140.0, seed: 6}',
         '{world.source: dem, world.path: there_is_none.tif}')) + SMALL
 BLIND = """
-episodes: 4
+episodes: 3
 vary:
   physics_node.start.yaw_deg: {uniform: [-180, 180]}
-""" + SMALL
+""" + SMALL + '  run.nodes: [physics_node, gait_controller_node, drive_node, recorder_node]\n'
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:
@@ -81,7 +83,7 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
     for name, manifest in made.items():
         folder = tmp_path / 'data' / 'episodes' / name
         assert (folder / 'tum' / 'groundtruth.txt').stat().st_size > 0
-        assert manifest['statistics']['duration_s'] == 0.5
+        assert manifest['statistics']['frames'] == 5
         assert manifest['bag_hash'] == bag_hash(folder / 'bag')
     assert made['0000']['bag_hash'] != made['0001']['bag_hash']
     assert 'CC-BY-4.0' in (tmp_path / 'data' / 'README.md').read_text()
@@ -132,7 +134,7 @@ def test_a_cluster_loses_a_worker(tmp_path: Path, world_folder: Path) -> None:
         os.kill(workers[0].pid, signal.SIGKILL)
         output, _ = campaign.communicate(timeout=240)
         assert campaign.returncode == 0, output
-    assert [m['name'] for m in manifests(tmp_path / 'data')] == ['0000', '0001', '0002', '0003']
+    assert [m['name'] for m in manifests(tmp_path / 'data')] == ['0000', '0001', '0002']
     assert not failures(tmp_path / 'data')
     assert not processes_naming(str(tmp_path / 'data'))
 

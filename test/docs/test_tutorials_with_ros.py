@@ -19,6 +19,8 @@ from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
 
+WITHOUT_CAMERAS = ['physics_node', 'gait_controller_node', 'drive_node', 'recorder_node']
+
 
 def blocks(page: str, language: str) -> list[Snippet]:
     """Return the code blocks of one page."""
@@ -52,6 +54,7 @@ def test_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     def load_small(name: str, changes: dict[str, Any], **options: Any) -> Scenario:
         small = dict(text.split('=') for text in SMALL)
         values = {name: yaml.safe_load(text) for name, text in small.items()}
+        values['run.nodes'] = WITHOUT_CAMERAS
         return load(name, {**values, **changes}, **{**options, 'duration_s': 1.0})
 
     (block,) = blocks('howto/record_in_python.md', 'python')
