@@ -132,9 +132,10 @@ def test_templates(template: str, time_mode: str, tmp_path: Path, world_folder: 
                            'render_node.camera.height=120', 'render_node.sgm.num_disparities=32']}
     if template == 'estimator':
         nodes += ', render_node'
+    # Nobody waits for a teleoperator: it needs time to be discovered.
     scenario = resolve(Scenario.load('flat', [
         f'time_mode={time_mode}', f'run.nodes=[{nodes}]', *waits.get(template, [])],
-        duration_s=1.0))
+        duration_s=8.0 if (template, time_mode) == ('teleop', 'lockstep') else 1.0))
     folder = tmp_path / 'run'
     plans = prepare(scenario, folder, world_folder)
     program = subprocess.Popen([sys.executable, config_folder() / 'templates' / f'{template}.py'],
