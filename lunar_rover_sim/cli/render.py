@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 import re
 
-import cv2
 import numpy as np
 from rich.console import Console
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new, refuse_existing
+from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -79,14 +79,14 @@ def run(args: argparse.Namespace) -> int:
             name = f'{k:03d}'
             out = args.output
             for side in ('left', 'right'):
-                cv2.imwrite(str(out / f'{name}_{side}.png'), getattr(frame, side))
+                write_png(out / f'{name}_{side}.png', getattr(frame, side))
             for layer in ('depth_m', 'normal', 'label', 'radiance'):
                 np.save(out / f'{name}_{layer}.npy', getattr(frame, layer))
             assert frame.left is not None and frame.right is not None
             disparity = matcher.match(frame.left, frame.right)
             np.save(out / f'{name}_disparity_px.npy', disparity.disparity_px)
             sheet = contact_sheet(frame, disparity.disparity_px, disparity.depth_m)
-            cv2.imwrite(str(out / f'{name}_preview.png'), sheet)
+            write_png(out / f'{name}_preview.png', sheet[..., ::-1])    # it is BGR
             console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                           f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0

@@ -9,12 +9,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, TextIO, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
+from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.sequences.sensors import recorded_sensors, SensorSuite
 
 _THREADS = 2
@@ -33,7 +33,7 @@ class PngWriter:
 
     def write(self, path: Path, pixels: NDArray[Any]) -> None:
         """Write (h, w) or RGB (h, w, 3) pixels, 8 or 16 bits; errors appear at a later call."""
-        self._waiting.append(self._pool.submit(_write_png, path, pixels))
+        self._waiting.append(self._pool.submit(write_png, path, pixels, _COMPRESSION))
         while len(self._waiting) > _QUEUE:
             self._waiting.popleft().result()
 
@@ -52,15 +52,6 @@ class PngWriter:
                 self.finish()
         finally:
             self._pool.shutdown(cancel_futures=True)
-
-
-def _write_png(path: Path, pixels: NDArray[Any]) -> None:
-    if pixels.ndim == 3:
-        pixels = np.ascontiguousarray(pixels[..., 2::-1])
-    ok, data = cv2.imencode('.png', pixels, [cv2.IMWRITE_PNG_COMPRESSION, _COMPRESSION])
-    if not ok:
-        raise OSError(f'{path.name} cannot be encoded')
-    path.write_bytes(data.tobytes())
 
 
 class Sequence:

@@ -1,6 +1,8 @@
 """The commands `render`, `validate stereo` and `world preview`, as a user types them."""
 
+import errno
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,6 +21,7 @@ from lunar_rover_sim.world import world_folder
 
 LAYERS = ('left.png', 'right.png', 'preview.png', 'depth_m.npy', 'normal.npy', 'label.npy',
           'radiance.npy', 'disparity_px.npy')
+TINY = ('--set', 'render_node.camera.width=160', '--set', 'render_node.camera.height=120')
 
 
 @pytest.fixture(scope='module')
@@ -47,8 +50,7 @@ def test_render_writes_all_layers(folder, tmp_path, capsys):
 
 
 def test_a_twist_blurs_the_images_and_nothing_else(folder, tmp_path):
-    options = ['render', 'flat', '--world', str(folder), '--set', 'render_node.camera.width=160',
-               '--set', 'render_node.camera.height=120']
+    options = ['render', 'flat', '--world', str(folder), *TINY]
     assert main([*options, '-o', str(tmp_path / 'still')]) == 0
     assert main([*options, '--twist', '-0.1,0,0,0,0,10', '-o', str(tmp_path / 'turning')]) == 0
     images, depths = ([read(str(tmp_path / name / f'000_{layer}')) for name in
@@ -131,3 +133,14 @@ def test_validate_stereo(tmp_path, capsys):
     assert 'bad-1' in printed and 'median signed error' in printed
     assert main(['validate', 'stereo', 'baseline', '-n', '0', '-o', str(tmp_path / 'x')]) == 1
     assert 'frames: 0 is not valid; valid is >= 1' in capsys.readouterr().err
+
+
+def test_a_picture_that_cannot_be_written_is_an_error(folder, tmp_path, monkeypatch, capsys):
+    def full(self, data):
+        raise OSError(errno.ENOSPC, 'No space left on device', str(self))
+
+    monkeypatch.setattr(Path, 'write_bytes', full)
+    assert main(['render', 'flat', '--world', str(folder), *TINY, '-o',
+                 str(tmp_path / 'frames')]) == 1
+    said = capsys.readouterr().err.strip()
+    assert 'No space left on device' in said and '\n' not in said
