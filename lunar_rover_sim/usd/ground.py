@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.usd.conventions import integers, label, place, points
 from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 from lunar_rover_sim.world.fine_relief import slopes
@@ -46,22 +46,14 @@ def write_relief(path: Path, tiles: list[tuple[float, F32]]) -> float:
         slope += np.tile(part, (copies, copies, 1))
     normal = np.concatenate([-slope, np.ones((n, n, 1), np.float32)], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    colours = np.rint(127.5 * (normal[::-1, :, ::-1] + 1.0)).astype(np.uint8)
-    _write_png(path, colours)
+    write_png(path, np.rint(127.5 * (normal[::-1] + 1.0)).astype(np.uint8))
     return period
 
 
 def write_texture(path: Path, albedo: F32) -> None:
     """Write (n, n) albedo factors as a PNG of 8 bits; its first row is in the north."""
     texels = np.clip(np.rint(albedo[::-1] * (255.0 / TEXTURE_SCALE)), 0, 255).astype(np.uint8)
-    _write_png(path, texels)
-
-
-def _write_png(path: Path, texels: NDArray[np.uint8]) -> None:
-    done, data = cv2.imencode('.png', texels)
-    if not done:
-        raise OSError(f'{path.name} cannot be encoded')
-    atomic_write(path, data.tobytes())
+    write_png(path, texels)
 
 
 def tile_cells(cells: int) -> int:
