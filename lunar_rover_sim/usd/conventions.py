@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.frames import wxyz_from_matrix
 from lunar_rover_sim.usd.pixar import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdSemantics, Vt
@@ -67,6 +67,18 @@ def points(array: ArrayLike) -> Vt.Vec3fArray:
 def integers(array: ArrayLike) -> Vt.IntArray:
     """Return an array of any shape as a flat one of OpenUSD."""
     return Vt.IntArray.FromNumpy(np.ascontiguousarray(array, np.int32).ravel())
+
+
+def add_mesh(stage: Usd.Stage, path: Sdf.Path, vertices: NDArray[np.floating],
+             faces: NDArray[np.integer]) -> UsdGeom.Mesh:
+    """Define a mesh of triangles with flat facets: (n, 3) vertices, (m, 3) indices."""
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.CreatePointsAttr(points(vertices))
+    mesh.CreateFaceVertexCountsAttr(integers(np.full(len(faces), 3)))
+    mesh.CreateFaceVertexIndicesAttr(integers(faces))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateExtentAttr(points([vertices.min(axis=0), vertices.max(axis=0)]))
+    return mesh
 
 
 def label(prim: Usd.Prim, kind: str, instance: str = '') -> None:

@@ -71,14 +71,10 @@ def write_twins(path: Path, looks: Mapping[Sdf.Path, Look], parts: str = '.') ->
         twin.SetSourceAssetSubIdentifier('OmniPBR', 'mdl')
         albedo = Gf.Vec3f(*look.twin_albedo)
         if look.texture:
-            image = twin.CreateInput('diffuse_texture', _Types.Asset)
-            image.Set(Sdf.AssetPath(f'{parts}/{look.texture}'))
-            image.GetAttr().SetColorSpace('raw')
+            _set_texture(twin, 'diffuse_texture', f'{parts}/{look.texture}')
             twin.CreateInput('diffuse_tint', _Types.Color3f).Set(albedo * look.texture_scale)
             if look.relief:
-                image = twin.CreateInput('detail_normalmap_texture', _Types.Asset)
-                image.Set(Sdf.AssetPath(f'{parts}/{look.relief}'))
-                image.GetAttr().SetColorSpace('raw')
+                _set_texture(twin, 'detail_normalmap_texture', f'{parts}/{look.relief}')
                 twin.CreateInput('detail_texture_scale', _Types.Float2).Set(
                     Gf.Vec2f(look.relief_repeats))
                 twin.CreateInput('detail_bump_factor', _Types.Float).Set(1.0)
@@ -96,6 +92,13 @@ def write_twins(path: Path, looks: Mapping[Sdf.Path, Look], parts: str = '.') ->
     stage.Save()
 
 
+def _set_texture(shader: UsdShade.Shader, name: str, file: str) -> None:
+    """Set a raw texture of OmniPBR."""
+    image = shader.CreateInput(name, _Types.Asset)
+    image.Set(Sdf.AssetPath(file))
+    image.GetAttr().SetColorSpace('raw')
+
+
 def _coordinates(stage: Usd.Stage, path: Sdf.Path) -> UsdShade.Output:
     """Return the texture coordinates of a mesh."""
     reader = UsdShade.Shader.Define(stage, path.AppendChild('st'))
@@ -111,32 +114,32 @@ def _relief(stage: Usd.Stage, path: Sdf.Path, look: Look, file: str,
     repeat.CreateIdAttr('UsdTransform2d')
     repeat.CreateInput('in', _Types.Float2).ConnectToSource(st)
     repeat.CreateInput('scale', _Types.Float2).Set(Gf.Vec2f(look.relief_repeats))
-    image = UsdShade.Shader.Define(stage, path.AppendChild('relief'))
-    image.CreateIdAttr('UsdUVTexture')
-    image.CreateInput('file', _Types.Asset).Set(Sdf.AssetPath(file))
-    image.CreateInput('sourceColorSpace', _Types.Token).Set('raw')
-    image.CreateInput('wrapS', _Types.Token).Set('repeat')
-    image.CreateInput('wrapT', _Types.Token).Set('repeat')
-    image.CreateInput('scale', _Types.Float4).Set(Gf.Vec4f(2.0, 2.0, 2.0, 1.0))
+    image = _image(stage, path.AppendChild('relief'), file, 'repeat',
+                   repeat.CreateOutput('result', _Types.Float2), (2.0, 2.0, 2.0, 1.0))
     image.CreateInput('bias', _Types.Float4).Set(Gf.Vec4f(-1.0, -1.0, -1.0, 0.0))
-    image.CreateInput('st', _Types.Float2).ConnectToSource(
-        repeat.CreateOutput('result', _Types.Float2))
     return image.CreateOutput('rgb', _Types.Float3)
 
 
 def _texture(stage: Usd.Stage, path: Sdf.Path, look: Look, file: str,
              st: UsdShade.Output) -> UsdShade.Output:
     """Return the albedo that a texture holds."""
-    image = UsdShade.Shader.Define(stage, path.AppendChild('albedo'))
+    factor = [look.texture_scale * a for a in look.albedo]
+    image = _image(stage, path.AppendChild('albedo'), file, 'clamp', st, (*factor, 1.0))
+    return image.CreateOutput('rgb', _Types.Float3)
+
+
+def _image(stage: Usd.Stage, path: Sdf.Path, file: str, wrap: str, st: UsdShade.Output,
+           scale: Sequence[float]) -> UsdShade.Shader:
+    """Define the reader of a raw texture; scale: factors on its four channels."""
+    image = UsdShade.Shader.Define(stage, path)
     image.CreateIdAttr('UsdUVTexture')
     image.CreateInput('file', _Types.Asset).Set(Sdf.AssetPath(file))
     image.CreateInput('sourceColorSpace', _Types.Token).Set('raw')
-    image.CreateInput('wrapS', _Types.Token).Set('clamp')
-    image.CreateInput('wrapT', _Types.Token).Set('clamp')
-    factor = [look.texture_scale * a for a in look.albedo]
-    image.CreateInput('scale', _Types.Float4).Set(Gf.Vec4f(*factor, 1.0))
+    image.CreateInput('wrapS', _Types.Token).Set(wrap)
+    image.CreateInput('wrapT', _Types.Token).Set(wrap)
+    image.CreateInput('scale', _Types.Float4).Set(Gf.Vec4f(*scale))
     image.CreateInput('st', _Types.Float2).ConnectToSource(st)
-    return image.CreateOutput('rgb', _Types.Float3)
+    return image
 
 
 def add_contact_material(stage: Usd.Stage, path: Sdf.Path, friction: float) -> UsdShade.Material:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lunar_rover_sim.usd.conventions import integers, label, place, points, single_quaternion
+from lunar_rover_sim.usd.conventions import (add_mesh, integers, label, place, points,
+                                             single_quaternion)
 from lunar_rover_sim.usd.material import bind, bind_contact
 from lunar_rover_sim.usd.pixar import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 from lunar_rover_sim.world.rocks import Rocks, RockShape
@@ -39,7 +40,8 @@ def write_rocks(path: Path, rocks: Rocks, shapes: tuple[RockShape, ...]) -> None
             known.add(shape.name)
             stage.CreateClassPrim(_SHAPES)
             UsdGeom.Xform.Define(stage, prototype)
-            mesh = _mesh(stage, prototype.AppendChild('hull'), shape)
+            mesh = add_mesh(stage, prototype.AppendChild('hull'), shape.vertices,
+                            shape.faces).GetPrim()
             UsdPhysics.CollisionAPI.Apply(mesh)
             UsdPhysics.MeshCollisionAPI.Apply(mesh).CreateApproximationAttr(
                 UsdPhysics.Tokens.convexHull)
@@ -59,7 +61,7 @@ def write_far_rocks(path: Path, rocks: Rocks, shapes: tuple[RockShape, ...]) -> 
     targets = []
     for shape in shapes:
         targets.append(group.AppendChild(shape.name))
-        _mesh(stage, targets[-1], shape)
+        add_mesh(stage, targets[-1], shape.vertices, shape.faces)
     instancer.CreatePrototypesRel().SetTargets(targets)
     instancer.CreateProtoIndicesAttr(integers(rocks.shape))
     instancer.CreatePositionsAttr(points(rocks.position_m))
@@ -80,14 +82,3 @@ def bind_rocks(stage: Usd.Stage, parent: Sdf.Path, member: np.ndarray,
     for i, k in enumerate(member):
         bind(stage.OverridePrim(parent.AppendChild(f'rock_{i}')), materials[int(k)])
     bind_contact(stage.GetPrimAtPath(parent), contact)
-
-
-def _mesh(stage: Usd.Stage, path: Sdf.Path, shape: RockShape) -> Usd.Prim:
-    """Define the mesh of a shape of unit size; its facets are flat."""
-    mesh = UsdGeom.Mesh.Define(stage, path)
-    mesh.CreatePointsAttr(points(shape.vertices))
-    mesh.CreateFaceVertexCountsAttr(integers(np.full(len(shape.faces), 3)))
-    mesh.CreateFaceVertexIndicesAttr(integers(shape.faces))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateExtentAttr(points([shape.vertices.min(axis=0), shape.vertices.max(axis=0)]))
-    return mesh.GetPrim()

@@ -20,7 +20,7 @@ from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
 from lunar_rover_sim.rover.mounts import imu_pose, MAST_RADIUS_M
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
 from lunar_rover_sim.usd.cameras import add_camera, stereo_models
-from lunar_rover_sim.usd.conventions import (integers, label, new_stage, place, place_matrix,
+from lunar_rover_sim.usd.conventions import (add_mesh, label, new_stage, place, place_matrix,
                                              points, set_foreign, single_quaternion)
 from lunar_rover_sim.usd.material import (add_contact_material, add_material, bind, bind_contact,
                                           Look, TWINS, write_twins)
@@ -195,13 +195,8 @@ def _add_visuals(stage: Usd.Stage, top: Sdf.Path, parts: list[VisualPart]) -> di
     for k, part in enumerate(parts):
         path = top.AppendChild(part.link).AppendPath(f'visuals/part_{k}')
         UsdGeom.Xform.Define(stage, path.GetParentPath())
-        mesh = UsdGeom.Mesh.Define(stage, path)
-        # Faces are drawn flat, as our renderer does.
-        mesh.CreatePointsAttr(points(part.vertices))
-        mesh.CreateFaceVertexCountsAttr(integers(np.full(len(part.faces), 3)))
-        mesh.CreateFaceVertexIndicesAttr(integers(part.faces))
-        mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        mesh.CreateExtentAttr(points([part.vertices.min(axis=0), part.vertices.max(axis=0)]))
+        # Facets are flat, as our renderer draws them.
+        mesh = add_mesh(stage, path, part.vertices, part.faces)
         if part.albedo not in materials:
             look = Look(part.albedo, _ROUGHNESS, part.albedo)
             looks[group.AppendChild(f'paint_{len(materials)}')] = look
