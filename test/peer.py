@@ -10,12 +10,21 @@ import sys
 import time
 from typing import Any
 
+from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
 SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
                 'sgm.num_disparities:=32')
+
+
+def at_rest_odometry() -> Odometry:
+    """Return a rover that stands level, 0.1 m above the origin."""
+    odometry = Odometry()
+    odometry.pose.pose.position.z = 0.1
+    odometry.pose.pose.orientation.w = 1.0
+    return odometry
 
 
 class Peer:

@@ -19,7 +19,7 @@ rclpy = pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
 from geometry_msgs.msg import Twist  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
-from peer import fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
+from peer import at_rest_odometry, fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import (CameraInfo, CompressedImage, Image, JointState,  # noqa: E402
@@ -122,10 +122,8 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
               'stereo/left/image_raw/compressed': CompressedImage}
     received = {topic: peer.listen(kind, topic) for topic, kind in topics.items()}
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
-    odometry = Odometry()
+    odometry = at_rest_odometry()
     odometry.header.stamp.sec = 3
-    odometry.pose.pose.position.z = 0.1
-    odometry.pose.pose.orientation.w = 1.0
     with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
                  'stereo.left.image_raw.compressed.format:=png'):
         peer.spin_until(lambda: all(received.values()), limit_s=60.0,
@@ -196,9 +194,7 @@ def test_render_node_blurs_by_the_twist_of_odometry(peer: Peer, world_folder: Pa
     """The same pose at rest, then turning: the second picture has less contrast along its rows."""
     images = peer.listen(Image, 'stereo/left/image_raw')
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
-    odometry = Odometry()
-    odometry.pose.pose.position.z = 0.1
-    odometry.pose.pose.orientation.w = 1.0
+    odometry = at_rest_odometry()
 
     def contrast() -> float:
         image = images[-1]
@@ -222,9 +218,7 @@ def test_render_node_draws_only_what_is_read(peer: Peer, world_folder: Path) -> 
     """With a reader of the left image alone nothing else is published but camera_info."""
     left = peer.listen(Image, 'stereo/left/image_raw')
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
-    odometry = Odometry()
-    odometry.pose.pose.position.z = 0.1
-    odometry.pose.pose.orientation.w = 1.0
+    odometry = at_rest_odometry()
     ticks = [0]
 
     def tick() -> None:
@@ -247,9 +241,7 @@ def test_an_error_of_matching_ends_the_render_node(peer: Peer, world_folder: Pat
     left = peer.listen(Image, 'stereo/left/image_raw')
     disparities = peer.listen(DisparityImage, 'stereo/disparity')
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
-    odometry = Odometry()
-    odometry.pose.pose.position.z = 0.1
-    odometry.pose.pose.orientation.w = 1.0
+    odometry = at_rest_odometry()
     process = subprocess.Popen(
         [sys.executable, '-m', 'lunar_rover_sim.nodes.render_node', '--ros-args', '-p',
          f'world:={world_folder}', *SMALL_CAMERA, '-p', 'sgm.num_disparities:=160'],

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import PoseStamped, TwistStamped  # noqa: E402  (needs rclpy)
-from peer import Peer, running, SMALL_CAMERA  # noqa: E402
+from peer import at_rest_odometry, Peer, running, SMALL_CAMERA  # noqa: E402
 from sensor_msgs.msg import CameraInfo, JointState  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
@@ -103,10 +103,8 @@ def test_a_single_pose_between_periods_is_drawn(peer: Peer, world_folder: Path) 
     """Where no stream of odometry follows, no period will begin."""
     from nav_msgs.msg import Odometry
     infos = peer.listen(CameraInfo, 'stereo/left/camera_info')
-    odometry = Odometry()
+    odometry = at_rest_odometry()
     odometry.header.stamp.nanosec = 123_456_789
-    odometry.pose.pose.position.z = 0.1
-    odometry.pose.pose.orientation.w = 1.0
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA):
         peer.spin_until(lambda: bool(poses.get_subscription_count()), limit_s=60.0)
