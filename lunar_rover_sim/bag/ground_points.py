@@ -1,9 +1,9 @@
 """Changes of the ground as points of a sensor_msgs/PointCloud2, and back, exactly.
 
-A point is a sample of the overlay of 5 mm: x, y and z [m] of the changed surface in `odom`, for
-whoever draws it as a cloud, then its values, absolute: height change and compaction [m]. The
-newest point on a sample is all that counts. float32 holds x and y far better than 5 mm, so that
-the index of the sample follows from them.
+A point is a sample of the overlay of 5 mm. It holds x, y and z [m] of the changed surface in
+`odom`, so that viewers draw a cloud, and the absolute values there: height change and compaction
+[m]. Of several points on one sample the newest counts. float32 holds x and y far better than 5 mm,
+so that the index of the sample follows from them.
 """
 
 from __future__ import annotations

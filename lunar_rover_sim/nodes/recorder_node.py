@@ -48,7 +48,7 @@ class RecorderNode(node_main.GraphNode):
         self._all = ALL in config.topics
         self._listed = {self._full(name) for name in config.topics if name != ALL}
         self._excluded = set(map(self._full, config.exclude))
-        # Whoever subscribes to a topic on request makes others compute it.
+        # A subscription to a topic on request makes another node compute it.
         self._not_in_all = {self._full(topics.RECORDED.name), *(
             name for name, topic in self._contract.items() if topic.on_request)}
         self._written_ns_by_topic = dict.fromkeys(map(self._full, config.acknowledge), 0)

@@ -1,7 +1,7 @@
 """OpenUSD's modules, which the extra `[usd]` installs.
 
-All modules of this room import them from here. So whoever imports the room without the extra gets
-one line that says what to install. Commands import the room only when a stage is asked for.
+All modules of this room import them from here, so that an import without the extra ends in one
+line that says what to install. Commands import the room only when a stage is asked for.
 """
 
 from __future__ import annotations
