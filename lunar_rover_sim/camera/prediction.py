@@ -21,6 +21,7 @@ STEREO_SEARCH_PX = 7.0
 LOST_PX = 2.0 * STEREO_SEARCH_PX
 _COLUMNS, _ROWS = 12, 9         # of the points over the image
 _FARTHEST_M = 30.0
+_FRAMES = 1000                  # in memory at a time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,14 +60,22 @@ def prediction_miss(T_world_base: Array, rig: StereoRig, ground_below_base_m: fl
 
 def _misses_px(T_world_base: Array, rig: StereoRig, ground_below_base_m: float) -> Array:
     """Return the (n - 2,) medians over the points of a grid [px]."""
+    pixels, points = _grid(rig, ground_below_base_m)
+    # In pieces: the points of an hour at once would take gigabytes.
+    return np.concatenate([np.empty(0), *(
+        _medians_px(T_world_base[k:k + _FRAMES + 2], rig, pixels, points)
+        for k in range(0, len(T_world_base) - 2, _FRAMES))])
+
+
+def _medians_px(T_world_base: Array, rig: StereoRig, pixels: Array, points: Array) -> Array:
+    """Return the (n - 2,) medians over (m, 2) pixels of (m, 3) points in the left camera [px]."""
     T_world_camera = T_world_base @ rig.T_base_left
-    T_camera_world = np.array([inverse(T) for T in T_world_camera]).reshape(-1, 4, 4)
+    T_camera_world = np.array([inverse(T) for T in T_world_camera])
     # The motion before, applied once more: T_k' = (T_k-1 T_k-2^-1) T_k-1, world to camera.
     before = T_camera_world[1:-1]
     predicted = before @ T_world_camera[:-2] @ before
     # From the true camera to the predicted one.
     miss = predicted @ T_world_camera[2:]
-    pixels, points = _grid(rig, ground_below_base_m)
     seen = np.einsum('kij,mj->kmi', miss[:, :3, :3], points) + miss[:, None, :3, 3]
     ahead = np.where(seen[..., 2:] > 0.0, seen[..., 2:], np.nan)
     offset = rig.focal_px * seen[..., :2] / ahead + rig.K[:2, 2] - pixels

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.messages import header_ns
+from lunar_rover_sim.bag.messages import odometry_row
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
-from lunar_rover_sim.bag.series import read_odometry
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.prediction import prediction_miss, PredictionMiss
@@ -72,11 +71,22 @@ def of_bag(bag: Bag) -> list[PredictionMiss]:
     """Return `predictions` of a bag with one rover; empty where it lacks odometry or images."""
     if not (bag.has(topics.ODOM.name) and bag.has(topics.LEFT_INFO.name)):
         return []
-    odometry = read_odometry(bag)
-    frames_ns = [header_ns(message) for _, _, message in bag.messages([topics.LEFT_INFO.name])]
-    return predictions(recorded_scenario(bag), odometry.stamps_ns,
-                       np.hstack([odometry.positions_m, odometry.orientations_wxyz]),
-                       bag.first(topics.LEFT_INFO.name), np.array(frames_ns, np.int64))
+    frames_ns = np.array([bag.stamp_ns(message) for message in bag.raw([topics.LEFT_INFO.name])],
+                         np.int64)
+    steps = np.diff(np.unique(frames_ns))
+    if not len(steps):
+        return []
+    # Of the odometry only what the highest rate uses is decoded and held in memory.
+    first_ns, finest_ns = int(frames_ns.min()), int(np.median(steps)) / 2**(_RATES - 1)
+    odom_ns, poses = [], []
+    for message in bag.raw([topics.ODOM.name]):
+        stamp_ns = bag.stamp_ns(message)
+        assert stamp_ns is not None     # nav_msgs/Odometry has a header
+        if round(first_ns + round((stamp_ns - first_ns) / finest_ns) * finest_ns) == stamp_ns:
+            odom_ns.append(stamp_ns)
+            poses.append(odometry_row(bag.decode(message.data, message.msgtype))[:7])
+    return predictions(recorded_scenario(bag), np.array(odom_ns, np.int64),
+                       np.array(poses).reshape(-1, 7), bag.first(topics.LEFT_INFO.name), frames_ns)
 
 
 def sentence(found: Sequence[PredictionMiss]) -> str:

@@ -54,6 +54,15 @@ def test_a_jump_of_the_camera_loses_the_frame_and_the_next():
     assert prediction_miss(poses(pitch), camera, HEIGHT_M, 10.0).lost == pytest.approx(2 / 20)
 
 
+@pytest.mark.parametrize('at', [998, 999, 1000, 1001, 1002, 1003])
+def test_a_long_drive_is_judged_frame_by_frame(at):
+    """A jump is lost in two frames, wherever it comes."""
+    camera, n = rig(), 2004
+    pitch = np.zeros(n)
+    pitch[at:] += 30.0 / camera.focal_px
+    assert prediction_miss(poses(pitch), camera, HEIGHT_M, 10.0).lost == 2 / (n - 2)
+
+
 def test_near_ground_moves_more_than_far_ground():
     """Forward starts are seen in the image by the height of the camera."""
     x = np.concatenate([np.zeros(10), [0.02], np.full(10, 0.02)])
