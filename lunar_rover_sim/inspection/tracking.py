@@ -69,7 +69,7 @@ def predictions(scenario: RecordedScenario, odom_ns: NDArray[np.int64], poses: A
 
 def of_bag(bag: Bag) -> list[PredictionMiss]:
     """Return `predictions` of a bag with one rover; empty where it lacks odometry or images."""
-    if not (bag.has(topics.ODOM.name) and bag.has(topics.LEFT_INFO.name)):
+    if not (bag.has(bag.truth) and bag.has(topics.LEFT_INFO.name)):
         return []
     frames_ns = np.array([bag.stamp_ns(message) for message in bag.raw([topics.LEFT_INFO.name])],
                          np.int64)
@@ -79,7 +79,7 @@ def of_bag(bag: Bag) -> list[PredictionMiss]:
     # Of the odometry only what the highest rate uses is decoded and held in memory.
     first_ns, finest_ns = int(frames_ns.min()), int(np.median(steps)) / 2**(_RATES - 1)
     odom_ns, poses = [], []
-    for message in bag.raw([topics.ODOM.name]):
+    for message in bag.raw([bag.truth]):
         stamp_ns = bag.stamp_ns(message)
         assert stamp_ns is not None     # nav_msgs/Odometry has a header
         if round(first_ns + round((stamp_ns - first_ns) / finest_ns) * finest_ns) == stamp_ns:
@@ -103,7 +103,7 @@ def sentence(found: Sequence[PredictionMiss]) -> str:
 def tracking(rover: RoverData, report: Report) -> None:
     """The frame rate fits the motion: trackers find points where they expect them."""
     info = rover.scan.topics.get(topics.LEFT_INFO.name)
-    odom_ns, odom = rover.scan.signal(topics.ODOM)
+    odom_ns, odom = rover.scan.signal(rover.scan.truth)
     found = []
     if info is not None and info.last is not None and not info.problems and len(odom_ns):
         found = predictions(rover.scenario, odom_ns, odom[:, :7], info.last,

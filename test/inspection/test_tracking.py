@@ -1,5 +1,7 @@
 """Whether the frame rate of a recording fits its motion, from the bag alone."""
 
+import copy
+
 import numpy as np
 import pytest
 import synthetic_bag as synthetic
@@ -51,6 +53,24 @@ def test_a_gentle_drive_passes(tmp_path, monkeypatch):
     finding = next(f for f in check(path).findings if f.check == 'tracking')
     assert finding.status is Status.PASS
     assert finding.detail.count('Hz') == 1
+
+
+def test_the_truth_is_judged_where_it_has_a_topic_of_its_own(tmp_path, monkeypatch):
+    """An estimator owns `odom` there; this one stands still."""
+    items = drive(monkeypatch, 5.0)
+    truth = [copy.deepcopy(item) for item in items if item.topic == topics.ODOM.name]
+    for item in truth:
+        item.topic = topics.TRUE_ODOM.name
+    still = truth[0].message.pose.pose
+    for item in items:
+        if item.topic == topics.ODOM.name:
+            item.message.pose.pose = still
+    path = synthetic.write(tmp_path / 'bag', items + truth)
+    with open_bag(path) as bag:
+        found = tracking.of_bag(bag)
+    assert found[0].lost > tracking.MAX_LOST
+    finding = next(f for f in check(path).findings if f.check == 'tracking')
+    assert finding.detail == tracking.sentence(found)
 
 
 def test_a_bag_that_does_not_describe_its_rover_is_not_judged(tmp_path, monkeypatch):
