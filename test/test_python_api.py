@@ -106,11 +106,12 @@ def test_record_in_threads_and_stopped_early(tmp_path: Path) -> None:
             without_cameras, tmp_path / name, should_stop=stop.is_set,
             on_progress=lambda now_ns: stop.set() if now_ns > 1_000_000_000 else None)
 
-    threads = [threading.Thread(target=work, args=[name]) for name in ('a', 'b')]
+    threads = [threading.Thread(target=work, args=[name], daemon=True) for name in ('a', 'b')]
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join()
+        thread.join(120)
+    assert not any(thread.is_alive() for thread in threads)
     for name, recording in results.items():
         assert recording.interrupted
         with open_bag(tmp_path / name / 'bag') as bag:

@@ -67,7 +67,7 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
     campaign = start(*arguments)
     wait_until(lambda: recording(tmp_path / 'data'), 'nothing was recorded')
     campaign.kill()
-    campaign.communicate()
+    campaign.communicate(timeout=40)    # its processes hold the pipe
     wait_until(lambda: not processes_naming(str(tmp_path / 'data')), 'processes are left', 40.0)
 
     again = start(*arguments)

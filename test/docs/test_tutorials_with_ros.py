@@ -35,11 +35,16 @@ def test_own_controller(tmp_path: Path) -> None:
     (tmp_path / 'wiggle.yaml').write_text(scenario.text, encoding='utf-8')
     with OwnDomain() as own:
         free = str(own.id)
-    with subprocess.Popen([sys.executable, str(tmp_path / 'wiggle.py')],
-                          env={**os.environ, 'ROS_DOMAIN_ID': free}) as node:
+    node = subprocess.Popen([sys.executable, str(tmp_path / 'wiggle.py')],
+                            env={**os.environ, 'ROS_DOMAIN_ID': free})
+    try:
         finished = simulate(tmp_path / 'run', '--duration', '2', '--domain', free,
                             scenario=str(tmp_path / 'wiggle.yaml'))
         node.terminate()
+        assert node.wait(20) == 0
+    finally:
+        node.kill()
+        node.wait()
     assert finished.returncode == 0, finished.stdout + finished.stderr
     with open_bag(tmp_path / 'run' / 'bag') as bag:
         turns = [message.twist.angular.z for _, _, message in bag.messages(['cmd_vel'])]
