@@ -3,12 +3,14 @@
     python -m lunar_rover_sim.nodes.clock_monitor
 
 The supervisor of a run reads it, and thereby needs no ROS in its own process. The queue holds one
-message, and the monitor takes it when it prints: the messages in between cost nothing.
+message, and the monitor takes it when it prints: the messages in between cost nothing. It ends at
+the end of its input, which comes also when the supervisor is killed.
 """
 
 from __future__ import annotations
 
-import time
+import select
+import sys
 from types import TracebackType
 
 import rclpy
@@ -55,11 +57,10 @@ class ClockMonitor:
 
 
 def main() -> None:
-    """Print until killed."""
+    """Print until the input ends."""
     with ClockMonitor() as clock:
-        while True:
+        while not select.select([sys.stdin], [], [], _PERIOD_S)[0]:
             print(clock.now_ns(), flush=True)
-            time.sleep(_PERIOD_S)
 
 
 if __name__ == '__main__':

@@ -6,16 +6,17 @@ The helper keeps ROS out of the process that supervises a run, which may be a us
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 import os
 import subprocess
 import sys
 from types import TracebackType
 
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.run.child_process import dies_with_parent
 from lunar_rover_sim.run.node_processes import ros_environment
 
 _PROBE_S = 30.0
+_LEAVE_S = 2.0      # for the helper to leave the graph
 
 
 def check_domain(domain: int, topics: Sequence[str]) -> None:
@@ -38,10 +39,11 @@ class ClockReader:
 
     def __init__(self, domain: int) -> None:
         self._process = subprocess.Popen(
-            dies_with_parent([sys.executable, '-m', 'lunar_rover_sim.nodes.clock_monitor']),
-            env=ros_environment(domain), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            [sys.executable, '-m', 'lunar_rover_sim.nodes.clock_monitor'],
+            env=ros_environment(domain), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, start_new_session=True)
-        assert self._process.stdout is not None
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._running = self._process.stdin
         self._pipe = self._process.stdout
         os.set_blocking(self._pipe.fileno(), False)
         self._rest = b''
@@ -56,6 +58,10 @@ class ClockReader:
 
     def close(self) -> None:
         """End the helper process."""
+        # A participant that is killed leaves its shared memory behind.
+        self._running.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LEAVE_S)
         self._process.kill()
         self._process.wait()
         self._pipe.close()

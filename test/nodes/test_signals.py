@@ -70,3 +70,17 @@ assert {signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)} == {signal
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
                               timeout=60)
     assert finished.returncode == 0, finished.stderr
+
+
+def test_the_clock_monitor_leaves_with_its_input(domain: int) -> None:
+    """It ends by itself: a participant that is killed leaves its shared memory behind."""
+    monitor = subprocess.Popen([sys.executable, '-m', 'lunar_rover_sim.nodes.clock_monitor'],
+                               stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert monitor.stdout is not None
+        assert monitor.stdout.readline() == '0\n'
+        monitor.communicate(timeout=10)     # closes the input
+        assert monitor.returncode == 0
+    finally:
+        monitor.kill()
+        monitor.wait()
