@@ -87,5 +87,6 @@ setup(
         'recorder_node = lunar_rover_sim.nodes.entry_points:recorder_node',
         'drive_node = lunar_rover_sim.nodes.entry_points:drive_node',
         'trajectory_recorder_node = lunar_rover_sim.nodes.entry_points:trajectory_recorder_node',
+        'pose_bridge_node = lunar_rover_sim.nodes.entry_points:pose_bridge_node',
     ]},
 )

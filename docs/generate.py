@@ -21,13 +21,13 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.cli.main import parser
 from lunar_rover_sim.parameters import Parameters
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.run.node_config import NODE_CONFIGS, NodeConfig, TrajectoryRecorderNodeConfig
+from lunar_rover_sim.run.node_config import COMPANION_CONFIGS, NODE_CONFIGS, NodeConfig
 from lunar_rover_sim.run.scenario import RunConfig, Scenario, SHARED
 from lunar_rover_sim.world.config import WorldConfig
 
 SECTIONS: dict[str, type[Parameters]] = {
     SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig, 'rover': RoverDescription,
-    **NODE_CONFIGS, 'trajectory_recorder_node': TrajectoryRecorderNodeConfig}
+    **NODE_CONFIGS, **COMPANION_CONFIGS}
 
 # What a program may need besides the names that the package exports.
 MODULES = {
@@ -54,11 +54,13 @@ def cell(text: str) -> str:
 
 def topic_table() -> str:
     """Return one table of topics per node that publishes them."""
-    nodes = {name: cls() for name, cls in NODE_CONFIGS.items()}
+    nodes = {name: cls() for name, cls in {**NODE_CONFIGS, **COMPANION_CONFIGS}.items()}
     rates = {topics.STATE: f'{nodes["physics_node"].state_rate_hz} Hz',  # type: ignore
              topics.FRAME: f'{nodes["render_node"].frame_rate_hz} Hz'}   # type: ignore
     parts = []
     for node in nodes:
+        if not any(topic.node == node for topic in topics.CONTRACT):
+            continue
         parts += [f'### Published by {node}', '', '| topic | type | rate | frame | notes |',
                   '|---|---|---|---|---|']
         for topic in topics.CONTRACT:

@@ -116,9 +116,18 @@ DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
                     '', 'once per second of wall time, by render_node and recorder_node too; the '
                     'name is absolute, /diagnostics, as diagnostic_updater has it',
                     on_request=True)
+TELEPORT = Topic('teleport', 'geometry_msgs/msg/PoseStamped', EVENT, 'pose_bridge_node', '',
+                 'base_link in the world of the other simulator; the frame is what that wants',
+                 on_request=True)
+BRIDGED_JOINTS = Topic('pose_bridge/joint_states', 'sensor_msgs/msg/JointState', EVENT,
+                       'pose_bridge_node', '', 'joint_states of the states that are sent, with '
+                       'their stamps', on_request=True)
+SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_node', '',
+              'stamp of the newest state that the other simulator has taken', on_request=True)
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
     GROUND_SNAPSHOT, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO,
     DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, SUN,
-    WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS)
+    WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS,
+    TELEPORT, BRIDGED_JOINTS, SHOWN)

@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import (AccelStamped, Point, Quaternion, TransformStamped, Twist,
-                               TwistStamped, Vector3, WrenchStamped)
+from geometry_msgs.msg import (AccelStamped, Point, PoseStamped, Quaternion, TransformStamped,
+                               Twist, TwistStamped, Vector3, WrenchStamped)
 from nav_msgs.msg import Odometry
 import numpy as np
 from rosgraph_msgs.msg import Clock
@@ -200,6 +200,25 @@ def fill_entity_state(msg: Any, state: RoverState, stamp: Time, frame_id: str) -
     _set_quaternion(msg.pose.orientation, state.orientation_wxyz)
     _set_vector(msg.twist.linear, R_world_base @ state.linear_velocity_mps)
     _set_vector(msg.twist.angular, R_world_base @ state.angular_velocity_radps)
+
+
+def fill_entity_pose(msg: Any, T_world_body: Array, linear_mps: Array, angular_radps: Array,
+                     stamp: Time, frame_id: str) -> None:
+    """Write a (4, 4) pose and a twist in axes of the frame into an EntityState."""
+    _set_header(msg.header, stamp, frame_id)
+    _set_vector(msg.pose.position, T_world_body[:3, 3])
+    _set_quaternion(msg.pose.orientation, frames.wxyz_from_matrix(T_world_body[:3, :3]))
+    _set_vector(msg.twist.linear, linear_mps)
+    _set_vector(msg.twist.angular, angular_radps)
+
+
+def pose_stamped(T_world_body: Array, frame_id: str, stamp: Time) -> PoseStamped:
+    """Return a (4, 4) pose as a message."""
+    msg = PoseStamped()
+    _set_header(msg.header, stamp, frame_id)
+    _set_vector(msg.pose.position, T_world_body[:3, 3])
+    _set_quaternion(msg.pose.orientation, frames.wxyz_from_matrix(T_world_body[:3, :3]))
+    return msg
 
 
 def transform(parent: str, child: str, T_parent_child: Array, stamp: Time) -> TransformStamped:

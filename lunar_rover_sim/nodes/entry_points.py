@@ -70,6 +70,11 @@ def trajectory_recorder_node() -> int:
     return _start('trajectory_recorder_node')
 
 
+def pose_bridge_node() -> int:
+    """Run pose_bridge_node."""
+    return _start('pose_bridge_node')
+
+
 if __name__ == '__main__':
     # The node sees the arguments that its console script would see.
     del sys.argv[0]

@@ -12,10 +12,10 @@ from snippets import commands, ROOT, snippets
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.files.resources import packaged_names
 from lunar_rover_sim.rover.rover_file import load_rover
-from lunar_rover_sim.run.node_config import NODE_CONFIGS, TrajectoryRecorderNodeConfig
+from lunar_rover_sim.run.node_config import COMPANION_CONFIGS, NODE_CONFIGS
 from lunar_rover_sim.run.scenario import Scenario
 
-NODES = {**NODE_CONFIGS, 'trajectory_recorder_node': TrajectoryRecorderNodeConfig}
+NODES = {**NODE_CONFIGS, **COMPANION_CONFIGS}
 # Programs of others; ours are looked at word by word.
 FOREIGN = {'.', 'apt', 'cd', 'colcon', 'dask', 'git', 'pip', 'rviz2'}
 LINES = [pytest.param(words, id=f'{snippet.name} {" ".join(words)[:60]}')

@@ -1,0 +1,151 @@
+"""pose_bridge_node: the walk of this simulation in the picture of another simulator."""
+
+from __future__ import annotations
+
+import collections
+
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag.messages import time_ns
+from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops
+from lunar_rover_sim.nodes.matching import Matching
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.pose_stream import BridgedState, LossLog, PoseStream
+from lunar_rover_sim.nodes.pose_targets import make_target
+from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.rover.description import LEG_NAMES
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.visual import link_poses
+from lunar_rover_sim.run.node_config import PoseBridgeNodeConfig, SET_ENTITY_STATE
+
+# Joint states may come a little before the odometry of their stamp, or after.
+_KEPT_JOINTS = 100
+
+
+class PoseBridgeNode(node_main.GraphNode):
+    """Sends the first state of every period, and says which one the other simulator has taken.
+
+    It takes part in lockstep where physics waits for `pose_bridge/shown`; by default nobody waits,
+    so that a slow or silent picture never stops a recording.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('pose_bridge_node')
+        self._config = config = declare(self, PoseBridgeNodeConfig)
+        self._rover = load_rover(config.rover or None)
+        offset = config.offset
+        self._T_other_odom = frames.se3(
+            frames.matrix_from_wxyz(frames.wxyz_from_rpy(*np.radians(
+                [offset.roll_deg, offset.pitch_deg, offset.yaw_deg]))),
+            [offset.x_m, offset.y_m, offset.z_m])
+        self._moves_legs = config.interface == SET_ENTITY_STATE and config.send_legs
+        self._period_ns = 1_000_000_000 // config.rate_hz
+        self._no_period = self._last_period = 0 if config.lockstep else -1
+        self._jump = TimeJump(self)
+        self._odometry: tuple[int, bytes] | None = None
+        self._joints: collections.OrderedDict[int, bytes] = collections.OrderedDict()
+        self._taken_count = self._lost_count = 0
+
+        self._drops = Drops()
+        self._log = LossLog(self.get_logger().warning)
+        self._stream = PoseStream(make_target(self, config), config.answer_s, self._taken,
+                                  self._lost)
+        self._joint_publisher = self.create_publisher(
+            JointState, topics.BRIDGED_JOINTS.name, qos.offered(topics.BRIDGED_JOINTS))
+        self._shown_publisher = self.create_publisher(Header, topics.SHOWN.name,
+                                                      qos.offered(topics.SHOWN))
+        self._matching = Matching(self, [self._joint_publisher, self._shown_publisher],
+                                  config.participants if config.lockstep else ())
+        truth = config.truth.name
+        self.create_subscription(Odometry, truth, self._odom_callback,
+                                 qos.requested(topics.ODOM, config.lockstep), raw=True)
+        self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
+                                 qos.requested(topics.JOINT_STATES, config.lockstep), raw=True)
+        Diagnostics(self, {'Drops': self._drops.status})
+        self.report_ready(config, waits=(truth, topics.JOINT_STATES.name))
+
+    def destroy_node(self) -> None:
+        """Leave the graph, and say how it went."""
+        self.get_logger().info(f'{self._taken_count} states sent, {self._lost_count} lost')
+        super().destroy_node()
+
+    # Raw: one message in twenty is used, and deserialising odometry takes 50 us.
+    def _odom_callback(self, raw: bytes) -> None:
+        now_ns = stamp_ns(topics.ODOM.type, raw)
+        if now_ns is None:
+            return
+        if self._jump.has_occurred(now_ns):
+            self._last_period, self._odometry = self._no_period, None
+            self._joints.clear()
+        if now_ns // self._period_ns <= self._last_period:
+            return
+        self._last_period = now_ns // self._period_ns
+        self._odometry = now_ns, raw
+        self._pair()
+
+    def _joints_callback(self, raw: bytes) -> None:
+        now_ns = stamp_ns(topics.JOINT_STATES.type, raw)
+        if now_ns is not None:
+            self._joints[now_ns] = raw
+            if len(self._joints) > _KEPT_JOINTS:
+                self._joints.popitem(last=False)
+            self._pair()
+
+    def _pair(self) -> None:
+        """Hand over the odometry that is due, with the joint states of its stamp."""
+        if self._odometry is None or not self._matching.is_complete:
+            return
+        now_ns, raw = self._odometry
+        needs_joints = self._moves_legs or self._joint_publisher.get_subscription_count() > 0
+        if needs_joints and now_ns not in self._joints:
+            return
+        self._odometry = None
+        angles = np.zeros(len(LEG_NAMES))
+        if needs_joints:
+            joints = deserialize_message(self._joints[now_ns], JointState)
+            angles = conversions.legs_of(joints, 'position')
+            if self._joint_publisher.get_subscription_count():
+                self._joint_publisher.publish(joints)
+        self._stream.put(self._state(deserialize_message(raw, Odometry), angles))
+
+    def _state(self, odom: Odometry, angles: frames.Array) -> BridgedState:
+        T_other_base = self._T_other_odom @ conversions.pose_of(odom)
+        poses = {self._config.entity: T_other_base}
+        if self._moves_legs:
+            links = link_poses(self._rover, angles)
+            for entity, leg in zip(self._config.leg_entities, LEG_NAMES):
+                poses[entity] = T_other_base @ links[leg]
+        linear, angular = conversions.twist_of(odom)
+        return BridgedState(time_ns(odom.header.stamp), poses, T_other_base[:3, :3] @ linear,
+                            T_other_base[:3, :3] @ angular)
+
+    def _taken(self, stamp: int) -> None:
+        self._taken_count += 1
+        self._shown_publisher.publish(Header(stamp=conversions.time_msg(stamp)))
+
+    def _lost(self, kind: str, reason: str) -> None:
+        self._lost_count += 1
+        self._drops.add(kind)
+        self._log.add(kind, reason)
+
+    def work(self) -> None:
+        """Send what could not be sent yet."""
+        self._pair()
+        self._stream.advance()
+        self._log.advance()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(PoseBridgeNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
