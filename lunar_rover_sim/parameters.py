@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
+import functools
 import math
 import reprlib
 import typing
@@ -248,6 +249,7 @@ def _shown(name: str) -> str:
     return name if name.isprintable() and len(name) <= 120 else brief(name)
 
 
+@functools.cache
 def _hints(cls: type) -> dict[str, Any]:
     return typing.get_type_hints(cls)
 

@@ -15,6 +15,7 @@ only on the mip level and on the directions of sun and view over the local plane
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -67,6 +68,7 @@ def cosine_nodes() -> Array:
     return np.maximum(np.linspace(0.0, 1.0, COSINES)**2, 0.004)
 
 
+@functools.lru_cache(maxsize=1)     # for the next renderer of the same scene
 def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevation_rad: float,
                       sun_radius_rad: float) -> ReliefBrightness:
     """Return how tiles are lit by a sun of this elevation and angular radius."""
@@ -78,13 +80,13 @@ def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevat
     variance = tiles.coarse.slope_variance[coarse] + tiles.fine.slope_variance[levels]
     left = np.sqrt(np.maximum(math.tan(math.radians(ground.theta_deg))**2
                               - 0.25 * math.pi * variance, 0.0))
-    samples = [(_sample(tiles, tiles.coarse, coarse[k], rng), _sample(tiles, tiles.fine, k, rng))
-               for k in levels]
     wanted = np.column_stack([left, tiles.coarse.spread[coarse], tiles.fine.spread[levels],
                               np.ones(LEVELS)])
     factor = np.ones((LEVELS, COSINES, AZIMUTHS, HEIGHTS), np.float32)
     if not np.any(variance):
         return ReliefBrightness(_polynomials(wanted), factor, tangent)
+    samples = [(_sample(tiles, tiles.coarse, coarse[k], rng), _sample(tiles, tiles.fine, k, rng))
+               for k in levels]
 
     def facets(k: int, scales: Array) -> _Facets:
         law = _Law(ground, reflectance.albedo_scale, math.degrees(math.atan(scales[0])))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ F32 = NDArray[np.float32]
 
 SLOPE_SCALE = 3.0       # slopes of the tiles lie within plus and minus half of this
 FINER = 2               # the texel of the fine tile is 2**-FINER of that of the coarse one
+_FLAT_TEXELS = 256      # along a side of a tile without relief: any texel of it is like the others
 _TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_share=1.0,
                pit_m=(0.025, 0.22), pebble_m=(0.011, 0.035)),
           dict(n=2048, period_m=1.6, longest_m=0.012, hurst=0.6, pit_share=0.5,
@@ -44,9 +46,9 @@ class ReliefTile:
         return self.period_m / len(self.codes[0])
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class ReliefTiles:
-    """The tiles under a sun.
+    """The tiles under a sun; the same scene has the same object.
 
     heading: (2,) horizontal unit vector towards the sun
     centre, half_range: of the tangents of the horizon
@@ -59,45 +61,46 @@ class ReliefTiles:
     half_range: float
 
 
-class TileMaker:
-    """Makes the tiles of relief below the grid under any sun; the relief itself only once."""
-
-    def __init__(self, config: DetailConfig, seed: int) -> None:
-        self._config, self._seed = config, seed
-        self._heights: list[tuple[float, F32]] = []
-
-    def start(self, sun_direction: Array) -> Future[ReliefTiles]:
-        """Start making the tiles under this sun."""
-        pool = ThreadPoolExecutor(1)
-        try:
-            return pool.submit(self._make, SunGeometry.towards(sun_direction))
-        finally:
-            pool.shutdown(wait=False)
-
-    def _make(self, sun: SunGeometry) -> ReliefTiles:
-        if not self._heights:
-            self._heights = relief_heights(self._config, self._seed)
-        centre, half_range = _horizon_range(sun)
-        coarse, fine = (_tile(period_m, heights, sun, centre, half_range)
-                        for period_m, heights in self._heights)
-        return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range)
+def start_tiles(config: DetailConfig, seed: int, sun_direction: Array) -> Future[ReliefTiles]:
+    """Start making the tiles of relief below the grid under a sun."""
+    pool = ThreadPoolExecutor(1)
+    try:
+        return pool.submit(_tiles, _recipes(config), seed, SunGeometry.towards(sun_direction))
+    finally:
+        pool.shutdown(wait=False)
 
 
 def relief_heights(config: DetailConfig, seed: int) -> list[tuple[float, F32]]:
     """Return period [m] and periodic (n, n) heights [m] of the coarse and the fine tile."""
-    recipes = [_recipe(config, k) for k in range(len(_TILES))]
-    return [(recipe.period_m, _relief(recipe, seed, k)) for k, recipe in enumerate(recipes)]
+    return [(recipe.period_m, _relief(recipe, seed, k))
+            for k, recipe in enumerate(_recipes(config))]
 
 
+@functools.lru_cache(maxsize=1)     # for the next renderer of the same scene
+def _tiles(recipes: tuple[fine_relief.TileRecipe, ...], seed: int,
+           sun: SunGeometry) -> ReliefTiles:
+    centre, half_range = _horizon_range(sun)
+    coarse, fine = (_tile(recipe.period_m, _relief(recipe, seed, k), sun, centre, half_range)
+                    for k, recipe in enumerate(recipes))
+    return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range)
+
+
+@functools.lru_cache(maxsize=2)     # both tiles, for the next sun
 def _relief(recipe: fine_relief.TileRecipe, seed: int, k: int) -> F32:
     """Return the heights of tile k, which take most of the time to make it."""
     return kept('relief', [fine_relief.RECIPE, dataclasses.asdict(recipe), seed, k],
                 lambda: fine_relief.relief(recipe, np.random.default_rng([seed, 77, k])))
 
 
+def _recipes(config: DetailConfig) -> tuple[fine_relief.TileRecipe, ...]:
+    return tuple(_recipe(config, k) for k in range(len(_TILES)))
+
+
 def _recipe(config: DetailConfig, k: int) -> fine_relief.TileRecipe:
     values = dict(_TILES[k])
     pits = config.pit_cover * values.pop('pit_share')   # type: ignore[operator]
+    if config.relief_rms_slope == pits == config.pebble_cover == 0.0:
+        values['n'] = _FLAT_TEXELS
     return fine_relief.TileRecipe(
         pit_cover=pits, rms_slope=config.relief_rms_slope,
         pebble_cover=0.5 * config.pebble_cover, **values)   # type: ignore[arg-type]

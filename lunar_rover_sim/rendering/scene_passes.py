@@ -23,7 +23,7 @@ from lunar_rover_sim.rendering.lamp_shadow import LampShadow
 from lunar_rover_sim.rendering.lighting import lighting_constants
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.relief_brightness import relief_brightness
-from lunar_rover_sim.rendering.relief_tiles import TileMaker
+from lunar_rover_sim.rendering.relief_tiles import start_tiles
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
 from lunar_rover_sim.rendering.rover_shadow import RoverShadow
@@ -64,7 +64,7 @@ class ScenePasses:
 
     def _build(self, rover: RoverDescription, seed: int) -> None:
         context, config, world = self._context, self._config, self._world
-        self._tiles = TileMaker(config.detail, seed)
+        self._seed = seed
         self.lit = self._own(LitTargets(context, (self._projection.width,
                                                   2 * self._projection.height)))
         self._targets = [self._own(FrameTargets(context, self.lit))
@@ -122,7 +122,7 @@ class ScenePasses:
         """Compute what the sun sees."""
         sun = self._config.sun
         direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
-        tiles = self._tiles.start(direction)
+        tiles = start_tiles(self._config.detail, self._seed, direction)
         self._sunlight = Sunlight(self._world, sun, self._config.reflectance, direction,
                                   indirect=self._config.detail.bounce, far=self._far_rocks)
         self._sun_axes = sun_axes(self._sunlight.sun)

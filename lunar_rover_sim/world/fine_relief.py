@@ -179,7 +179,8 @@ def disc_share(angle: NDArray[Any]) -> NDArray[Any]:
 
 def salience(slope: F32, tangent: F32) -> F32:
     """Return (n, n) values from 0 to 1 that are high on pits and pebbles and in their shadows."""
-    energy = np.square(slope).sum(axis=2) + np.square(np.maximum(tangent, np.float32(0.0)))
+    energy = np.square(slope[..., 0]) + np.square(slope[..., 1])
+    energy += np.square(np.maximum(tangent, np.float32(0.0)))
     edge = 3 * _SALIENCE_TEXELS
     padded = np.pad(energy, edge, mode='wrap')
     smooth = cv2.GaussianBlur(padded, (0, 0), _SALIENCE_TEXELS)[edge:-edge, edge:-edge]
