@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
+import shutil
 import struct
 
 import pytest
@@ -14,13 +16,27 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.bag.writer import STORAGES
 from lunar_rover_sim.errors import BagError
 
 
+@pytest.fixture(scope='module')
+def items() -> list[synthetic.Item]:
+    return synthetic.drive(0.1, state_hz=50)
+
+
+@pytest.fixture(scope='module')
+def written(items, tmp_path_factory) -> dict[str, Path]:
+    """Return a small bag in each storage."""
+    folder = tmp_path_factory.mktemp('bags')
+    return {storage: synthetic.write(folder / storage / 'bag', items, storage=storage)
+            for storage in STORAGES}
+
+
 @pytest.fixture
-def bag(tmp_path) -> Path:
-    """Return a small bag."""
-    return synthetic.write(tmp_path / 'bag', synthetic.drive(0.1, state_hz=50))
+def bag(written, tmp_path) -> Path:
+    """Return a copy of a small bag."""
+    return Path(shutil.copytree(written['mcap'], tmp_path / 'bag'))
 
 
 @pytest.mark.parametrize('name', ['bag.mcap', 'metadata.yaml', 'incomplete.yaml', 'bag.db3'])
@@ -40,8 +56,8 @@ def test_pipes_and_devices_are_not_read(bag, name, read):
 
 @pytest.mark.parametrize('value', [['/odom'], 3, None, {}])
 @pytest.mark.parametrize('name', ['name', 'type'])
-def test_names_of_the_metadata_are_text(tmp_path, name, value):
-    bag = synthetic.write(tmp_path / 'bag', synthetic.drive(0.1, state_hz=50), storage='sqlite3')
+def test_names_of_the_metadata_are_text(written, tmp_path, name, value):
+    bag = Path(shutil.copytree(written['sqlite3'], tmp_path / 'bag'))
     document = yaml.safe_load((bag / marker.METADATA_NAME).read_text())
     topics = document['rosbag2_bagfile_information']['topics_with_message_count']
     topics[0]['topic_metadata'][name] = value
@@ -61,11 +77,11 @@ def test_a_length_beyond_all_memory(bag):
 
 
 @pytest.mark.parametrize('text', ['a: 2001-99-99', '[' * 3000, '\x00', 'a: &a [*a]'])
-def test_marks_and_scenarios_that_are_none(bag, text):
+def test_marks_and_scenarios_that_are_none(bag, items, text):
     """A mark that cannot be read marks; a scenario that cannot be read is none."""
     (bag / marker.MARKER_NAME).write_text(text)
     assert marker.why_incomplete(bag) == marker.UNFINISHED
-    items = synthetic.drive(0.1, state_hz=50)
-    next(i for i in items if i.topic == 'scenario').message.data = text
-    with open_bag(synthetic.write(bag.with_name('other'), items)) as opened:
+    item = next(i for i in items if i.topic == 'scenario')
+    item = dataclasses.replace(item, message=synthetic.msg('std_msgs/String', data=text))
+    with open_bag(synthetic.write(bag.with_name('other'), [item])) as opened:
         assert not recorded_scenario(opened)

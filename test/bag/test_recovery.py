@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
+import pickle
 import shutil
 import signal
 import sqlite3
@@ -29,9 +30,7 @@ CHUNK = 1 << 20
 
 # Writes a drive and then kills itself, or is stopped by a file size limit.
 RECORDER = """
-    import os, resource, signal, sys, time
-    sys.path.insert(0, {test_dir!r})
-    import synthetic_bag as synthetic
+    import os, pickle, resource, signal, sys
     from lunar_rover_sim.bag.writer import BagWriter
     from lunar_rover_sim.errors import BagError
     if {limit}:
@@ -39,8 +38,9 @@ RECORDER = """
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     writer = BagWriter({path!r}, storage={storage!r}, compression={compression!r})
     try:
-        for item in synthetic.drive(2.2):
-            writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
+        with open({messages!r}, 'rb') as file:
+            for message in pickle.load(file):
+                writer.write(*message, 0)
     except BagError as error:
         print(error)
         print(writer.newest_ns)
@@ -49,11 +49,11 @@ RECORDER = """
 """
 
 
-def record(path: Path, storage: str, compression: str,
+def record(messages: Path, path: Path, storage: str, compression: str,
            limit: int = 0) -> subprocess.CompletedProcess[str]:
     code = textwrap.dedent(RECORDER).format(
-        test_dir=str(Path(__file__).parents[1]), path=str(path), storage=storage,
-        compression=compression, limit=limit)
+        messages=str(messages), path=str(path), storage=storage, compression=compression,
+        limit=limit)
     return subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                           timeout=60)
 
@@ -83,15 +83,25 @@ def finished(items, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def whole() -> list[tuple[str, bytes]]:
-    """Topic and content of everything that RECORDER writes."""
-    return [(f'/{item.topic}', synthetic.serialise(item)) for item in synthetic.drive(2.2)]
+def whole() -> list[tuple[str, str, bytes]]:
+    """Topic, type and content of everything that RECORDER writes."""
+    return [(f'/{item.topic}', item.msgtype, synthetic.serialise(item))
+            for item in synthetic.drive(2.2, state_hz=100)]
+
+
+@pytest.fixture(scope='module')
+def messages(whole, tmp_path_factory) -> Path:
+    """Return a file from which RECORDER reads `whole`."""
+    path = tmp_path_factory.mktemp('whole') / 'messages'
+    path.write_bytes(pickle.dumps(whole))
+    return path
 
 
 @pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
-def test_a_kill_loses_the_last_chunks_or_the_last_second(tmp_path, whole, storage, compression):
+def test_a_kill_loses_the_last_chunks_or_the_last_second(tmp_path, whole, messages, storage,
+                                                         compression):
     path = tmp_path / 'bag'
-    assert record(path, storage, compression).returncode == -signal.SIGKILL
+    assert record(messages, path, storage, compression).returncode == -signal.SIGKILL
     with pytest.raises(BagError, match=f'not finished; make it readable with: .* {path}$'):
         open_bag(path)
     count = recover(path)
@@ -102,12 +112,12 @@ def test_a_kill_loses_the_last_chunks_or_the_last_second(tmp_path, whole, storag
         assert bag.incomplete == marker.UNFINISHED
         assert bag.message_count == sum(bag.counts.values()) == count
         stamps = [m.time_ns for m in bag.raw(['odom'])]
-        assert stamps == list(range(5_000_000, stamps[-1] + 1, 5_000_000))
+        assert stamps == list(range(10_000_000, stamps[-1] + 1, 10_000_000))
         assert bag.end_ns >= 1.2e9
     if storage == 'mcap':
-        lost = sum(len(raw) for _, raw in whole) - sum(len(m[3]) for m in found)
-        assert 0 < lost <= 2 * (CHUNK + max(len(raw) for _, raw in whole))
-    assert {(m[0], m[3]) for m in found} <= set(whole)
+        lost = sum(len(raw) for *_, raw in whole) - sum(len(m[3]) for m in found)
+        assert 0 < lost <= 2 * (CHUNK + max(len(raw) for *_, raw in whole))
+    assert {(m[0], m[1], m[3]) for m in found} <= set(whole)
     with Reader(path) as reader:
         assert len(list(reader.messages())) == count
     assert sorted(p.suffix for p in path.iterdir()) == sorted(
@@ -246,9 +256,9 @@ def test_a_disk_without_space_is_named_before_anything_is_written(tmp_path, fini
 
 
 @pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
-def test_a_full_disk_is_one_error_and_a_bag_to_recover(tmp_path, storage, compression):
+def test_a_full_disk_is_one_error_and_a_bag_to_recover(tmp_path, messages, storage, compression):
     limit = 5_000_000 if compression == 'none' else 2_000_000
-    done = record(tmp_path / 'bag', storage, compression, limit)
+    done = record(messages, tmp_path / 'bag', storage, compression, limit)
     assert done.returncode == 1, done.stderr
     said, reached_ns = done.stdout.splitlines()
     assert 'cannot be written' in said and 'marked incomplete' in said
