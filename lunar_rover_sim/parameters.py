@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
-import functools
 import math
 import reprlib
 import typing
@@ -26,6 +25,7 @@ _ARRAYS = {'tuple[float, ...]': float, 'tuple[int, ...]': int, 'tuple[str, ...]'
 
 
 _INT64 = 2**63
+_HINTS: dict[type, dict[str, Any]] = {}     # types of the fields of each class
 
 
 class _Brief(reprlib.Repr):
@@ -249,9 +249,10 @@ def _shown(name: str) -> str:
     return name if name.isprintable() and len(name) <= 120 else brief(name)
 
 
-@functools.cache
 def _hints(cls: type) -> dict[str, Any]:
-    return typing.get_type_hints(cls)
+    if cls not in _HINTS:
+        _HINTS[cls] = typing.get_type_hints(cls)
+    return _HINTS[cls]
 
 
 def _kind_name(kind: Any) -> str:
