@@ -29,12 +29,14 @@ def _start(name: str) -> int:
     # Imports take a second or so: hence not at the top of this module.
     import importlib
 
-    from lunar_rover_sim.errors import GraphError
-    from lunar_rover_sim.run.ros_installation import require_ros
+    from lunar_rover_sim.errors import LunarRoverSimError
+    from lunar_rover_sim.run.ros_installation import discovery_environment, require_ros
     try:
         require_ros()
+        for variable, value in discovery_environment().items():
+            os.environ.setdefault(variable, value)
         module = importlib.import_module(f'lunar_rover_sim.nodes.{name}')
-    except GraphError as error:
+    except LunarRoverSimError as error:
         print(f'FATAL {error}', file=sys.stderr)
         return 1
     return module.main()

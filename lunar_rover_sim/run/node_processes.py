@@ -18,6 +18,7 @@ from lunar_rover_sim.bag.marker import mark, UNFINISHED, why_incomplete
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.child_process import dies_with_parent
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
+from lunar_rover_sim.run.ros_installation import discovery_environment
 
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
 # left to add to it.
@@ -39,7 +40,8 @@ _ENVIRONMENT = {
 
 def ros_environment(domain: int) -> dict[str, str]:
     """Return the environment of a process that takes part in the graph of a ROS domain."""
-    environment = {**os.environ, **_ENVIRONMENT, 'ROS_DOMAIN_ID': str(domain)}
+    environment = {**discovery_environment(), **os.environ, **_ENVIRONMENT,
+                   'ROS_DOMAIN_ID': str(domain)}
     # It would override ROS_AUTOMATIC_DISCOVERY_RANGE.
     environment.pop('ROS_LOCALHOST_ONLY', None)
     return environment
@@ -113,12 +115,14 @@ class NodeProcesses:
         return None
 
     def stop(self, failed: bool = False) -> None:
-        """Stop all nodes in order, the recorder last.
+        """Stop all nodes, the recorder last; where time still goes on, one after the other.
 
         failed: the run has failed already; only the recorder is given time to finish.
         Raises GraphError if a node does not stop in time or ends with an error.
         """
-        if failed:
+        physics = self._processes.get('physics_node')
+        if failed or (physics is not None and physics.poll() is not None):
+            # Physics finishes when all have answered: only the recorder has work left.
             for name, process in self._processes.items():
                 if name != 'recorder_node' and process.poll() is None:
                     process.send_signal(signal.SIGINT)

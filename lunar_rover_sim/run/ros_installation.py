@@ -1,10 +1,13 @@
-"""Whether ROS 2 is installed."""
+"""Whether ROS 2 is installed, and how its nodes discover each other."""
 
 from __future__ import annotations
 
 import importlib.util
 
 from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.files.resources import config_path
+
+_PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 def require_ros() -> None:
@@ -12,3 +15,13 @@ def require_ros() -> None:
     if importlib.util.find_spec('rclpy') is None:
         raise GraphError('rclpy is missing: source /opt/ros/jazzy/setup.bash, or '
                          "pip install 'lunar_rover_sim[ros]'")
+
+
+def discovery_environment() -> dict[str, str]:
+    """Return the environment variable by which Fast DDS reads `config/fastdds.xml`.
+
+    Nodes that have it discover each other in tenths of a second, without it at times in 3 s.
+    Other middleware does not read it. A file that the user names instead takes precedence: that
+    is for the caller.
+    """
+    return {_PROFILES: str(config_path('fastdds.xml'))}

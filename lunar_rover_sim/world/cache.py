@@ -11,7 +11,6 @@ import pathlib
 from typing import Any
 
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import PROCEDURAL, WorldConfig
 from lunar_rover_sim.world.world_folder import FORMAT, load_world, RECIPE, save_world
 
@@ -66,6 +65,8 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
             logger.warning('%s; building it again', error)
             with contextlib.suppress(OSError):
                 folder.rename(folder.with_name(f'.{folder.name}.damaged.{os.getpid()}'))
+    # Its libraries take half a second to import: each run and each renderer would wait for them.
+    from lunar_rover_sim.world.build import build_world
     world = build_world(config, seed, progress)
     try:
         return save_world(world, folder)
