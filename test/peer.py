@@ -90,6 +90,25 @@ def running(name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
+@contextmanager
+def ended(name: str, *arguments: str) -> Iterator[list[str]]:
+    """Run a node that ends by itself, with an error, once the block has been left.
+
+    The list then holds the lines of its errors.
+    """
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', name, '--ros-args',
+         *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    errors: list[str] = []
+    try:
+        yield errors
+        errors += process.communicate(timeout=20)[1].strip().splitlines()
+        assert process.returncode == 1
+    finally:
+        process.kill()
+        process.wait(20)
+
+
 def fails(name: str, *arguments: str) -> str:
     """Run a node that must refuse its parameters; return its one line."""
     finished = subprocess.run(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 import signal
 import subprocess
@@ -19,7 +20,7 @@ rclpy = pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
 from geometry_msgs.msg import Twist  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
-from peer import at_rest_odometry, fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
+from peer import at_rest_odometry, ended, fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import (CameraInfo, CompressedImage, Image, JointState,  # noqa: E402
@@ -28,6 +29,7 @@ from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
+from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
 
 def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
@@ -66,38 +68,43 @@ def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
 
 
 def test_gait_node_answers_a_hand_made_state(peer: Peer) -> None:
-    """Each joint state gets the command that bears its stamp; cmd_vel moves it."""
+    """Each joint state gets the command that bears its stamp; cmd_vel moves it.
+
+    NaN, Inf and a flood do not move the legs; the node goes on. Parameters change while it runs,
+    as with `ros2 param set`: valid values are taken, others refused with the reason.
+    """
     commands = peer.listen(JointState, 'joint_commands')
     states = peer.node.create_publisher(JointState, 'joint_states', 10)
     velocities = peer.node.create_publisher(Twist, 'cmd_vel', 10)
     ticks = [0]
 
-    def tick() -> None:
-        velocities.publish(Twist())
-        twist = Twist()
-        twist.linear.x = 0.1
-        velocities.publish(twist)
+    def tick(*speeds: float) -> None:
+        for speed in speeds:
+            twist = Twist()
+            twist.linear.x = speed
+            velocities.publish(twist)
         ticks[0] += 1
         state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
-        state.header.stamp.nanosec = 5_000_000 * ticks[0]
+        state.header.stamp = time_msg(5_000_000 * ticks[0])
         states.publish(state)
 
-    with running('gait_controller_node'):
-        peer.spin_until(lambda: len(commands) > 3 and max(commands[-1].velocity) > 0.1,
-                        meanwhile=tick)
-    assert all(command.header.stamp.nanosec % 5_000_000 == 0 for command in commands)
-    assert list(commands[-1].name) == LEGS
-    assert len(commands[-1].position) == 4
-
-
-def test_gait_parameters_change_while_it_runs(peer: Peer) -> None:
-    """As with `ros2 param set`: valid values are taken, others refused with the reason."""
     def answer(name: str, value: Any) -> Any:
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()])
         return peer.call(SetParameters, 'gait_controller_node/set_parameters', request).results[0]
 
     with running('gait_controller_node'):
+        nonsense = [float('nan'), float('inf'), -float('inf')] * 20
+        peer.spin_until(lambda: len(commands) > 10, meanwhile=lambda: tick(*nonsense))
+        assert all(np.isfinite(command.velocity).all() for command in commands)
+        assert np.abs(commands[-1].velocity).max() < 1.0
+
+        peer.spin_until(lambda: max(commands[-1].velocity) > 0.1,
+                        meanwhile=lambda: tick(0.0, 0.1))
+        assert all(time_ns(command.header.stamp) % 5_000_000 == 0 for command in commands)
+        assert list(commands[-1].name) == LEGS
+        assert len(commands[-1].position) == 4
+
         assert answer('duty_factor', 0.55).successful
         assert answer('gait', 'crawl').successful
         refused = answer('foot_width_deg', 150.0)
@@ -190,10 +197,21 @@ def _check_cloud(cloud: PointCloud2, depth_image: Image, info: CameraInfo,
     assert np.array_equal(intensity, pixels)
 
 
-def test_render_node_blurs_by_the_twist_of_odometry(peer: Peer, world_folder: Path) -> None:
-    """The same pose at rest, then turning: the second picture has less contrast along its rows."""
+def test_a_render_node_from_its_first_pose_to_another_world(peer: Peer,
+                                                            world_folder: Path) -> None:
+    """A pose alone between periods is drawn: no stream follows, so that no period will begin.
+
+    The same pose turning has less contrast along its rows than at rest. With a reader of the left
+    image alone nothing else is drawn; a late reader is served. Where physics turns out to walk on
+    another world, the node ends and says so.
+    """
+    from std_msgs.msg import String
+
+    from lunar_rover_sim import topics
+    from lunar_rover_sim.nodes import qos
     images = peer.listen(Image, 'stereo/left/image_raw')
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    hashes = peer.node.create_publisher(String, 'world_hash', qos.offered(topics.WORLD_HASH))
     odometry = at_rest_odometry()
 
     def contrast() -> float:
@@ -201,39 +219,30 @@ def test_render_node_blurs_by_the_twist_of_odometry(peer: Peer, world_folder: Pa
         pixels = np.frombuffer(bytes(image.data), np.uint8).reshape(image.height, image.width)
         return float(np.abs(np.diff(pixels.astype(float), axis=1)).mean())
 
-    def publish(stamp_s: int) -> None:
-        odometry.header.stamp.sec = stamp_s
+    def publish(stamp_ns: int) -> None:
+        odometry.header.stamp = time_msg(stamp_ns)
         poses.publish(odometry)
 
-    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
-                 'sensor.shot_noise:=false', '-p', 'sensor.read_noise:=false'):
-        peer.spin_until(lambda: bool(images), limit_s=60.0, meanwhile=lambda: publish(1))
+    with ended('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
+               'sensor.shot_noise:=false', '-p', 'sensor.read_noise:=false') as errors:
+        peer.spin_until(lambda: bool(images), limit_s=60.0,
+                        meanwhile=lambda: publish(123_456_789))
+        assert time_ns(images[0].header.stamp) == 123_456_789
+
+        peer.spin_until(lambda: time_ns(images[-1].header.stamp) == 10**9,
+                        meanwhile=lambda: publish(10**9))
         at_rest = contrast()
         odometry.twist.twist.angular.z = 60.0    # 7 px in 1 ms
-        peer.spin_until(lambda: images[-1].header.stamp.sec == 2, meanwhile=lambda: publish(2))
+        peer.spin_until(lambda: time_ns(images[-1].header.stamp) == 2 * 10**9,
+                        meanwhile=lambda: publish(2 * 10**9))
         assert contrast() < 0.6 * at_rest
 
-
-def test_render_node_draws_only_what_is_read(peer: Peer, world_folder: Path) -> None:
-    """With a reader of the left image alone nothing else is published but camera_info."""
-    left = peer.listen(Image, 'stereo/left/image_raw')
-    poses = peer.node.create_publisher(Odometry, 'odom', 10)
-    odometry = at_rest_odometry()
-    ticks = [0]
-
-    def tick() -> None:
-        ticks[0] += 1
-        odometry.header.stamp.sec = ticks[0]
-        poses.publish(odometry)
-
-    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA):
-        peer.spin_until(lambda: len(left) > 1, limit_s=60.0, meanwhile=tick)
-        # A reader that comes late is served with the frame that is shown: one that was drawn
-        # before, or, where poses are still on their way, one of those.
-        seen = left[-1].header.stamp.sec
+        # A reader that comes late is served with the frame that is shown.
         depth = peer.listen(Image, 'ground_truth/depth/image')
         peer.spin_until(lambda: bool(depth))
-    assert seen <= depth[0].header.stamp.sec <= ticks[0]
+        assert time_ns(depth[0].header.stamp) == 2 * 10**9
+        hashes.publish(String(data='0123456789abcdef'))
+    assert 'is not that of the physics, 0123456789ab' in errors[-1]
 
 
 def test_an_error_of_matching_ends_the_render_node(peer: Peer, world_folder: Path) -> None:
@@ -242,20 +251,12 @@ def test_an_error_of_matching_ends_the_render_node(peer: Peer, world_folder: Pat
     disparities = peer.listen(DisparityImage, 'stereo/disparity')
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     odometry = at_rest_odometry()
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'lunar_rover_sim.nodes.render_node', '--ros-args', '-p',
-         f'world:={world_folder}', *SMALL_CAMERA, '-p', 'sgm.num_disparities:=160'],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        peer.spin_until(lambda: process.poll() is not None, limit_s=60.0,
+    with ended('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
+               'sgm.num_disparities:=160') as errors:
+        peer.spin_until(lambda: bool(left), limit_s=60.0,
                         meanwhile=lambda: poses.publish(odometry))
-        error = process.communicate()[1].strip().splitlines()[-1]
-    finally:
-        process.kill()
-        process.wait()
-    assert process.returncode == 1
-    assert error == ('FATAL num_disparities: 160 is not valid; valid is less than the image '
-                     'width, 160')
+    assert errors[-1] == ('FATAL num_disparities: 160 is not valid; valid is less than the image '
+                          'width, 160')
     assert len(left) <= 1 and not disparities
 
 
@@ -302,19 +303,23 @@ def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None
         assert recorded.counts['/stereo/left/image_raw/compressed'] == 1
 
 
-@pytest.mark.parametrize('kind', ['Odometry', 'PoseStamped', 'Path'])
-def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path, kind: str) -> None:
+def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path) -> None:
     """An estimator's poses become a file that `evaluate` reads; a Path repeats itself, once."""
     from geometry_msgs.msg import PoseStamped
     from nav_msgs.msg import Path as PathMsg
 
     from lunar_rover_sim.evaluation.trajectory_files import read_tum
-    classes = {'Odometry': Odometry, 'PoseStamped': PoseStamped, 'Path': PathMsg}
-    publisher = peer.node.create_publisher(classes[kind], 'slam/pose', 10)
+    publishers = {kind: peer.node.create_publisher(kind, f'slam/{kind.__name__.lower()}', 10)
+                  for kind in (Odometry, PoseStamped, PathMsg)}
+    files = {kind: tmp_path / f'{kind.__name__}.txt' for kind in publishers}
     path = PathMsg()
-    file = tmp_path / 'estimate.txt'
-    with running('trajectory_recorder_node', '-p', f'output:={file}', '-r', 'pose:=slam/pose'):
-        peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+    with ExitStack() as recorders:
+        for kind, file in files.items():
+            recorders.enter_context(running(
+                'trajectory_recorder_node', '-p', f'output:={file}', '-r',
+                f'pose:=slam/{kind.__name__.lower()}'))
+        peer.spin_until(lambda: all(publisher.get_subscription_count()
+                                    for publisher in publishers.values()))
         for k in range(1, 6):
             pose = PoseStamped()
             pose.header.stamp.sec, pose.header.stamp.nanosec = k, 5
@@ -323,13 +328,16 @@ def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path, kind: s
             path.poses.append(pose)
             odometry = Odometry(header=pose.header)
             odometry.pose.pose = pose.pose
-            publisher.publish({'Odometry': odometry, 'PoseStamped': pose, 'Path': path}[kind])
+            for kind, message in ((Odometry, odometry), (PoseStamped, pose), (PathMsg, path)):
+                publishers[kind].publish(message)
             time.sleep(0.05)
-        peer.spin_until(lambda: len(file.read_text().splitlines()) == 5)
-    trajectory = read_tum(file)
-    assert trajectory.stamps_ns.tolist() == [k * 10**9 + 5 for k in range(1, 6)]
-    assert np.allclose(trajectory.positions_m[:, 0], 0.1 * np.arange(1, 6))
-    assert np.allclose(trajectory.orientations_wxyz, [1, 0, 0, 0])
+        peer.spin_until(lambda: all(len(file.read_text().splitlines()) == 5
+                                    for file in files.values()))
+    for file in files.values():
+        trajectory = read_tum(file)
+        assert trajectory.stamps_ns.tolist() == [k * 10**9 + 5 for k in range(1, 6)]
+        assert np.allclose(trajectory.positions_m[:, 0], 0.1 * np.arange(1, 6))
+        assert np.allclose(trajectory.orientations_wxyz, [1, 0, 0, 0])
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -388,56 +396,13 @@ def test_wrong_parameters_are_one_line(node: str, arguments: tuple[str, ...], sa
     assert said in fails(node, *arguments)
 
 
-def test_render_node_refuses_another_world(peer: Peer, world_folder: Path) -> None:
-    """Where physics walks on another world than is drawn, the renderer ends and says so."""
-    from std_msgs.msg import String
-
-    from lunar_rover_sim import topics
-    from lunar_rover_sim.nodes import qos
-    publisher = peer.node.create_publisher(String, 'world_hash', qos.offered(topics.WORLD_HASH))
-    publisher.publish(String(data='0123456789abcdef'))
-    said = fails('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA)
-    assert 'is not that of the physics, 0123456789ab' in said
-
-
-def test_nonsense_on_cmd_vel_is_refused(peer: Peer) -> None:
-    """NaN, Inf and a flood do not move the legs; the node goes on."""
-    commands = peer.listen(JointState, 'joint_commands')
-    states = peer.node.create_publisher(JointState, 'joint_states', 10)
-    velocities = peer.node.create_publisher(Twist, 'cmd_vel', 10)
-    ticks = [0]
-
-    def tick() -> None:
-        for value in (float('nan'), float('inf'), -float('inf')):
-            for _ in range(20):
-                twist = Twist()
-                twist.linear.x = value
-                velocities.publish(twist)
-        ticks[0] += 1
-        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
-        state.header.stamp.nanosec = 5_000_000 * ticks[0]
-        states.publish(state)
-
-    with running('gait_controller_node'):
-        peer.spin_until(lambda: len(commands) > 10, meanwhile=tick)
-    assert all(np.isfinite(command.velocity).all() for command in commands)
-    assert np.abs(commands[-1].velocity).max() < 1.0
-
-
 def test_a_joint_state_without_our_joints_is_named(peer: Peer) -> None:
     """A message that cannot be answered ends the node with what is missing in it."""
     states = peer.node.create_publisher(JointState, 'joint_states', 10)
-    process = subprocess.Popen(
-        [sys.executable, '-m', 'lunar_rover_sim.nodes.gait_controller_node'],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        peer.spin_until(lambda: process.poll() is not None, meanwhile=lambda: states.publish(
-            JointState(name=['wheel'], position=[0.0], velocity=[0.0])))
-        _, stderr = process.communicate()
-    finally:
-        process.kill()
-    assert process.returncode == 1
-    assert "of joints ['wheel']" in stderr
+    with ended('gait_controller_node') as errors:
+        peer.spin_until(lambda: bool(states.get_subscription_count()))
+        states.publish(JointState(name=['wheel'], position=[0.0], velocity=[0.0]))
+    assert "of joints ['wheel']" in errors[-1]
 
 
 def test_an_answer_from_the_future_does_not_hold_the_gate_open(peer: Peer,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import ExitStack
 from pathlib import Path
 import signal
-import time
 
 import pytest
 
@@ -13,7 +12,7 @@ pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import PoseStamped, TwistStamped  # noqa: E402  (needs rclpy)
-from peer import at_rest_odometry, Peer, running, SMALL_CAMERA  # noqa: E402
+from peer import Peer, running, SMALL_CAMERA  # noqa: E402
 from sensor_msgs.msg import CameraInfo, JointState  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
@@ -97,21 +96,6 @@ def test_lockstep_goes_on_after_reset_and_restart(peer: Peer, world_folder: Path
     # Who takes no part may join late.
     assert stamps[:first] == [stamps[0] + 5_000_000 * k for k in range(first)]
     assert stamps[first:] == [5_000_000 * (k + 1) for k in range(len(stamps) - first)]
-
-
-def test_a_single_pose_between_periods_is_drawn(peer: Peer, world_folder: Path) -> None:
-    """Where no stream of odometry follows, no period will begin."""
-    from nav_msgs.msg import Odometry
-    infos = peer.listen(CameraInfo, 'stereo/left/camera_info')
-    odometry = at_rest_odometry()
-    odometry.header.stamp.nanosec = 123_456_789
-    poses = peer.node.create_publisher(Odometry, 'odom', 10)
-    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA):
-        peer.spin_until(lambda: bool(poses.get_subscription_count()), limit_s=60.0)
-        time.sleep(0.3)
-        poses.publish(odometry)
-        peer.spin_until(lambda: bool(infos))
-    assert header_ns(infos[0]) == 123_456_789
 
 
 def test_poses_after_a_restart_go_to_a_file_of_their_own(peer: Peer, tmp_path: Path) -> None:
