@@ -36,6 +36,14 @@ class Topic:
     note: str = ''
     on_request: bool = False
 
+    def frame(self, separate_truth: bool) -> str:
+        """Return the frame of its header; what is true of the world stays so with an estimator.
+
+        separate_truth: whether `odom` belongs to an estimator
+        """
+        in_world = self.frame_id == frames.ODOM_FRAME and self.name != 'odom'
+        return frames.TRUE_ODOM_FRAME if separate_truth and in_world else self.frame_id
+
     @property
     def graph_name(self) -> str:
         """The name as nodes use it: relative, but for what all nodes of a graph share."""
@@ -67,6 +75,12 @@ GROUND_CHANGES = Topic('ground/changes', 'sensor_msgs/msg/PointCloud2', FRAME, '
 GROUND_SNAPSHOT = Topic('ground/snapshot', 'sensor_msgs/msg/PointCloud2', LATCHED, 'physics_node',
                         frames.ODOM_FRAME, 'where ground.model is regolith: all changed samples, '
                         'anew for every reader that joins', on_request=True)
+SINKAGE = Topic('ground_truth/sinkage', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
+                'where ground.model is regolith: position is how deep each leg stands in the '
+                'ground [m]', on_request=True)
+FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
+                  'velocity: slip and sweep of each foot along the heading [m/s]; position: their '
+                  'sums [m]', on_request=True)
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
                        'velocity command [rad/s], reference angle [rad]; stamp = state answered')
@@ -127,7 +141,8 @@ SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_no
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
-    GROUND_SNAPSHOT, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO,
-    DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, SUN,
-    WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS,
-    TELEPORT, BRIDGED_JOINTS, SHOWN)
+    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE,
+    LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED,
+    RIGHT_COMPRESSED, POINTS, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
+    RECORDED, DIAGNOSTICS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)

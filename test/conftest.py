@@ -72,7 +72,8 @@ def world_folder(world_cache: None) -> Path:
     return Path(cached(scenario.world, scenario.shared.seed))
 
 
-SOFT = ('--set', 'physics_node.ground.model=regolith')
+SOFT = ('--set', 'physics_node.ground.model=regolith',
+        '--set', 'recorder_node.topics=[all,ground_truth/sinkage,ground_truth/slip]')
 
 
 @pytest.fixture(scope='session')

@@ -69,7 +69,7 @@ def test_bad_input_reads_as_on_the_command_line(name: str, arguments: dict, opti
 
 def small_scenario(duration_s: float) -> Scenario:
     """Return a small `baseline` on ground that gives."""
-    return Scenario.load('baseline', [*SMALL, SOFT[1]], duration_s=duration_s)
+    return Scenario.load('baseline', [*SMALL, SOFT[1], SOFT[3]], duration_s=duration_s)
 
 
 @pytest.mark.ros

@@ -14,10 +14,14 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import locomotion, locomotion_report
+from lunar_rover_sim.studies import (locomotion, locomotion_grounds, locomotion_report,
+                                     terramechanics)
 from lunar_rover_sim.studies.command_tracking import COMMANDS, CommandTracking, measure_commands
 from lunar_rover_sim.studies.gait_measurement import WalkSettings
 from lunar_rover_sim.studies.pitch import read_curve, STEADY_FROM_S
+from lunar_rover_sim.studies.terramechanics import Ground
+
+GROUNDS = ('rigid', 'highland', 'highland_loose')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'Drives the same velocities on flat ground through gait and contact and'
         ' through a velocity interface, compares the pitch of both, and measures how'
         ' well velocity commands are followed. Writes locomotion.md, locomotion.png'
-        ' and pitch.csv.')
+        ' and pitch.csv, and compares grounds in grounds.md and grounds_SPEED.png.')
     parser.add_argument('scenario', nargs='?', default='flat',
                         help='scenario that names rover, contact and gait (flat)')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
@@ -44,6 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              ' before its command; may be repeated')
     parser.add_argument('--no-commands', action='store_true',
                         help='leave out the grid of velocity commands')
+    parser.add_argument('--grounds', nargs='*', default=list(GROUNDS), metavar='NAME',
+                        help='grounds to compare with the first one, by straight walks over the'
+                             ' relief of regolith: rigid, or presets; none to leave them out')
+    parser.add_argument('--seeds', type=int, default=8, metavar='N',
+                        help='number of such worlds (8)')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
                         help='processes that share the grid of commands (one per core)')
     parser.set_defaults(run=run)
@@ -53,10 +62,12 @@ def run(args: argparse.Namespace) -> int:
     """Walk, write the report; return 1 if a velocity command was not followed."""
     for name, values, low in (('--speeds', args.speeds, 0.0), ('--gravities', args.gravities, 0.0),
                               ('--duration', [args.duration], STEADY_FROM_S + 2.0),
-                              ('--workers', [args.workers], 0.5)):
+                              ('--workers', [args.workers], 0.5), ('--seeds', [args.seeds], 0.5)):
         for value in values:
             if not low < value < 1e4:
                 raise ConfigError(f'{name}: {value:g} is not valid; valid is > {low:g}')
+    for name in args.grounds:
+        Ground(name).config()   # raises ConfigError for one that does not exist
     scenario = Scenario.load(args.scenario, args.overrides)
     gait, physics = scenario.gait_controller_node, scenario.physics_node
     table = GaitCalibration.of(gait)
@@ -76,8 +87,16 @@ def run(args: argparse.Namespace) -> int:
             tracking = measure_commands(
                 COMMANDS, table, WalkSettings(scenario.rover, physics, gait), args.workers,
                 lambda done, total: bar.update(following, completed=done, total=total))
+        walks: locomotion_grounds.Walks = {}
+        if args.grounds:
+            walking = bar.add_task('walking on soft ground')
+            walks = locomotion_grounds.study(
+                terramechanics.WalkSettings(table, scenario.rover, physics, gait), args.grounds,
+                sorted(set(args.speeds)), range(1, args.seeds + 1), args.workers,
+                lambda done, total: bar.update(walking, completed=done, total=total))
     text = locomotion_report.write_all(cases, overlays, tracking, args.output)
+    if walks:
+        text += '\n' + locomotion_grounds.write_all(walks, args.output)
     console.print(Markdown(text))
-    console.print(f'written: {args.output}/locomotion.md, locomotion.png, pitch.csv',
-                  highlight=False, soft_wrap=True)
+    console.print(f'written: {args.output}', highlight=False, soft_wrap=True)
     return 0 if all(each.followed for each in tracking) else 1

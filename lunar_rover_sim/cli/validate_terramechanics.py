@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         if not low < value < 1e4:
             raise ConfigError(f'{name}: {value:g} is not valid; valid is > {low:g}')
     for name in args.grounds:
-        Ground(name).config   # raises ConfigError for one that does not exist
+        Ground(name).config()   # raises ConfigError for one that does not exist
     scenario = Scenario.load(args.scenario, args.overrides)
     gait = scenario.gait_controller_node
     settings = WalkSettings(GaitCalibration.of(gait), scenario.rover, scenario.physics_node, gait,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 from pathlib import Path
 
@@ -11,12 +12,13 @@ from rich.markdown import Markdown
 from rich.progress import Progress
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import traverse_report
+from lunar_rover_sim.studies import traverse_grounds, traverse_report
+from lunar_rover_sim.studies.terramechanics import Ground
 from lunar_rover_sim.studies.traverse import study, TraverseSettings
 from lunar_rover_sim.studies.traverse_result import Traverse
+from lunar_rover_sim.studies.traverse_store import TraverseStore
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         'Builds the world of a scenario for a number of seeds and drives random'
         ' waypoints over each, around the larger rocks. Writes traverse.md,'
-        ' traverse.csv and traverse.png.')
+        ' traverse.csv and traverse.png. With --grounds it drives the same worlds on several'
+        ' grounds and compares them: grounds.md, grounds.png, and a folder for each.')
     parser.add_argument('scenario', nargs='?', default='baseline', help='scenario (baseline)')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
@@ -35,8 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='simulated time of each drive [s]')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
                         help='processes that share the drives (one per core)')
+    parser.add_argument('--grounds', nargs='+', default=[], metavar='NAME',
+                        help='grounds to compare, the first one with the others: rigid, or presets'
+                             ' (that of the scenario)')
     parser.add_argument('-o', '--output', type=Path, default=Path('traverse'), metavar='DIR',
                         help='folder to write to (traverse)')
+    parser.add_argument('--resume', action='store_true',
+                        help='go on with an interrupted study: finished drives are kept')
     parser.set_defaults(run=run)
 
 
@@ -47,30 +55,39 @@ def run(args: argparse.Namespace) -> int:
         if not low <= value < 1e6:
             raise ConfigError(f'{name}: {value:g} is not valid; valid is >= {low:g}')
     scenario = Scenario.load(args.scenario, args.overrides)
-    gait = scenario.gait_controller_node
-    table = GaitCalibration.of(gait)
-    make_new(args.output)
+    gait, physics = scenario.gait_controller_node, scenario.physics_node
+    settings = TraverseSettings(GaitCalibration.of(gait), scenario.rover, physics, gait,
+                                scenario.drive_node, args.duration)
+    grounds = {name: Ground(name).config(physics.ground) for name in args.grounds} or {
+        physics.ground.preset if physics.ground.deforms else physics.ground.model: physics.ground}
+    store = TraverseStore(args.output, f'# {args.duration:g} s\n{scenario.to_yaml()}', args.resume)
 
     console = Console()
-    results: list[Traverse] = []
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task(f'driving {args.seeds} worlds', total=args.seeds)
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
+    results: dict[str, list[Traverse]] = {}
+    for name, ground in grounds.items():
+        kept = [store.load(name, seed) for seed in seeds]
+        done = results[name] = [result for result in kept if result is not None]
+        left = [seed for seed in seeds if seed not in {result.seed for result in done}]
+        with Progress(console=console, transient=True) as bar:
+            task = bar.add_task(f'driving {len(left)} worlds on {name}', total=len(left))
 
-        def show(result: Traverse, done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-            # The report is kept up to date, in case the study is interrupted.
-            results.append(result)
-            traverse_report.write_all(results, scenario.name, args.output)
-            bar.console.print(f'seed {result.seed}: {result.outcome}, {result.distance_m:.1f} m,'
-                              f' {result.stuck} times stuck, tilted up to'
-                              f' {result.tilt_max_deg:.0f} deg', highlight=False, soft_wrap=True)
+            def show(result: Traverse, count: int, _: int) -> None:
+                bar.update(task, completed=count)
+                store.save(name, result)
+                done.append(result)
+                bar.console.print(f'{name}, seed {result.seed}: {result.outcome},'
+                                  f' {result.distance_m:.1f} m, {result.stuck} times stuck, tilted'
+                                  f' up to {result.tilt_max_deg:.0f} deg', highlight=False,
+                                  soft_wrap=True)
 
-        settings = TraverseSettings(table, scenario.rover, scenario.physics_node, gait,
-                                    scenario.drive_node, args.duration)
-        study(scenario.world, range(args.first_seed, args.first_seed + args.seeds), settings,
-              args.workers, show)
-    text = traverse_report.write_all(results, scenario.name, args.output)
+            study(scenario.world, left, dataclasses.replace(
+                settings, physics=dataclasses.replace(physics, ground=ground)), args.workers, show)
+        done.sort(key=lambda result: result.seed)
+    if args.grounds:
+        text = traverse_grounds.write_all(results, scenario.name, args.output)
+    else:
+        text = traverse_report.write_all(next(iter(results.values())), scenario.name, args.output)
     console.print(Markdown(text))
-    console.print(f'written: {args.output}/traverse.md, traverse.csv, traverse.png',
-                  highlight=False, soft_wrap=True)
-    return 0 if traverse_report.acceptable(results) else 1
+    console.print(f'written: {args.output}', highlight=False, soft_wrap=True)
+    return 0 if all(map(traverse_report.acceptable, results.values())) else 1

@@ -119,9 +119,10 @@ def contents(rover: RoverData, report: Report) -> None:
                                                if len(t.problems) > 1 else '')
                 for t in rover.scan.topics.values() if t.problems]
     report.verdict('contents', problems, 'finite, of the declared size')
-    wrong = [f'{t.name} in frame {sorted(t.frame_ids)}, not {t.topic.frame_id!r}'
+    separate = bool(rover.scenario.get('physics_node', 'separate_truth', False))
+    wrong = [f'{t.name} in frame {sorted(t.frame_ids)}, not {t.topic.frame(separate)!r}'
              for t in rover.scan.topics.values() if t.frame_ids and t.topic.frame_id
-             and t.frame_ids != {t.topic.frame_id}]
+             and t.frame_ids != {t.topic.frame(separate)}]
     report.verdict('frames', wrong, 'as in the contract')
 
 
@@ -165,7 +166,7 @@ def _unpublished(rover: RoverData) -> set[str]:
     if not rover.scenario.get('physics_node', 'publish_clock', True):
         names.add(topics.CLOCK.name)
     if rover.scenario.get('physics_node', 'ground.model') != REGOLITH:
-        names.add(topics.GROUND_CHANGES.name)
+        names.update(topic.name for topic in topics.OF_SOFT_GROUND)
     return names
 
 

@@ -25,10 +25,13 @@ class GroundPublisher:
     """
 
     def __init__(self, node: GraphNode, overlay: Overlay, ground: HeightGrid,
-                 period_ns: int) -> None:
-        """Publish the first snapshot: the ground at the start; ground: the untouched one."""
+                 period_ns: int, frame_id: str) -> None:
+        """Publish the first snapshot: the ground at the start.
+
+        ground: the untouched one; frame_id: of the clouds
+        """
         self._overlay, self._ground, self._period_ns = overlay, ground, period_ns
-        self._now_ns = 0
+        self._now_ns, self._frame_id = 0, frame_id
         self.changes: Publisher = node.create_publisher(
             PointCloud2, topics.GROUND_CHANGES.name, qos.offered(topics.GROUND_CHANGES))
         events = PublisherEventCallbacks(matched=self._on_match)
@@ -54,4 +57,5 @@ class GroundPublisher:
 
     def _send(self, publisher: Publisher, changes: GroundChanges) -> None:
         publisher.publish(image_conversions.ground_cloud(
-            points_of(changes, self._ground), conversions.time_msg(self._now_ns)))
+            points_of(changes, self._ground), conversions.time_msg(self._now_ns),
+            self._frame_id))

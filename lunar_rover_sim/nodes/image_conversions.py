@@ -84,9 +84,10 @@ def disparity_image(disparity: DisparityMap, focal_px: float, baseline_m: float,
     return msg
 
 
-def ground_cloud(points: NDArray[np.void], stamp: Time) -> PointCloud2:
+def ground_cloud(points: NDArray[np.void], stamp: Time,
+                 frame_id: str = frames.ODOM_FRAME) -> PointCloud2:
     """Return changes of the ground, points as of `bag.ground_points`, as a message."""
-    msg = PointCloud2(header=Header(stamp=stamp, frame_id=frames.ODOM_FRAME))
+    msg = PointCloud2(header=Header(stamp=stamp, frame_id=frame_id))
     msg.height, msg.width = 1, len(points)
     msg.fields = [PointField(name=name, offset=4 * k, datatype=FLOAT32, count=1)
                   for k, name in enumerate(POINT.names or ())]

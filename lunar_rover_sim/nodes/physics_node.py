@@ -11,6 +11,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
+from lunar_rover_sim.nodes.foot_publisher import FootPublisher
 from lunar_rover_sim.nodes.ground_publisher import GroundPublisher
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.matching import Matching
@@ -49,9 +50,12 @@ class PhysicsNode(node_main.GraphNode):
 
         self._publisher = StatePublisher(self, rover, self._imu_noise(), config)
         self._ground = (None if self._simulation.overlay is None else GroundPublisher(
-            self, self._simulation.overlay, world.ground, config.ground_period_ns))
+            self, self._simulation.overlay, world.ground, config.ground_period_ns,
+            topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
-        self._matching = Matching(self, [*self._publisher.publishers, *changes],
+        self._feet = FootPublisher(self, self._simulation, 1e-9 * config.state_period_ns)
+        self._matching = Matching(self, [*self._publisher.publishers, *self._feet.publishers,
+                                         *changes],
                                   tuple(dict.fromkeys([*config.wait.topics,
                                                        *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
@@ -143,6 +147,7 @@ class PhysicsNode(node_main.GraphNode):
         self._now_ns += self._config.state_period_ns
         if self._ground is not None:
             self._ground.publish(self._now_ns)
+        self._feet.publish(self._now_ns)
         self._publisher.publish(state, self._now_ns)
         self._listener.note_progress()
         self._diagnostics.tick()
@@ -229,6 +234,7 @@ class PhysicsNode(node_main.GraphNode):
         self._now_ns = 0
         if self._ground is not None:
             self._ground.restart()
+        self._feet.restart()
         self._pace.restart(self._now_ns)
         self._listener.restart()
         self.wake()

@@ -112,7 +112,7 @@ class RenderNode(node_main.GraphNode):
 
     def _publish_sun(self) -> None:
         msg = Vector3Stamped()
-        msg.header.frame_id = topics.SUN.frame_id
+        msg.header.frame_id = topics.SUN.frame(self._config.separate_truth)
         msg.vector.x, msg.vector.y, msg.vector.z = map(float, self._renderer.sun_direction)
         self._sun = self.create_publisher(Vector3Stamped, topics.SUN.name,
                                           qos.offered(topics.SUN))

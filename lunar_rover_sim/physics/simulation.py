@@ -16,6 +16,7 @@ from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
+from lunar_rover_sim.physics.foot_motion import FootMotion, FootObserver
 from lunar_rover_sim.physics.ground_contact import GroundContact
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.observation import Observer
@@ -24,6 +25,7 @@ from lunar_rover_sim.physics.relocation import relocate
 from lunar_rover_sim.physics.soft_ground import SoftGround
 from lunar_rover_sim.physics.soil_contact import set_soil
 from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.regolith.looseness import soil_map
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
@@ -82,8 +84,11 @@ class Simulation:
         if config.ground.deforms:
             soil = config.ground.soil(config.gravity_mps2)
             rows = set_soil(model, rover, soil, config.contact)
-            self._soft_ground = SoftGround(model, data, rover, world.ground, soil, rows)
+            varies = config.ground.variation
+            self._soft_ground = SoftGround(model, data, rover, world.ground, soil, rows,
+                                           soil_map(world, varies) if varies else None)
         self._ground_contact: GroundContact | None = None
+        self._feet = FootObserver(rover, world.ground, config.gravity_mps2)
         place(model, data, world.ground, rover, config.start)
         self._observer = Observer(model, data, rover, config.gravity_mps2)
         self._settle()
@@ -170,6 +175,11 @@ class Simulation:
     def ground_contact(self) -> GroundContact | None:
         """Sinkage and slip of each leg at the present state; None on rigid ground."""
         return self._ground_contact
+
+    @property
+    def foot_motion(self) -> FootMotion:
+        """Sweep and slip of each foot at the present state, computed when asked for."""
+        return self._feet.observe(self._state)
 
     @property
     def overlay(self) -> Overlay | None:

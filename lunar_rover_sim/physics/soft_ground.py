@@ -29,6 +29,7 @@ from lunar_rover_sim.physics.soil_contact import SoilRows
 from lunar_rover_sim.physics.wall_slides import WallSlides
 from lunar_rover_sim.regolith.ball import DigTable
 from lunar_rover_sim.regolith.footprint import hull, press
+from lunar_rover_sim.regolith.looseness import SoilMap
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.regolith.soil import Soil
 from lunar_rover_sim.regolith.spoke import SpokeInSoil
@@ -52,9 +53,11 @@ class SoftGround:
     """The soil under the tips of one simulation; call `before_step` before each step."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rover: RoverDescription,
-                 ground: HeightGrid, soil: Soil, rows: SoilRows) -> None:
+                 ground: HeightGrid, soil: Soil, rows: SoilRows,
+                 varies: SoilMap | None = None) -> None:
         self.overlay = Overlay()
         self.soil = soil
+        self._map = varies
         self._model, self._data, self._ground, self._rows = model, data, ground, rows
         self._radius = rover.legs.tip_radius_m
         self._spoke = SpokeInSoil(soil, self._radius, rover.legs.spoke_radius_m)
@@ -191,7 +194,8 @@ class SoftGround:
         tip.nz = 1.0 / math.sqrt(1.0 + slope2)
         tip.nx, tip.ny = -slope_x * tip.nz, -slope_y * tip.nz
         tip.ploughed = -1.0
-        tip.reserve = max(0.0, 1.0 - math.sqrt(slope2) / self.soil.friction)
+        tip.weaken(self.soil, math.sqrt(slope2),
+                   (1.0, 1.0) if self._map is None else self._map.factors(x, y))
 
     def _support(self, tip: SoftTip, centre: Centre, depth: float,
                  motion: list[float], com: list[float]) -> None:
@@ -211,13 +215,14 @@ class SoftGround:
             return
         radius, k = self._radius, self._k
         lean = tip.lean(self._axles[tip.leg].tolist(), centre) if depth > 2.0 * radius else 0.0
-        force, bears = k * pressed, self._spoke.bears_n(plastic, lean)
+        part = tip.bearing
+        force, bears = k * pressed, part * self._spoke.bears_n(plastic, lean)
         yielding = force > bears
         if yielding:
             for _ in range(3):
-                slope = self._spoke.slope_npm(plastic, lean)
+                slope = part * self._spoke.slope_npm(plastic, lean)
                 plastic = min(plastic + (k * (depth - plastic) - bears) / (k + slope), depth)
-                bears = self._spoke.bears_n(plastic, lean)
+                bears = part * self._spoke.bears_n(plastic, lean)
             force = k * (depth - plastic)
         self._set_yielding(tip, yielding)
         speed = tip.slip_mps(self._radius, centre, motion, com)
@@ -253,15 +258,11 @@ class SoftGround:
             tip.low = x, y, z
 
     def _set_friction(self, tip: SoftTip, depth: float, force: float) -> None:
-        """Set Coulomb friction, ploughing of tip and rod, and cohesion, over the normal force.
-
-        A slope carries its own soil with a part of the strength, and all of it at the friction
-        angle (infinite slope): what is left for ploughing goes to 0 with it.
-        """
+        """Set Coulomb friction, ploughing of tip and rod, and cohesion, over the normal force."""
         if abs(depth - tip.ploughed) > PLOUGH_STEP_M:
             tip.ploughed = depth
             tip.plough = self._spoke.ploughs_n(depth, tip.reserve)
-        mu = min(self.soil.friction + tip.plough / max(force, 1e-6), GREATEST_FRICTION)
+        mu = min(tip.firm_mu + tip.plough / max(force, 1e-6), GREATEST_FRICTION)
         mu *= max(1.0 - math.exp(-tip.sheared / self.soil.shear_m), LEAST_MOBILISED)
         if abs(mu - tip.mu) > 0.005 * tip.mu:
             tip.mu = mu

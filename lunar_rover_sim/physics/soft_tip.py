@@ -7,6 +7,7 @@ import math
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.physics.soil_contact import PARKED_M
 from lunar_rover_sim.regolith.footprint import Window
+from lunar_rover_sim.regolith.soil import Soil
 
 Centre = tuple[float, float, float]
 
@@ -18,7 +19,8 @@ class SoftTip:
     plane, turn: position and attitude (wxyz) of its plane, friction, solref: of its contact, rows
         of MuJoCo's arrays
     x, y, h: where the surface was looked up, and its height there; nx, ny, nz: its normal
-    reserve: what the slope leaves of the strength sideways
+    reserve, bearing: parts of the strength sideways and downwards that slope and looseness leave
+    firm_mu: tangent of the friction angle of the soil here
     offset, tilt_x, tilt_y: of the changed surface on the untouched ground
     plastic, sinkage: depth of the plane, and of the tip
     slid, sheared: way slipped since the walls of the print slid, and since the touch down
@@ -29,9 +31,9 @@ class SoftTip:
     """
 
     __slots__ = ('row', 'leg', 'plane', 'turn', 'friction', 'solref', 'due', 'in_ground',
-                 'x', 'y', 'h', 'nx', 'ny', 'nz', 'reserve', 'offset', 'tilt_x', 'tilt_y',
-                 'plastic', 'sinkage', 'yielding', 'mu', 'plough', 'ploughed', 'slid', 'sheared',
-                 'stamp', 'low', 'window')
+                 'x', 'y', 'h', 'nx', 'ny', 'nz', 'reserve', 'bearing', 'firm_mu', 'offset',
+                 'tilt_x', 'tilt_y', 'plastic', 'sinkage', 'yielding', 'mu', 'plough', 'ploughed',
+                 'slid', 'sheared', 'stamp', 'low', 'window')
 
     def __init__(self, row: int, leg: int, plane: Array, turn: Array, friction: Array,
                  solref: Array) -> None:
@@ -40,7 +42,7 @@ class SoftTip:
         self.due = 0
         self.in_ground = self.yielding = False
         self.x = self.y = self.h = self.nx = self.ny = 0.0
-        self.nz = self.reserve = 1.0
+        self.nz = self.reserve = self.bearing = self.firm_mu = 1.0
         self.offset = self.tilt_x = self.tilt_y = 0.0
         self.plastic = self.sinkage = self.mu = self.plough = self.slid = 0.0
         self.sheared = 0.0
@@ -57,6 +59,17 @@ class SoftTip:
         """Take back the state that `saved` returned."""
         for name, value in zip(_SAVED, values):
             setattr(self, name, value)
+
+    def weaken(self, soil: Soil, slope: float, factors: tuple[float, float]) -> None:
+        """Set what a slope (its tangent) and looseness (bearing, friction) leave of the strength.
+
+        A slope carries its own soil with a part of the strength sideways, and all of it at the
+        friction angle (infinite slope): what is left for ploughing goes to 0 with it.
+        """
+        bearing, friction = factors
+        self.firm_mu = friction * soil.friction
+        self.reserve = bearing * max(0.0, 1.0 - slope / self.firm_mu)
+        self.bearing = bearing * soil.bearing_on_slope(slope)
 
     def place(self) -> None:
         """Put the plane at the plastic depth."""

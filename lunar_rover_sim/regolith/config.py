@@ -56,6 +56,11 @@ class GroundConfig(Parameters):
     elastic_npm: float = _override('elastic_npm', 'stiffness of one tip in unloading', 'N/m')
     damping_nspm: float = _override('damping_nspm', 'damping of one tip while the soil does not'
                                     ' yield', 'N s/m')
+    weak_slopes: bool = param(True, 'slopes bear less than level ground, by (1 - tan slope)^2'
+                              ' (Vesic 1975)')
+    variation: float = param(0.0, 'how much looser the soil is on rims and ejecta of fresh craters'
+                             ' and on slopes: 0 the same everywhere, 1 highland there becomes'
+                             ' highland_loose', low=0.0, high=2.0)
 
     def validate(self) -> None:
         """Raise ConfigError if a value is neither physical nor -1."""
@@ -81,4 +86,5 @@ class GroundConfig(Parameters):
         changed = {field: getattr(self, name) * factor
                    for name, (field, factor, _, _) in _OVERRIDES.items()
                    if getattr(self, name) != FROM_PRESET}
-        return dataclasses.replace(PRESETS[self.preset], **changed).under(gravity_mps2)
+        return dataclasses.replace(PRESETS[self.preset], weak_slopes=self.weak_slopes,
+                                   **changed).under(gravity_mps2)

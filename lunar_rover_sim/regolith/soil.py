@@ -25,6 +25,7 @@ from lunar_rover_sim.regolith.resistive_force import (GENERIC, POPPY_CLOSE, POPP
                                                       ResistiveForce)
 
 MOON, EARTH = 1.62, 9.81
+LEAST_BEARING_ROOT = 0.1   # a slope of 42 deg and more leaves a hundredth of the bearing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Soil:
     elastic_npm: unloading and reloading stiffness of one tip [N/m]
     damping_nspm: damping of one tip while the soil does not yield [N s/m]
     shape: coefficients of resistive force theory
+    weak_slopes: whether slopes bear less than level ground
     """
 
     gravity_mps2: float
@@ -54,6 +56,7 @@ class Soil:
     elastic_npm: float
     damping_nspm: float
     shape: ResistiveForce = GENERIC
+    weak_slopes: bool = True
 
     def under(self, gravity_mps2: float) -> Soil:
         """Return the soil under another gravity.
@@ -72,6 +75,15 @@ class Soil:
         if compaction_m <= 0.0 or change_m >= 0.0:
             return 0.0
         return min(-change_m, compaction_m / max(self.compacted, 1e-3))
+
+    def bearing_on_slope(self, tangent: float) -> float:
+        """Return what a slope leaves of the bearing of level ground: (1 - tan b)^2.
+
+        The ground inclination factor of surcharge and weight (Vesic, in Winterkorn and Fang,
+        Foundation Engineering Handbook, 1975). Hansen (1970) has (1 - 0.5 tan b)^5, 0.63, 0.37
+        and 0.18 at 10, 20 and 30 deg, where this is 0.68, 0.40 and 0.18.
+        """
+        return max(1.0 - tangent, LEAST_BEARING_ROOT) ** 2 if self.weak_slopes else 1.0
 
     @property
     def cohesive_bearing_pa(self) -> float:

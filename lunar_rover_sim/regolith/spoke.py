@@ -24,7 +24,7 @@ class SpokeInSoil:
         self._side = soil.zeta_npm3 * soil.shape.side_ratio
 
     def bears_n(self, depth: float, lean: float) -> float:
-        """Return what the soil bears at a plastic depth [N]; lean: tangent of the rod's tilt."""
+        """Return what level soil bears at a plastic depth [N]; lean: tangent of the rod's tilt."""
         bears = bearing_n(depth, self._radius, self._zeta)
         if self._cohesive:
             bears += self._cohesive * contact_area_m2(depth, self._radius)
@@ -34,7 +34,7 @@ class SpokeInSoil:
         return bears
 
     def slope_npm(self, depth: float, lean: float) -> float:
-        """Return the derivative of what the soil bears [N/m]."""
+        """Return the derivative of what level soil bears [N/m]."""
         slope = bearing_slope_npm(depth, self._radius, self._zeta)
         if self._cohesive:
             slope += self._cohesive * 2.0 * math.pi * max(self._radius - depth, 0.0)

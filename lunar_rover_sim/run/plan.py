@@ -143,7 +143,7 @@ def _unpublished(scenario: Scenario) -> tuple[topics.Topic, ...]:
     """Return the topics that physics does not publish, or may not."""
     separate = scenario.shared.separate_truth
     clock = () if scenario.physics_node.publish_clock else (topics.CLOCK,)
-    ground = () if scenario.physics_node.ground.deforms else (topics.GROUND_CHANGES,)
+    ground = () if scenario.physics_node.ground.deforms else topics.OF_SOFT_GROUND
     # tf2_msgs may be missing.
     return topics.TF, topics.ODOM if separate else topics.TRUE_ODOM, *clock, *ground
 

@@ -21,6 +21,7 @@ from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH, RIGID
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.studies.walking import sloping_world, stance_way_m, STATE_PERIOD_S
+from lunar_rover_sim.world.model import World
 
 GROUNDS = (RIGID, 'highland_dense', 'highland', 'highland_loose')
 SLOPES_DEG = tuple(2.5 * k for k in range(13))
@@ -37,11 +38,14 @@ class Ground:
     slope_deg: float = 0.0
     pull: float = 0.0
 
-    @property
-    def config(self) -> GroundConfig:
-        """The parameters of the ground."""
-        return GroundConfig() if self.name == RIGID else GroundConfig(model=REGOLITH,
-                                                                      preset=self.name)
+    def config(self, base: GroundConfig = GroundConfig()) -> GroundConfig:
+        """Return the parameters of the ground; base: its other parameters.
+
+        Raises ConfigError for a preset that does not exist.
+        """
+        if self.name == RIGID:
+            return dataclasses.replace(base, model=RIGID)
+        return dataclasses.replace(base, model=REGOLITH, preset=self.name)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,10 +85,14 @@ class GroundWalk:
     sinkage_max_m: float = math.nan
 
 
-def measure(settings: WalkSettings, ground: Ground) -> GroundWalk:
-    """Walk, and return what was measured; a rover that cannot stand there is a result, too."""
-    physics = dataclasses.replace(settings.physics, start=StartPose(), ground=ground.config)
-    world = sloping_world(ground.slope_deg, HALF_EXTENT_M)
+def measure(settings: WalkSettings, ground: Ground, world: World | None = None) -> GroundWalk:
+    """Walk, and return what was measured; a rover that cannot stand there is a result, too.
+
+    world: to walk on, by default a plane of the ground's slope
+    """
+    physics = dataclasses.replace(settings.physics, start=StartPose(),
+                                  ground=ground.config(settings.physics.ground))
+    world = world or sloping_world(ground.slope_deg, HALF_EXTENT_M)
     try:
         with Simulation(world, settings.rover, physics) as simulation:
             return _walk(settings, ground, simulation)

@@ -7,6 +7,7 @@ import dataclasses
 import math
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from lunar_rover_sim.errors import PhysicsError, StudyError
 from lunar_rover_sim.frames import Array, path_length
@@ -24,6 +25,7 @@ from lunar_rover_sim.world.grid import HeightGrid
 REST_S = 5.0                   # a rover that is tilted past the limit has this time to come back
 ON_ITS_SIDE_DEG = 70.0         # if it leans no more than this then, it backs up once
 BACK_UP_S, BACK_UP_MPS = 6.0, -0.08   # a rover that is stuck backs up, and takes another way
+PITCH_MEAN_S = 2.0             # over which slopes pass, and steps do not
 DRIVE_PERIODS = 10             # periods of the controller per update of the driver: 20 Hz
 PATH_PERIODS = round(PATH_PERIOD_S / STATE_PERIOD_S)
 
@@ -140,6 +142,7 @@ class _Measurement:
         self._true_m = self._commanded_m = 0.0
         self._mechanical_j = self._electric_j = 0.0
         self._tilts_deg: list[float] = []
+        self._pitches_deg: list[float] = []
         self._reference: list[float] | None = None
         self._penetration_m = 0.0
         self.path_m: list[Array] = []
@@ -150,6 +153,7 @@ class _Measurement:
         state, dt = self._simulation.state, self._period_s
         motor = self._simulation.rover.motor
         self._tilts_deg.append(_tilt_deg(state))
+        self._pitches_deg.append(_pitch_deg(state))
         for torque, speed in zip(state.motor_torque_nm.tolist(),
                                  state.joint_velocity_radps.tolist()):
             self._mechanical_j += max(torque * speed, 0.0) * dt
@@ -180,7 +184,18 @@ class _Measurement:
             self._mechanical_j / (weight * distance) if distance else math.nan,
             self._electric_j / (weight * distance) if distance else math.nan,
             float(tilts.mean()), float(np.percentile(tilts, 95.0)), float(tilts.max()),
-            self._penetration_m, path)
+            self._pitch_rms_deg(), self._penetration_m, path)
+
+    def _pitch_rms_deg(self) -> float:
+        """Return the RMS of the pitch about its moving mean [deg]."""
+        pitch = np.array(self._pitches_deg or [0.0])
+        return float(np.std(pitch - uniform_filter1d(pitch, round(PITCH_MEAN_S / self._period_s))))
+
+
+def _pitch_deg(state: RoverState) -> float:
+    """Return the angle by which base x points down [deg]."""
+    w, x, y, z = state.orientation_wxyz.tolist()
+    return math.degrees(math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z)))))
 
 
 def _tilt_deg(state: RoverState) -> float:

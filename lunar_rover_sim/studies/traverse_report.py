@@ -18,7 +18,7 @@ ALLOWED_SHARE = 0.05   # of drives that end tipped over or stranded: one in twen
 
 _FIELDS = ('seed', 'outcome', 'driven_s', 'distance_m', 'speed_mps', 'waypoints', 'stuck',
            'tilted', 'slip', 'transport_mechanical', 'transport_electric', 'tilt_mean_deg',
-           'tilt_p95_deg', 'tilt_max_deg', 'penetration_max_m')
+           'tilt_p95_deg', 'tilt_max_deg', 'pitch_rms_deg', 'penetration_max_m')
 
 
 def tipped(results: Sequence[Traverse]) -> int:
@@ -55,14 +55,14 @@ def report_text(results: Sequence[Traverse], scenario: str) -> str:
              ' supply. Penetration: of a spoke tip into ground or rock, at 200 Hz.', '',
              _row(('seed', 'outcome', 'time [s]', 'distance [m]', 'speed [m/s]', 'waypoints',
                    'stuck', 'tilted', 'slip', 'transport mech.', 'electric', 'tilt mean [°]',
-                   '95 %', 'max', 'penetration max [mm]')), _row(['---'] * 15)]
+                   '95 %', 'max', 'pitch RMS [°]', 'penetration max [mm]')), _row(['---'] * 16)]
     for r in results:
         lines.append(_row([str(r.seed), r.outcome, f'{r.driven_s:.0f}', f'{r.distance_m:.2f}',
                            f'{r.speed_mps:.3f}', str(r.waypoints), str(r.stuck), str(r.tilted),
                            f'{r.slip:.3f}', f'{r.transport_mechanical:.2f}',
                            f'{r.transport_electric:.2f}', f'{r.tilt_mean_deg:.1f}',
                            f'{r.tilt_p95_deg:.1f}', f'{r.tilt_max_deg:.1f}',
-                           f'{1000.0 * r.penetration_max_m:.1f}']))
+                           f'{r.pitch_rms_deg:.2f}', f'{1000.0 * r.penetration_max_m:.1f}']))
     return '\n'.join(lines) + '\n'
 
 

@@ -26,6 +26,7 @@ class Traverse:
     transport_mechanical, transport_electric: energy / (mass gravity distance), of the positive
         power at the legs and of that drawn from the supply (nothing is recuperated)
     tilt_mean_deg, tilt_p95_deg, tilt_max_deg: angle between base z and the vertical [deg]
+    pitch_rms_deg: RMS of the pitch about its mean over two seconds: that of the walk [deg]
     penetration_max_m: greatest penetration of a spoke tip into ground or rock, at 200 Hz [m]
     path_m: (n, 3) positions at 5 Hz, world frame [m]
     """
@@ -43,6 +44,7 @@ class Traverse:
     tilt_mean_deg: float
     tilt_p95_deg: float
     tilt_max_deg: float
+    pitch_rms_deg: float
     penetration_max_m: float
     path_m: Array
 

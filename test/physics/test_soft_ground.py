@@ -75,7 +75,8 @@ def test_static_sinkage_does_not_depend_on_gravity(gravity):
 def slide_m(preset, slope_deg):
     world = make_world(plane_heights(slope_deg, 11, 1.0), 1.0)
     start = StartPose(yaw_deg=90.0, settle_s=3.0)
-    with simulate(world, ground=soft(preset), start=start) as simulation:
+    ground = soft(preset, weak_slopes=False)
+    with simulate(world, ground=ground, start=start) as simulation:
         before = simulation.state.position_m
         return np.linalg.norm(simulation.advance(1000).position_m - before)
 
@@ -86,6 +87,18 @@ def test_a_slope_holds_up_to_the_friction_angle(preset):
     # Creep below 0.05 mm/s, three degrees below; free, three degrees above.
     assert slide_m(preset, limit - 3.0) < 5e-5
     assert slide_m(preset, limit + 3.0) > 0.02
+
+
+def test_slopes_bear_less():
+    """Vesic: (1 - tan 20 deg)^2 = 0.40 of the bearing, so feet stand deeper; on request only."""
+    assert PRESETS['highland'].bearing_on_slope(np.tan(np.radians(20.0))) == pytest.approx(
+        0.404, abs=0.001)
+    world = make_world(plane_heights(20.0, 11, 1.0), 1.0)
+    sinkage = []
+    for weak in (False, True):
+        with simulate(world, ground=soft(weak_slopes=weak)) as simulation:
+            sinkage.append(float(simulation.ground_contact.sinkage_m.mean()))
+    assert sinkage[1] > 1.4 * sinkage[0]
 
 
 def test_the_distance_walked_hardly_depends_on_the_step():

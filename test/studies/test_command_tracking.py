@@ -46,7 +46,7 @@ def test_what_cannot_be_is_refused(words, message, tmp_path, monkeypatch):
 def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
     (tmp_path / 'robot.csv').write_text('\n'.join(f'{t / 10},{t % 7}' for t in range(200)))
     words = ('validate', 'locomotion', '--speeds', '0.12', '--gravities', '1.62', '--duration',
-             '13', '--no-commands', '--overlay', str(tmp_path / 'robot.csv'),
+             '13', '--no-commands', '--grounds', '--overlay', str(tmp_path / 'robot.csv'),
              '-o', str(tmp_path / 'out'))
     assert run(*words) == 0
     assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == [

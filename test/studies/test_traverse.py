@@ -117,7 +117,7 @@ def test_who_stays_in_one_place_for_long_is_stranded():
 
 def result_of(seed, outcome='driven'):
     path = np.c_[np.linspace(0.0, 5.0, 50), np.zeros(50), np.zeros(50)]
-    return Traverse(seed, outcome, 60.0, 5.0, 1, 0, 0, 0.1, 1.0, 1.3, 5.0, 10.0, 20.0, 0.005,
+    return Traverse(seed, outcome, 60.0, 5.0, 1, 0, 0, 0.1, 1.0, 1.3, 5.0, 10.0, 20.0, 1.5, 0.005,
                     path)
 
 

@@ -1,0 +1,113 @@
+"""How each foot moves over the ground, from the true motion of the rover: sweep and slip.
+
+A wheel of radius r slips by i = 1 - v / (r omega) (Wong, Theory of Ground Vehicles, 2008, ch. 2):
+the part of its driven way that it does not get on. For a spoke leg the driven way is what the leg
+sweeps its foot backward past the axle, which changes over a step. So both are speeds of the point
+with which the lowest tip of a leg stands on the ground, along the heading, counted while the leg
+is loaded:
+
+    sweep = -((w + q' y) x (c - a)) . h,    slip = sweep - (v + w x (a - o)) . h
+
+with the point c, the axle a and its direction y, joint rate q', origin o, velocity v and rate w of
+base_link, and h its x axis along the ground: the leg turns by its motor and with the body, and
+what the axle does not get on is slip. A foot that holds has slip 0, the foot of a rover
+that does not move slip = sweep. Over a time the slip ratio of a leg is the integral of slip over
+that of sweep. At a single stamp it would be infinite where the sweep passes 0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.frames import Array, matrix_from_wxyz
+from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world.grid import HeightGrid
+
+LOADED_PART = 0.005   # of the weight: a leg that carries less has no foot on the ground
+
+
+@dataclasses.dataclass(frozen=True)
+class FootMotion:
+    """The feet at one stamp, in the order of LEG_NAMES.
+
+    loaded: (4,) whether the leg stands on something; sweep and slip are 0 where it does not
+    sweep_mps: (4,) speed backward past the axle
+    slip_mps: (4,) speed backward over the ground
+    """
+
+    loaded: NDArray[np.bool_]
+    sweep_mps: Array
+    slip_mps: Array
+
+
+class FootObserver:
+    """Computes the motion of the feet of a rover on a ground from its states."""
+
+    def __init__(self, rover: RoverDescription, ground: HeightGrid, gravity_mps2: float) -> None:
+        legs = rover.legs
+        self._ground = ground
+        self._radius_m = legs.tip_radius_m
+        self._to_tip_m = legs.spoke_length_m - legs.tip_radius_m
+        self._axles = np.array(legs.axle_positions_m())
+        self._spokes = np.arange(legs.spokes) * legs.spoke_pitch_rad
+        self._least_n = LOADED_PART * rover.total_mass_kg * gravity_mps2
+
+    def observe(self, state: RoverState) -> FootMotion:
+        """Return the motion of the feet at a state."""
+        R_world_base = matrix_from_wxyz(state.orientation_wxyz)
+        angle = state.joint_angle_rad[:, None] + self._spokes
+        tips = self._axles[:, None] + self._to_tip_m * np.stack(
+            [-np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
+        tips = tips @ R_world_base.T + state.position_m
+        height = tips[..., 2] - self._ground.height_at(tips[..., :2])
+        foot = tips[np.arange(4), np.argmin(height, axis=1)]
+        normal = self._normal(foot)
+        # From base_link to axle and to the point on the ground, world axes.
+        to_axle = self._axles @ R_world_base.T
+        to_ground = foot - self._radius_m * normal - state.position_m
+        axis = R_world_base[:, 1]
+        rate = R_world_base @ state.angular_velocity_radps
+        past_axle = np.cross(rate + state.joint_velocity_radps[:, None] * axis,
+                             to_ground - to_axle)
+        over_ground = (R_world_base @ state.linear_velocity_mps + np.cross(rate, to_axle)
+                       + past_axle)
+        ahead = R_world_base[:, 0] - normal * (normal @ R_world_base[:, 0])[:, None]
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+        loaded = np.linalg.norm(state.contact_force_n, axis=1) > self._least_n
+        return FootMotion(loaded, -np.where(loaded, np.sum(past_axle * ahead, axis=1), 0.0),
+                          -np.where(loaded, np.sum(over_ground * ahead, axis=1), 0.0))
+
+    def _normal(self, foot: Array) -> Array:
+        """Return the (4, 3) normals of the untouched ground around (4, 3) tips."""
+        x, y, reach = np.array([1.0, 0.0]), np.array([0.0, 1.0]), self._radius_m
+        at, xy = self._ground.height_at, foot[:, :2]
+        slope_x = (at(xy + reach * x) - at(xy - reach * x)) / (2.0 * reach)
+        slope_y = (at(xy + reach * y) - at(xy - reach * y)) / (2.0 * reach)
+        normal = np.stack([-np.nan_to_num(slope_x), -np.nan_to_num(slope_y), np.ones(4)], axis=-1)
+        return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+class SlipMeter:
+    """Sums up the ways of the feet.
+
+    swept_m, slipped_m: (4,) ways backward past the axle and over the ground since the start
+    """
+
+    def __init__(self) -> None:
+        self.swept_m, self.slipped_m = np.zeros(4), np.zeros(4)
+
+    def add(self, motion: FootMotion, interval_s: float) -> None:
+        """Add a motion that holds for a time [s]."""
+        self.swept_m += motion.sweep_mps * interval_s
+        self.slipped_m += motion.slip_mps * interval_s
+
+    @property
+    def ratio(self) -> Array:
+        """The (4,) slip ratios so far; NaN of a leg that has not swept its foot."""
+        return np.divide(self.slipped_m, self.swept_m, out=np.full(4, math.nan),
+                         where=self.swept_m != 0.0)

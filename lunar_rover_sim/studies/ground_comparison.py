@@ -1,0 +1,134 @@
+"""Grounds against each other on the same worlds: means, bootstrap intervals and paired tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+from scipy.stats import wilcoxon
+
+from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.frames import Array
+
+RESAMPLES = 10000
+CONFIDENCE = 0.95
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """What is compared: its name with unit, and its value in a result; NaN where it has none."""
+
+    name: str
+    of: Callable[[Any], float]
+    digits: int = 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """A mean, the bounds of its 95 % bootstrap interval, and the number of values."""
+
+    mean: float
+    low: float
+    high: float
+    n: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Compared:
+    """One quantity on one ground, and what it is more there than on the first ground.
+
+    difference, p: of the worlds that have the value on both grounds, pairwise; p of Wilcoxon's
+    signed-rank test, two-sided; None on the first ground
+    """
+
+    quantity: Quantity
+    ground: str
+    estimate: Estimate
+    difference: Estimate | None = None
+    p: float | None = None
+
+
+def estimate(values: Array) -> Estimate:
+    """Return mean and percentile bootstrap interval of the mean of (n,) values."""
+    if not len(values):
+        return Estimate(math.nan, math.nan, math.nan, 0)
+    chosen = np.random.default_rng(1).integers(len(values), size=(RESAMPLES, len(values)))
+    low, high = np.quantile(values[chosen].mean(axis=1),
+                            [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE])
+    return Estimate(float(values.mean()), float(low), float(high), len(values))
+
+
+def compare(results: Mapping[str, Sequence[Any]],
+            quantities: Sequence[Quantity]) -> list[Compared]:
+    """Compare grounds; results: ground → results in the order of worlds, the same on each ground.
+
+    Raises StudyError if there are not as many on each ground.
+    """
+    counts = {name: len(each) for name, each in results.items()}
+    if len(set(counts.values())) != 1:
+        raise StudyError(f'results of {counts} worlds are not pairs; valid is the same number')
+    found = []
+    for quantity in quantities:
+        first: Array | None = None
+        for ground, each in results.items():
+            values = np.array([quantity.of(result) for result in each], dtype=float)
+            values[~np.isfinite(values)] = math.nan
+            own = estimate(values[~np.isnan(values)])
+            if first is None:
+                first = values
+                found.append(Compared(quantity, ground, own))
+                continue
+            more = values - first
+            more = more[~np.isnan(more)]
+            p = float(wilcoxon(more).pvalue) if np.any(more) else 1.0
+            found.append(Compared(quantity, ground, own, estimate(more), p))
+    return found
+
+
+def comparison_text(compared: Sequence[Compared], first: str) -> str:
+    """Return the comparison as a Markdown table."""
+    lines = [f'Means with {100 * CONFIDENCE:.0f} % bootstrap intervals; differences to {first} on'
+             ' the same worlds, and p of the signed-rank test of Wilcoxon.', '',
+             '| quantity | ground | mean | n | difference | p |', '|---|---|---|---|---|---|']
+    for c in compared:
+        digits = c.quantity.digits
+        lines.append(f'| {c.quantity.name} | {c.ground} | {_text(c.estimate, digits)}'
+                     f' | {c.estimate.n} | '
+                     + ('– | – |' if c.difference is None else
+                        f'{_text(c.difference, digits, "+")} | {c.p:.2g} |'))
+    return '\n'.join([*lines, ''])
+
+
+def plot_comparison(results: Mapping[str, Sequence[Any]], quantities: Sequence[Quantity],
+                    path: Path) -> None:
+    """Write a figure: each quantity over the grounds, one line a world, means with intervals."""
+    columns = math.ceil(len(quantities) / 2)
+    figure = Figure(figsize=(4.0 * columns, 6.5), layout='constrained')
+    panels = figure.subplots(2, columns, squeeze=False).ravel()
+    places = np.arange(len(results))
+    for quantity, axes in zip(quantities, panels):
+        values = np.array([[quantity.of(r) for r in each] for each in results.values()], float)
+        values[~np.isfinite(values)] = math.nan
+        axes.plot(places, values, '.-', color='0.75', lw=0.8, ms=4)
+        for place, row in zip(places, values):
+            own = estimate(row[~np.isnan(row)])
+            if own.n:
+                axes.errorbar(place, own.mean, [[own.mean - own.low], [own.high - own.mean]],
+                              fmt='o', color='C0', capsize=4)
+        axes.set(title=quantity.name)
+        axes.set_xticks(places, list(results))
+        axes.grid(alpha=0.3)
+    for axes in panels[len(quantities):]:
+        axes.remove()
+    atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format='png'), StudyError)
+
+
+def _text(value: Estimate, digits: int, sign: str = '') -> str:
+    spec = f'{sign}.{digits}f'
+    return f'{value.mean:{spec}} [{value.low:{spec}}, {value.high:{spec}}]'

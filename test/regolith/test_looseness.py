@@ -1,0 +1,58 @@
+"""Soil that varies over the map: loose on rims, ejecta and slopes."""
+
+import dataclasses
+
+import numpy as np
+from physics_scene import make_world, simulate
+import pytest
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.physics.config import StartPose
+from lunar_rover_sim.regolith.config import GroundConfig
+from lunar_rover_sim.regolith.looseness import soil_map
+from lunar_rover_sim.world.craters import Craters
+
+
+def cratered(age):
+    """Return a plane that counts as one with a crater of 2 m around (2, 0)."""
+    craters = Craters(np.array([[2.0, 0.0]]), np.array([2.0]), np.array([age]),
+                      np.zeros(1, np.int32))
+    return dataclasses.replace(make_world(), craters=craters)
+
+
+def test_the_rim_of_a_fresh_crater_is_as_loose_as_loose_highland():
+    varies = soil_map(cratered(0.0), 1.0)
+    bearing, friction = varies.factors(3.0, 0.0)
+    assert bearing == pytest.approx(0.3, rel=0.02) and friction == pytest.approx(0.65 / 0.84, 0.01)
+    # At two radii ejecta are an eighth as thick as at the rim.
+    assert varies.factors(4.0, 0.0)[0] == pytest.approx(0.3 ** 0.125, rel=0.02)
+    assert varies.factors(-4.0, 0.0) == (1.0, 1.0)
+    assert varies.factors(9.0, 0.0) == (1.0, 1.0)        # beyond the world
+
+
+def test_old_craters_do_not_count_and_half_the_variation_is_half_in_logarithm():
+    assert soil_map(cratered(0.6), 1.0).factors(3.0, 0.0) == (1.0, 1.0)
+    assert soil_map(cratered(0.0), 0.5).factors(3.0, 0.0)[0] == pytest.approx(0.3 ** 0.5, rel=0.02)
+
+
+def test_steep_ground_is_loose():
+    x = (np.arange(401) - 200) * 0.025
+    heights = np.tile(np.where(x > 0.0, np.tan(np.radians(30.0)) * x, 0.0), (401, 1))
+    varies = soil_map(make_world(heights), 1.0)
+    assert varies.factors(-2.0, 0.0) == (1.0, 1.0)
+    assert varies.factors(3.0, 0.0)[0] == pytest.approx(0.3, rel=0.02)
+
+
+def test_a_rover_stands_deeper_on_a_rim_than_on_the_plain():
+    world, sinkage = cratered(0.0), []
+    for variation, x_m in ((1.0, -3.0), (1.0, 3.0), (0.0, 3.0)):
+        ground = GroundConfig(model='regolith', variation=variation)
+        with simulate(world, ground=ground, start=StartPose(x_m=x_m)) as simulation:
+            sinkage.append(float(simulation.ground_contact.sinkage_m.mean()))
+    assert sinkage[0] == pytest.approx(sinkage[2], abs=2e-4)
+    assert sinkage[1] > 1.5 * sinkage[0]
+
+
+def test_a_variation_without_meaning_is_refused():
+    with pytest.raises(ConfigError, match='variation: -1.0 is not valid; valid is >= 0'):
+        GroundConfig(variation=-1.0)
