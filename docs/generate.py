@@ -56,7 +56,8 @@ def topic_table() -> str:
     """Return one table of topics per node that publishes them."""
     nodes = {name: cls() for name, cls in {**NODE_CONFIGS, **COMPANION_CONFIGS}.items()}
     rates = {topics.STATE: f'{nodes["physics_node"].state_rate_hz} Hz',  # type: ignore
-             topics.FRAME: f'{nodes["render_node"].frame_rate_hz} Hz'}   # type: ignore
+             topics.FRAME: f'{nodes["render_node"].frame_rate_hz} Hz',   # type: ignore
+             topics.DEPTH_FRAME: f'{1e9 / nodes["render_node"].depth_period_ns:g} Hz'}  # type: ignore  # noqa: E501
     parts = []
     for node in nodes:
         if not any(topic.node == node for topic in topics.CONTRACT):

@@ -13,7 +13,8 @@ from lunar_rover_sim import frames
 LEGS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 
 STATE = 'state'      # every publishing period of physics, 200 Hz by default
-FRAME = 'frame'      # every camera frame, 10 Hz by default
+FRAME = 'frame'      # every camera frame, 20 Hz by default
+DEPTH_FRAME = 'depth frame'     # every n-th of them, 10 Hz by default
 LATCHED = 'latched'  # once, and to every late joiner
 EVENT = 'event'      # irregular
 
@@ -23,7 +24,7 @@ class Topic:
     """One line of the contract.
 
     type: as ROS 2 writes it, `package/msg/Name`
-    rate: STATE, FRAME, LATCHED or EVENT
+    rate: STATE, FRAME, DEPTH_FRAME, LATCHED or EVENT
     frame_id: that of the header; empty where the type has none
     on_request: made only while somebody subscribes; a recorder of all topics leaves it out
     """
@@ -95,22 +96,22 @@ LEFT_INFO = Topic('stereo/left/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME
                   'with a rolling shutter of that of the middle row')
 RIGHT_INFO = Topic('stereo/right/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
                    frames.RIGHT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B')
-DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', FRAME, 'render_node',
-                  frames.LEFT_OPTICAL_FRAME, 'semi-global matching on the rendered pair')
-DEPTH = Topic('stereo/depth/image', 'sensor_msgs/msg/Image', FRAME, 'render_node',
+DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', DEPTH_FRAME,
+                  'render_node', frames.LEFT_OPTICAL_FRAME, 'semi-global matching on the rendered pair')
+DEPTH = Topic('stereo/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
               frames.LEFT_OPTICAL_FRAME, 'depth from SGM, 32FC1 [m], NaN where unknown (REP-118)')
-DEPTH_INFO = Topic('stereo/depth/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
-                   frames.LEFT_OPTICAL_FRAME, 'that of the left camera, beside the depth image')
+DEPTH_INFO = Topic('stereo/depth/camera_info', 'sensor_msgs/msg/CameraInfo', DEPTH_FRAME,
+                   'render_node', frames.LEFT_OPTICAL_FRAME, 'that of the left camera, beside the depth image')
 LEFT_COMPRESSED = Topic('stereo/left/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
                         FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
                         'JPEG or PNG, as compressed_image_transport', on_request=True)
 RIGHT_COMPRESSED = Topic('stereo/right/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
                          FRAME, 'render_node', frames.RIGHT_OPTICAL_FRAME,
                          'JPEG or PNG, as compressed_image_transport', on_request=True)
-POINTS = Topic('stereo/points2', 'sensor_msgs/msg/PointCloud2', FRAME, 'render_node',
+POINTS = Topic('stereo/points2', 'sensor_msgs/msg/PointCloud2', DEPTH_FRAME, 'render_node',
                frames.LEFT_OPTICAL_FRAME, 'from SGM: x, y, z [m], intensity of the left image; '
                'one point a pixel, NaN where unknown', on_request=True)
-TRUE_DEPTH = Topic('ground_truth/depth/image', 'sensor_msgs/msg/Image', FRAME, 'render_node',
+TRUE_DEPTH = Topic('ground_truth/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                    frames.LEFT_OPTICAL_FRAME, 'depth of the scene, 32FC1 [m], +Inf for the sky')
 SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
             'unit vector to the sun')

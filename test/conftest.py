@@ -19,7 +19,7 @@ from lunar_rover_sim.world.cache import cached
 # A small world and small images: the graph is the same, the machine is not kept busy.
 SMALL_WORLD = ('world.size_m=12.8', 'world.surroundings.samples=257')
 SMALL = (*SMALL_WORLD, 'render_node.camera.width=320', 'render_node.camera.height=240',
-         'render_node.sgm.num_disparities=64')
+         'render_node.sgm.num_disparities=64', 'render_node.frame_rate_hz=10')
 
 
 def command(*arguments: str) -> list[str]:

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
 SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
-                'sgm.num_disparities:=32')
+                'sgm.num_disparities:=32', '-p', 'frame_rate_hz:=10')
 
 
 def at_rest_odometry() -> Odometry:

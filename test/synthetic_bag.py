@@ -197,7 +197,7 @@ def state_items(ns: int, step_ns: int, rng: np.random.Generator) -> list[Item]:
     return [Item(topic.name, topic.type, message) for topic, message in made]
 
 
-def frame_items(ns: int, scene: Scene) -> list[Item]:
+def frame_items(ns: int, scene: Scene, with_depth: bool = True) -> list[Item]:
     """Return one stereo set."""
     T = pose_at(ns * 1e-9)
     left, depth = scene.view(T @ T_base_camera(+1.0))
@@ -222,7 +222,8 @@ def frame_items(ns: int, scene: Scene) -> list[Item]:
         (topics.DEPTH, image(ns, frame, '32FC1', sgm_depth)),
         (topics.DEPTH_INFO, camera_info(ns, frame, 0.0)),
         (topics.TRUE_DEPTH, image(ns, frame, '32FC1', depth))]
-    return [Item(topic.name, topic.type, message) for topic, message in made]
+    return [Item(topic.name, topic.type, message) for topic, message in made
+            if with_depth or topic.rate != topics.DEPTH_FRAME]
 
 
 def ground_items(duration_s: float, overlay: Overlay | None = None,
@@ -269,7 +270,7 @@ def latched_items() -> list[Item]:
 
 
 def drive(duration_s: float = 1.0, state_hz: int = 200, frame_hz: int = 10,
-          seed: int = 0) -> list[Item]:
+          seed: int = 0, depth_every: int = 1) -> list[Item]:
     """Return a whole drive in the order of time; state stamps begin at one period."""
     rng = np.random.default_rng(seed)
     scene = Scene(seed)
@@ -279,7 +280,7 @@ def drive(duration_s: float = 1.0, state_hz: int = 200, frame_hz: int = 10,
     for ns in range(step_ns, round(duration_s * 1e9) + 1, step_ns):
         items += state_items(ns, step_ns, rng)
         if ns % frame_ns == 0:
-            items += frame_items(ns, scene)
+            items += frame_items(ns, scene, with_depth=ns % (depth_every * frame_ns) == 0)
     return items
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,6 +84,16 @@ def picture(bag: Bag, message: Any) -> Picture:
     if problem:
         raise BagError(f'{bag.path}: image at {stamp_ns * 1e-9:.3f} s: {problem}')
     return Picture(stamp_ns, message.encoding, message_validity.pixels(message))
+
+
+def common_stamps(bag: Bag, names: Sequence[str]) -> list[int]:
+    """Return the bag times [ns], in order, at which each topic has a message.
+
+    Topics that the bag lacks, or that are empty in it, do not count.
+    """
+    recorded = [found for name in names if bag.has(name)
+                and (found := {message.time_ns for message in bag.raw([name])})]
+    return sorted(set.intersection(*recorded)) if recorded else []
 
 
 def read_calibration(bag: Bag, topic: str) -> CameraCalibration:

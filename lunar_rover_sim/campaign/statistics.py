@@ -18,7 +18,7 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
-from lunar_rover_sim.bag.series import picture, read_imu, read_odometry
+from lunar_rover_sim.bag.series import common_stamps, picture, read_imu, read_odometry
 from lunar_rover_sim.inspection.matching import disparity_map, is_textured
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.stereo.depth import disparity_from_depth
@@ -107,10 +107,10 @@ class _Sample(NamedTuple):
 def _samples(bag: Bag) -> Iterator[_Sample]:
     if not bag.has(topics.LEFT_IMAGE.name):
         return
-    stamps = [m.time_ns for m in bag.raw([topics.LEFT_IMAGE.name])]
-    chosen = np.unique(np.linspace(0, len(stamps) - 1, min(SAMPLES, len(stamps))).astype(int))
     names = {bag.resolve(t.name): t for t in (topics.LEFT_IMAGE, topics.TRUE_DEPTH,
                                               topics.DISPARITY) if bag.has(t.name)}
+    stamps = common_stamps(bag, [t.name for t in names.values()])
+    chosen = np.unique(np.linspace(0, len(stamps) - 1, min(SAMPLES, len(stamps))).astype(int))
     for k in chosen:
         found = {names[topic]: message for topic, _, message in
                  bag.messages(names, stamps[k], stamps[k] + 1)}

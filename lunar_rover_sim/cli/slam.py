@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import ConfigError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
@@ -105,15 +106,17 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _settings(args: argparse.Namespace) -> int:
-    source = Path(args.source)
+    source, has_depth = Path(args.source), args.sensor == 'rgbd'
     if source.is_dir() or source.suffix in ('.mcap', '.db3'):
         with open_bag(source) as bag:
-            suite = recorded_sensors(bag)
+            suite = recorded_sensors(bag, (topics.TRUE_DEPTH.name,) if has_depth else ())
     else:
         scenario = Scenario.load(args.source)
-        suite = described_sensors(scenario.rover, scenario.render_node.camera,
-                                  scenario.physics_node.imu, scenario.render_node.frame_rate_hz,
-                                  scenario.physics_node.state_rate_hz)
+        render = scenario.render_node
+        suite = described_sensors(
+            scenario.rover, render.camera, scenario.physics_node.imu,
+            render.frame_rate_hz / (render.depth_every if has_depth else 1),
+            scenario.physics_node.state_rate_hz)
     text = settings(suite, args.sensor, args.legacy, args.features)
     try:
         with args.output.open('x', encoding='ascii') as file:

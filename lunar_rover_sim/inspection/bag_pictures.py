@@ -65,10 +65,10 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
 def _stereo(bag: Bag, save: Callable[[Figure, str], None]) -> None:
     if not bag.has(topics.LEFT_IMAGE.name):
         return
-    stamps = [m.time_ns for m in bag.raw([topics.LEFT_IMAGE.name])]
-    chosen = np.linspace(0, len(stamps) - 1, min(FRAMES, len(stamps))).round().astype(int)
     wanted = [t for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.DISPARITY,
                           topics.TRUE_DEPTH) if bag.has(t.name)]
+    stamps = series.common_stamps(bag, [t.name for t in wanted])
+    chosen = np.linspace(0, len(stamps) - 1, min(FRAMES, len(stamps))).round().astype(int)
     names = {bag.resolve(t.name): t for t in wanted}
     for n, k in enumerate(sorted(set(chosen.tolist()))):
         found = {names[topic]: message for topic, _, message in

@@ -18,7 +18,7 @@ from lunar_rover_sim.inspection import imu_checks, message_checks, stereo_checks
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import (measured_period_ns, read_rover_data, RoverData,
                                                    scenario_rate_hz)
-from lunar_rover_sim.topics import FRAME, STATE
+from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
 _RATE_TOLERANCE_NS = 1000
 _LATEST_NS = 5 * NS_PER_S    # the runner gives the last answers less time than this
@@ -79,7 +79,7 @@ def _check(rover: RoverData, report: Report) -> None:
 
 def rates(rover: RoverData, report: Report) -> None:
     """The measured rates are those of the scenario."""
-    for rate in (STATE, FRAME):
+    for rate in (STATE, FRAME, DEPTH_FRAME):
         meant_hz = scenario_rate_hz(rate, rover.scenario)
         measured_ns = measured_period_ns(rate, rover.scan)
         if not meant_hz or not measured_ns:

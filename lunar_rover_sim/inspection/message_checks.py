@@ -12,10 +12,10 @@ from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.inspection.report import grouped, Report, Status
-from lunar_rover_sim.inspection.rover_data import RoverData, STEREO_SET
+from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.inspection.scan import TopicScan
 from lunar_rover_sim.regolith.config import REGOLITH
-from lunar_rover_sim.topics import EVENT, FRAME, LATCHED, STATE
+from lunar_rover_sim.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, Topic
 
 # tf2_msgs may not be installed; velocity commands come at the pace of their publisher; recordings
 # of earlier versions lack the CameraInfo of the depth image.
@@ -52,7 +52,8 @@ def contract_topics(rover: RoverData, report: Report) -> None:
 
 def counts(rover: RoverData, report: Report) -> None:
     """Counts are rate x duration, stamp by stamp; latched topics came once."""
-    for rate, period in ((STATE, rover.state_ns), (FRAME, rover.frame_ns)):
+    for rate, period in ((STATE, rover.state_ns), (FRAME, rover.frame_ns),
+                         (DEPTH_FRAME, rover.depth_ns)):
         found = rover.of_rate(rate)
         if not found:
             continue
@@ -78,7 +79,7 @@ def stamps(rover: RoverData, report: Report) -> None:
     """Stamps increase strictly; bag time is the stamp."""
     repeated, late = [], []
     for t in rover.scan.topics.values():
-        if t.topic.rate in (STATE, FRAME) and t.topic is not topics.TF:
+        if t.topic.rate in (STATE, FRAME, DEPTH_FRAME) and t.topic is not topics.TF:
             steps = np.diff(t.stamps_ns)
             if (steps <= 0).any():
                 at = t.stamps_ns[int(np.argmax(steps <= 0)) + 1] / NS_PER_S
@@ -91,19 +92,22 @@ def stamps(rover: RoverData, report: Report) -> None:
 
 
 def stereo_sets(rover: RoverData, report: Report) -> None:
-    """One stamp per stereo set, and a pose for every image."""
-    sets = {t.name: set(rover.scan.topics[t.name].stamps_ns) for t in STEREO_SET
-            if t.name in rover.scan.topics}
-    if not sets:
+    """One stamp per stereo set and per set of depths, which has images, and a pose for each."""
+    images, depths = _stamps(rover, IMAGE_SET), _stamps(rover, DEPTH_SET)
+    if not images and not depths:
         return
-    union = set().union(*sets.values())
+    depth_ns = set().union(*depths.values())
+    union = depth_ns.union(*images.values())
     if not union:
         report.add('stereo sets', Status.SKIP, 'no stereo image in the bag')
         return
-    problems = [f'{name} lacks {len(union - have)} of {len(union)} stamps, first '
-                f'{min(union - have) / NS_PER_S:.6f} s'
-                for name, have in sets.items() if union - have]
-    report.verdict('stereo sets', problems, f'{len(union)} sets of {len(sets)} with one stamp')
+    problems = [f'{name} lacks {len(all_ns - have)} of {len(all_ns)} stamps, first '
+                f'{min(all_ns - have) / NS_PER_S:.6f} s'
+                for sets, all_ns in ((images, union), (depths, depth_ns))
+                for name, have in sets.items() if all_ns - have]
+    counted = [f'{len(all_ns)} sets of {len(sets)}'
+               for sets, all_ns in ((images, union), (depths, depth_ns)) if sets]
+    report.verdict('stereo sets', problems, f'{", ".join(counted)} with one stamp')
     odom = rover.scan.topics.get(rover.scan.truth.name)
     if odom is None:
         return
@@ -111,6 +115,12 @@ def stereo_sets(rover: RoverData, report: Report) -> None:
     report.verdict('pose per image',
                    [f'no odometry at {s / NS_PER_S:.6f} s' for s in without_pose],
                    f'{len(union)} stamps')
+
+
+def _stamps(rover: RoverData, wanted: tuple[Topic, ...]) -> dict[str, set[int]]:
+    """Return topic → stamps [ns] of the topics that are in the bag."""
+    return {t.name: set(rover.scan.topics[t.name].stamps_ns) for t in wanted
+            if t.name in rover.scan.topics}
 
 
 def contents(rover: RoverData, report: Report) -> None:

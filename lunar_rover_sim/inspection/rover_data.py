@@ -12,22 +12,23 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.inspection.scan import Scan, scan, TopicScan
-from lunar_rover_sim.topics import FRAME, STATE
+from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
-STEREO_SET = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,
-              topics.DISPARITY, topics.DEPTH, topics.TRUE_DEPTH)
+IMAGE_SET = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO)
+DEPTH_SET = (topics.DISPARITY, topics.DEPTH, topics.TRUE_DEPTH)
 
-# The parameters that set the rates, and the topics that they are measured on.
-_RATES = {STATE: ('physics_node', 'state_rate_hz'), FRAME: ('render_node', 'frame_rate_hz')}
+# The topics that the rates are measured on.
 _MEASURED = {STATE: (topics.TRUE_ODOM, topics.ODOM, topics.CLOCK),
-             FRAME: (topics.LEFT_IMAGE, topics.LEFT_INFO)}
+             FRAME: (topics.LEFT_IMAGE, topics.LEFT_INFO),
+             DEPTH_FRAME: (topics.DISPARITY, topics.TRUE_DEPTH, topics.DEPTH)}
 
 
 @dataclasses.dataclass(frozen=True)
 class RoverData:
     """What one rover recorded.
 
-    state_ns, frame_ns: periods of states and of frames [ns], 0 where they are not known
+    state_ns, frame_ns, depth_ns: periods of states, of frames, and of frames with depth [ns]; 0
+        where they are not known
     end_ns: last stamp of the states, else of the frames; 0 in an empty recording
     """
 
@@ -36,6 +37,7 @@ class RoverData:
     scan: Scan
     state_ns: int
     frame_ns: int
+    depth_ns: int
     end_ns: int
 
     @property
@@ -54,7 +56,8 @@ def read_rover_data(bag: Bag, namespace: str, progress: Callable[[], None] | Non
     scenario = recorded_scenario(bag, namespace)
     found = scan(bag, namespace, progress)
     rover = RoverData(namespace, scenario, found, _period_ns(STATE, scenario, found),
-                      _period_ns(FRAME, scenario, found), end_ns=0)
+                      _period_ns(FRAME, scenario, found),
+                      _period_ns(DEPTH_FRAME, scenario, found), end_ns=0)
     ends = [t.stamps_ns[-1] for t in rover.of_rate(STATE) if t.stamps_ns]
     ends = ends or [t.stamps_ns[-1] for t in rover.of_rate(FRAME) if t.stamps_ns]
     return dataclasses.replace(rover, end_ns=max(ends, default=0))
@@ -62,8 +65,12 @@ def read_rover_data(bag: Bag, namespace: str, progress: Callable[[], None] | Non
 
 def scenario_rate_hz(rate: str, scenario: RecordedScenario) -> float:
     """Return the rate [Hz] of a rate class in the scenario; 0 where there is none."""
-    node, name = _RATES[rate]
-    return scenario.number(node, name, 0.0)
+    if rate == STATE:
+        return scenario.number('physics_node', 'state_rate_hz', 0.0)
+    frame_hz = scenario.number('render_node', 'frame_rate_hz', 0.0)
+    # Recordings of earlier versions have depth with every frame.
+    return frame_hz if rate == FRAME else frame_hz / max(
+        1.0, scenario.number('render_node', 'depth_every', 1.0))
 
 
 def measured_period_ns(rate: str, found: Scan) -> int:

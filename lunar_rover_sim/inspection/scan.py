@@ -166,12 +166,12 @@ class _DepthPair:
     def __init__(self, result: Scan) -> None:
         self._result = result
         self._waiting: dict[int, dict[str, Any]] = {}
-        self._texture: dict[int, np.ndarray] = {}
+        self._images: dict[int, np.ndarray] = {}
 
     def take_image(self, stamp_ns: int, grey: np.ndarray) -> None:
-        self._texture[stamp_ns] = is_textured(grey)
-        if len(self._texture) > _WAITING:
-            del self._texture[min(self._texture)]
+        self._images[stamp_ns] = grey
+        if len(self._images) > _WAITING:
+            del self._images[min(self._images)]
 
     def take(self, name: str, stamp_ns: int, message: Any) -> None:
         entry = self._waiting.setdefault(stamp_ns, {})
@@ -190,7 +190,8 @@ class _DepthPair:
         disparity = disparity_map(message, message_validity.pixels(message.image))
         if depth.shape == disparity.disparity_px.shape:
             true_px = disparity_from_depth(depth, message.f, message.t)
-            texture = self._texture.pop(stamp_ns, None)
+            grey = self._images.pop(stamp_ns, None)
+            texture = is_textured(grey) if grey is not None else None
             self._result.frames.append(frame_error(stamp_ns, disparity, true_px, texture))
 
     def _depth(self, stamp_ns: int, message: Any, depth: np.ndarray) -> None:

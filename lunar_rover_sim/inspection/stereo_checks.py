@@ -8,7 +8,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.inspection.matching import FrameError
 from lunar_rover_sim.inspection.report import Report, Status
-from lunar_rover_sim.inspection.rover_data import RoverData, STEREO_SET
+from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 
 # Semi-global matching errs by 0.1 px on textured ground, by 0.3 px without refinement; a wrong
 # baseline, focal length, a shift of half a pixel or exchanged images err by more.
@@ -22,7 +22,7 @@ MIN_MATCHED = 0.2
 def calibration(rover: RoverData, report: Report) -> None:
     """Both camera infos, the disparity message and the images describe one camera."""
     last = {name: t.last for name, t in rover.scan.topics.items()
-            if t.topic in STEREO_SET and t.last is not None and not t.problems}
+            if t.topic in IMAGE_SET + DEPTH_SET and t.last is not None and not t.problems}
     left, right = last.get(topics.LEFT_INFO.name), last.get(topics.RIGHT_INFO.name)
     if left is None or right is None:
         return

@@ -47,7 +47,6 @@ def predictions(scenario: RecordedScenario, odom_ns: NDArray[np.int64], poses: A
     except ConfigError:     # of another version
         return []
     rig = StereoRig(rover, camera)
-    below_m = rover.legs.spoke_length_m - rover.legs.axle_z_m
     period_ns = int(np.median(steps))
     found = []
     for factor in (2**k for k in range(_RATES)):
@@ -60,7 +59,7 @@ def predictions(scenario: RecordedScenario, odom_ns: NDArray[np.int64], poses: A
             break
         T = np.array([frames.se3(frames.matrix_from_wxyz(pose[3:7]), pose[:3])
                       for pose in poses[at]]).reshape(-1, 4, 4)
-        miss = prediction_miss(T, rig, below_m, factor * NS_PER_S / period_ns)
+        miss = prediction_miss(T, rig, rover.standing_height_m, factor * NS_PER_S / period_ns)
         if miss is None:
             break
         found.append(miss)

@@ -36,6 +36,8 @@ _INFOS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name, topics.DEPTH_INFO.name)
 _ALWAYS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name)
 _COMPRESSED = (topics.LEFT_COMPRESSED.name, topics.RIGHT_COMPRESSED.name)
 _MATCHED = (topics.DISPARITY.name, topics.DEPTH.name, topics.POINTS.name)
+# Those of every n-th frame.
+_DEPTH = tuple(name for name, topic in _TOPICS.items() if topic.rate == topics.DEPTH_FRAME)
 
 
 class FramePublisher:
@@ -78,9 +80,10 @@ class FramePublisher:
         """Return whether a topic has subscribers."""
         return self._publishers[name].get_subscription_count() > 0
 
-    def wanted(self, published: Collection[str]) -> list[str]:
+    def wanted(self, published: Collection[str], with_depth: bool) -> list[str]:
         """Return the topics that are to be published of a frame, without those that were."""
         return [name for name in _LAYERS if name not in published
+                and (with_depth or name not in _DEPTH)
                 and (name in _ALWAYS or self.is_read(name))]
 
     @staticmethod

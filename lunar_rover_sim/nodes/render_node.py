@@ -36,10 +36,14 @@ _SINGLE_S = 0.3
 
 @dataclasses.dataclass
 class _Frame:
-    """A frame: the state that it shows, the layers drawn so far, and the topics published."""
+    """A frame: the state that it shows, the layers drawn so far, and the topics published.
+
+    with_depth: whether it is one of those with matching and true depth
+    """
 
     stamp_ns: int
     state: RoverPose
+    with_depth: bool
     layers: dict[str, Any] = dataclasses.field(default_factory=dict)
     published: set[str] = dataclasses.field(default_factory=set)
 
@@ -72,6 +76,7 @@ class RenderNode(node_main.GraphNode):
 
         # The first frame is that of the first whole period.
         self._last_period = 0 if config.lockstep else None
+        self._last_depth_period = self._last_period
         self._jump = TimeJump(self)
         self._single: tuple[int, bytes] | None = None   # odometry between periods, the only one
         self._single_s = 0.0
@@ -148,6 +153,7 @@ class RenderNode(node_main.GraphNode):
             self._poses.clear()
             self._joints.clear()
             self._last_period = 0 if self._config.lockstep else None
+            self._last_depth_period = self._last_period
         period, rest_ns = divmod(stamp, self._config.frame_period_ns)
         if self._single is not None and stamp != self._single[0]:
             self._single = None
@@ -210,7 +216,13 @@ class RenderNode(node_main.GraphNode):
         self._poses.popleft()
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
             self._joints.get(stamp, next(reversed(self._joints.values()), None))
-        return _Frame(stamp, _rover_pose(raw, joints_raw))
+        return _Frame(stamp, _rover_pose(raw, joints_raw), self._is_depth_due(stamp))
+
+    def _is_depth_due(self, stamp_ns: int) -> bool:
+        """Return whether a frame is the first one drawn of its period of depth."""
+        period = stamp_ns // self._config.depth_period_ns
+        due, self._last_depth_period = period != self._last_depth_period, period
+        return due
 
     def _readers_are_there(self) -> bool:
         """Return whether all awaited subscribers have been discovered."""
@@ -220,7 +232,7 @@ class RenderNode(node_main.GraphNode):
 
     def _begin(self, frame: _Frame) -> bool:
         """Begin what subscribers want of a frame and was not published yet; return if anything."""
-        names = self._publisher.wanted(frame.published)
+        names = self._publisher.wanted(frame.published, frame.with_depth)
         if not names:
             return False
         layers = self._publisher.layers_of(names) - set(frame.layers)

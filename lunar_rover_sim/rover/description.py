@@ -193,6 +193,11 @@ class RoverDescription(Parameters):
                 'rover could not stand')
 
     @property
+    def standing_height_m(self) -> float:
+        """Height of base_link over level ground while a spoke of every leg points down [m]."""
+        return self.legs.spoke_length_m - self.legs.axle_z_m
+
+    @property
     def total_mass_kg(self) -> float:
         """Mass of chassis and four legs [kg]."""
         return self.chassis.mass_kg + 4.0 * self.legs.mass_kg

@@ -16,8 +16,8 @@ from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.stereo.config import SgmConfig
 
-FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT
-                     if t.rate == topics.FRAME and t.node == 'render_node')
+FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
+                     and t.rate in (topics.FRAME, topics.DEPTH_FRAME))
 
 LOCKSTEP, REAL_TIME = 'lockstep', 'real_time'
 
@@ -198,8 +198,12 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
 
     sgm: SgmConfig = group(SgmConfig)
     stereo: StereoTopicsConfig = group(StereoTopicsConfig)
-    frame_rate_hz: int = param(10, 'stereo pairs per second; its period is a whole number of '
-                               'state periods', unit='Hz', low=1, high=200)
+    frame_rate_hz: int = param(20, 'stereo pairs per second; its period is a whole number of '
+                               'state periods. A walking body pitches: at 10 Hz trackers lose it',
+                               unit='Hz', low=1, high=200)
+    depth_every: int = param(2, 'matching (disparity, depth, points) and true depth are made of '
+                             'every n-th frame, for those who read them; 1: of every frame',
+                             unit='frames', low=1, high=200)
     await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
                                            'first frame is drawn in lockstep',
                                            choices=FRAME_TOPICS)
@@ -210,6 +214,11 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     def frame_period_ns(self) -> int:
         """The period of stereo pairs [ns]."""
         return 1_000_000_000 // self.frame_rate_hz
+
+    @property
+    def depth_period_ns(self) -> int:
+        """The period of disparity, depth and true depth [ns]."""
+        return self.depth_every * self.frame_period_ns
 
 
 @dataclasses.dataclass(frozen=True)

@@ -27,6 +27,7 @@ LOG_FOLDER = 'logs'
 STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node',
               'recorder_node')
 
+_RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
 # The gait controller reports a silent drive_node after this share of the time that physics allows.
@@ -105,12 +106,15 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
     if 'gait_controller_node' in nodes:
         awaited[topics.JOINT_COMMANDS.name] = 0.0
     if 'render_node' in nodes:
-        awaited[topics.LEFT_INFO.name] = 2.0 * frame_s
+        awaited[topics.LEFT_INFO.name] = _RENDERER_LAG_FRAMES * frame_s
     if 'recorder_node' in nodes and _acknowledged(scenario):
         lag_s = _RECORDER_LAG_S
         if 'render_node' in nodes:
-            lag_s = min(lag_s, _RECORDER_LAG_FRAMES * frame_s)
-        awaited[topics.RECORDED.name] = lag_s
+            # Up to the next frame with depth everything is written up to the one before, and the
+            # renderer may be two frames behind.
+            least = scenario.render_node.depth_every + _RENDERER_LAG_FRAMES + 1
+            lag_s = max(min(lag_s, _RECORDER_LAG_FRAMES * frame_s), least * frame_s)
+        awaited[topics.RECORDED.name] = round(lag_s, 9)
     return awaited
 
 
@@ -126,7 +130,7 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
     recorder = scenario.recorder_node
     result = []
     for topic in topics.CONTRACT:
-        periodic = topic.rate in (topics.STATE, topics.FRAME)
+        periodic = topic.rate in (topics.STATE, topics.FRAME, topics.DEPTH_FRAME)
         if topic.node not in scenario.run.nodes or not periodic:
             continue
         if topic in _unpublished(scenario):

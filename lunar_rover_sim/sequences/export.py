@@ -7,6 +7,7 @@ is complete.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 import os
 from pathlib import Path
@@ -26,6 +27,7 @@ from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 _TYPES = {topic.name: topic.type for topic in topics.CONTRACT}
 _IMAGE = 'sensor_msgs/msg/Image'
 _CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+_EVERY_DEPTH = ' (render_node.depth_every=1 records depth with every image)'
 
 
 def export(path: Path | str, output: Path | str, kind: str = 'euroc',
@@ -95,15 +97,16 @@ class _ImageSets:
         self._first_imu_ns: int | None = None
         self._open: dict[int, dict[str, Any]] = {}
         self._held: list[tuple[int, dict[str, Any]]] = []
-        self._written = self._before = self._incomplete = 0
+        self._written = self._before = 0
+        self._lacking: Counter[str] = Counter()     # topic → sets that were left out without it
 
     def take(self, name: str, message: Any) -> None:
         stamp_ns = header_ns(message)
         entry = self._open.setdefault(stamp_ns, {})
         entry[name] = picture(self._bag, message).pixels
         if set(entry) == self._names:
-            self._incomplete += sum(ns < stamp_ns for ns in self._open)
-            self._open = {ns: e for ns, e in self._open.items() if ns > stamp_ns}
+            for ns in [ns for ns in self._open if ns <= stamp_ns]:
+                self._lacking.update(self._names - set(self._open.pop(ns)))
             if not self._waits:
                 self._write(stamp_ns, entry)
             elif self._first_imu_ns is None or stamp_ns < self._first_imu_ns:
@@ -130,7 +133,9 @@ class _ImageSets:
         if trimmed:
             notes.append(f'{trimmed} image sets left out ({self._before} at the beginning, '
                          f'{len(self._held)} at the end): no IMU sample before or after them')
-        incomplete = self._incomplete + len(self._open)
-        if incomplete:
-            notes.append(f'{incomplete} incomplete image sets left out')
+        for entry in self._open.values():
+            self._lacking.update(self._names - set(entry))
+        for name, count in sorted(self._lacking.items()):
+            hint = _EVERY_DEPTH if name == topics.TRUE_DEPTH.name else ''
+            notes.append(f'{count} image sets without {name} left out{hint}')
         return notes + self._sequence.notes()

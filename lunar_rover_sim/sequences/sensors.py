@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import dataclasses
 
 import numpy as np
@@ -69,9 +70,10 @@ def described_sensors(rover: RoverDescription, camera: CameraConfig, imu: ImuCon
         frame_rate_hz, imu_rate_hz, noise_parameters(imu))
 
 
-def recorded_sensors(bag: Bag) -> SensorSuite:
+def recorded_sensors(bag: Bag, images: Iterable[str] = ()) -> SensorSuite:
     """Return the sensors of a bag: its camera_infos, mounts, rates, and its scenario's noise.
 
+    images: topics that are used together; the frame rate is that of the slowest one
     Without a scenario the noise is that of the default IMU. Raises BagError where the bag has no
     left camera_info.
     """
@@ -91,7 +93,9 @@ def recorded_sensors(bag: Bag) -> SensorSuite:
         (float(left.K[0, 2]), float(left.K[1, 2])), tuple(float(v) for v in distortion),
         inverse(T_base_imu) @ recorded_frame(bag, 'left'),
         inverse(T_base_imu) @ recorded_frame(bag, 'right'), T_base_imu,
-        _rate_hz(bag, topics.LEFT_INFO.name), _rate_hz(bag, topics.IMU_RAW.name),
+        min(filter(None, (_rate_hz(bag, name) for name in (topics.LEFT_INFO.name, *images))),
+            default=0.0),
+        _rate_hz(bag, topics.IMU_RAW.name),
         noise_parameters(imu))
 
 

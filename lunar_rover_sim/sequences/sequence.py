@@ -72,7 +72,7 @@ class Sequence:
                 raise SequenceError(f'{bag.path}: lacks {name}, which this format needs')
         self.folder = folder
         self.png = png
-        self.suite: SensorSuite = recorded_sensors(bag)
+        self.suite: SensorSuite = recorded_sensors(bag, self.needs)
         self._files: dict[str, TextIO] = {}
 
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:

@@ -20,6 +20,7 @@ from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.run.child_process import Echo
 from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.sequences.formats import FORMATS
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.slam.estimators import Estimator
 
@@ -85,7 +86,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
     shutil.rmtree(sequence, ignore_errors=True)
     with open_bag(bag) as opened:
         truth = trajectory_of_topic(opened)
-        suite = recorded_sensors(opened)
+        suite = recorded_sensors(opened, FORMATS[estimator.format].needs)
     distance_m = truth.length_m
     step('exporting')
     export(bag, sequence, estimator.format)

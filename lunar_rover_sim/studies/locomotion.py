@@ -8,13 +8,17 @@ the frequency of the steps, and a velocity interface shows neither.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lunar_rover_sim import frames
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.prediction import prediction_miss, PredictionMiss
+from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
@@ -23,10 +27,11 @@ from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.inertia import chassis_inertia
 from lunar_rover_sim.studies.pitch import analyse, PitchCurve, PitchReport, STEADY_FROM_S
-from lunar_rover_sim.studies.walking import flat_world, walk
+from lunar_rover_sim.studies.walking import flat_world, STATE_PERIOD_S, walk, Walk
 
 SPEEDS_MPS = (0.06, 0.12, 0.2)
 GRAVITIES_MPS2 = (1.62, 9.81)
+FRAME_RATES_HZ = (10, 20, 40)
 STAND_S = 1.0        # standing before the command
 TRACKING_S = 0.1     # time constant with which the velocity interface tracks its command
 
@@ -37,6 +42,7 @@ class LocomotionCase:
 
     cycle_hz, step_hz: gait cycles, and groups of legs that touch down, per second
     mean_speed_mps: of the walk in its steady part
+    misses: how far a tracker would mispredict images of the walk, at FRAME_RATES_HZ
     """
 
     speed_mps: float
@@ -48,6 +54,7 @@ class LocomotionCase:
     interface: PitchCurve
     gait_report: PitchReport
     interface_report: PitchReport
+    misses: tuple[PredictionMiss, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,6 +90,7 @@ def study(calibration: GaitCalibration, rover: RoverDescription | None = None,
           physics: PhysicsConfig | None = None, gait: GaitConfig | None = None,
           speeds_mps: Sequence[float] = SPEEDS_MPS,
           gravities_mps2: Sequence[float] = GRAVITIES_MPS2, duration_s: float = 30.0,
+          camera: CameraConfig | None = None,
           progress: Callable[[int, int], None] | None = None) -> list[LocomotionCase]:
     """Walk and track every speed under every gravity.
 
@@ -92,12 +100,13 @@ def study(calibration: GaitCalibration, rover: RoverDescription | None = None,
     rover = rover or RoverDescription()
     gait = (gait or GaitConfig()).for_rover(rover)
     physics = physics or PhysicsConfig()
+    rig = StereoRig(rover, camera or CameraConfig())
     ground, cases = flat_world(), []
     for gravity in gravities_mps2:
         settings = dataclasses.replace(physics, gravity_mps2=gravity, start=StartPose())
         with Simulation(ground, rover, settings) as simulation:
             for speed in speeds_mps:
-                cases.append(_case(simulation, calibration, gait, speed, duration_s))
+                cases.append(_case(simulation, calibration, gait, speed, duration_s, rig))
                 if progress is not None:
                     progress(len(cases), len(gravities_mps2) * len(speeds_mps))
     return cases
@@ -144,7 +153,7 @@ def velocity_interface(time_s: ArrayLike, speed_mps: float, command_s: float,
 
 
 def _case(simulation: Simulation, calibration: GaitCalibration, gait: GaitConfig, speed: float,
-          duration_s: float) -> LocomotionCase:
+          duration_s: float, rig: StereoRig) -> LocomotionCase:
     controller = GaitController(gait, calibration)
 
     def command(controller: GaitController, stamp_ns: int) -> None:
@@ -161,4 +170,18 @@ def _case(simulation: Simulation, calibration: GaitCalibration, gait: GaitConfig
     return LocomotionCase(
         speed, simulation.config.gravity_mps2, cycle_hz, step_hz,
         done.mean_velocity(steady_s, steady_s + whole_s)[0], walked, tracked,
-        analyse(walked, STAND_S, cycle_hz, step_hz), analyse(tracked, STAND_S, cycle_hz, step_hz))
+        analyse(walked, STAND_S, cycle_hz, step_hz), analyse(tracked, STAND_S, cycle_hz, step_hz),
+        tuple(_misses(done, rig, simulation.rover)))
+
+
+def _misses(done: Walk, rig: StereoRig, rover: RoverDescription) -> Iterator[PredictionMiss]:
+    """Yield how far constant velocity misses at each frame rate, from the command on."""
+    T_world_base = np.array([
+        frames.se3(frames.matrix_from_wxyz(frames.wxyz_from_rpy(*rpy)), position)
+        for rpy, position in zip(done.rpy_rad, done.position_m)])
+    first = int(np.searchsorted(done.time_s, STAND_S))
+    for rate_hz in FRAME_RATES_HZ:
+        every = round(1.0 / (rate_hz * STATE_PERIOD_S))
+        miss = prediction_miss(T_world_base[first::every], rig, rover.standing_height_m, rate_hz)
+        if miss is not None:
+            yield miss

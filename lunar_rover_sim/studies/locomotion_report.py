@@ -9,6 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
+from lunar_rover_sim.camera.prediction import LOST_PX
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.studies.command_tracking import CommandTracking
@@ -81,6 +82,16 @@ def report_text(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve] 
             lines.append(_row([f'{case.speed_mps:g}', f'{case.gravity_mps2:g}', claim.name,
                                claim.text, f'{claim.value:.3f}', claim.bound,
                                'yes' if claim.holds else 'NO']))
+    lines += ['', '## Images that a tracker can follow', '', 'How far a prediction by constant'
+              ' velocity misses, from the command on, and the share of frames beyond'
+              f' {LOST_PX:g} px, the second search of a stereo tracker.', '',
+              _row(('v [m/s]', 'g [m/s²]', 'frames/s', 'median [px]', 'p90 [px]', 'beyond')),
+              _row(['---'] * 6)]
+    for case in cases:
+        for miss in case.misses:
+            lines.append(_row([f'{case.speed_mps:g}', f'{case.gravity_mps2:g}',
+                               f'{miss.rate_hz:g}', f'{miss.median_px:.1f}',
+                               f'{miss.p90_px:.1f}', f'{100 * miss.lost:.0f} %']))
     if tracking:
         followed = sum(each.followed for each in tracking)
         lines += ['', '## Commands followed', '', f'{followed} of {len(tracking)} within 10 % of'

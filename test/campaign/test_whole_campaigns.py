@@ -29,6 +29,8 @@ settings:
   render_node.camera.width: 160
   render_node.camera.height: 120
   render_node.sgm.num_disparities: 32
+  render_node.frame_rate_hz: 20
+  render_node.depth_every: 2
 """
 KILLED = 'design: grid\nformats: [tum]\nvary:\n  case:\n    choice:\n' + ''.join(
     f'      - {case}\n' for case in (
@@ -82,7 +84,7 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
     for name, manifest in made.items():
         folder = tmp_path / 'data' / 'episodes' / name
         assert (folder / 'tum' / 'groundtruth.txt').stat().st_size > 0
-        assert manifest['statistics']['frames'] == 5
+        assert manifest['statistics']['frames'] == 10
         assert manifest['bag_hash'] == bag_hash(folder / 'bag')
     assert 'CC-BY-4.0' in (tmp_path / 'data' / 'README.md').read_text()
 

@@ -264,6 +264,34 @@ def test_damage_is_found_and_named(tmp_path, good, damage):
     assert words in found[name]
 
 
+def every_second(items: list[Item], depth_every: int = 2) -> list[Item]:
+    """Return the items with a scenario that asks for depth with every n-th frame."""
+    items = [i for i in items if i.topic != 'ground/changes']
+    text = SCENARIO.replace('MODE', 'lockstep').replace(', ground: {model: regolith}', '').replace(
+        'frame_rate_hz: 10', f'frame_rate_hz: 10, depth_every: {depth_every}')
+    return edited(items, 'scenario', setter('data', text))
+
+
+def test_depth_may_come_with_every_second_frame(tmp_path):
+    """It is counted, and it belongs to images; an image belongs to no depth."""
+    items = every_second(synthetic.drive(0.6, depth_every=2))
+    report = check(synthetic.write(tmp_path / 'bag', items))
+    assert {f.status for f in report.findings} == {Status.PASS}
+    found = {f.check: f.detail for f in report.findings}
+    assert found['depth frame counts'] == '4 topics x 3 at 5 Hz'
+    assert found['stereo sets'] == '6 sets of 4, 3 sets of 3 with one stamp'
+    lost = edited(items, 'stereo/depth/image', drop, 0.4)
+    failed = check(synthetic.write(tmp_path / 'lost', lost)).failed
+    assert {f.check: f.detail for f in failed} == {
+        'depth frame counts': '/stereo/depth/image: 1 of 3 missing, first at 0.400 s',
+        'stereo sets': 'stereo/depth/image lacks 1 of 3 stamps, first 0.400000 s'}
+    fewer = check(synthetic.write(tmp_path / 'fewer', every_second(items, 1))).failed
+    assert {f.check for f in fewer} == {'depth frame rate', 'depth frame counts'}
+    without = edited(items, 'stereo/right/image_raw', drop, 0.4)
+    assert 'stereo/right/image_raw lacks 1 of 6' in {f.check: f.detail for f in check(
+        synthetic.write(tmp_path / 'without', without)).failed}['stereo sets']
+
+
 def test_an_unfinished_bag_is_named(tmp_path, good):
     path = synthetic.write(tmp_path / 'bag', good)
     marker.mark(path, 'No space left on device')

@@ -156,7 +156,7 @@ def test_templates(template: str, time_mode: str, tmp_path: Path, world_folder: 
     with open_bag(folder / 'bag') as bag:
         topic = '/slam/pose' if template == 'estimator' else '/cmd_vel'
         stamps = [bag.stamp_ns(message) for message in bag.raw([topic])]
-        period_ns = {'controller': 50_000_000, 'estimator': 100_000_000}.get(template)
+        period_ns = {'controller': 50_000_000, 'estimator': 50_000_000}.get(template)
         if time_mode == 'lockstep' and period_ns is not None:
             assert stamps == list(range(period_ns, 10**9 + 1, period_ns))
         else:

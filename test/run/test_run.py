@@ -34,9 +34,11 @@ BLIND = ('--set', 'run.nodes=[physics_node,gait_controller_node,drive_node,recor
 
 def test_contract(recorded_run: Path) -> None:
     """Every topic of the contract is there: type, QoS, count, frame, stamps at their rate."""
-    scenario = Scenario.load('baseline')
+    scenario = Scenario.load('baseline', SMALL)
     periods_ns = {topics.STATE: scenario.physics_node.state_period_ns,
-                  topics.FRAME: scenario.render_node.frame_period_ns}
+                  topics.FRAME: scenario.render_node.frame_period_ns,
+                  topics.DEPTH_FRAME: scenario.render_node.depth_period_ns}
+    assert periods_ns[topics.DEPTH_FRAME] == 2 * periods_ns[topics.FRAME]
     with open_bag(recorded_run / 'bag') as bag:
         assert not bag.incomplete
         for topic in topics.CONTRACT:

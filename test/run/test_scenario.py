@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.run.lockstep import StampGate
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario, scenario_names
 
@@ -95,8 +96,27 @@ def test_broken_files(text: str, match: str, tmp_path: Path) -> None:
 def test_duration_is_rounded_up_to_whole_frames() -> None:
     """So that every topic ends with the run."""
     scenario = resolve(Scenario.load('flat', ['run.duration_s=1.01']))
-    assert scenario.physics_node.duration_s == 1.1
+    assert scenario.physics_node.duration_s == 1.05
     assert resolve(Scenario.load('flat', ['run.duration_s=1.1'])).run.duration_s == 1.1
+
+
+@pytest.mark.parametrize(('frame_rate_hz', 'depth_every'),
+                         [(200, 1), (20, 1), (20, 2), (20, 20), (10, 1), (1, 1), (1, 3)])
+def test_the_recorder_may_lag_by_a_frame_with_depth_and_the_renderers_lag(
+        frame_rate_hz: int, depth_every: int) -> None:
+    """Until the next depth everything is written up to the one before: time must not stop."""
+    scenario = resolve(Scenario.load('baseline', [
+        f'render_node.frame_rate_hz={frame_rate_hz}', f'render_node.depth_every={depth_every}']))
+    frame_ns, wait = 10**9 // frame_rate_hz, scenario.physics_node.wait
+    gate = StampGate(wait.lag_ns_by_topic())
+    # A renderer and a recorder that answer as late as they may: one frame is under way.
+    for now_ns in range(5_000_000, 3 * depth_every * frame_ns + 1, 5_000_000):
+        gate.answer('joint_commands', now_ns)
+        shown_ns = max(0, now_ns // frame_ns - 1) * frame_ns
+        gate.answer('stereo/left/camera_info', shown_ns)
+        depth_ns = depth_every * frame_ns
+        gate.answer('recorder/written', max(0, shown_ns - frame_ns) // depth_ns * depth_ns)
+        assert gate.is_open(now_ns), gate.missing(now_ns)
 
 
 def test_lockstep_waits_for_the_nodes_of_the_run() -> None:

@@ -106,6 +106,22 @@ def test_tum(tmp_path, items, bag):
     assert np.allclose(np.abs(dots), 1.0)
 
 
+def test_depth_with_every_second_image(tmp_path):
+    """RGB-D takes what has depth and says what it leaves out; stereo takes every image."""
+    bag = synthetic.write(tmp_path / 'bag', synthetic.drive(1.0, depth_every=2))
+    notes = export(bag, tmp_path / 'tum', 'tum')
+    times = [line.split()[0] for line in
+             (tmp_path / 'tum' / 'associations.txt').read_text().splitlines()]
+    assert [float(t) for t in times] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+    assert any('5 image sets without ground_truth/depth/image left out (render_node.depth_every=1'
+               in note for note in notes)
+    assert 'frame_rate_hz: 5.0' in (tmp_path / 'tum' / 'calibration.yaml').read_text()
+    euroc = export(bag, tmp_path / 'euroc', 'euroc')
+    assert len((tmp_path / 'euroc' / 'times.txt').read_text().split()) == 9
+    assert not any('without' in note for note in euroc)
+    assert 'frame_rate_hz: 10.0' in (tmp_path / 'euroc' / 'calibration.yaml').read_text()
+
+
 def test_kitti(tmp_path, bag):
     export(bag, tmp_path / 'seq', 'kitti')
     folder = tmp_path / 'seq'

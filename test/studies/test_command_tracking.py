@@ -1,5 +1,6 @@
 """The commands around the walk: what they refuse, and a short traverse from end to end."""
 
+import re
 
 import pytest
 
@@ -53,6 +54,9 @@ def test_a_short_pitch_study_from_end_to_end(tmp_path, capsys):
         'locomotion.md', 'locomotion.png', 'pitch.csv']
     text = (tmp_path / 'out' / 'locomotion.md').read_text()
     assert 'robot' in text and 'start transient' in text
+    misses = re.findall(r'^\| 0.12 \| 1.62 \| (\d+) \| ([\d.]+) \|', text, re.MULTILINE)
+    rates, medians_px = zip(*[(int(rate), float(median)) for rate, median in misses])
+    assert rates == (10, 20, 40) and medians_px[0] > 3.0 * medians_px[1] > 9.0 * medians_px[2]
     assert 'start transient' in capsys.readouterr().out
 
 
