@@ -97,11 +97,13 @@ LEFT_INFO = Topic('stereo/left/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME
 RIGHT_INFO = Topic('stereo/right/camera_info', 'sensor_msgs/msg/CameraInfo', FRAME, 'render_node',
                    frames.RIGHT_OPTICAL_FRAME, 'REP-104; P[3] = -fx B')
 DISPARITY = Topic('stereo/disparity', 'stereo_msgs/msg/DisparityImage', DEPTH_FRAME,
-                  'render_node', frames.LEFT_OPTICAL_FRAME, 'semi-global matching on the rendered pair')
+                  'render_node', frames.LEFT_OPTICAL_FRAME,
+                  'semi-global matching on the rendered pair')
 DEPTH = Topic('stereo/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
               frames.LEFT_OPTICAL_FRAME, 'depth from SGM, 32FC1 [m], NaN where unknown (REP-118)')
 DEPTH_INFO = Topic('stereo/depth/camera_info', 'sensor_msgs/msg/CameraInfo', DEPTH_FRAME,
-                   'render_node', frames.LEFT_OPTICAL_FRAME, 'that of the left camera, beside the depth image')
+                   'render_node', frames.LEFT_OPTICAL_FRAME,
+                   'that of the left camera, beside the depth image')
 LEFT_COMPRESSED = Topic('stereo/left/image_raw/compressed', 'sensor_msgs/msg/CompressedImage',
                         FRAME, 'render_node', frames.LEFT_OPTICAL_FRAME,
                         'JPEG or PNG, as compressed_image_transport', on_request=True)
