@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     settings = TraverseSettings(GaitCalibration.of(gait), scenario.rover, physics, gait,
                                 scenario.drive_node, args.duration)
     grounds = {name: Ground(name).config(physics.ground) for name in args.grounds} or {
-        physics.ground.preset if physics.ground.deforms else physics.ground.model: physics.ground}
+        physics.ground.name: physics.ground}
     store = TraverseStore(args.output, f'# {args.duration:g} s\n{scenario.to_yaml()}', args.resume)
 
     console = Console()

@@ -20,6 +20,7 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import brief, nearest
 from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.regolith.config import RIGID
 from lunar_rover_sim.rover.description import RoverDescription
 
 Array = NDArray[np.float64]
@@ -172,17 +173,20 @@ class GaitCalibration:
 
         Each line names a quantity with both values. Speeds are less exact then.
         """
-        now: dict[str, float] = {}
+        now: dict[str, float | str] = {}
         if rover is not None:
             now.update(rover_mass_kg=rover.total_mass_kg, spoke_length_m=rover.legs.spoke_length_m)
         if physics is not None:
-            now.update(gravity_mps2=physics.gravity_mps2,
-                       sliding_friction=physics.contact.sliding_friction,
-                       stiffness_npm=physics.contact.stiffness_npm)
+            now.update(gravity_mps2=physics.gravity_mps2, **ground_conditions(physics))
         result = []
         for name, value in now.items():
-            then = self.conditions.get(name)
-            if isinstance(then, (int, float)) and not math.isclose(then, value, rel_tol=0.01):
+            # Tables without conditions are analytic; those without a ground are of rigid ground.
+            then = self.conditions.get(name, RIGID if name == 'ground' and 'gravity_mps2'
+                                       in self.conditions else None)
+            if isinstance(value, str):
+                if then is not None and then != value:
+                    result.append(f'{name} {then}, here {value}')
+            elif isinstance(then, (int, float)) and not math.isclose(then, value, rel_tol=0.01):
                 result.append(f'{name} {then:g}, here {value:g}')
         return result
 
@@ -260,6 +264,17 @@ class GaitCalibration:
     def _advance_ratio(self, config: GaitConfig) -> float:
         now = math.sin(math.radians(config.foot_width_deg) / 2.0) / config.duty_factor
         return now * self.duty_factor / math.sin(math.radians(self.foot_width_deg) / 2.0)
+
+
+def ground_conditions(physics: PhysicsConfig) -> dict[str, float | str]:
+    """Return what a table depends on of the ground: its name, and its strength or its contact."""
+    ground = physics.ground
+    if not ground.deforms:
+        return {'ground': ground.name, 'sliding_friction': physics.contact.sliding_friction,
+                'stiffness_npm': physics.contact.stiffness_npm}
+    soil = ground.soil(physics.gravity_mps2)
+    return {'ground': ground.name, 'bearing_mnpm3': round(1e-6 * soil.zeta_npm3, 9),
+            'soil_friction': soil.friction}
 
 
 def _table(name: str, rows: Sequence[Sequence[float]], shape: tuple[int, int]) -> Array:

@@ -71,6 +71,11 @@ class GroundConfig(Parameters):
                                   ' or -1 for the value of the preset')
 
     @property
+    def name(self) -> str:
+        """`rigid`, or the preset."""
+        return self.preset if self.deforms else self.model
+
+    @property
     def deforms(self) -> bool:
         """Whether the ground gives."""
         return self.model == REGOLITH

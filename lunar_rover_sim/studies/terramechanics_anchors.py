@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 import math
 
@@ -13,16 +14,21 @@ from lunar_rover_sim.regolith.ball import bearing_n
 from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH
 from lunar_rover_sim.regolith.resistive_force import plate_force_n
 from lunar_rover_sim.regolith.soil import PRESETS
+from lunar_rover_sim.studies import sandbot
 from lunar_rover_sim.studies.terramechanics import Ground, GroundWalk, measure, WalkSettings
 from lunar_rover_sim.studies.walking import sloping_world
 
 LUNAR = ('highland_loose', 'highland', 'highland_dense')
 DROP_M = 0.002
+LOST_SLIP = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
 class Anchor:
-    """A number, what it is held to, and where that comes from."""
+    """A number, what it is held to, and where that comes from.
+
+    held: whether the model is to agree; other numbers are of other machines, for comparison
+    """
 
     name: str
     measured: float
@@ -30,6 +36,7 @@ class Anchor:
     high: float
     unit: str
     source: str
+    held: bool = True
 
     @property
     def holds(self) -> bool:
@@ -53,6 +60,27 @@ def plates() -> list[Anchor]:
     found.append(_within('cone at 16 cm, highland_dense',
                          PRESETS['highland_dense'].zeta_npm3 * 0.16 / 1e3, 348.0, 0.02, 'kPa',
                          'Apollo 15'))
+    return found
+
+
+def compared(walks: Sequence[GroundWalk]) -> list[Anchor]:
+    """Return what other machines did: SandBot from its own model, slopes and pull from walks."""
+    best = float(sandbot.curve_mps('poppy_loose', sandbot.CLegs()).max())
+    found = [Anchor('greatest speed of SandBot, loose poppy seeds', best, 0.8 * sandbot.BEST_MPS,
+                    1.2 * sandbot.BEST_MPS, 'm/s', 'Li et al. 2009', held=False)]
+    for name in dict.fromkeys(walk.ground.name for walk in walks):
+        walked = [w for w in walks if w.ground.name == name]
+        climbed = [w.ground.slope_deg for w in walked if w.slip < LOST_SLIP and not w.ground.pull]
+        pulled = [w for w in walked if w.ground.slope_deg == 0.0 and w.speed_mps > 0.0]
+        if climbed:
+            found.append(Anchor(f'steepest slope with less than half of slip, {name}',
+                                max(climbed), 20.0, 32.0, 'deg', 'Apollo rover to Lunokhod 1',
+                                held=False))
+        if pulled:
+            most = max(pulled, key=lambda w: w.ground.pull)
+            found.append(Anchor(f'slip at the greatest pull ({most.ground.pull:g}), {name}',
+                                1e2 * most.slip, 15.0, 25.0, '%', 'wheel of the Apollo rover',
+                                held=False))
     return found
 
 
@@ -94,7 +122,8 @@ def _within(name: str, measured: float, expected: float, tolerance: float, unit:
 
 def _simulation(settings: WalkSettings, physics: PhysicsConfig, name: str,
                 slope_deg: float = 0.0) -> Simulation:
-    ground = GroundConfig(model=REGOLITH, preset=name)
+    # Slopes are for friction alone: where they bear less, its belly holds the rover, too.
+    ground = GroundConfig(model=REGOLITH, preset=name, weak_slopes=False)
     return Simulation(sloping_world(slope_deg), settings.rover,
                       dataclasses.replace(physics, ground=ground))
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.studies import sandbot
 from lunar_rover_sim.studies.terramechanics import GroundWalk
 from lunar_rover_sim.studies.terramechanics_anchors import Anchor
 
@@ -31,6 +32,7 @@ def write_all(anchors: Sequence[Anchor], walks: Sequence[GroundWalk], folder: Pa
                          *(getattr(walk, name) for name in _FIELDS)))
     atomic_write(folder / 'terramechanics.csv', table.getvalue(), StudyError)
     plot(walks, folder / 'terramechanics.png')
+    plot_sandbot(folder / 'sandbot.png')
     return text
 
 
@@ -38,10 +40,12 @@ def report_text(anchors: Sequence[Anchor], walks: Sequence[GroundWalk]) -> str:
     """Return the report as Markdown."""
     lines = ['# Terramechanics', '', '## Held to', '',
              _row(('what', 'measured', 'bounds', 'holds', 'source')), _row(['---'] * 5)]
-    for a in anchors:
+    for a in sorted(anchors, key=lambda anchor: not anchor.held):
+        verdict = ('yes' if a.holds else '**no**') if a.held else (
+            'as there' if a.holds else 'differs')
         high = '∞' if math.isinf(a.high) else f'{a.high:.4g}'
         lines.append(_row((a.name, f'{a.measured:.4g} {a.unit}'.strip(),
-                           f'{a.low:.4g} to {high}', 'yes' if a.holds else '**no**', a.source)))
+                           f'{a.low:.4g} to {high}', verdict, a.source)))
     lines += ['', '## Walks', '',
               'Slip: 1 - distance / way that the feet in stance sweep. Transport: electric energy'
               ' / (weight × distance). Pull: backward, over the weight.', '',
@@ -76,6 +80,24 @@ def plot(walks: Sequence[GroundWalk], path: Path) -> None:
     for axes in (slip, power, pull, sinkage):
         axes.grid(alpha=0.3)
     slip.legend()
+    atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format='png'), StudyError)
+
+
+def plot_sandbot(path: Path) -> None:
+    """Write a figure: SandBot's speed over leg frequency, for what is not known of its legs."""
+    figure = Figure(figsize=(9.0, 3.8), layout='constrained')
+    for axes, preset in zip(figure.subplots(1, 2, sharey=True), ('poppy_loose', 'poppy_close')):
+        for width_m in (0.015, 0.02, 0.03):
+            for start_s, style in ((0.1, ':'), (0.2, '-'), (0.4, '--')):
+                legs = sandbot.CLegs(width_m=width_m, start_s=start_s)
+                axes.plot(sandbot.FREQUENCIES_RADPS, sandbot.curve_mps(preset, legs), style,
+                          color=f'C{round(1e3 * width_m) // 6}',
+                          label=f'{1e3 * width_m:g} mm, {start_s:g} s')
+        axes.axhline(sandbot.BEST_MPS, color='0.4', lw=0.8)
+        axes.set(title=preset, xlabel='leg frequency [rad/s]', ylim=(0.0, 0.7))
+        axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, title='width of a leg, dt', title_fontsize=7, loc='upper left')
+    figure.axes[0].set_ylabel('speed [m/s]')
     atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format='png'), StudyError)
 
 

@@ -1,15 +1,18 @@
 """The terramechanics study: what walks cost on soft ground, and its report."""
 
+import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.studies import terramechanics_report
-from lunar_rover_sim.studies.terramechanics import Ground, measure, WalkSettings
-from lunar_rover_sim.studies.terramechanics_anchors import Anchor, plates
+from lunar_rover_sim.regolith.soil import PRESETS
+from lunar_rover_sim.studies import sandbot, terramechanics_report
+from lunar_rover_sim.studies.terramechanics import Ground, GroundWalk, measure, WalkSettings
+from lunar_rover_sim.studies.terramechanics_anchors import Anchor, compared, plates
 
 
 def settings(duration_s=4.5):
@@ -33,11 +36,36 @@ def test_more_pull_than_friction_drags_the_rover_back(tmp_path):
     assert '| a name | 3 mm | 1 to 2 | **no** | a source |' in text
     assert '| highland_loose | 0 | 1.2 | ' in text
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        'terramechanics.csv', 'terramechanics.md', 'terramechanics.png']
+        'sandbot.png', 'terramechanics.csv', 'terramechanics.md', 'terramechanics.png']
 
 
 def test_plates_hold():
     assert len(plates()) >= 7 and all(anchor.holds for anchor in plates())
+
+
+def test_machines_that_are_not_this_one_are_compared_and_not_held_to():
+    walks = [GroundWalk(Ground('highland', slope), 'walked', 0.1, slip=slip)
+             for slope, slip in ((0.0, 0.02), (20.0, 0.1), (25.0, 0.6))]
+    walks.append(GroundWalk(Ground('highland', pull=0.7), 'walked', 0.05, slip=0.2))
+    _, slope, pull = found = compared(walks)
+    assert (slope.measured, pull.measured) == (20.0, 20.0) and not any(a.held for a in found)
+    assert '| as there | wheel of' in terramechanics_report.report_text(found, walks)
+
+
+def test_sandbot_walks_faster_and_then_swims():
+    """The step is a chord; hard ground gives 0.6 m/s at 30 rad/s; loose seeds let it sink."""
+    loose = sandbot.curve_mps('poppy_loose', sandbot.CLegs(start_s=0.1))
+    best = int(loose.argmax())
+    assert 5.0 < sandbot.FREQUENCIES_RADPS[best] < 25.0 and loose[-1] == 0.0
+    close = sandbot.curve_mps('poppy_close', sandbot.CLegs(start_s=0.1))
+    assert np.all(close >= loose) and close[-1] > 2.0 * loose[best]
+    hard = PRESETS['poppy_close'].under(9.81)
+    hard = dataclasses.replace(hard, zeta_npm3=1e3 * hard.zeta_npm3)
+    assert sandbot.speed_mps(hard, sandbot.CLegs(), 30.0) == pytest.approx(0.6, rel=0.1)
+    # What a half circle bears: less than a flat plate of its width in its place.
+    legs = sandbot.CLegs()
+    flat = 0.254e6 * legs.width_m * 2.0 * legs.radius_m * 0.0355
+    assert 0.3 * flat < sandbot.lift_n(PRESETS['poppy_loose'], legs, 0.0355) < 0.9 * flat
 
 
 def test_a_slope_on_which_it_cannot_stand_is_a_result():

@@ -93,7 +93,7 @@ def test_a_table_is_measured_and_the_workers_do_not_matter():
     assert one == two
     assert one.forward_mps[0][0] == pytest.approx(0.13, rel=0.1)
     assert 0.2 < one.yaw_rate_radps[0][1] < 1.0
-    assert one.conditions['gravity_mps2'] == 1.62
+    assert one.conditions['gravity_mps2'] == 1.62 and one.conditions['ground'] == 'rigid'
 
 
 def test_the_bounds_of_command_tracking():
