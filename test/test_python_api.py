@@ -9,12 +9,13 @@ import subprocess
 import sys
 import threading
 
-from conftest import command, SMALL, SOFT
+from conftest import SMALL, SOFT
 import pytest
 
 import lunar_rover_sim
 from lunar_rover_sim import LunarRoverSimError, open_bag, record, Scenario
 from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.cli.main import main
 
 
 def test_every_name_is_there_and_documented() -> None:
@@ -56,15 +57,14 @@ def test_scenario_takes_overrides_as_text_or_mapping() -> None:
      ['--set', 'render_nod.camera.width=1'], 'no such section'),
 ])
 def test_bad_input_reads_as_on_the_command_line(name: str, arguments: dict, options: list[str],
-                                                message: str, tmp_path: Path) -> None:
+                                                message: str, tmp_path: Path,
+                                                capsys: pytest.CaptureFixture[str]) -> None:
     """The error of the API is the line of the command."""
     with pytest.raises(LunarRoverSimError) as raised:
         Scenario.load(name, **arguments)
     assert message in str(raised.value)
-    finished = subprocess.run(command('run', name, '-o', str(tmp_path / 'run'), *options),
-                              capture_output=True, text=True)
-    assert finished.returncode == 1
-    assert finished.stderr.endswith(f'{raised.value}\n')
+    assert main(['run', name, '-o', str(tmp_path / 'run'), *options]) == 1
+    assert capsys.readouterr().err.endswith(f'{raised.value}\n')
 
 
 def small_scenario(duration_s: float) -> Scenario:

@@ -65,7 +65,7 @@ def four_views(world: World, azimuth_deg: float,
     no usable EGL device.
     """
     night = elevation_deg < 0.0
-    sensor = SensorConfig(exposure_mode='auto', auto_max_s=0.05)
+    sensor = SensorConfig(exposure_mode='auto', auto_lag=0.0, auto_max_s=0.05)
     config = RenderConfig(sun=SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg),
                           sensor=sensor, lamp=LampConfig(power_w=_LAMP_W if night else 0.0))
     away = azimuth_deg + 180.0

@@ -71,6 +71,13 @@ def renderer_of(world, rover=scene.ROVER, camera=CAMERA, detail=scene.SMOOTH,
     return Renderer(world, rover, config)
 
 
+@pytest.fixture(scope='module')
+def renderer(pole):
+    """Return a renderer of the pole."""
+    with renderer_of(pole) as renderer:
+        yield renderer
+
+
 def turning(yaw_rate_radps: float = 0.0, **motion) -> RoverPose:
     """Return a rover that looks at the pole and turns about the middle of its left camera."""
     mount = scene.ROVER.stereo
@@ -91,16 +98,14 @@ def right_edge(image: np.ndarray, rows=slice(8, 40)) -> tuple[np.ndarray, np.nda
 
 
 @pytest.mark.parametrize('rate', [1.0, -1.0, 3.0, 12.0])
-def test_a_turn_blurs_an_edge_by_rate_times_exposure(pole, rate):
+def test_a_turn_blurs_an_edge_by_rate_times_exposure(renderer, rate):
     """An edge becomes a ramp of f w T (1 + tan^2), of variance length^2 / 12; it stays in place.
 
     The camera looks 10 deg down and turns about the vertical, so that the rate along the rows is
     that of the tilted camera. Lengths are 2.5 to 30 px.
     """
-    with renderer_of(pole) as renderer:
-        state = turning(rate)
-        still, moving = light(renderer, turning()), light(renderer, state)
-        K, turn = renderer.rig.K, renderer.rig.T_base_left[2, :3] * rate
+    still, moving = light(renderer, turning()), light(renderer, turning(rate))
+    K, turn = renderer.rig.K, renderer.rig.T_base_left[2, :3] * rate
     place, variance = right_edge(moving)
     place_still, variance_still = right_edge(still)
     ray = np.stack([(place_still - K[0, 2]) / K[0, 0], (np.arange(8, 40) - K[1, 2]) / K[1, 1],
@@ -116,14 +121,13 @@ def test_a_turn_blurs_an_edge_by_rate_times_exposure(pole, rate):
     assert abs(np.mean(place - place_still)) < 0.03 + K[0, 0] * (rate * EXPOSURE_S)**2 / 12.0
 
 
-def test_a_translation_blurs_by_the_inverse_depth(pole):
+def test_a_translation_blurs_by_the_inverse_depth(renderer):
     """The pole, nearest side 2.83 m from the camera, moves by f v T / Z across the image."""
     speed = 2.0
-    with renderer_of(pole) as renderer:
-        state = dataclasses.replace(turning(), linear_velocity_mps=np.array([0.0, speed, 0.0]))
-        still, moving = light(renderer, turning()), light(renderer, state)
-        depth = renderer.render(turning(), 0, ('depth',)).depth_m
-        focal = renderer.rig.focal_px
+    state = dataclasses.replace(turning(), linear_velocity_mps=np.array([0.0, speed, 0.0]))
+    still, moving = light(renderer, turning()), light(renderer, state)
+    depth = renderer.render(turning(), 0, ('depth',)).depth_m
+    focal = renderer.rig.focal_px
     (place, variance), (place_still, variance_still) = right_edge(moving), right_edge(still)
     rows = np.arange(8, 40)
     near = depth[rows, np.floor(place_still).astype(int) - 2]
@@ -133,16 +137,16 @@ def test_a_translation_blurs_by_the_inverse_depth(pole):
     assert abs(np.mean(place - place_still)) < 0.6
 
 
-def test_a_still_camera_costs_and_changes_nothing(pole):
+def test_a_still_camera_costs_and_changes_nothing(pole, renderer):
     """At rest, and with the blur switched off, every bit is that of the scene at the stamp."""
     moving = RoverPose(scene.pose(), **WALK)
-    with renderer_of(pole) as renderer, renderer_of(pole, motion_blur=False) as sharp:
-        at_rest = renderer.render(RoverPose(scene.pose()), 3, ('left', 'right', 'radiance'))
-        creeping = renderer.render(
-            RoverPose(scene.pose(), angular_velocity_radps=np.full(3, 1e-4)), 3, ('left', 'right'))
+    with renderer_of(pole, motion_blur=False) as sharp:
         frozen = sharp.render(moving, 3, ('left', 'right'))
-        blurred = renderer.render(moving, 3, ('left', 'right', 'radiance', 'depth', 'label'))
-        truth = renderer.render(RoverPose(scene.pose()), 3, ('radiance', 'depth', 'label'))
+    at_rest = renderer.render(RoverPose(scene.pose()), 3, ('left', 'right', 'radiance'))
+    creeping = renderer.render(
+        RoverPose(scene.pose(), angular_velocity_radps=np.full(3, 1e-4)), 3, ('left', 'right'))
+    blurred = renderer.render(moving, 3, ('left', 'right', 'radiance', 'depth', 'label'))
+    truth = renderer.render(RoverPose(scene.pose()), 3, ('radiance', 'depth', 'label'))
     for side in ('left', 'right'):
         np.testing.assert_array_equal(getattr(at_rest, side), getattr(creeping, side))
         np.testing.assert_array_equal(getattr(at_rest, side), getattr(frozen, side))
@@ -155,8 +159,7 @@ def test_a_still_camera_costs_and_changes_nothing(pole):
 def test_the_picture_is_the_mean_of_sub_exposures(name):
     """RMS below 2 % of the range, and well below that of a sharp picture; both cameras.
 
-    Each scenario has its exposure of a walk. It takes some seconds since 32 pictures are drawn of
-    each.
+    Each scenario has its exposure of a walk; 16 pictures are drawn of each.
     """
     exposure_s = {'baseline': 1e-2, 'feature_sparse': 9e-3, 'low_albedo': 10e-3,
                   'permanent_shadow': 20e-3}[name]
@@ -169,7 +172,7 @@ def test_the_picture_is_the_mean_of_sub_exposures(name):
     z = float(world.height_at((0.0, 0.0))) + 0.09
     state = RoverPose(scene.pose(z=z, yaw_deg=160.0), **WALK)
     with Renderer(world, scenario.rover, config, 1) as renderer:
-        mean = sub_exposures(renderer, state, 32, exposure_s)
+        mean = sub_exposures(renderer, state, 16, exposure_s)
         sharp = renderer.render(state, 0, ('radiance',)).radiance
         picture = light(renderer, state)
     span = np.percentile(mean, 99.9)
@@ -252,7 +255,7 @@ def test_legs_blur_as_they_turn(looking_down):
         state = RoverPose(at, legs, joint_velocity_radps=np.full(4, 20.0))
         label = renderer.render(state, 0, ('label',)).label
         sharp, blurred = light(renderer, RoverPose(at, legs)), light(renderer, state)
-        mean = sub_exposures(renderer, state, 32)
+        mean = sub_exposures(renderer, state, 16)
         legs_out = light(renderer, RoverPose(at, legs + np.pi))
     span = np.percentile(mean, 99.9)
     moved = np.abs(blurred - sharp) > 0.02 * span
@@ -262,9 +265,8 @@ def test_legs_blur_as_they_turn(looking_down):
     assert error < 0.85 * without      # the light on a leg changes too
 
 
-def test_motion_that_is_not_finite_is_refused(pole):
-    with renderer_of(pole) as renderer:
-        for name in ('linear_velocity_mps', 'angular_velocity_radps', 'joint_velocity_radps'):
-            state = dataclasses.replace(turning(), **{name: np.full(3, np.nan)})
-            with pytest.raises(RenderError, match=name):
-                renderer.render(state)
+def test_motion_that_is_not_finite_is_refused(renderer):
+    for name in ('linear_velocity_mps', 'angular_velocity_radps', 'joint_velocity_radps'):
+        state = dataclasses.replace(turning(), **{name: np.full(3, np.nan)})
+        with pytest.raises(RenderError, match=name):
+            renderer.render(state)

@@ -40,7 +40,8 @@ with out.open('w') as file:
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory) -> Path:
-    return synthetic.write(tmp_path_factory.mktemp('benchmark') / 'bag', synthetic.drive(2.0))
+    return synthetic.write(tmp_path_factory.mktemp('benchmark') / 'bag',
+                           synthetic.drive(1.2, state_hz=50))
 
 
 @pytest.fixture

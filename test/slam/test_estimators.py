@@ -54,7 +54,8 @@ FAKE = """\
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
-    return synthetic.write(tmp_path_factory.mktemp('slam') / 'bag', synthetic.drive(3.0))
+    return synthetic.write(tmp_path_factory.mktemp('slam') / 'bag',
+                           synthetic.drive(3.0, state_hz=50))
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from lunar_rover_sim.gait.stride import Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.studies import command_tracking
 from lunar_rover_sim.studies.command_tracking import CommandTracking, measure_commands
 from lunar_rover_sim.studies.gait_measurement import measure, measure_stride, WalkSettings
 from lunar_rover_sim.studies.walking import flat_world, walk
@@ -29,8 +30,9 @@ def simulation():
         yield simulation
 
 
-def test_commands_are_followed(table):
-    # A sparse grid; `lunar_rover_sim validate locomotion` walks the whole one.
+def test_commands_are_followed(table, monkeypatch):
+    # A sparse grid and short walks; `lunar_rover_sim validate locomotion` walks the whole one.
+    monkeypatch.setattr(command_tracking, 'MEASURE_S', 15.0)
     asked = [(0.10, 0.15), (0.25, 0.0)]
     for each in measure_commands(asked, table):
         assert abs(each.forward_error) <= 0.10, each
