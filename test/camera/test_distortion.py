@@ -32,18 +32,25 @@ def test_what_cannot_be_inverted_is_refused():
         CameraConfig(distortion=(-1.2, 0.0, 0.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize('distortion', [BARREL, (0.15, 0.02, 0.0, 0.0, 0.0)])
-def test_undistorting_the_image_gives_the_rectified_one(distortion):
+def drawn(distortion):
+    """Return left and right image, depth and rig of a view of hills."""
     world = scene.plane(heights=scene.hills())
     pose = scene.pose(z=float(world.height_at((0.0, 0.0))) + 0.1)
-    images = []
-    for d in ((0.0,) * 5, distortion):
-        camera = CameraConfig(width=400, height=300, distortion=d)
-        config = scene.config(15.0, azimuth_deg=60.0, camera=camera)
-        with Renderer(world, scene.ROVER, config) as renderer:
-            frame = renderer.render(RoverPose(pose), 0, ('left', 'right', 'depth'))
-            images.append((frame.left, frame.right, frame.depth_m, renderer.rig))
-    straight, bent = images
+    camera = CameraConfig(width=400, height=300, distortion=distortion)
+    config = scene.config(15.0, azimuth_deg=60.0, camera=camera)
+    with Renderer(world, scene.ROVER, config) as renderer:
+        frame = renderer.render(RoverPose(pose), 0, ('left', 'right', 'depth'))
+        return frame.left, frame.right, frame.depth_m, renderer.rig
+
+
+@pytest.fixture(scope='module')
+def straight():
+    return drawn((0.0,) * 5)
+
+
+@pytest.mark.parametrize('distortion', [BARREL, (0.15, 0.02, 0.0, 0.0, 0.0)])
+def test_undistorting_the_image_gives_the_rectified_one(straight, distortion):
+    bent = drawn(distortion)
     # Truth is that of the undistorted view; where the mesh changes its resolution may differ.
     np.testing.assert_allclose(straight[2], bent[2], rtol=5e-3)
     for side in (0, 1):

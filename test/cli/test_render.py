@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.camera.config import SensorConfig
+from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.rendering.config import RenderConfig
@@ -21,6 +21,7 @@ from lunar_rover_sim.world import world_folder
 
 LAYERS = ('left.png', 'right.png', 'preview.png', 'depth_m.npy', 'normal.npy', 'label.npy',
           'radiance.npy', 'disparity_px.npy')
+SMALL = ('--set', 'render_node.camera.width=320', '--set', 'render_node.camera.height=240')
 TINY = ('--set', 'render_node.camera.width=160', '--set', 'render_node.camera.height=120')
 
 
@@ -34,17 +35,17 @@ def folder(tmp_path_factory):
 
 def test_render_writes_all_layers(folder, tmp_path, capsys):
     out = tmp_path / 'frames'
-    assert main(['render', 'baseline', '--world', str(folder), '--pose', '-1,0.5,-120',
+    assert main(['render', 'baseline', '--world', str(folder), *SMALL, '--pose', '-1,0.5,-120',
                  '--pose', '1,1,0,3', '-o', str(out)]) == 0
     for k in range(2):
         for name in LAYERS:
             assert (out / f'{k:03d}_{name}').is_file()
     left = cv2.imread(str(out / '000_left.png'), cv2.IMREAD_UNCHANGED)
     depth, label = (np.load(out / f'000_{name}.npy') for name in ('depth_m', 'label'))
-    assert left.shape == depth.shape == label.shape == (480, 640)
+    assert left.shape == depth.shape == label.shape == (240, 320)
     assert np.array_equal(np.isinf(depth), label == 0)
     # From 3 m the same ground is farther away.
-    assert np.load(out / '001_depth_m.npy')[470].min() > 5 * depth[470].min()
+    assert np.load(out / '001_depth_m.npy')[235].min() > 5 * depth[235].min()
     assert main(['render', 'baseline', '--world', str(folder), '-o', str(out)]) == 1
     assert 'exists; name a new folder' in capsys.readouterr().err
 
@@ -80,7 +81,8 @@ def test_render_refuses(folder, tmp_path, capsys, arguments, message):
 
 def test_exposure_of_a_still_is_at_rest():
     world = worlds.small()
-    config = RenderConfig(sensor=SensorConfig(exposure_mode='auto'))
+    config = RenderConfig(camera=CameraConfig(width=160, height=120),
+                          sensor=SensorConfig(exposure_mode='auto'))
     with Renderer(world, RoverDescription(), config) as renderer:
         at, away = standing(world, 0.0, 0.0, 60.0), standing(world, 0.0, 0.0, 240.0)
         renderer.render(RoverPose(at), 0, ('left',))
