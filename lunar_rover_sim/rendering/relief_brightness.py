@@ -68,7 +68,7 @@ def cosine_nodes() -> Array:
     return np.maximum(np.linspace(0.0, 1.0, COSINES)**2, 0.004)
 
 
-@functools.lru_cache(maxsize=1)     # for the next renderer of the same scene
+@functools.lru_cache(maxsize=2)     # for the next renderer of the same scene
 def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevation_rad: float,
                       sun_radius_rad: float) -> ReliefBrightness:
     """Return how tiles are lit by a sun of this elevation and angular radius."""

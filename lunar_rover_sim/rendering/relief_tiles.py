@@ -76,7 +76,7 @@ def relief_heights(config: DetailConfig, seed: int) -> list[tuple[float, F32]]:
             for k, recipe in enumerate(_recipes(config))]
 
 
-@functools.lru_cache(maxsize=1)     # for the next renderer of the same scene
+@functools.lru_cache(maxsize=2)     # for the next renderer of the same scene
 def _tiles(recipes: tuple[fine_relief.TileRecipe, ...], seed: int,
            sun: SunGeometry) -> ReliefTiles:
     centre, half_range = _horizon_range(sun)

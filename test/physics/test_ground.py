@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import types
 
 import mujoco
 import numpy as np
-from physics_scene import make_world, rough_heights, simulate
+from physics_scene import make_world, rough_heights, ROVER, simulate
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import matrix_from_wxyz
-from lunar_rover_sim.physics.config import StartPose
+from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 
@@ -23,6 +25,15 @@ def ray_heights(simulation, xy: np.ndarray) -> np.ndarray:
     geom, down = np.zeros(1, dtype=np.int32), np.array([0.0, 0.0, -1.0])
     return np.array([50.0 - mujoco.mj_ray(model, data, np.array([x, y, 50.0]), down, groups, 1, -1,
                                           geom) for x, y in xy])
+
+
+def test_a_simulation_of_a_scenario_may_be_on_another_world():
+    own, other = make_world(), make_world(np.full((401, 401), 2.0))
+    scenario = types.SimpleNamespace(physics_node=PhysicsConfig(), rover=ROVER,
+                                     load_world=lambda: own)
+    for world, height_m in ((None, 0.0), (other, 2.0)):
+        with Simulation.from_scenario(scenario, world) as simulation:
+            assert 0.0 < simulation.state.position_m[2] - height_m < 0.2
 
 
 @pytest.mark.parametrize('lift_m', [0.0, 12.0])

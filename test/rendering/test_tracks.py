@@ -131,7 +131,7 @@ def test_relief_below_the_grid_is_pressed_flat():
 
 def test_untouched_ground_is_drawn_as_rigid_ground_bit_by_bit():
     world = plane(257)
-    with renderer(world, detail=DetailConfig()) as drawn:
+    with renderer(world, 20.0, detail=DetailConfig()) as drawn:
         rigid = drawn.render(LOW, 0, LAYERS)
         drawn.follow(Overlay())
         empty = drawn.render(LOW, 0, LAYERS)

@@ -58,14 +58,20 @@ def bag(tmp_path_factory):
                            synthetic.drive(3.0, state_hz=50))
 
 
+@pytest.fixture(scope='module')
+def truth(bag):
+    """Return the true trajectory of the left camera."""
+    with open_bag(bag) as opened:
+        return load(bag).of_frame(recorded_frame(opened, 'left'))
+
+
 @pytest.fixture
-def fake(tmp_path, bag):
+def fake(tmp_path, truth):
     """Return a maker of estimators, by what goes wrong."""
     program = tmp_path / 'stereo_euroc'
     program.write_text(textwrap.dedent(FAKE).format(python=sys.executable, scale=SCALE))
     program.chmod(0o755)
-    with open_bag(bag) as opened:
-        write_tum(tmp_path / 'truth.txt', load(bag).of_frame(recorded_frame(opened, 'left')))
+    write_tum(tmp_path / 'truth.txt', truth)
 
     def make(kind: str, **more) -> Estimator:
         (tmp_path / 'vocabulary.txt').write_text(kind)

@@ -8,7 +8,7 @@ import worlds
 
 from lunar_rover_sim.world import ejecta
 from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.far_albedo import far_albedo
+from lunar_rover_sim.world.far_albedo import far_albedo, RECIPE
 from lunar_rover_sim.world.far_rocks import far_rocks, least_diameter_m
 from lunar_rover_sim.world.rockfield import number_per_m2
 
@@ -78,6 +78,16 @@ def test_albedo_varies_beyond_the_ground_and_has_no_step_at_its_edge(world):
     outer = factor[away > 5.0]
     assert outer.std() > 0.5 * world.config.albedo.variation
     assert outer.mean() == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_far_albedo_is_the_published_one(world):
+    """Where this changes, the recipe has changed: raise `RECIPE` and put the new factors here."""
+    known = {1: (0.9817, 1.0395, 1.0218, 0.9964), 2: (1.0315, 1.0315, 1.0083, 0.9754),
+             3: (1.0, 1.0, 1.0446, 1.0)}
+    assert RECIPE == 1
+    for k, factors in known.items():
+        np.testing.assert_allclose(far_albedo(world, k)[20, [10, 80, 128, 200]], factors,
+                                   atol=5e-4)
 
 
 def test_levels_show_the_same_patches(world):
