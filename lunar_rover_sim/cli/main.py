@@ -27,7 +27,10 @@ class Command(NamedTuple):
 
 
 GROUPS = {'validate': 'hold a part of the simulator to its theory or to the paper',
-          'calibrate': 'measure a map that a node uses'}
+          'calibrate': 'measure a map that a node uses',
+          'evaluate': 'judge an estimated trajectory, or compare sets of images'}
+# What the name of a group means without one of its members.
+DEFAULTS = {'evaluate': 'trajectory'}
 
 COMMANDS = {
     'bag': Command('bag', 'look into, check, hash, recover and export recordings'),
@@ -38,7 +41,10 @@ COMMANDS = {
     'campaign': Command('campaign', 'record a data set of randomised episodes'),
     'completion': Command('completion', 'print a script that completes commands in a shell'),
     'dataset': Command('dataset', 'look at, verify and describe a data set that `campaign` made'),
-    'evaluate': Command('evaluate', 'judge an estimated trajectory against the truth'),
+    'evaluate images': Command(
+        'evaluate_images', 'compare the images of two renderers, cameras or worlds'),
+    'evaluate trajectory': Command(
+        'evaluate', 'judge an estimated trajectory against the truth; `evaluate` alone does it'),
     'parameters': Command('parameters', 'list all parameters, by node and section'),
     'render': Command('render', 'draw single stereo frames with all truth layers'),
     'rover': Command('rover', 'export the rover as an OpenUSD stage or URDF'),
@@ -93,10 +99,22 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             words[-1] += f'={word}'
         else:
             words.append(word)
+    words = _with_default(words)
     names = [word for word in words if not word.startswith('-')]
     _check_command(names)
     chosen = {' '.join(names[:count]) for count in (1, 2)}
     return parser(chosen).parse_args(words)
+
+
+def _with_default(words: list[str]) -> list[str]:
+    """Return the words with the default member of a group where none is named."""
+    first = next((k for k, word in enumerate(words) if not word.startswith('-')), len(words))
+    rest = words[first + 1:]
+    if first == len(words) or words[first] not in DEFAULTS or not rest:
+        return words
+    if f'{words[first]} {rest[0]}' in COMMANDS or rest[0] in ('-h', '--help'):
+        return words
+    return [*words[:first + 1], DEFAULTS[words[first]], *rest]
 
 
 def _check_command(names: Sequence[str]) -> None:

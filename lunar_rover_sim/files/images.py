@@ -36,6 +36,22 @@ def read_picture(path: Path, error: type[LunarRoverSimError],
         raise error(f'{path}: cannot be read as a picture: {words}') from None
 
 
+def read_grey(path: Path, error: type[LunarRoverSimError]) -> NDArray[Any]:
+    """Return the (h, w) grey levels of a picture in its own depth, uint8 or uint16.
+
+    Raises `error` if the file is missing, damaged or no picture.
+    """
+    check_regular(path, error)
+    try:
+        with Image.open(path) as picture:
+            if picture.mode.startswith('I'):
+                return np.asarray(picture).astype(np.uint16)
+            return np.asarray(picture.convert('L'), dtype=np.uint8)
+    except Exception as reason:  # Pillow's readers raise errors of many classes on a damaged file
+        words = ' '.join(str(reason).split()) or type(reason).__name__
+        raise error(f'{path}: cannot be read as a picture: {words}') from None
+
+
 def write_png(path: Path, pixels: NDArray[Any], compression: int = 3) -> None:
     """Write (h, w) or RGB (h, w, 3) pixels, 8 or 16 bits; compression: 0 to 9.
 
