@@ -18,10 +18,14 @@ def folder(path):
             for root, _, names in os.walk(path) if names]
 
 
-# colcon puts console scripts into lib/NAME, as setup.cfg says, where `ros2 run` looks; the shell
-# looks in bin/. pip itself makes bin/NAME, of the console script.
-by_pip = {'bdist_wheel', 'editable_wheel'} & set(sys.argv)
-programs = [] if by_pip else [('bin', ['resource/bin/' + NAME])]
+# colcon, and packagers of ROS, call setup.py themselves; pip builds a wheel. They put scripts into
+# lib/NAME, as setup.cfg says, where `ros2 run` looks; the shell looks in bin/. pip itself makes
+# bin/NAME, of the console script.
+by_colcon = {'install', 'develop'} & set(sys.argv)
+programs = [('bin', ['resource/bin/' + NAME])] if by_colcon else []
+# The scripts that setuptools writes for colcon import for a quarter of a second before they reach
+# a node. Ctrl-C would meet Python's own handler for as long: a traceback, or no effect at all.
+nodes = sorted(glob('resource/nodes/*_node'))
 
 setup(
     name=NAME,
@@ -79,14 +83,10 @@ setup(
         'mutation': ['cosmic-ray>=8.4'],
         'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],
     },
+    scripts=nodes if by_colcon else [],
     entry_points={'console_scripts': [
         'lunar_rover_sim = lunar_rover_sim.cli.main:main',
-        'physics_node = lunar_rover_sim.nodes.entry_points:physics_node',
-        'gait_controller_node = lunar_rover_sim.nodes.entry_points:gait_controller_node',
-        'render_node = lunar_rover_sim.nodes.entry_points:render_node',
-        'recorder_node = lunar_rover_sim.nodes.entry_points:recorder_node',
-        'drive_node = lunar_rover_sim.nodes.entry_points:drive_node',
-        'trajectory_recorder_node = lunar_rover_sim.nodes.entry_points:trajectory_recorder_node',
-        'pose_bridge_node = lunar_rover_sim.nodes.entry_points:pose_bridge_node',
+        *(f'{node} = lunar_rover_sim.nodes.entry_points:{node}'
+          for node in map(os.path.basename, nodes) if not by_colcon),
     ]},
 )

@@ -199,6 +199,8 @@ def test_console_scripts(prefix: Path) -> None:
     scripts = distribution(prefix).entry_points.select(group='console_scripts')
     nodes = {path.stem for path in PACKAGE.glob('nodes/*_node.py')}
     assert {script.name for script in scripts} == {'lunar_rover_sim', *nodes}
+    # Those of a workspace.
+    assert {path.name for path in (ROOT / 'resource' / 'nodes').iterdir()} == nodes
     for script in scripts:
         assert callable(script.load())
         assert (prefix / 'bin' / script.name).is_file()
@@ -220,6 +222,16 @@ def test_scripts_folder() -> None:
     settings.read(ROOT / 'setup.cfg')
     assert settings['install']['install_scripts'] == '$base/lib/lunar_rover_sim'
     assert settings['develop']['script_dir'] == '$base/lib/lunar_rover_sim'
+
+
+@pytest.mark.parametrize('script', sorted((ROOT / 'resource' / 'nodes').iterdir()),
+                         ids=lambda script: script.name)
+def test_scripts_of_a_workspace(script: Path) -> None:
+    """Python starts them, and they start their node; colcon writes its own first line."""
+    lines = script.read_text().splitlines()
+    assert lines[0] == '#!/usr/bin/env python3' and os.access(script, os.X_OK)
+    assert lines[-1] == f'sys.exit({script.name}())'
+    compile(script.read_text(), script.name, 'exec')
 
 
 def test_bootstrap_refuses_nonsense() -> None:

@@ -21,7 +21,7 @@ from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.ros_installation import require_ros
 
-_CHECKED = 100     # episodes whose parameters a dry run checks; each takes some 10 ms
+_CHECKED = 25      # episodes whose parameters a dry run checks; each takes some 30 ms
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 

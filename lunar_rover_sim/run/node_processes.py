@@ -152,22 +152,23 @@ class NodeProcesses:
                 process.kill()
                 process.wait()
                 problem = f'{name} did not stop within {limit_s:g} s and was killed'
-                self._mark_bag(name, problem)
+                if name == 'recorder_node':
+                    self._mark_bag(problem)
                 return [problem]
         # Python's own handler of SIGINT ends a process whose node does not exist yet.
         if process.returncode == 0 or (running and process.returncode == -signal.SIGINT):
             return []
-        if process.returncode < 0:
-            self._mark_bag(name, f'{name} ended with {signal.Signals(-process.returncode).name}')
+        if name == 'recorder_node' and process.returncode < 0:
+            self._mark_bag(f'{name} ended with {signal.Signals(-process.returncode).name}')
         return [self._describe_end(name)]
 
-    def _mark_bag(self, name: str, reason: str) -> None:
-        """Write into the mark of the bag why the recorder did not finish it.
+    def _mark_bag(self, reason: str) -> None:
+        """Write into the mark of the bag why it is not that of a whole run.
 
-        A reason that the recorder itself has written stays.
+        A reason that has been written before stays.
         """
         bag = self._folder / BAG_FOLDER
-        if name == 'recorder_node' and bag.is_dir() and why_incomplete(bag) == UNFINISHED:
+        if bag.is_dir() and why_incomplete(bag) in (None, UNFINISHED):
             mark(bag, reason)
 
     def kill(self) -> None:
@@ -183,14 +184,18 @@ class NodeProcesses:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  traceback: TracebackType | None) -> None:
+        failure = error
         try:
             self.stop(failed=error is not None)
-        except GraphError:
+        except GraphError as problem:
             # The first error is the cause of the others.
+            failure = error or problem
             if error is None:
                 raise
         finally:
             self.kill()
+            if isinstance(failure, GraphError):
+                self._mark_bag(f'the run failed: {failure}')
 
     def _describe_end(self, name: str) -> str:
         """Return how a node ended, with the reason that it gave, and its log."""
