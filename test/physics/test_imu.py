@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import ConfigError, StudyError
@@ -100,6 +101,10 @@ def test_scale_misalignment_range_and_resolution():
     turned = measure(gyro_misalignment_deg=(0.0, 0.0, 5.0)).rate
     np.testing.assert_allclose(turned, [0.1 * np.cos(angle) + 0.2 * np.sin(angle),
                                         0.2 * np.cos(angle) - 0.1 * np.sin(angle), 0.3])
+    vector = (3.0, -4.0, 5.0)
+    axes = Rotation.from_rotvec(vector, degrees=True)
+    np.testing.assert_allclose(measure(gyro_misalignment_deg=vector).rate,
+                               axes.inv().apply([0.1, 0.2, 0.3]))
     np.testing.assert_allclose(measure(accel_range_mps2=1.5).specific_force, [1.0, 1.5, 1.5])
     np.testing.assert_allclose(measure(gyro_resolution_radps=0.04).rate, [0.08, 0.2, 0.32])
 

@@ -80,3 +80,8 @@ def test_the_narrowest_image_for_a_range():
     """Wider than the range by one column is enough."""
     images = [np.zeros((40, 65), np.uint8)] * 2
     SgmMatcher(SgmConfig(num_disparities=64)).match(*images)
+    # A block that is wider than the image matches nothing, in a window without width.
+    wide = SgmMatcher(SgmConfig(num_disparities=16, block_size=31)).match(
+        *[image[:, :17] for image in images])
+    assert wide.valid_window == (15, 15, 0, 10)
+    assert not wide.valid.any()

@@ -16,6 +16,15 @@ def plane_of(corners_xy, a=0.3, b=-0.2, c=1.0):
     return np.column_stack([xy, a * xy[:, 0] + b * xy[:, 1] + c])
 
 
+@pytest.mark.parametrize('step_m', [0.05, 0.5, 4.0])
+def test_rays_are_found_at_any_spacing(step_m):
+    """A square of 8 x 8 spacings in the middle of 20 x 20."""
+    x = y = axis(21, step_m, -10.0 * step_m)
+    hits = cast(square(1.0, 4.2 * step_m), x, y)
+    covered = np.abs(x) < 4.2 * step_m
+    np.testing.assert_array_equal(np.isfinite(hits.top_m), covered & covered[:, None])
+
+
 @pytest.mark.parametrize('order', [(0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1)])
 def test_rays_within_a_triangle_meet_its_plane(order):
     corners = plane_of([(-0.83, -0.77), (0.71, -0.31), (-0.12, 0.93)])[list(order)]

@@ -337,3 +337,16 @@ def test_folder_refusals(tmp_path):
     np.save(tmp_path / 'pickle' / 'dem.npy', np.array([{}], object), allow_pickle=True)
     (tmp_path / 'pickle' / 'dem.yaml').write_text('{}')
     refused(tmp_path / 'pickle', 'Python objects')
+
+
+def test_relief_below_a_model_reaches_down_to_the_cells_with_and_without_surroundings(tmp_path):
+    """Curvature over one cell is to that over four as it is where coarser levels exist."""
+    path = write_tiff(tmp_path / 'hills.tif', hills())
+    shares = []
+    for surroundings in ({'extent_m': 0.0}, {'samples': 129}):
+        world = build_world(config(path, size_m=6.4, craters={'density': 0.0},
+                                   rocks={'abundance': 0.0}, surroundings=surroundings), 3)
+        short, long = (np.std(np.diff(world.ground.heights_m[::k], 2, axis=0)) for k in (1, 4))
+        shares.append(short / long)
+    assert len(world.levels) > 1
+    assert shares[0] == pytest.approx(shares[1], rel=0.15)
