@@ -37,7 +37,7 @@ def test_distant_views_match_no_better_than_other_worlds(name):
     detail = Scenario.load(name).render_node.detail
     config = RenderConfig(sun=scene.SunConfig(azimuth_deg=60.0, elevation_deg=6.0), detail=detail,
                           sensor=SensorConfig(exposure_mode='auto'))
-    world = scene.plane(n=1025, cell_m=0.05)
+    world = scene.plane(n=513, cell_m=0.1)
 
     def pictures(seed):
         with Renderer(world, scene.ROVER, config, seed) as renderer:
