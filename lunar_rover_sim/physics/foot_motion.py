@@ -64,9 +64,8 @@ class FootObserver:
         tips = self._axles[:, None] + self._to_tip_m * np.stack(
             [-np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
         tips = tips @ R_world_base.T + state.position_m
-        height = tips[..., 2] - self._ground.height_at(tips[..., :2])
-        foot = tips[np.arange(4), np.argmin(height, axis=1)]
-        normal = self._normal(foot)
+        foot = np.array([min(leg, key=self._height) for leg in tips.tolist()])
+        normal = np.array([self._normal(x, y) for x, y, _ in foot.tolist()])
         # From base_link to axle and to the point on the ground, world axes.
         to_axle = self._axles @ R_world_base.T
         to_ground = foot - self._radius_m * normal - state.position_m
@@ -82,14 +81,20 @@ class FootObserver:
         return FootMotion(loaded, -np.where(loaded, np.sum(past_axle * ahead, axis=1), 0.0),
                           -np.where(loaded, np.sum(over_ground * ahead, axis=1), 0.0))
 
-    def _normal(self, foot: Array) -> Array:
-        """Return the (4, 3) normals of the untouched ground around (4, 3) tips."""
-        x, y, reach = np.array([1.0, 0.0]), np.array([0.0, 1.0]), self._radius_m
-        at, xy = self._ground.height_at, foot[:, :2]
-        slope_x = (at(xy + reach * x) - at(xy - reach * x)) / (2.0 * reach)
-        slope_y = (at(xy + reach * y) - at(xy - reach * y)) / (2.0 * reach)
-        normal = np.stack([-np.nan_to_num(slope_x), -np.nan_to_num(slope_y), np.ones(4)], axis=-1)
-        return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    def _height(self, tip: tuple[float, float, float]) -> float:
+        """Return the height of a tip over the untouched ground [m]; infinite beyond it."""
+        height = tip[2] - self._ground.height_at_point(tip[0], tip[1])
+        return math.inf if math.isnan(height) else height
+
+    def _normal(self, x: float, y: float) -> tuple[float, float, float]:
+        """Return the normal of the untouched ground around a tip; upright beyond it."""
+        at, reach = self._ground.height_at_point, self._radius_m
+        slope_x = (at(x + reach, y) - at(x - reach, y)) / (2.0 * reach)
+        slope_y = (at(x, y + reach) - at(x, y - reach)) / (2.0 * reach)
+        if math.isnan(slope_x + slope_y):
+            return 0.0, 0.0, 1.0
+        up = 1.0 / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+        return -slope_x * up, -slope_y * up, up
 
 
 class SlipMeter:
