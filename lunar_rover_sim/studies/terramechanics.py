@@ -6,7 +6,9 @@ measured begins after the first seconds, when the start is over.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -98,6 +100,12 @@ def measure(settings: WalkSettings, ground: Ground, world: World | None = None) 
             return _walk(settings, ground, simulation)
     except (ConfigError, PhysicsError) as error:
         return GroundWalk(ground, str(error))
+
+
+def holding(walks: Sequence[GroundWalk]) -> list[GroundWalk]:
+    """Return the walks against a growing pull up to the first that is drawn back."""
+    grown = sorted(walks, key=lambda walk: walk.ground.pull)
+    return list(itertools.takewhile(lambda walk: walk.speed_mps > 0.0, grown))
 
 
 def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> GroundWalk:

@@ -15,7 +15,8 @@ from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH
 from lunar_rover_sim.regolith.resistive_force import plate_force_n
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.studies import sandbot
-from lunar_rover_sim.studies.terramechanics import Ground, GroundWalk, measure, WalkSettings
+from lunar_rover_sim.studies.terramechanics import (Ground, GroundWalk, holding, measure,
+                                                    WalkSettings)
 from lunar_rover_sim.studies.walking import sloping_world
 
 LUNAR = ('highland_loose', 'highland', 'highland_dense')
@@ -71,13 +72,13 @@ def compared(walks: Sequence[GroundWalk]) -> list[Anchor]:
     for name in dict.fromkeys(walk.ground.name for walk in walks):
         walked = [w for w in walks if w.ground.name == name]
         climbed = [w.ground.slope_deg for w in walked if w.slip < LOST_SLIP and not w.ground.pull]
-        pulled = [w for w in walked if w.ground.slope_deg == 0.0 and w.speed_mps > 0.0]
+        pulled = holding([w for w in walked if w.ground.slope_deg == 0.0])
         if climbed:
             found.append(Anchor(f'steepest slope with less than half of slip, {name}',
                                 max(climbed), 20.0, 32.0, 'deg', 'Apollo rover to Lunokhod 1',
                                 held=False))
         if pulled:
-            most = max(pulled, key=lambda w: w.ground.pull)
+            most = pulled[-1]
             found.append(Anchor(f'slip at the greatest pull ({most.ground.pull:g}), {name}',
                                 1e2 * most.slip, 15.0, 25.0, '%', 'wheel of the Apollo rover',
                                 held=False))
@@ -159,8 +160,8 @@ def _energy_depth_m(settings: WalkSettings, name: str) -> float:
 
 
 def _slide_mmps(settings: WalkSettings, name: str, slope_deg: float) -> float:
-    """Return the mean speed of a rover that stands across a slope, legs held, in a second."""
-    physics = dataclasses.replace(settings.physics, start=StartPose(yaw_deg=90.0))
+    """Return the mean speed in the fourth second of a rover across a slope, legs held."""
+    physics = dataclasses.replace(settings.physics, start=StartPose(yaw_deg=90.0, settle_s=3.0))
     with _simulation(settings, physics, name, slope_deg) as simulation:
         before = simulation.state.position_m
         after = simulation.advance(round(1.0 / settings.physics.step_s)).position_m

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.studies import sandbot
-from lunar_rover_sim.studies.terramechanics import GroundWalk
+from lunar_rover_sim.studies.terramechanics import GroundWalk, holding
 from lunar_rover_sim.studies.terramechanics_anchors import Anchor
 
 _FIELDS = ('speed_mps', 'lateral_mps', 'slip', 'transport', 'power_w', 'pitch_rms_deg',
@@ -71,11 +71,16 @@ def plot(walks: Sequence[GroundWalk], path: Path) -> None:
         degrees = [w.ground.slope_deg for w in sloping]
         slip.plot(degrees, [1e2 * w.slip for w in sloping], 'o-', ms=3, label=name)
         power.plot(degrees, [w.power_w for w in sloping], 'o-', ms=3)
-        pull.plot([1e2 * w.slip for w in pulled], [w.ground.pull for w in pulled], 'o-', ms=3)
+        held = holding(pulled)
+        line, = pull.plot([1e2 * w.slip for w in held], [w.ground.pull for w in held], 'o-', ms=3)
+        # Farther on it depends on the start whether a walk is drawn back.
+        later = [w for w in pulled if w.speed_mps > 0.0 and w not in held]
+        pull.plot([1e2 * w.slip for w in later], [w.ground.pull for w in later], 'x',
+                  color=line.get_color())
         sinkage.plot(degrees, [1e3 * w.sinkage_m for w in sloping], 'o-', ms=3)
     slip.set(xlabel='slope [°]', ylabel='slip [%]', ylim=(-2.0, 100.0))
     power.set(xlabel='slope [°]', ylabel='electric power [W]')
-    pull.set(xlabel='slip [%]', ylabel='pull over weight', xlim=(-2.0, 120.0))
+    pull.set(xlabel='slip [%]', ylabel='pull over weight', xlim=(-2.0, 100.0))
     sinkage.set(xlabel='slope [°]', ylabel='mean sinkage of the deepest foot [mm]')
     for axes in (slip, power, pull, sinkage):
         axes.grid(alpha=0.3)
