@@ -19,7 +19,7 @@ from lunar_rover_sim.evaluation.image_plots import save_comparison
 from lunar_rover_sim.evaluation.image_statistics import MEASURES
 from lunar_rover_sim.files.atomic import atomic_write
 
-_TABLE_WIDTH = 110
+_TABLE_WIDTH = 130
 JSON_FILE, FIGURE_FILE = 'comparison.json', 'comparison.png'
 
 

@@ -4,12 +4,14 @@ The root layer refers to a stage of the world and one of the rover, and has the 
 sublayer. The motion stands in the variant set `motion` of the default prim: `recorded` plays the
 drive and switches the physics of the rover off, because a simulator would fight the samples;
 `simulated` starts it from the first state with physics on and gives its motors the recorded
-commands.
+commands. On ground that gives `recorded` shows the tracks (`drive_tracks`); `simulated` has the
+untouched ground.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+import logging
 import os
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.usd.cameras import LEFT, RIGHT
 from lunar_rover_sim.usd.conventions import new_stage, quaternion, vector
 from lunar_rover_sim.usd.drive_motion import continuous, link_motion, Motion, read_motion, Series
+from lunar_rover_sim.usd.drive_tracks import read_ground_changes, write_tracks
 from lunar_rover_sim.usd.output import check_output, write_stage
 from lunar_rover_sim.usd.pixar import Gf, Sdf, Tf, Usd, UsdPhysics
 from lunar_rover_sim.usd.recorded_site import recorded_site, RecordedSite
@@ -33,6 +36,8 @@ from lunar_rover_sim.usd.rover_stage import compose_rover, JOINTS
 from lunar_rover_sim.usd.suffixes import is_package
 from lunar_rover_sim.usd.world_stage import compose_world, HASH_KEY
 from lunar_rover_sim.world.model import World
+
+logger = logging.getLogger(__name__)
 
 NAME, WORLD, ROVER = 'Drive', 'World', 'Rover'
 VARIANTS, RECORDED, SIMULATED = 'motion', 'recorded', 'simulated'
@@ -54,6 +59,7 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
     with open_bag(bag) as opened:
         motion = read_motion(opened)
         recorded = recorded_site(opened)
+        changes = read_ground_changes(opened)
         found = None
         if world_stage is None:
             found = recorded_world(opened, world)
@@ -62,12 +68,21 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
                                'with --world, or a stage of it with --world-stage')
         else:
             _check_world_stage(Path(world_stage), opened)
+        track_world = found or (recorded_world(opened, world) if changes else None)
+    if changes and track_world is None:
+        logger.warning('%s: no folder holds the world of this drive, so its tracks are left out; '
+                       'name it with --world', bag)
+
+    def tracks(stage: Usd.Stage, world_path: Sdf.Path) -> None:
+        if track_world is not None:
+            write_tracks(stage, world_path.AppendChild('ground'), track_world.ground, changes,
+                         lambda ns: _codes(motion, [ns])[0])
 
     def compose(root: Path, parts: Path) -> None:
         reference = f'./{parts.name}/world.usdc'
         if world_stage is not None:
             reference = _reference(Path(world_stage), path)
-        _compose(motion, recorded, found, reference, root, parts)
+        _compose(motion, recorded, found, reference, root, parts, tracks)
 
     return write_stage(path, compose, overwrite)
 
@@ -97,7 +112,7 @@ def _check_world_stage(path: Path, bag: Bag) -> None:
 
 
 def _compose(motion: Motion, recorded: RecordedSite, world: World | None, world_stage: str,
-             root: Path, parts: Path) -> None:
+             root: Path, parts: Path, tracks: Callable[[Usd.Stage, Sdf.Path], None]) -> None:
     stage, top = new_stage(root, NAME)
     if world is not None:
         (parts / 'world_parts').mkdir()
@@ -106,7 +121,7 @@ def _compose(motion: Motion, recorded: RecordedSite, world: World | None, world_
     compose_rover(recorded.rover, parts / 'rover.usdc', parts / 'rover_parts',
                   recorded.render.camera, recorded.render.sensor,
                   recorded.physics.contact.sliding_friction, ROVER)
-    _write_motion(parts / _MOTION, motion, recorded.rover)
+    _write_motion(parts / _MOTION, motion, recorded.rover, tracks)
     frames = motion.others.get('frames')
     frame_hz = (NS_PER_S / float(np.median(np.diff(frames.stamps_ns)))
                 if frames is not None and len(frames.stamps_ns) > 1 else motion.rate_hz)
@@ -137,7 +152,8 @@ def _codes(motion: Motion, stamps_ns: Any) -> list[float]:
     return [int(t) * rate_hz / NS_PER_S for t in stamps_ns]
 
 
-def _write_motion(path: Path, motion: Motion, rover: RoverDescription) -> None:
+def _write_motion(path: Path, motion: Motion, rover: RoverDescription,
+                  tracks: Callable[[Usd.Stage, Sdf.Path], None]) -> None:
     stage = Usd.Stage.CreateNew(str(path))
     _set_time(stage, motion, motion.rate_hz)
     top = stage.OverridePrim(f'/{NAME}')
@@ -147,6 +163,8 @@ def _write_motion(path: Path, motion: Motion, rover: RoverDescription) -> None:
         variants.SetVariantSelection(name)
         with variants.GetVariantEditContext():
             write(stage, top.GetPath().AppendChild(ROVER), motion, rover)
+            if name == RECORDED:
+                tracks(stage, top.GetPath().AppendChild(WORLD))
     variants.SetVariantSelection(RECORDED)
     stage.Save()
 

@@ -71,7 +71,7 @@ def write_ground(path: Path, grid: HeightGrid) -> None:
         if side % stride:
             continue
         group = UsdGeom.Scope.Define(stage, f'/{name}').GetPrim()
-        faces = _faces(side // stride + 1)
+        faces = triangles(side // stride + 1)
         for row in range(0, grid.n - 1, side):
             for column in range(0, grid.n - 1, side):
                 tile = group.GetPath().AppendChild(f'tile_{row // side:02d}_{column // side:02d}')
@@ -141,8 +141,8 @@ class _Surface:
         return mesh
 
 
-def _faces(n: int) -> NDArray[np.int64]:
-    """Return the (f, 3) triangles of n x n samples, with the diagonals of `HeightGrid`."""
+def triangles(n: int) -> NDArray[np.int64]:
+    """Return the (f, 3) triangles of n x n samples, two a cell, as `HeightGrid` divides it."""
     corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     east, north, both = corner + 1, corner + n, corner + n + 1
     return np.stack([corner, east, both, corner, both, north], axis=-1).reshape(-1, 3)
@@ -161,7 +161,7 @@ def _cut_hole(mesh: UsdGeom.Mesh, half_m: float, cell_m: float) -> None:
     """
     vertices = np.array(mesh.GetPointsAttr().Get())
     n = round(len(vertices) ** 0.5)
-    faces = _faces(n)
+    faces = triangles(n)
     away = np.abs(vertices[:, :2]).max(axis=1)
     faces = faces[(away[faces] >= half_m - 1e-3).any(axis=1)]
     vertices[away < half_m - 1e-3, 2] -= cell_m

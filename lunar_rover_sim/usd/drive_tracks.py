@@ -1,0 +1,181 @@
+"""The tracks of a drive on ground that gives: patches of 5 mm in place of the cells they lie in.
+
+Where the rover changed the ground, blocks of ground cells leave their tile, and a fine mesh takes
+their place whose points follow the recorded changes. Its border lies on the triangles of the cells
+around it, so that no gap is seen. A patch has samples only where it changes: one at the frame
+before, which holds what was, and one at the frame itself.
+
+All of it is written for the resolution `full` of the ground, whose cells are those of the grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.ground_points import changes_of
+from lunar_rover_sim.bag.messages import header_ns
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.regolith.overlay import CELL_M, GroundChanges
+from lunar_rover_sim.usd.conventions import add_mesh, integers, label, place, points
+from lunar_rover_sim.usd.ground import tile_cells, triangles
+from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdGeom, Vt
+from lunar_rover_sim.world.grid import HeightGrid
+
+TRACKS = 'tracks'
+RESOLUTION = 'resolution', 'full'
+_PATCH_CELLS = 4        # of the ground, along a side; less where tiles are not a multiple of it
+
+
+class FrameOfGround(NamedTuple):
+    """What has changed of the ground since the frame before."""
+
+    stamp_ns: int
+    changes: GroundChanges
+
+
+def read_ground_changes(bag: Bag) -> list[FrameOfGround]:
+    """Return the changes of the ground in a bag; none where it was rigid."""
+    if not bag.has(topics.GROUND_CHANGES.name):
+        return []
+    return [FrameOfGround(header_ns(message), changes_of(message))
+            for _, _, message in bag.messages([topics.GROUND_CHANGES.name])]
+
+
+class _Patches:
+    """How samples of the overlay, cells of the ground, patches and tiles lie to one another."""
+
+    def __init__(self, grid: HeightGrid) -> None:
+        self.grid = grid
+        self.samples = round(grid.cell_m / CELL_M)      # along a cell
+        self.tile = tile_cells(grid.n - 1)
+        self.cells = next(k for k in (_PATCH_CELLS, 2, 1) if self.tile % k == 0)
+        self.side = self.cells * self.samples           # samples along a patch
+        self.corner = -self.samples * (grid.n - 1) // 2     # index of the grid's first sample
+
+    @classmethod
+    def can_hold(cls, grid: HeightGrid) -> bool:
+        """Return whether samples of the overlay lie on those of a grid."""
+        ratio = grid.cell_m / CELL_M
+        return bool(abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= 1 and grid.n % 2)
+
+    def touched(self, index: NDArray[np.int32]) -> list[tuple[int, int]]:
+        """Return (column, row) of the patches that hold samples; on a border those of both sides.
+        """
+        there = index.astype(np.int64) - self.corner
+        found = np.concatenate([(there - np.array(shift)) // self.side
+                                for shift in ((0, 0), (0, 1), (1, 0), (1, 1))])
+        count = (self.grid.n - 1) // self.cells
+        inside = np.all((found >= 0) & (found < count), axis=1)
+        return [(int(c), int(r)) for c, r in np.unique(found[inside], axis=0)]
+
+    def first_sample(self, patch: tuple[int, int]) -> NDArray[np.int64]:
+        """Return ix and iy of the south-western sample of a patch."""
+        return np.array(patch) * self.side + self.corner
+
+
+class _Patch:
+    """The surface of a patch over time; its middle is the origin of its points."""
+
+    def __init__(self, patches: _Patches, patch: tuple[int, int]) -> None:
+        n = patches.side + 1
+        self.first = patches.first_sample(patch)
+        x = (self.first[0] + np.arange(n)) * CELL_M
+        y = (self.first[1] + np.arange(n)) * CELL_M
+        self.xy = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        self.middle = self.xy.mean(axis=0)
+        self.base = patches.grid.height_at(np.clip(
+            self.xy, -patches.grid.half_extent_m, patches.grid.half_extent_m))
+        self.height = np.zeros((n, n))
+        self.samples: list[tuple[float, NDArray[np.float64]]] = []
+
+    def points(self, height: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n n, 3) points with these changes of height."""
+        return np.column_stack([self.xy - self.middle, self.base + height.ravel()])
+
+    def change(self, before: float, code: float, changes: GroundChanges) -> None:
+        """Take the changes at a time code; `before` is that of the frame before."""
+        there = changes.index - self.first
+        inside = np.all((there >= 0) & (there < len(self.height)), axis=1)
+        if not self.samples or self.samples[-1][0] < before:
+            self.samples.append((before, self.height.copy()))
+        self.height[there[inside, 1], there[inside, 0]] = changes.height_m[inside]
+        self.samples.append((code, self.height.copy()))
+
+
+def write_tracks(stage: Usd.Stage, ground: Sdf.Path, grid: HeightGrid,
+                 frames: Sequence[FrameOfGround], code_of: Callable[[int], float]) -> bool:
+    """Write the tracks below the prim of the ground; return whether there are any.
+
+    It is written where the stage's edit target is; code_of: stamp [ns] → time code. A grid whose
+    samples are not among those of the overlay has no tracks.
+    """
+    if not frames or not _Patches.can_hold(grid):
+        return False
+    patches = _Patches(grid)
+    found: dict[tuple[int, int], _Patch] = {}
+    before = code_of(0)
+    for frame in frames:
+        code = code_of(frame.stamp_ns)
+        for key in patches.touched(frame.changes.index):
+            found.setdefault(key, _Patch(patches, key)).change(before, code, frame.changes)
+        before = code
+    if not found:
+        return False
+    area = stage.OverridePrim(ground)
+    name, resolution = RESOLUTION
+    variants = area.GetVariantSets().AddVariantSet(name)
+    variants.AddVariant(resolution)
+    variants.SetVariantSelection(resolution)
+    with variants.GetVariantEditContext():
+        _cut_tiles(stage, ground, patches, list(found))
+        group = UsdGeom.Xform.Define(stage, ground.AppendChild(TRACKS)).GetPath()
+        faces = triangles(patches.side + 1)
+        for (column, row), patch in sorted(found.items()):
+            _add_patch(stage, group.AppendChild(f'patch_{row}_{column}'), patches, patch, faces)
+    variants.ClearVariantSelection()    # the reader's choice
+    return True
+
+
+def _add_patch(stage: Usd.Stage, path: Sdf.Path, patches: _Patches, patch: _Patch,
+               faces: NDArray[np.int64]) -> None:
+    mesh = add_mesh(stage, path, patch.points(patch.samples[0][1]), faces)
+    place(mesh.GetPrim(), [*patch.middle, 0.0])
+    heights = np.array([height.ravel() for _, height in patch.samples])
+    for (code, _), height in zip(patch.samples, heights):
+        mesh.GetPointsAttr().Set(points(patch.points(height)), code)
+    xyz = patch.points(np.zeros_like(patch.height))
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
+    low[2], high[2] = (patch.base + heights).min(), (patch.base + heights).max()
+    mesh.GetExtentAttr().Set(Vt.Vec3fArray([Gf.Vec3f(*low.tolist()), Gf.Vec3f(*high.tolist())]))
+    grid = patches.grid
+    texel = (patch.xy / grid.cell_m + 0.5 * grid.n) / grid.n    # as the ground has them
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        'st', Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex).Set(
+            Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(texel, np.float32)))
+    label(mesh.GetPrim(), 'ground')
+
+
+def _cut_tiles(stage: Usd.Stage, ground: Sdf.Path, patches: _Patches,
+               keys: list[tuple[int, int]]) -> None:
+    """Take the cells of the patches out of their tiles."""
+    per_tile = patches.tile // patches.cells
+    tiles: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for column, row in keys:
+        tiles.setdefault((column // per_tile, row // per_tile), []).append(
+            (column % per_tile, row % per_tile))
+    faces = triangles(patches.tile + 1)
+    cell = np.arange(patches.tile)
+    for (column, row), inside in sorted(tiles.items()):
+        cut = np.zeros((patches.tile, patches.tile), bool)
+        for c, r in inside:
+            cut[np.ix_(cell // patches.cells == r, cell // patches.cells == c)] = True
+        kept = faces[~np.repeat(cut.ravel(), 2)]
+        prim = stage.OverridePrim(ground.AppendChild(f'tile_{row:02d}_{column:02d}'))
+        mesh = UsdGeom.Mesh(prim)
+        mesh.CreateFaceVertexCountsAttr(integers(np.full(len(kept), 3)))
+        mesh.CreateFaceVertexIndicesAttr(integers(kept))
