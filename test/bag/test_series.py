@@ -1,0 +1,50 @@
+"""Whole topics as arrays: every column is the field of the messages that it is said to be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import synthetic_bag as synthetic
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.series import read_imu, read_odometry
+
+
+@pytest.fixture(scope='module')
+def items() -> list[synthetic.Item]:
+    return synthetic.drive(0.2, state_hz=50)
+
+
+@pytest.fixture(scope='module')
+def bag(items, tmp_path_factory):
+    with open_bag(synthetic.write(tmp_path_factory.mktemp('series') / 'bag', items)) as bag:
+        yield bag
+
+
+def messages(items: list[synthetic.Item], topic: str) -> list:
+    return [item.message for item in items if item.topic == topic]
+
+
+def numbers(parts: list, names: str) -> np.ndarray:
+    return np.array([[getattr(part, name) for name in names] for part in parts])
+
+
+def test_imu(bag, items):
+    series, samples = read_imu(bag), messages(items, 'imu/data_raw')
+    assert len(series.stamps_ns) == len(samples) == 10
+    assert np.all(np.diff(series.stamps_ns) == 20_000_000)
+    np.testing.assert_array_equal(series.specific_forces_mps2,
+                                  numbers([s.linear_acceleration for s in samples], 'xyz'))
+    np.testing.assert_array_equal(series.rates_radps,
+                                  numbers([s.angular_velocity for s in samples], 'xyz'))
+
+
+def test_odometry(bag, items):
+    series, poses = read_odometry(bag), messages(items, 'odom')
+    np.testing.assert_array_equal(
+        series.positions_m, numbers([m.pose.pose.position for m in poses], 'xyz'))
+    np.testing.assert_array_equal(
+        series.orientations_wxyz, numbers([m.pose.pose.orientation for m in poses], 'wxyz'))
+    twists = [m.twist.twist for m in poses]
+    np.testing.assert_array_equal(series.twists, np.hstack([
+        numbers([t.linear for t in twists], 'xyz'), numbers([t.angular for t in twists], 'xyz')]))

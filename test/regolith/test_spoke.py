@@ -1,0 +1,20 @@
+"""A spoke in soil: tip and rod together."""
+
+from __future__ import annotations
+
+import pytest
+
+from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.regolith.spoke import SpokeInSoil
+
+RADIUS_M, ROD_M = 0.012, 0.004
+
+
+@pytest.mark.parametrize('lean', [0.0, 0.4])
+@pytest.mark.parametrize('depth_m', [0.003, 0.02, 0.05])
+def test_the_slope_is_the_derivative_of_what_soil_bears(depth_m, lean):
+    """Above and below the depth from which the rod is in the soil."""
+    spoke = SpokeInSoil(PhysicsConfig().ground.soil(1.62), RADIUS_M, ROD_M)
+    h = 1e-6
+    slope = (spoke.bears_n(depth_m + h, lean) - spoke.bears_n(depth_m - h, lean)) / (2.0 * h)
+    assert spoke.slope_npm(depth_m, lean) == pytest.approx(slope, rel=1e-6)
