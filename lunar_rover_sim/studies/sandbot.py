@@ -32,7 +32,7 @@ from lunar_rover_sim.regolith.soil import EARTH, PRESETS, Soil
 MASS_KG = 2.3
 BEST_MPS = 0.3
 FREQUENCIES_RADPS = np.linspace(1.0, 30.0, 59)
-_SLICES = 200
+_SLICES, _DEPTHS = 200, 100
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,21 +56,16 @@ def lift_n(soil: Soil, legs: CLegs, depth_m: float) -> float:
     return float(2.0 * soil.zeta_npm3 * legs.width_m * slice_m * np.sum(alpha * below))
 
 
-def speed_mps(soil: Soil, legs: CLegs, omega_radps: float) -> float:
-    """Return the speed at a leg frequency [m/s]; 0 where it swims."""
+def speeds_mps(soil: Soil, legs: CLegs, omega_radps: Array) -> Array:
+    """Return the speeds at leg frequencies [m/s]; 0 where it swims."""
+    depths = np.linspace(0.0, 2.0 * legs.radius_m - legs.hip_m, _DEPTHS)
+    lifts = [lift_n(soil, legs, float(depth)) for depth in depths]
     wanted = MASS_KG * (EARTH + legs.radius_m * omega_radps / legs.start_s) / 3.0
-    deepest = 2.0 * legs.radius_m - legs.hip_m
-    if lift_n(soil, legs, deepest) < wanted:
-        return 0.0
-    low, high = 0.0, deepest
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if lift_n(soil, legs, middle) < wanted else (low, middle)
-    lever = low + legs.hip_m - legs.radius_m
-    return 2.0 * math.sqrt(max(legs.radius_m ** 2 - lever ** 2, 0.0)) * omega_radps / math.pi
+    lever = np.interp(wanted, lifts, depths) + legs.hip_m - legs.radius_m
+    step = 2.0 * np.sqrt(np.maximum(legs.radius_m ** 2 - lever ** 2, 0.0))
+    return np.where(wanted <= lifts[-1], step * omega_radps / math.pi, 0.0)
 
 
 def curve_mps(preset: str, legs: CLegs) -> Array:
     """Return the speeds at `FREQUENCIES_RADPS` in poppy seeds."""
-    soil = PRESETS[preset].under(EARTH)
-    return np.array([speed_mps(soil, legs, float(omega)) for omega in FREQUENCIES_RADPS])
+    return speeds_mps(PRESETS[preset].under(EARTH), legs, FREQUENCIES_RADPS)

@@ -97,9 +97,9 @@ def test_a_resumed_study_drives_only_what_is_missing(tmp_path, capsys):
 
 def test_walks_on_several_grounds_are_pairs(tmp_path):
     settings = WalkSettings(GaitCalibration.of(GaitConfig()), duration_s=4.2)
-    walks = locomotion_grounds.study(settings, ['rigid', 'highland_loose'], [0.12], [1, 2])
+    walks = locomotion_grounds.study(settings, ['rigid', 'highland_loose'], [0.12], [2])
     rigid, loose = walks[0.12].values()
-    assert len({walk.speed_mps for walk in (*rigid, *loose)}) == 4
+    assert len(rigid) == len(loose) == 1 and rigid[0].speed_mps != loose[0].speed_mps
     assert all(w.outcome == 'walked' for w in (*rigid, *loose))
     assert loose[0].sinkage_m > 0.01 and loose[0].transport > rigid[0].transport
     text = locomotion_grounds.write_all(walks, tmp_path)

@@ -61,7 +61,8 @@ def test_sandbot_walks_faster_and_then_swims():
     assert np.all(close >= loose) and close[-1] > 2.0 * loose[best]
     hard = PRESETS['poppy_close'].under(9.81)
     hard = dataclasses.replace(hard, zeta_npm3=1e3 * hard.zeta_npm3)
-    assert sandbot.speed_mps(hard, sandbot.CLegs(), 30.0) == pytest.approx(0.6, rel=0.1)
+    assert sandbot.speeds_mps(hard, sandbot.CLegs(), np.array([30.0])) == pytest.approx(
+        [0.6], rel=0.1)
     # What a half circle bears: less than a flat plate of its width in its place.
     legs = sandbot.CLegs()
     flat = 0.254e6 * legs.width_m * 2.0 * legs.radius_m * 0.0355
