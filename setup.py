@@ -41,6 +41,7 @@ setup(
         (SHARE, ['package.xml']),
         (os.path.join(SHARE, 'launch'), sorted(glob('lunar_rover_sim/launch/*.launch.py'))),
         *folder('config'),
+        *folder('resource/orb_slam3'),
         *programs,
     ],
     zip_safe=False,

@@ -133,6 +133,11 @@ DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
                     '', 'once per second of wall time, by render_node and recorder_node too; the '
                     'name is absolute, /diagnostics, as diagnostic_updater has it',
                     on_request=True)
+SLAM_POSE = Topic('slam/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'slam_node', '',
+                  'of the left camera in the map of the program, for every tracked frame')
+SLAM_STATUS = Topic('slam/status', 'diagnostic_msgs/msg/DiagnosticArray', FRAME, 'slam_node', '',
+                    'initialising, tracking or lost, with the stamp of the frame; in lockstep of '
+                    'every frame')
 TELEPORT = Topic('teleport', 'geometry_msgs/msg/PoseStamped', EVENT, 'pose_bridge_node', '',
                  'base_link in the world of the other simulator; the frame is what that wants',
                  on_request=True)
@@ -147,5 +152,6 @@ CONTRACT: tuple[Topic, ...] = (
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE,
     LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED,
     RIGHT_COMPRESSED, POINTS, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
-    RECORDED, DIAGNOSTICS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT,
+    BRIDGED_JOINTS, SHOWN)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)

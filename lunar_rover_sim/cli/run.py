@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from lunar_rover_sim.inspection.summary import summarise
 from lunar_rover_sim.run.node_config import REAL_TIME
+from lunar_rover_sim.run.plan import with_slam
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
@@ -34,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="a world made by `world build`, instead of the scenario's own")
     parser.add_argument('--domain', type=int, metavar='N',
                         help='ROS_DOMAIN_ID to use; by default a free one of this machine')
+    parser.add_argument('--slam', metavar='COMMAND', default='',
+                        help='SLAM program to feed, with its arguments; it speaks the protocol of '
+                             'docs/reference/slam_protocol.md')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
     parser.set_defaults(run=run)
@@ -46,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     if args.real_time:
         overrides.append(f'time_mode={REAL_TIME}')
     scenario = Scenario.load(args.scenario, overrides, seed=args.seed, duration_s=args.duration)
+    if args.slam:
+        scenario = with_slam(scenario, args.slam)
     console = Console()
     if args.world is None:
         with console.status('building the world'):

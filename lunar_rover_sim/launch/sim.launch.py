@@ -17,7 +17,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.plan import LOG_FOLDER, prepare, resolve, SCENARIO_FILE, STOP_ORDER
+from lunar_rover_sim.run.plan import (LOG_FOLDER, prepare, resolve, SCENARIO_FILE, STOP_ORDER,
+                                      with_slam)
 from lunar_rover_sim.run.scenario import Scenario
 
 _ARGUMENTS = {
@@ -27,6 +28,7 @@ _ARGUMENTS = {
     'duration': ('', 'simulated time [s]; empty for that of the scenario', None),
     'time_mode': ('', 'empty for that of the scenario', ('', 'lockstep', 'real_time')),
     'world': ('', 'folder of a world; empty for that of the scenario', None),
+    'slam': ('', 'SLAM program to feed, with its arguments, as `run --slam`', None),
     'set': ('', 'parameters as `run --set` takes them, with semicolons in between: '
             '"drive_node.speed_mps=0.1; seed=3"', None),
     'namespace': ('', 'of all nodes and topics but /clock', None),
@@ -53,7 +55,8 @@ def _scenario(values):
     except ValueError:
         raise ConfigError(f'seed: {values["seed"]!r} is not valid; valid is a whole number') \
             from None
-    return resolve(Scenario.load(values['scenario'], overrides, seed=seed))
+    scenario = Scenario.load(values['scenario'], overrides, seed=seed)
+    return resolve(with_slam(scenario, values['slam']) if values['slam'] else scenario)
 
 
 def _start(context):

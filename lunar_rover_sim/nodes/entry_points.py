@@ -67,6 +67,11 @@ def drive_node() -> int:
     return _start('drive_node')
 
 
+def slam_node() -> int:
+    """Run slam_node."""
+    return _start('slam_node')
+
+
 def trajectory_recorder_node() -> int:
     """Run trajectory_recorder_node."""
     return _start('trajectory_recorder_node')

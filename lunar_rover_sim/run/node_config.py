@@ -7,6 +7,7 @@ import dataclasses
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.camera.compression import CompressionConfig
+from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.parameters import group, param, Parameters
@@ -231,6 +232,40 @@ class RecorderNodeConfig(NodeConfig, RecorderConfig):
 
 
 @dataclasses.dataclass(frozen=True)
+class SlamNodeConfig(NodeConfig):
+    """Parameters of slam_node."""
+
+    command: str = param('', 'program that speaks the protocol of '
+                         'docs/reference/slam_protocol.md, and its arguments; {settings} is a '
+                         'settings file of ORB-SLAM3')
+    sensor: str = param('stereo', 'what the program gets',
+                        choices=('mono', 'stereo', 'stereo-inertial'))
+    frame_id: str = param('slam_map', 'frame of the poses: the map of the program')
+    publish_tf: bool = param(False, 'publish the pose on tf, too')
+    child_frame_id: str = param('slam_camera', 'child frame on tf; a frame of its own, since '
+                                'those of the rover have a parent')
+    ready_s: float = param(50.0, 'wall time after which a program that is not ready is an error',
+                           unit='s', low=0.1, high=3600.0)
+    answer_s: float = param(5.0, 'wall time after which a frame without an answer is an error',
+                            unit='s', low=0.1, high=3600.0)
+    camera: CameraConfig = group(CameraConfig)
+    imu: ImuConfig = group(ImuConfig)
+    frame_rate_hz: int = param(20, 'of the images; a run sets it, and camera, imu and '
+                               'imu_rate_hz', unit='Hz', low=1, high=200)
+    imu_rate_hz: int = param(200, 'of the IMU', unit='Hz', low=1, high=1000)
+
+    @property
+    def is_stereo(self) -> bool:
+        """Whether the program gets both images."""
+        return self.sensor.startswith('stereo')
+
+    @property
+    def has_imu(self) -> bool:
+        """Whether the program gets the IMU."""
+        return self.sensor.endswith('inertial')
+
+
+@dataclasses.dataclass(frozen=True)
 class TrajectoryRecorderNodeConfig(NodeConfig):
     """Parameters of trajectory_recorder_node, which runs beside a graph and in no scenario."""
 
@@ -298,7 +333,10 @@ NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'drive_node': DriveNodeConfig,
     'render_node': RenderNodeConfig,
     'recorder_node': RecorderNodeConfig,
+    'slam_node': SlamNodeConfig,
 }
+# Those that every run starts; slam_node needs a program.
+DEFAULT_NODES = tuple(name for name in NODE_CONFIGS if name != 'slam_node')
 # Nodes that run beside a graph and in no scenario.
 COMPANION_CONFIGS: dict[str, type[NodeConfig]] = {
     'trajectory_recorder_node': TrajectoryRecorderNodeConfig,

@@ -24,7 +24,7 @@ WORLD_LINK = 'world'
 LOG_FOLDER = 'logs'
 
 # The order in which nodes are stopped: the recorder last, since it records the others.
-STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node',
+STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node', 'slam_node',
               'recorder_node')
 
 _RENDERER_LAG_FRAMES = 2
@@ -96,7 +96,18 @@ def resolve(scenario: Scenario) -> Scenario:
     return dataclasses.replace(
         scenario, run=dataclasses.replace(scenario.run, duration_s=duration_s),
         physics_node=dataclasses.replace(physics, duration_s=duration_s),
-        gait_controller_node=gait, recorder_node=recorder, render_node=render)
+        gait_controller_node=gait, recorder_node=recorder, render_node=render,
+        slam_node=dataclasses.replace(
+            scenario.slam_node, camera=render.camera, imu=physics.imu,
+            frame_rate_hz=render.frame_rate_hz, imu_rate_hz=physics.state_rate_hz))
+
+
+def with_slam(scenario: Scenario, command: str) -> Scenario:
+    """Return the scenario with slam_node, which starts `command`, among its nodes."""
+    nodes = tuple(dict.fromkeys((*scenario.run.nodes, 'slam_node')))
+    return dataclasses.replace(
+        scenario, run=dataclasses.replace(scenario.run, nodes=nodes),
+        slam_node=dataclasses.replace(scenario.slam_node, command=command))
 
 
 def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
@@ -107,12 +118,17 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
         awaited[topics.JOINT_COMMANDS.name] = 0.0
     if 'render_node' in nodes:
         awaited[topics.LEFT_INFO.name] = _RENDERER_LAG_FRAMES * frame_s
+    if 'slam_node' in nodes:
+        # The frame that is tracked, beside the one that is drawn.
+        awaited[topics.SLAM_STATUS.name] = round((_RENDERER_LAG_FRAMES + 1) * frame_s, 9)
     if 'recorder_node' in nodes and _acknowledged(scenario):
         lag_s = _RECORDER_LAG_S
         if 'render_node' in nodes:
             # Up to the next frame with depth everything is written up to the one before, and the
             # renderer may be two frames behind.
             least = scenario.render_node.depth_every + _RENDERER_LAG_FRAMES + 1
+            if 'slam_node' in nodes:
+                least += 1
             lag_s = max(min(lag_s, _RECORDER_LAG_FRAMES * frame_s), least * frame_s)
         awaited[topics.RECORDED.name] = round(lag_s, 9)
     return awaited

@@ -23,10 +23,10 @@ from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml
 from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
-from lunar_rover_sim.run.node_config import (DriveNodeConfig, GaitNodeConfig, LOCKSTEP,
-                                             MAX_DURATION_S, NODE_CONFIGS, NodeConfig,
+from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
+                                             LOCKSTEP, MAX_DURATION_S, NODE_CONFIGS, NodeConfig,
                                              PhysicsNodeConfig, RecorderNodeConfig,
-                                             RenderNodeConfig)
+                                             RenderNodeConfig, SlamNodeConfig)
 from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
@@ -40,7 +40,7 @@ class RunConfig(Parameters):
 
     duration_s: float = param(20.0, 'simulated time, rounded up to whole camera frames', unit='s',
                               low=0.0, open_low=True, high=MAX_DURATION_S)
-    nodes: tuple[str, ...] = param(tuple(NODE_CONFIGS), 'nodes to start',
+    nodes: tuple[str, ...] = param(DEFAULT_NODES, 'nodes to start',
                                    choices=tuple(NODE_CONFIGS))
     world_hash: str = param('', 'hash of the world; another world is refused. A recorded scenario '
                             'names its own. Empty: any world')
@@ -70,6 +70,7 @@ class Scenario:
     drive_node: DriveNodeConfig
     render_node: RenderNodeConfig
     recorder_node: RecorderNodeConfig
+    slam_node: SlamNodeConfig
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Iterable[str] | Mapping[str, Any] = (), *,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import runpy
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ import worlds
 
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.files.resources import config_folder
 from lunar_rover_sim.frames import se3
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam.euroc_reader import Camera, Frame
+from lunar_rover_sim.slam.protocol import FrameSet
 from lunar_rover_sim.slam.reference.odometry import Odometry
 
 PERIOD_NS = 100_000_000
@@ -72,3 +75,17 @@ def test_mono_shape(drive) -> None:
     assert all(located[located.index(True):])
     result = evaluate(truth, odometry.trajectory(), align='sim3')
     assert result.ate_m.rmse < 0.005 * truth.length_m
+
+
+def test_the_opencv_example_answers_frame_by_frame(drive) -> None:
+    """The pose that each frame is answered with, not what is known at the end."""
+    frames, truth, camera = drive
+    (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
+    begin = runpy.run_path(str(config_folder() / 'templates' / 'slam_opencv.py'))['begin']
+    track = begin({'fx': fx, 'fy': fy, 'cx': cx, 'cy': cy, 'baseline_m': camera.baseline_m})
+    poses = np.array([track(FrameSet(f.stamp_ns, (f.left, f.right)), []) for f in frames])
+    estimate = Trajectory(truth.stamps_ns, poses[:, :3, 3],
+                          wxyz(Rotation.from_matrix(poses[:, :3, :3])))
+    result = evaluate(truth, estimate)
+    assert result.ate_m.rmse < 0.05 * truth.length_m
+    assert result.scale == pytest.approx(1.0, abs=0.05)

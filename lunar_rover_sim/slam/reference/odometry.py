@@ -88,6 +88,11 @@ class Odometry:
         self._note(frame.stamp_ns)
         return True
 
+    @property
+    def T_map_camera(self) -> Array:
+        """(4, 4) pose of the left camera at the last located frame, as known at that time."""
+        return inverse(self._pose)
+
     def trajectory(self) -> Trajectory:
         """Return T_first_camera of all located frames, after all adjustments."""
         if not self._located:

@@ -1,0 +1,220 @@
+"""slam_node: images to a SLAM program over pipes, and its poses to the graph."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+import shlex
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+import numpy as np
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import Image, Imu
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
+from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.frames import matrix_from_wxyz, se3
+from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, Status, WARN
+from lunar_rover_sim.nodes.matching import Matching
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.node_config import SlamNodeConfig
+from lunar_rover_sim.sequences.orbslam3_settings import settings
+from lunar_rover_sim.sequences.sensors import described_sensors, SensorSuite
+from lunar_rover_sim.slam import protocol
+from lunar_rover_sim.slam.program import SlamProgram
+from lunar_rover_sim.slam.protocol import FrameSet
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:     # not in the wheels
+    TFMessage = None
+
+_MOST_UNPAIRED = 20
+
+
+class SlamNode(node_main.GraphNode):
+    """Hands one frame after the other to the program.
+
+    In lockstep every frame is tracked, and `slam/status` with its stamp lets time go on. In real
+    time the newest frame wins; those that come while the program is busy are counted as lost.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('slam_node')
+        self._config = config = declare(self, SlamNodeConfig)
+        if not config.command:
+            raise ConfigError("command: '' is not valid; valid is a program that speaks the "
+                              'protocol, and its arguments')
+        self._sides = [topics.LEFT_IMAGE, *([topics.RIGHT_IMAGE] if config.is_stereo else [])]
+        self._jump = TimeJump(self)
+        self._open: dict[int, dict[str, Any]] = {}      # stamp → side → pixels
+        self._waiting: deque[FrameSet] = deque()
+        self._imu: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque()
+        self._drops, self._state, self._latencies_s = Drops(), protocol.INITIALISING, [0.0]
+        self._tracked = self._answered = 0
+        self._folder = TemporaryDirectory(prefix='slam_node_')
+        suite = described_sensors(load_rover(config.rover or None), config.camera, config.imu,
+                                  config.frame_rate_hz, config.imu_rate_hz)
+        self._program = SlamProgram(self._words(suite), description(suite, config),
+                                    config.ready_s, config.answer_s, self._wake_later)
+        # The publisher of the status is made when the program is ready: time waits for it.
+        self._status: Publisher | None = None
+        self._matching: Matching | None = None
+        self._pose = self.create_publisher(PoseStamped, topics.SLAM_POSE.name,
+                                           qos.offered(topics.SLAM_POSE))
+        self._tf = None
+        if config.publish_tf:
+            if TFMessage is None:
+                raise ConfigError('publish_tf: true needs tf2_msgs, which is not installed')
+            self._tf = self.create_publisher(TFMessage, topics.TF.name, qos.offered(topics.TF))
+        for topic in self._sides:
+            self.create_subscription(
+                Image, topic.name, lambda msg, name=topic.name: self._image_callback(name, msg),
+                qos.requested(topic, config.lockstep))
+        if config.has_imu:
+            self.create_subscription(Imu, topics.IMU_RAW.name, self._imu_callback,
+                                     qos.requested(topics.IMU_RAW, lockstep=True))
+        Diagnostics(self, {'Tracking': self._tracking_status, 'Drops': self._drops.status})
+        self.report_ready(config, waits=[topic.name for topic in self._sides])
+
+    def destroy_node(self) -> None:
+        """End the program, leave the graph, and say how it went."""
+        self._program.close()
+        self._folder.cleanup()
+        self.get_logger().info(f'{self._tracked} of {self._answered} frames tracked, latency '
+                               f'{1e3 * float(np.median(self._latencies_s)):.1f} ms in the median')
+        super().destroy_node()
+
+    def _words(self, suite: SensorSuite) -> list[str]:
+        """Return the command; {settings} is the settings file of ORB-SLAM3, written here."""
+        path = Path(self._folder.name) / 'settings.yaml'
+        path.write_text(settings(suite, self._config.sensor), encoding='ascii')
+        try:
+            words = shlex.split(self._config.command)
+        except ValueError as error:
+            raise ConfigError(f'command: {self._config.command!r} is not valid: {error}') from None
+        return [word.replace('{settings}', str(path)) for word in words]
+
+    def _wake_later(self) -> None:
+        if self.executor is not None:
+            self.executor.create_task(self.wake)
+
+    # Input
+
+    def _image_callback(self, side: str, msg: Image) -> None:
+        stamp = header_ns(msg)
+        if side == topics.LEFT_IMAGE.name and self._jump.has_occurred(stamp):
+            self._open.clear()
+            self._waiting.clear()
+            self._imu.clear()
+        if msg.encoding != 'mono8' or msg.step != msg.width:
+            raise GraphError(f'{side}: encoding {msg.encoding!r} is not valid for slam_node; '
+                             'valid is mono8')
+        images = self._open.setdefault(stamp, {})
+        images[side] = np.frombuffer(msg.data, np.uint8).reshape(msg.height, msg.width)
+        if len(images) < len(self._sides):
+            if len(self._open) > _MOST_UNPAIRED:
+                del self._open[min(self._open)]
+            return
+        del self._open[stamp]
+        if not self._config.lockstep and self._waiting:
+            self._drops.add('Frames', len(self._waiting))
+            self._waiting.clear()
+        self._waiting.append(FrameSet(stamp, tuple(images[t.name] for t in self._sides)))
+        self.wake()
+
+    def _imu_callback(self, msg: Imu) -> None:
+        self._imu.append((header_ns(msg), xyz(msg.angular_velocity),
+                          xyz(msg.linear_acceleration)))
+        if self._waiting:
+            self.wake()
+
+    # Output
+
+    def work(self) -> None:
+        """Publish what the program has answered, and give it the next frame."""
+        while (taken := self._program.take()) is not None:
+            self._publish(*taken)
+        self._program.check()
+        if self._program.is_busy:
+            return
+        if self._status is None:
+            self._begin()
+        assert self._matching is not None
+        if self._waiting and self._matching.is_complete and self._has_imu_until(
+                self._waiting[0].stamp_ns):
+            frames = self._waiting.popleft()
+            if self._config.has_imu:
+                samples = []
+                while self._imu and self._imu[0][0] <= frames.stamp_ns:
+                    samples.append(self._imu.popleft())
+                self._program.send_imu(samples)
+            self._program.send(frames)
+
+    def _begin(self) -> None:
+        self._status = self.create_publisher(DiagnosticArray, topics.SLAM_STATUS.name,
+                                             qos.offered(topics.SLAM_STATUS))
+        self._matching = Matching(self, [self._pose, self._status],
+                                  self._config.participants if self._config.lockstep else ())
+        self.get_logger().info('the program is ready')
+
+    def _has_imu_until(self, stamp_ns: int) -> bool:
+        return not self._config.has_imu or bool(self._imu) and self._imu[-1][0] >= stamp_ns
+
+    def _publish(self, pose: protocol.TrackedPose, latency_s: float) -> None:
+        stamp = conversions.time_msg(pose.stamp_ns)
+        self._state = pose.state
+        self._answered += 1
+        self._latencies_s.append(latency_s)
+        if pose.state == protocol.TRACKING:
+            self._tracked += 1
+            T = se3(matrix_from_wxyz(pose.wxyz), pose.position_m)
+            self._pose.publish(conversions.pose_stamped(T, self._config.frame_id, stamp))
+            if self._tf is not None:
+                self._tf.publish(TFMessage(transforms=[conversions.transform(
+                    self._config.frame_id, self._config.child_frame_id, T, stamp)]))
+        # Without the latency, which is wall time: recordings in lockstep are repeatable.
+        level = DiagnosticStatus.OK if pose.state == protocol.TRACKING else DiagnosticStatus.WARN
+        array = DiagnosticArray(status=[DiagnosticStatus(
+            level=level, name='slam', message=protocol.STATES[pose.state])])
+        array.header.stamp = stamp
+        assert self._status is not None and time_ns(stamp) == pose.stamp_ns
+        self._status.publish(array)
+
+    def _tracking_status(self) -> Status:
+        recent_s = self._latencies_s[-20:]
+        return Status(OK if self._state == protocol.TRACKING else WARN,
+                      protocol.STATES[self._state] if self._program.is_ready else 'not ready',
+                      {'Frames answered': str(self._answered),
+                       'Frames tracked': str(self._tracked),
+                       'Latency (ms)': f'{1e3 * float(np.median(recent_s)):.1f}'})
+
+
+def description(suite: SensorSuite, config: SlamNodeConfig) -> dict[str, Any]:
+    """Return the settings that the program gets, see docs/reference/slam_protocol.md."""
+    (fx, fy), (cx, cy), noise = suite.focal_px, suite.centre_px, suite.noise
+    return {'sensor': config.sensor, 'lockstep': config.lockstep, 'width': suite.width,
+            'height': suite.height, 'fx': fx, 'fy': fy, 'cx': cx, 'cy': cy,
+            'distortion': list(suite.distortion), 'baseline_m': suite.baseline_m,
+            'frame_rate_hz': suite.frame_rate_hz, 'imu_rate_hz': suite.imu_rate_hz,
+            'T_imu_left': suite.T_imu_left.tolist(),
+            'gyro_noise_density': noise.gyro_noise_density,
+            'accel_noise_density': noise.accel_noise_density,
+            'gyro_bias_random_walk': noise.gyro_bias_random_walk,
+            'accel_bias_random_walk': noise.accel_bias_random_walk}
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(SlamNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,141 @@
+"""A SLAM program as a child process: messages to its standard input, poses from its output."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+import queue
+import signal
+import subprocess
+import threading
+import time
+from typing import Any
+
+from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.run.child_process import dies_with_parent, executable
+from lunar_rover_sim.slam import protocol
+from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose
+
+_END_S = 5.0        # for the program to end by itself
+_HUNG_S = 0.3
+_JOIN_S = 2.0
+
+
+class SlamProgram:
+    """Starts a program; frames are sent one at a time, and `check` names what goes wrong.
+
+    command: program and its arguments
+    settings: of the sensors, see docs/reference/slam_protocol.md
+    ready_s, answer_s: longest wall time until it is ready, and until it answers a frame [s]
+    on_news: called from a thread when something has come from the program
+
+    Its standard error stays that of this process. Raises ProcessError if it cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], settings: Mapping[str, Any], ready_s: float,
+                 answer_s: float, on_news: Callable[[], None] = lambda: None) -> None:
+        self._name = command[0]
+        self._ready_s, self._answer_s = ready_s, answer_s
+        self._on_news = on_news
+        self.is_ready = False
+        self._under_way: tuple[int, float] | None = None    # stamp [ns], wall time [s]
+        self._since_s = time.monotonic()
+        self._problem = ''
+        self._has_ended = False
+        self._answers: deque[tuple[TrackedPose, float]] = deque()
+        self._outgoing: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        words = [str(executable(command[0])), *command[1:]]
+        self._process = subprocess.Popen(dies_with_parent(words), stdin=subprocess.PIPE,
+                                         stdout=subprocess.PIPE, start_new_session=True)
+        self._threads = [threading.Thread(target=target, daemon=True)
+                         for target in (self._write, self._read)]
+        for thread in self._threads:
+            thread.start()
+        self._outgoing.put(protocol.pack_settings(settings))
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it is not ready yet, or has a frame without an answer."""
+        return not self.is_ready or self._under_way is not None
+
+    def send_imu(self, samples: Sequence[tuple[int, Sequence[float], Sequence[float]]]) -> None:
+        """Send samples of the IMU: those up to the frame that is sent next."""
+        self._outgoing.put(protocol.pack_imu(samples))
+
+    def send(self, frames: FrameSet) -> None:
+        """Send a frame; only while the program is not busy."""
+        self._under_way = frames.stamp_ns, time.monotonic()
+        self._outgoing.put(protocol.pack_frames(frames))
+
+    def take(self) -> tuple[TrackedPose, float] | None:
+        """Return the next answer, and how long it took [s]; None if there is none."""
+        return self._answers.popleft() if self._answers else None
+
+    def check(self) -> None:
+        """Raise SlamError, naming the program, if it has ended, is silent, or wrote nonsense."""
+        under_way = self._under_way
+        at = f' at the frame of {under_way[0] / 1e9:.3f} s' if under_way else ''
+        if self._problem:
+            raise SlamError(f'{self._name}: {self._problem}{at}')
+        if self._has_ended:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(1.0)     # its output has ended, it is about to follow
+            status = self._process.poll()
+            how = ('closed its output' if status is None else f'ended with status {status}'
+                   if status >= 0 else f'crashed with {signal.Signals(-status).name}')
+            raise SlamError(f'{self._name}: {how}{at or " before it was ready"}')
+        now_s = time.monotonic()
+        if not self.is_ready and now_s - self._since_s > self._ready_s:
+            raise SlamError(f'{self._name}: not ready within {self._ready_s:g} s')
+        if under_way is not None and now_s - under_way[1] > self._answer_s:
+            raise SlamError(f'{self._name}: no answer for {self._answer_s:g} s{at}')
+
+    def close(self) -> None:
+        """Tell the program the end, give it some seconds, and kill what is left."""
+        self._on_news = lambda: None
+        # Who does not answer is not expected to end by itself either.
+        grace_s = _HUNG_S if self._problem or self._under_way is not None else _END_S
+        self._outgoing.put(protocol.packed(protocol.END))
+        self._outgoing.put(None)
+        try:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(grace_s)
+        finally:
+            self._process.kill()
+            for thread in self._threads:
+                thread.join(_JOIN_S)
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_END_S)
+
+    def _write(self) -> None:
+        assert self._process.stdin is not None
+        # A program that has ended closes the pipe; the reader notices it too, and reports it.
+        with suppress(BrokenPipeError), self._process.stdin as pipe:
+            while (message := self._outgoing.get()) is not None:
+                pipe.write(message)
+                pipe.flush()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        with self._process.stdout as pipe:
+            try:
+                while (message := protocol.read_message(pipe)) is not None:  # type: ignore
+                    self._take(message)
+                    self._on_news()
+            except SlamError as error:
+                self._problem = str(error)
+        self._has_ended = True
+        self._on_news()
+
+    def _take(self, message: protocol.Message) -> None:
+        if message.kind == protocol.READY:
+            self.is_ready = True
+            return
+        if message.kind != protocol.POSE:
+            raise SlamError(f'message of kind {message.kind} is not valid; valid are ready, pose')
+        pose = protocol.pose_of(message.body)
+        if self._under_way is None or pose.stamp_ns != self._under_way[0]:
+            raise SlamError(f'an answer to {pose.stamp_ns / 1e9:.3f} s; no such frame was asked')
+        self._answers.append((pose, time.monotonic() - self._under_way[1]))
+        self._under_way = None

@@ -1,0 +1,192 @@
+"""The protocol of slam_node's pipes: both ends, programs that misbehave, ORB-SLAM3's adapter."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+import shutil
+import struct
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.slam import protocol
+from lunar_rover_sim.slam.client import answer
+from lunar_rover_sim.slam.program import SlamProgram
+from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose
+
+LEFT = np.arange(12, dtype=np.uint8).reshape(3, 4)
+IMU = [(5, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)), (7_500_000_000, (0.0,) * 3, (0.0, 0.0, 1.62))]
+STUB = Path(__file__).parent / 'orb_slam3_stub'
+ADAPTER = Path(__file__).parents[2] / 'resource' / 'orb_slam3' / 'adapter.cc'
+# A program of the standard library alone: the documented layout, and a fault after `good` frames.
+PROGRAM = """
+import os, struct, sys, time
+def read(n):
+    data = sys.stdin.buffer.read(n)
+    return data if len(data) == n else sys.exit(0)
+def send(kind, body=b''):
+    os.write(1, struct.pack('<4sHHI', b'LRSP', 1, kind, len(body)) + body)
+good, fault = int(sys.argv[1]), sys.argv[2]
+while True:
+    magic, version, kind, length = struct.unpack('<4sHHI', read(12))
+    body = read(length)
+    if kind == 4:
+        break
+    if kind == 1 and fault != 'never_ready':
+        send(5)
+    if kind == 2:
+        if good == 0:
+            if fault == 'crash':
+                os.abort()
+            if fault == 'leave':
+                sys.exit(3)
+            if fault == 'print':
+                print('hello, world', flush=True)
+            if fault in ('silent', 'print'):
+                time.sleep(60)
+            if fault == 'wrong':
+                body = struct.pack('<q', 99) + body[8:]
+        good -= 1
+        send(6, body[:8] + struct.pack('<I7d', 1, good, 0, 0, 0, 0, 0, 1))
+"""
+
+
+def body_of(message: bytes) -> bytes:
+    """Return the body of a message as the other end reads it."""
+    read = protocol.read_message(io.BytesIO(message))
+    assert read is not None
+    return read.body
+
+
+def test_every_message_is_read_as_it_was_written() -> None:
+    frames = protocol.frames_of(body_of(protocol.pack_frames(FrameSet(9, (LEFT, LEFT.T.reshape(
+        3, 4))))))
+    assert frames.stamp_ns == 9
+    assert np.array_equal(frames.images[0], LEFT)
+    assert np.array_equal(frames.images[1], LEFT.T.reshape(3, 4))
+    samples = protocol.imu_of(body_of(protocol.pack_imu(IMU)))
+    assert samples.stamps_ns.tolist() == [5, 7_500_000_000]
+    assert samples.rates_radps[0].tolist() == [1.0, 2.0, 3.0]
+    assert samples.forces_mps2[1].tolist() == [0.0, 0.0, 1.62]
+    pose = TrackedPose(7, protocol.TRACKING, (1.0, 2.0, 3.0), (0.5, -0.5, 0.5, 0.5))
+    assert protocol.pose_of(body_of(protocol.pack_pose(pose))) == pose
+    assert protocol.settings_of(body_of(protocol.pack_settings({'fx': 3.5}))) == {'fx': 3.5}
+    assert protocol.read_message(io.BytesIO()) is None
+
+
+def test_the_layout_is_the_documented_one() -> None:
+    """Bytes by hand: other programs rely on them."""
+    assert protocol.pack_frames(FrameSet(258, (LEFT,))) == (
+        b'LRSP\x01\x00\x02\x00\x20\x00\x00\x00' + b'\x02\x01' + bytes(6)
+        + struct.pack('<III', 4, 3, 1) + bytes(range(12)))
+    assert protocol.pack_imu(IMU[:1])[12:] == struct.pack('<Iq6d', 1, 5, 1, 2, 3, 4, 5, 6)
+    assert body_of(protocol.pack_pose(TrackedPose(3, 1, (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0)))
+                   ) == struct.pack('<qI7d', 3, 1, 1, 2, 3, 0, 0, 0, 1)
+
+
+@pytest.mark.parametrize(('data', 'said'), [
+    (b'hello, world', 'does the program print to its standard output'),
+    (b'LRSP\x02\x00\x06\x00' + bytes(4), 'version 2 of the protocol'),
+    (b'LRSP\x01\x00\x09\x00' + bytes(4), 'kind 9, 0 bytes'),
+    (b'LRSP\x01\x00\x06\x00\xff\xff\xff\xff', '4294967295 bytes: not a message'),
+    (protocol.packed(protocol.POSE, b'abc')[:-1], 'ends after 2 of 3 bytes'),
+])
+def test_what_is_no_message_is_named(data: bytes, said: str) -> None:
+    with pytest.raises(SlamError, match=said):
+        protocol.read_message(io.BytesIO(data))
+
+
+@pytest.mark.parametrize(('read', 'body', 'said'), [
+    (protocol.pose_of, bytes(5), '5 bytes'),
+    (protocol.pose_of, struct.pack('<qI7d', 1, 7, *[0] * 7), 'state 7'),
+    (protocol.pose_of, struct.pack('<qI7d', 1, 1, *[0] * 7), 'no position and unit quaternion'),
+    (protocol.pose_of, struct.pack('<qI7d', 1, 1, np.nan, *[0] * 5, 1), 'no position and unit'),
+    (protocol.frames_of, struct.pack('<qIII', 1, 4, 3, 2) + bytes(12), '2 images of 4x3 do not'),
+    (protocol.frames_of, b'', '0 bytes'),
+    (protocol.imu_of, struct.pack('<I', 2), '2 samples do not fit'),
+    (protocol.settings_of, b'[1]', 'not a JSON object'),
+    (protocol.settings_of, b'{', 'not JSON'),
+])
+def test_what_does_not_fit_is_named(read, body: bytes, said: str) -> None:
+    with pytest.raises(SlamError, match=said):
+        read(body)
+
+
+def test_a_frame_without_a_pose_is_initialising_or_lost() -> None:
+    assert answer(1, None, False).state == protocol.INITIALISING
+    assert answer(1, None, True).state == protocol.LOST
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+    assert np.abs(answer(1, turned, True).wxyz) == pytest.approx([0.0, 0.0, 0.0, 1.0])
+
+
+def wait(program: SlamProgram, condition, limit_s: float = 20.0) -> None:
+    """Return when the condition holds; raise what the program has done wrong."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        program.check()
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def feed(program: SlamProgram, stamps: range, images=(LEFT, LEFT), imu=False) -> list[TrackedPose]:
+    """Send frames one after the other; return the answers."""
+    answers = []
+    for stamp in stamps:
+        wait(program, lambda: not program.is_busy)
+        if imu:
+            program.send_imu([(stamp - 1, (0.1,) * 3, (1.0,) * 3)])
+        program.send(FrameSet(stamp, images))
+        wait(program, lambda: not program.is_busy)
+        taken = program.take()
+        assert taken is not None and taken[1] >= 0.0
+        answers.append(taken[0])
+    return answers
+
+
+@pytest.mark.parametrize(('fault', 'said'), [
+    ('crash', 'crashed with SIGABRT at the frame of 0.000 s'), ('leave', 'ended with status 3 at'),
+    ('silent', 'no answer for 0.5 s at the frame'), ('print', 'print to its standard output'),
+    ('wrong', 'no such frame was asked'), ('never_ready', 'not ready within 0.7 s')])
+def test_a_program_that_misbehaves_is_named(fault: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / 'program.py').write_text(PROGRAM)
+    program = SlamProgram([sys.executable, str(tmp_path / 'program.py'), '2', fault], {},
+                          0.7 if fault == 'never_ready' else 20.0, 0.5)
+    try:
+        with pytest.raises(SlamError, match=said) as error:
+            answers = feed(program, range(1, 3))
+            assert [a.position_m[0] for a in answers] == [1.0, 0.0]
+            feed(program, range(3, 5))
+        assert str(error.value).startswith(sys.executable)
+    finally:
+        start = time.monotonic()
+        program.close()
+    assert time.monotonic() - start < 5.0
+
+
+@pytest.mark.skipif(shutil.which('g++') is None, reason='no C++ compiler')
+def test_the_adapter_of_orb_slam3_speaks_the_protocol(tmp_path: Path) -> None:
+    """Compiled against a stand-in for the interface of ORB-SLAM3, which prints."""
+    adapter = tmp_path / 'adapter'
+    subprocess.run(['g++', '-std=c++14', '-Wall', '-Wextra', '-Werror', '-I', str(STUB),
+                    str(ADAPTER), '-o', str(adapter)], check=True, timeout=120)
+    program = SlamProgram([str(adapter), 'voc.txt', 'orb.yaml', 'stereo-inertial'], {}, 20.0, 20.0)
+    try:
+        answers = feed(program, range(2_000_000_001, 2_000_000_004), imu=True)
+    finally:
+        program.close()
+    assert [a.state for a in answers] == [protocol.INITIALISING, protocol.TRACKING,
+                                          protocol.TRACKING]
+    assert [a.stamp_ns for a in answers] == [2_000_000_001, 2_000_000_002, 2_000_000_003]
+    assert answers[1].position_m == pytest.approx((2.0, 22.0, 2.0))
+    assert answers[1].wxyz == (1.0, 0.0, 0.0, 0.0)
+    program = SlamProgram([str(adapter), 'voc.txt', 'orb.yaml', 'stereo'], {}, 20.0, 20.0)
+    try:
+        with pytest.raises(SlamError, match='ended with status 1 at the frame of 0.000 s'):
+            feed(program, range(1, 2), (LEFT,))
+    finally:
+        program.close()
