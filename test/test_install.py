@@ -163,8 +163,8 @@ def test_data_files(prefix: Path) -> None:
     assert (prefix / 'share/ament_index/resource_index/packages/lunar_rover_sim').is_file()
     wanted = {Path('package.xml'): ROOT / 'package.xml',
               **{Path('launch') / path.name: path for path in PACKAGE.glob('launch/*.launch.py')},
-              **{path.relative_to(ROOT): path for path in (ROOT / 'config').rglob('*')
-                 if path.is_file()}}
+              **{path.relative_to(ROOT): path for folder in ('config', 'resource/orb_slam3')
+                 for path in (ROOT / folder).rglob('*') if path.is_file()}}
     installed = {path.relative_to(share) for path in share.rglob('*')
                  if path.is_file() and path.suffix != '.pyc'}
     assert installed == set(wanted)

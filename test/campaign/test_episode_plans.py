@@ -116,7 +116,7 @@ def test_an_episode_is_a_whole_scenario(tmp_path: Path) -> None:
         assert resolve(scenario).to_yaml() == one.scenario_yaml
         assert scenario.render_node.sun.azimuth_deg == one.drawn['render_node.sun.azimuth_deg']
         assert (scenario.drive_node.shape, scenario.drive_node.laps) == ('circle', 2)
-        assert scenario.run.duration_s == one.duration_s == 1.3
+        assert scenario.run.duration_s == one.duration_s == 1.25
         assert scenario.shared.seed == one.drawn['seed']
 
 
