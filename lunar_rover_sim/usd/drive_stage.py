@@ -24,11 +24,12 @@ from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import UsdError
 from lunar_rover_sim.frames import Array, BASE_FRAME, IMU_FRAME, matrix_from_wxyz
 from lunar_rover_sim.inspection.bag_pictures import recorded_world
+from lunar_rover_sim.regolith.overlay import CELL_M
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.usd.cameras import LEFT, RIGHT
 from lunar_rover_sim.usd.conventions import new_stage, quaternion, vector
 from lunar_rover_sim.usd.drive_motion import continuous, link_motion, Motion, read_motion, Series
-from lunar_rover_sim.usd.drive_tracks import read_ground_changes, write_tracks
+from lunar_rover_sim.usd.drive_tracks import can_hold_tracks, read_ground_changes, write_tracks
 from lunar_rover_sim.usd.output import check_output, write_stage
 from lunar_rover_sim.usd.pixar import Gf, Sdf, Tf, Usd, UsdPhysics
 from lunar_rover_sim.usd.recorded_site import recorded_site, RecordedSite
@@ -72,6 +73,9 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
     if changes and track_world is None:
         logger.warning('%s: no folder holds the world of this drive, so its tracks are left out; '
                        'name it with --world', bag)
+    elif changes and track_world is not None and not can_hold_tracks(track_world.ground):
+        logger.warning('%s: cells of the ground of %g m are no multiple of the %g m of tracks, '
+                       'which are left out', bag, track_world.ground.cell_m, CELL_M)
 
     def tracks(stage: Usd.Stage, world_path: Sdf.Path) -> None:
         if track_world is not None:

@@ -46,6 +46,12 @@ def read_ground_changes(bag: Bag) -> list[FrameOfGround]:
             for _, _, message in bag.messages([topics.GROUND_CHANGES.name])]
 
 
+def can_hold_tracks(grid: HeightGrid) -> bool:
+    """Return whether samples of the overlay lie on those of a grid."""
+    ratio = grid.cell_m / CELL_M
+    return bool(abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= 1 and grid.n % 2)
+
+
 class _Patches:
     """How samples of the overlay, cells of the ground, patches and tiles lie to one another."""
 
@@ -56,12 +62,6 @@ class _Patches:
         self.cells = next(k for k in (_PATCH_CELLS, 2, 1) if self.tile % k == 0)
         self.side = self.cells * self.samples           # samples along a patch
         self.corner = -self.samples * (grid.n - 1) // 2     # index of the grid's first sample
-
-    @classmethod
-    def can_hold(cls, grid: HeightGrid) -> bool:
-        """Return whether samples of the overlay lie on those of a grid."""
-        ratio = grid.cell_m / CELL_M
-        return bool(abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= 1 and grid.n % 2)
 
     def touched(self, index: NDArray[np.int32]) -> list[tuple[int, int]]:
         """Return (column, row) of the patches that hold samples; on a border those of both sides.
@@ -111,10 +111,10 @@ def write_tracks(stage: Usd.Stage, ground: Sdf.Path, grid: HeightGrid,
                  frames: Sequence[FrameOfGround], code_of: Callable[[int], float]) -> bool:
     """Write the tracks below the prim of the ground; return whether there are any.
 
-    It is written where the stage's edit target is; code_of: stamp [ns] → time code. A grid whose
-    samples are not among those of the overlay has no tracks.
+    It is written where the stage's edit target is; code_of: stamp [ns] → time code. A grid that
+    cannot hold tracks has none.
     """
-    if not frames or not _Patches.can_hold(grid):
+    if not frames or not can_hold_tracks(grid):
         return False
     patches = _Patches(grid)
     found: dict[tuple[int, int], _Patch] = {}

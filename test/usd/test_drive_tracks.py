@@ -15,6 +15,8 @@ from lunar_rover_sim.bag.ground_history import ground_at
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.usd.drive_stage import write_drive
+from lunar_rover_sim.usd.drive_tracks import can_hold_tracks
+from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import save_world
 
@@ -101,9 +103,24 @@ def test_variants(drive: tuple[Path, Path]) -> None:
 
 
 def test_without_the_world_there_are_no_tracks(drive: tuple[Path, Path], world_file: Path,
-                                               tmp_path: Path,
+                                               tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                caplog: pytest.LogCaptureFixture) -> None:
     """A warning says so; the drive is written."""
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))    # without worlds
     file = write_drive(drive[0], tmp_path / 'drive.usda', world_stage=world_file)
     assert 'its tracks are left out' in caplog.text
     assert not Usd.Stage.Open(str(file)).GetPrimAtPath(f'{GROUND}/tracks')
+
+
+def test_a_ground_that_cannot_hold_tracks_is_told(drive: tuple[Path, Path], world_file: Path,
+                                                  tmp_path: Path,
+                                                  monkeypatch: pytest.MonkeyPatch,
+                                                  caplog: pytest.LogCaptureFixture) -> None:
+    """The samples of the tracks have to lie on those of the ground."""
+    heights = np.zeros((5, 5))
+    assert can_hold_tracks(HeightGrid(heights, 0.025))
+    assert not can_hold_tracks(HeightGrid(heights, 0.012))
+    monkeypatch.setattr('lunar_rover_sim.usd.drive_stage.can_hold_tracks', lambda grid: False)
+    write_drive(drive[0], tmp_path / 'drive.usda', world=drive[0].parent / 'moon',
+                world_stage=world_file)
+    assert 'are no multiple of the 0.005 m of tracks' in caplog.text
