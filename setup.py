@@ -61,6 +61,7 @@ setup(
         'opencv-python-headless>=4.9,<6',
         'Pillow>=10',
         'psutil>=5.9',
+        'pyerfa>=2.0',
         'PyYAML>=6',
         'rasterio>=1.4',
         'rich>=13',

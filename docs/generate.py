@@ -33,11 +33,11 @@ SECTIONS: dict[str, type[Parameters]] = {
 MODULES = {
     'Errors': ['errors'],
     'Frames': ['frames'],
-    'World': ['world.build', 'world.world_folder', 'world.grid'],
+    'World': ['world.build', 'world.world_folder', 'world.grid', 'world.site'],
     'Physics and gait': ['physics.state', 'physics.imu', 'gait.shaping'],
     'Soft ground': ['regolith.soil', 'regolith.overlay'],
     'Images and stereo': ['rendering.frame', 'camera.rig', 'stereo.depth', 'stereo.error',
-                          'illumination.hapke'],
+                          'illumination.hapke', 'illumination.sky'],
     'Bags and sequences': ['bag.series', 'bag.content_hash', 'bag.ground_history',
                            'bag.ground_points', 'sequences.export'],
     'Evaluation': ['evaluation.trajectory', 'evaluation.trajectory_evaluation',

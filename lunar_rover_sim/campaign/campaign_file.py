@@ -20,7 +20,7 @@ from lunar_rover_sim.sequences.formats import FORMATS
 MAX_CAMPAIGN_BYTES = 1 << 18
 MAX_EPISODES = 100_000
 MAX_VARIED = 200
-ELEVATION = 'render_node.sun.elevation_deg'
+ELEVATION, DATE = 'render_node.sun.elevation_deg', 'render_node.sun.date'
 # A low sun is what makes the poles of the Moon difficult: the default of a campaign.
 DEFAULT_ELEVATION = Distribution('uniform', (0.0, 15.0))
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_.-]{0,63}')
@@ -109,7 +109,7 @@ def parse_campaign(text: str, path: Path) -> Campaign:
             if name in settings:
                 raise ConfigError(f'vary.{name}: is in settings too; valid is one of them')
         _check_design(config, vary)
-        if ELEVATION not in _named(settings, vary) and config.design != GRID:
+        if not {ELEVATION, DATE} & _named(settings, vary) and config.design != GRID:
             vary[ELEVATION] = DEFAULT_ELEVATION
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from None

@@ -61,7 +61,8 @@ COMMANDS = {
     'validate traverse': Command(
         'validate_traverse',
         'drive waypoints over many worlds: tip-overs, slip, cost of transport'),
-    'world': Command('world', 'build, inspect, picture and export terrains'),
+    'world': Command(
+        'world', 'build, inspect, picture and export terrains; sun and Earth over them'),
 }
 
 # argparse takes `-2` after an option as its value, but `-2,3,240` as an option.

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from lunar_rover_sim.cli.world_sun import add_sun
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.rendering.snapshot import four_views
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     preview.add_argument('--overwrite', action='store_true', help='replace an existing file')
     preview.set_defaults(run=run_preview)
     _add_export(actions.add_parser)
+    add_sun(actions.add_parser)
 
 
 def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:

@@ -1,4 +1,4 @@
-"""YAML as users write it: plain values only, and `1e-3` is a number.
+"""YAML as users write it: plain values only, `1e-3` is a number, and a date is text.
 
 Files are untrusted. Tags, anchors and aliases are refused (nine lines with aliases can stand for
 a billion values, and ROS 2 does not read them either); depth and size are bounded. A key that is
@@ -59,6 +59,13 @@ _Loader.add_implicit_resolver(
     'tag:yaml.org,2002:float',
     re.compile(r'[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9]*)?)[eE][-+]?[0-9]+$'),
     list('-+.0123456789'))
+
+
+# A date stays text, as in ROS 2: 2026-11-22T06:00:00Z needs no quotes.
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers
+            if tag != 'tag:yaml.org,2002:timestamp']
+    for first, resolvers in _Loader.yaml_implicit_resolvers.items()}
 
 
 def read_yaml(path: Path, most_bytes: int, error: type[LunarRoverSimError] = ConfigError) -> Any:

@@ -4,13 +4,41 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.illumination.dates import parse_date
+from lunar_rover_sim.parameters import group, param, Parameters
+
+OF_WORLD, GIVEN = 'world', 'given'
+
+
+@dataclasses.dataclass(frozen=True)
+class SunSiteConfig(Parameters):
+    """Where on the Moon the rover is, for the sun of a date."""
+
+    source: str = param(OF_WORLD, 'world: the place of the origin in the elevation model and its '
+                        'projection; given: the values below', choices=(OF_WORLD, GIVEN))
+    lon_deg: float = param(0.0, 'east longitude', unit='deg', low=-360.0, high=360.0)
+    lat_deg: float = param(0.0, 'latitude', unit='deg', low=-90.0, high=90.0)
+    grid_north_deg: float = param(0.0, 'direction of y, from true north towards east', unit='deg',
+                                  low=-360.0, high=360.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError if a place is given and not used."""
+        for name in ('lon_deg', 'lat_deg', 'grid_north_deg'):
+            value = getattr(self, name)
+            if self.source == OF_WORLD and value:
+                raise ConfigError(f'{name}: {value:g} is not valid with source {OF_WORLD}; set '
+                                  f'source to {GIVEN}')
 
 
 @dataclasses.dataclass(frozen=True)
 class SunConfig(Parameters):
     """The position and the light of the sun, which does not move during a run."""
 
+    date: str = param('', 'UTC in ISO 8601, for example 2026-11-22T06:00:00Z; azimuth and '
+                      'elevation then follow from it and from `site`. Empty: they are as they '
+                      'stand')
+    site: SunSiteConfig = group(SunSiteConfig)
     azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
                                unit='deg', low=-360.0, high=360.0)
     elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
@@ -19,6 +47,11 @@ class SunConfig(Parameters):
                                         low=0.01, high=5.0)
     irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
                               unit='W/m^2', low=0.0, high=1e5)
+
+    def validate(self) -> None:
+        """Raise ConfigError if the date is none, or out of range."""
+        if self.date:
+            parse_date('date', self.date)
 
     @property
     def shines(self) -> bool:

@@ -17,6 +17,7 @@ from std_msgs.msg import String
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.frame_publisher import FramePublisher
@@ -28,6 +29,7 @@ from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
+from lunar_rover_sim.world.site import reported_site
 from lunar_rover_sim.world.world_folder import load_world
 
 # A state between two periods that stays alone for so long is drawn all the same [wall time].
@@ -66,12 +68,15 @@ class RenderNode(node_main.GraphNode):
 
     def __init__(self) -> None:
         super().__init__('render_node')
-        self._config = config = declare(self, RenderNodeConfig)
+        config = declare(self, RenderNodeConfig)
         if not config.world:
             raise ConfigError("world: '' is not valid; valid is a folder made by "
                               '`lunar_rover_sim world build`')
         world = load_world(config.world)
         self._world_hash = world.hash
+        # A run has done so already. A node that is started alone does it here.
+        self._config = config = dataclasses.replace(
+            config, sun=sun_of_date(config.sun, reported_site(world.report)))
         self._renderer = Renderer(world, load_rover(config.rover or None), config, config.seed)
 
         # The first frame is that of the first whole period.

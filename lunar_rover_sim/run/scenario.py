@@ -23,6 +23,7 @@ from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml
 from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.dated_scenario import dated_sun
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
                                              LOCKSTEP, MAX_DURATION_S, NODE_CONFIGS, NodeConfig,
                                              PhysicsNodeConfig, RecorderNodeConfig,
@@ -81,7 +82,9 @@ class Scenario:
             values; parameters that all nodes share have no section
         seed: replaces the shared seed
         duration_s: replaces the simulated time of the run [s]
-        Raises ConfigError that names the parameter and offers the nearest valid names.
+        A date of the sun becomes azimuth and elevation. Raises ConfigError that names the
+        parameter and offers the nearest valid names, WorldError if the place of an elevation model
+        is needed for the date and cannot be read.
         """
         path = find_file('scenario', str(name_or_path))
         sections = _read(path)
@@ -96,7 +99,8 @@ class Scenario:
             changes.append({'run': {'duration_s': duration_s}})
         for change in changes:
             sections = merge(sections, change)
-        return _build(path.stem, sections)
+        scenario = _build(path.stem, sections)
+        return _dated(scenario, changes)
 
     def world_folder(self) -> Path:
         """Return the folder of the scenario's world, which is built if the cache lacks it.
@@ -228,6 +232,26 @@ def _check_rates(scenario: Scenario) -> None:
         if state_hz % rate_hz:
             raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a divisor of '
                               f'physics_node.state_rate_hz = {state_hz}')
+
+
+def _dated(scenario: Scenario, changes: Iterable[Mapping[str, Any]]) -> Scenario:
+    """Return the scenario with the sun of its date, if it names one.
+
+    A file may state both, as a recorded scenario does; the date is what counts. Raises ConfigError
+    if an override sets what the date decides.
+    """
+    render = scenario.render_node
+    if not render.sun.date:
+        return scenario
+    for change in changes:
+        values = nest(change.get('render_node', {})).get('sun', {})
+        for name in ('azimuth_deg', 'elevation_deg'):
+            if name in values:
+                raise ConfigError(f'render_node.sun.{name}: {brief(values[name])} is not valid '
+                                  f'with render_node.sun.date ({render.sun.date}), which decides '
+                                  "it; set the date to ''")
+    sun = dated_sun(render.sun, scenario.world)
+    return dataclasses.replace(scenario, render_node=dataclasses.replace(render, sun=sun))
 
 
 def _without_empty_lists(value: Any) -> Any:

@@ -19,11 +19,17 @@ from rasterio.windows import Window
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.raster import Raster
+from lunar_rover_sim.world.site import Site, site_towards, unit_vector
 
 logger = logging.getLogger(__name__)
 
 _COLOURS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha,
             ColorInterp.palette)
+
+
+# Bodies of this radius are the Moon. The direction of north is taken over twice this step.
+_MOON_M = (1.73e6, 1.745e6)
+_NORTH_STEP_M = 50.0
 
 
 class GeoRaster(Raster):
@@ -90,6 +96,9 @@ class GeoRaster(Raster):
         self.pixel_x_m, self.pixel_y_m = size_x, size_y
         self.report['crs'] = data.crs.to_string() if data.crs is not None else ''
         self.column0, self.row0 = self._middle()
+        site = self.site_of_origin()
+        if site is not None:
+            self.report.update(site.to_report())
 
     def _middle(self) -> tuple[float, float]:
         """Return the column and row, in pixels from the corner, of the world's origin."""
@@ -101,19 +110,62 @@ class GeoRaster(Raster):
             raise WorldError(f'dem.center_mode: {dem.center_mode}; {self.path} has no CRS: use '
                              'offset or pixel')
         if dem.center_mode == 'lonlat':
-            body = data.crs.to_dict()
-            keys = {k: body[k] for k in ('R', 'a', 'b', 'rf', 'ellps', 'datum') if k in body}
-            sphere = CRS.from_dict(proj='longlat', no_defs=True, **(keys or {'R': 1737400.0}))
-            try:
-                xs, ys = transform(sphere, data.crs, [a], [b])
-            except Exception:  # rasterio has no public class for the errors of PROJ
-                xs, ys = [np.inf], [np.inf]
-            if not np.all(np.isfinite([*xs, *ys])):
+            projected = _transformed(self._lon_lat_crs(), data.crs, a, b)
+            if projected is None:
                 raise WorldError(f'dem.center: {a:g}, {b:g} cannot be projected to the CRS of '
                                  f'{self.path}')
-            a, b = xs[0], ys[0]
+            a, b = projected
         grid = data.transform
         return float((a - grid.c) / grid.a), float((b - grid.f) / grid.e)
+
+    def _lon_lat_crs(self) -> CRS:
+        """Return longitude and latitude on the body of the file's CRS."""
+        body = self._data.crs.to_dict()
+        keys = {k: body[k] for k in ('R', 'a', 'b', 'rf', 'ellps', 'datum') if k in body}
+        return CRS.from_dict(proj='longlat', no_defs=True, **(keys or {'R': 1737400.0}))
+
+    def site_of_origin(self) -> Site | None:
+        """Return where the world's origin is on the Moon.
+
+        None if the file does not say, or its CRS is of another body.
+        """
+        data = self._data
+        if data.crs is None or data.transform.is_identity:
+            return None
+        grid = data.transform
+        return self._site(grid.c + self.column0 * grid.a, grid.f + self.row0 * grid.e)
+
+    def site_at(self, lon_deg: float, lat_deg: float) -> Site | None:
+        """Return a place with the direction of the grid there; None as `site_of_origin`.
+
+        Raises WorldError if it is beyond the file.
+        """
+        if self.site_of_origin() is None:
+            return None
+        projected = _transformed(self._lon_lat_crs(), self._data.crs, lon_deg, lat_deg)
+        bounds = self._data.bounds
+        if projected is None or not (bounds.left <= projected[0] <= bounds.right
+                                     and min(bounds.bottom, bounds.top) <= projected[1]
+                                     <= max(bounds.bottom, bounds.top)):
+            where = '' if projected is None else f' (x {projected[0]:.6g}, y {projected[1]:.6g})'
+            raise WorldError(
+                f'longitude {lon_deg:g}, latitude {lat_deg:g}{where} is not on {self.path}; valid '
+                f'is x {bounds.left:.6g} to {bounds.right:.6g}, y {bounds.bottom:.6g} to '
+                f'{bounds.top:.6g}')
+        return self._site(*projected)
+
+    def _site(self, x: float, y: float) -> Site | None:
+        """Return the place of projected coordinates."""
+        sphere = self._lon_lat_crs()
+        radius = sphere.to_dict().get('R') or sphere.to_dict().get('a') or 0.0
+        if not _MOON_M[0] <= radius <= _MOON_M[1]:
+            return None
+        step = _NORTH_STEP_M / float(self._data.crs.linear_units_factor[1])
+        here, south, north = (_transformed(self._data.crs, sphere, x, y + dy)
+                              for dy in (0.0, -step, step))
+        if here is None or south is None or north is None:
+            return None
+        return site_towards(*here, unit_vector(*south), unit_vector(*north))
 
     def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
         """Return a window; overviews are used if the file has them."""
@@ -132,3 +184,12 @@ class GeoRaster(Raster):
         heights = np.ma.getdata(values).astype(float)
         scale, offset = self._data.scales[band - 1], self._data.offsets[band - 1]
         return heights * scale + offset, known
+
+
+def _transformed(source: CRS, target: CRS, x: float, y: float) -> tuple[float, float] | None:
+    """Return coordinates in another CRS, None where there are none."""
+    try:
+        xs, ys = transform(source, target, [x], [y])
+    except Exception:  # rasterio has no public class for the errors of PROJ
+        return None
+    return (float(xs[0]), float(ys[0])) if np.all(np.isfinite([*xs, *ys])) else None

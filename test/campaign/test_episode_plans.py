@@ -94,6 +94,9 @@ def test_sun_is_low_where_nothing_is_said() -> None:
                  'vary: {s: {choice: [{render_node.sun.elevation_deg: 30.0}]}}'):
         assert draw(parsed(f'episodes: 2\n{text}'))[0].get(
             'render_node.sun.elevation_deg', 30.0) == 30.0
+    # A date decides the elevation.
+    dated = parsed("episodes: 2\nsettings: {render_node.sun.date: '2026-11-22'}")
+    assert 'render_node.sun.elevation_deg' not in draw(dated)[0]
 
 
 def test_seeds_are_all_different_and_repeat() -> None:

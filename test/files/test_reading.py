@@ -16,7 +16,7 @@ from lunar_rover_sim.files.arrays import map_array, read_archive
 from lunar_rover_sim.files.folders import user_path
 from lunar_rover_sim.files.images import read_picture
 from lunar_rover_sim.files.regular_file import check_regular
-from lunar_rover_sim.files.yaml_text import read_yaml
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml
 from lunar_rover_sim.world.cache import cache_folder
 
 
@@ -45,10 +45,16 @@ def test_only_regular_files_are_read(no_file, read):
 
 def test_documents_have_the_error_of_their_subject(tmp_path):
     for content, words in ((b'a: [', 'not valid YAML'), (b'\xff', 'is not UTF-8'),
-                           (b'a: 2001-99-99', 'not valid YAML'), (b'#' * 2000, 'larger than')):
+                           (b'a: 0x_', 'not valid YAML'), (b'#' * 2000, 'larger than')):
         (tmp_path / 'x.yaml').write_bytes(content)
         with pytest.raises(WorldError, match=f'x.yaml: .*{words}'):
             read_yaml(tmp_path / 'x.yaml', 1000, WorldError)
+
+
+def test_dates_are_text():
+    """As ROS 2 reads them, with quotes and without."""
+    assert parse_yaml('[2026-11-22T06:00:00Z, 2026-11-22, "2026-11-22"]', 'x') == [
+        '2026-11-22T06:00:00Z', '2026-11-22', '2026-11-22']
 
 
 def npy(header: str, data: bytes = b'') -> bytes:

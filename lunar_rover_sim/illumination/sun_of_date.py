@@ -1,0 +1,49 @@
+"""The sun of a date as the parameters of the light hold it: azimuth and elevation."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.illumination.config import GIVEN, OF_WORLD, SunConfig, SunSiteConfig
+from lunar_rover_sim.illumination.dates import parse_date
+from lunar_rover_sim.illumination.sky import sky
+from lunar_rover_sim.world.site import Site
+
+# A millionth of a degree is far below the error of the series.
+_DECIMALS = 6
+
+
+def given_site(config: SunSiteConfig) -> Site | None:
+    """Return the place that the parameters give; None if it is that of the world."""
+    if config.source == OF_WORLD:
+        return None
+    return Site(config.lon_deg, config.lat_deg, config.grid_north_deg)
+
+
+def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
+    """Return the sun with azimuth and elevation of its date, and its site spelled out.
+
+    Without a date it is returned as it is. A second call changes nothing.
+    of_world: where the world lies, if it says so; used unless a site is given
+    Raises ConfigError if there is no site, or if the sun is below what is valid.
+    """
+    if not sun.date:
+        return sun
+    site = given_site(sun.site) or of_world
+    if site is None:
+        raise ConfigError(f'sun.site.source: {OF_WORLD} is not valid: the world does not say '
+                          f'where on the Moon it is; set sun.site.source={GIVEN}, '
+                          'sun.site.lon_deg and sun.site.lat_deg')
+    body = sky(site, np.asarray(parse_date('sun.date', sun.date))).sun
+    elevation = round(float(body.elevation_deg), _DECIMALS)
+    try:
+        return dataclasses.replace(
+            sun, azimuth_deg=round(float(body.azimuth_deg), _DECIMALS), elevation_deg=elevation,
+            site=SunSiteConfig(GIVEN, site.lon_deg, site.lat_deg, site.grid_north_deg))
+    except ConfigError as error:
+        raise ConfigError(f'sun.date: {sun.date} at longitude {site.lon_deg:.4f}, latitude '
+                          f'{site.lat_deg:.4f}: {error}; `lunar_rover_sim world sun` lists when '
+                          'it is up') from None
