@@ -31,6 +31,15 @@ def mark(bag: Path, reason: str = UNFINISHED) -> None:
         file.write(text.encode('ascii', 'replace').ljust(_SIZE)[:_SIZE - 1] + b'\n')
 
 
+def mark_failed(bag: Path, reason: str) -> None:
+    """Mark a bag whose run failed, also where its recorder could finish it.
+
+    A reason that has been written before stays.
+    """
+    if bag.is_dir() and why_incomplete(bag) in (None, UNFINISHED):
+        mark(bag, reason)
+
+
 def lock(bag: Path) -> BinaryIO:
     """Lock the mark of a bag for as long as the returned file is open and its process lives.
 

@@ -10,13 +10,14 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 from rich.text import Text
 
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.outputs import check_folder, check_new_folder, check_path
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                    _preview)
     command.add_argument('-o', '--output', type=Path, metavar='DIR',
                          help='folder of the pictures; by default BAG_preview beside the bag')
+    command.set_defaults(check_output=check_folder)
     command.add_argument('--world', type=Path, metavar='DIR',
                          help='the world that was driven on, where it is not in the cache')
     command = _add(add_parser, 'recover', 'make a bag readable whose recording was cut off',
@@ -47,11 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.add_argument('-o', '--output', type=Path, metavar='DIR',
                          help='write the readable bag there, for instance where the disk of the '
                               'other one is full; by default it takes its place')
+    command.set_defaults(check_output=check_new_folder)
     command = _add(add_parser, 'export', 'write the sequence for SLAM programs, or the drive as '
                    'an OpenUSD stage', _export)
     command.add_argument('-o', '--output', type=Path, metavar='PATH', required=True,
                          help='folder of the sequence, or file of the stage (.usd, .usda, .usdc, '
                               '.usdz); must not exist')
+    command.set_defaults(check_output=check_path)
     command.add_argument('--format', choices=(*FORMATS, _USD), default='euroc')
     stage = command.add_argument_group(f'--format {_USD}')
     stage.add_argument('--world', type=Path, metavar='DIR',
@@ -70,41 +74,37 @@ def _add(add_parser: Callable[..., argparse.ArgumentParser], name: str, text: st
 
 
 def _info(args: argparse.Namespace) -> int:
-    console = Console()
+    out = console()
     with open_bag(args.bag) as bag:
-        table = Table(box=None, pad_edge=False)
-        for title in ('topic', 'type', 'messages', 'rate'):
-            table.add_column(title, justify='left' if title in ('topic', 'type') else 'right')
+        rows = table(('topic', 'type', 'messages', 'rate'), 2, box=None, pad_edge=False)
         span_s = (bag.end_ns - bag.start_ns) * 1e-9
         for topic, msgtype in sorted(bag.types.items()):
             count = bag.counts[topic]
             rate = f'{count / span_s:.1f} Hz' if count > 2 and span_s > 0 else ''
-            table.add_row(topic, msgtype, str(count), rate)
-        console.print(table)
-        console.print(f'{bag.message_count} messages, {bag.start_ns * 1e-9:.3f} s to '
-                      f'{bag.end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
-                      f'{bag.storage_path.suffix.lstrip(".")}', **_PLAIN)
+            rows.add_row(topic, msgtype, str(count), rate)
+        out.print(rows)
+        out.print(f'{bag.message_count} messages, {bag.start_ns * 1e-9:.3f} s to '
+                  f'{bag.end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
+                  f'{bag.storage_path.suffix.lstrip(".")}', **_PLAIN)
         if bag.incomplete:
-            console.print(f'INCOMPLETE: {bag.incomplete}', **_PLAIN)
+            out.print(f'INCOMPLETE: {bag.incomplete}', **_PLAIN)
     return 0
 
 
 def _check(args: argparse.Namespace) -> int:
-    console = Console()
+    out = console()
     with _counting(args.bag, 'checking') as progress:
         report = check(args.bag, progress)
     styles = {Status.PASS: 'green', Status.WARN: 'yellow', Status.FAIL: 'bold red',
               Status.SKIP: 'dim'}
-    table = Table(box=None, pad_edge=False)
-    for title in ('check', '', 'found'):
-        table.add_column(title)
+    rows = table(('check', '', 'found'), 3, box=None, pad_edge=False)
     for finding in report.findings:
-        table.add_row(finding.check, Text(finding.status.value, styles[finding.status]),
-                      Text(finding.detail))
-    console.print(table)
+        rows.add_row(finding.check, Text(finding.status.value, styles[finding.status]),
+                     Text(finding.detail))
+    out.print(rows)
     failed = len(report.failed)
-    console.print(f'{args.bag}: ' + (f'{failed} of {len(report.findings)} checks failed'
-                                     if failed else 'passed'), **_PLAIN)
+    out.print(f'{args.bag}: ' + (f'{failed} of {len(report.findings)} checks failed'
+                                 if failed else 'passed'), **_PLAIN)
     return 0 if report.ok else 1
 
 
@@ -166,7 +166,8 @@ def _counting(path: Path, text: str) -> Iterator[Callable[[], None]]:
     """Show a progress bar over the messages of a bag; yields what to call for each."""
     with open_bag(path) as bag:
         total = bag.message_count
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    to = Console(stderr=True)
+    with Progress(console=to, transient=True, disable=not to.is_terminal) as bar:
         task = bar.add_task(text, total=total)
         pending = 0
 

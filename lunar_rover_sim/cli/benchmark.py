@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 
 from lunar_rover_sim.cli.slam import add_system_arguments, estimator_of
+from lunar_rover_sim.files.outputs import check_folder
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.slam import benchmark
@@ -46,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              'config/published_slam.yaml; in a sweep, none)')
     parser.add_argument('--retry', action='store_true', help='repeat cells that failed')
     add_system_arguments(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_folder)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.outputs import check_file
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import gait_measurement
 
@@ -34,15 +35,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              ' longer walks average it out (20)')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
                         help='processes that share the work (one per core)')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_file)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write the table, say what it reaches."""
     if args.output.exists() and not args.force:
         raise ConfigError(f'--output: {args.output} exists; give another name, or --force')
-    if not args.output.parent.is_dir():
-        raise ConfigError(f'--output: {args.output.parent} is not a folder')
     if args.workers < 1:
         raise ConfigError(f'--workers: {args.workers} is not valid; valid is >= 1')
     if not 1.0 <= args.measure <= gait_measurement.MAX_MEASURE_S:

@@ -19,6 +19,7 @@ from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
 from lunar_rover_sim.campaign.episode_plans import draw, episode, episode_names, plan
 from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.outputs import check_folder
 from lunar_rover_sim.run.ros_installation import require_ros
 
 _CHECKED = 25      # episodes whose parameters a dry run checks; each takes some 30 ms
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--retry', action='store_true', help='repeat episodes that failed')
     parser.add_argument('--dry-run', action='store_true',
                         help='print what would be drawn for each episode, record nothing')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_folder)
 
 
 def run(args: argparse.Namespace) -> int:

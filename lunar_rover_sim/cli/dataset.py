@@ -11,6 +11,7 @@ from rich.console import Console
 from lunar_rover_sim.campaign.card import make_card, write_card
 from lunar_rover_sim.campaign.page import write_page
 from lunar_rover_sim.campaign.verification import verify
+from lunar_rover_sim.files.outputs import check_file
 
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         if name == 'show':
             command.add_argument('-o', '--output', type=Path, metavar='FILE',
                                  help='the page; by default DIR/index.html')
+            command.set_defaults(check_output=check_file)
             command.add_argument('--most', type=int, default=100, metavar='N',
                                  help='episodes shown with pictures (default: %(default)s)')
 

@@ -6,16 +6,16 @@ import argparse
 import json
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.alignment import MODES
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import bag_of
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.outputs import check_folder
 from lunar_rover_sim.sequences.extrinsics import FRAMES
 
 
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='stamps of KITTI files, one a line')
     parser.add_argument('-o', '--output', type=Path, metavar='DIR',
                         help='folder for evaluation.json and plots')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_folder)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -55,33 +55,31 @@ def run(args: argparse.Namespace) -> int:
                       estimate_frame=args.estimate_frame, tolerance_s=args.tolerance,
                       distance_m=args.distance, time_s=args.time, times=args.times)
 
-    console = Console()
-    table = Table(box=None, pad_edge=False)
-    for title in ('', 'rmse', 'mean', 'median', 'max', 'n'):
-        table.add_column(title, justify='left' if not title else 'right')
+    out = console()
+    rows = table(('', 'rmse', 'mean', 'median', 'max', 'n'), 1, box=None, pad_edge=False)
     for name, s in ((f'ATE [m], {args.align}', result.ate_m), ('ATE [deg]', result.ate_deg),
                     (f'RPE over {args.distance:g} m [m]', result.rpe_distance_m),
                     (f'RPE over {args.distance:g} m [deg]', result.rpe_distance_deg),
                     (f'RPE over {args.time:g} s [m]', result.rpe_time_m),
                     (f'RPE over {args.time:g} s [deg]', result.rpe_time_deg)):
-        table.add_row(Text(name), *(_number(v, 5) for v in (s.rmse, s.mean, s.median, s.max)),
-                      str(s.count))
-    console.print(table)
-    console.print(f'scale {_number(result.scale, 5)}, drift {_number(result.drift_percent, 2)} % '
-                  f'of distance (at the end {_number(result.end_drift_percent, 2)} %), '
-                  f'{result.length_m:.2f} m, tracked {100 * result.tracked_share:.1f} %, '
-                  f'{len(result.estimate)} poses, {result.unmatched} without truth',
-                  highlight=False, markup=False, soft_wrap=True)
+        rows.add_row(Text(name), *(_number(v, 5) for v in (s.rmse, s.mean, s.median, s.max)),
+                     str(s.count))
+    out.print(rows)
+    out.print(f'scale {_number(result.scale, 5)}, drift {_number(result.drift_percent, 2)} % '
+              f'of distance (at the end {_number(result.end_drift_percent, 2)} %), '
+              f'{result.length_m:.2f} m, tracked {100 * result.tracked_share:.1f} %, '
+              f'{len(result.estimate)} poses, {result.unmatched} without truth',
+              highlight=False, markup=False, soft_wrap=True)
     if result.turned_deg is not None:
-        console.print(f'note: all orientations are off by the same {result.turned_deg:.0f} deg; '
-                      'is --estimate-frame (or --truth-frame) right?', highlight=False,
-                      soft_wrap=True)
+        out.print(f'note: all orientations are off by the same {result.turned_deg:.0f} deg; '
+                  'is --estimate-frame (or --truth-frame) right?', highlight=False,
+                  soft_wrap=True)
     if args.output is not None:
         json_path = args.output / 'evaluation.json'
         paths = save_plots(result, args.output, bag_of(args.truth))
         atomic_write(json_path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
         for written in (json_path, *paths):
-            console.print(str(written), highlight=False, markup=False, soft_wrap=True)
+            out.print(str(written), highlight=False, markup=False, soft_wrap=True)
     return 0
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 from rich.text import Text
 
+from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.bootstrap import Difference, Estimate
 from lunar_rover_sim.evaluation.image_comparison import (compare_images, DISTANCE, FRAMES,
@@ -18,6 +18,7 @@ from lunar_rover_sim.evaluation.image_comparison import (compare_images, DISTANC
 from lunar_rover_sim.evaluation.image_plots import save_comparison
 from lunar_rover_sim.evaluation.image_statistics import MEASURES
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.outputs import check_folder
 
 _TABLE_WIDTH = 130
 JSON_FILE, FIGURE_FILE = 'comparison.json', 'comparison.png'
@@ -40,54 +41,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='seed of the resampling (default: %(default)s)')
     parser.add_argument('-o', '--output', type=Path, metavar='DIR',
                         help=f'folder for {JSON_FILE} and {FIGURE_FILE}')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_folder)
 
 
 def run(args: argparse.Namespace) -> int:
     """Compare, print a table, write results."""
-    console = Console()
-    with Progress(console=console, transient=True) as progress:
+    out = console()
+    with Progress(console=out, transient=True) as progress:
         task = progress.add_task('measuring', total=None)
         result = compare_images(args.first, args.second, frames=args.frames, width_px=args.width,
                                 seed=args.seed, progress=lambda: progress.advance(task))
-    _print(console, result)
+    _print(out, result)
     if args.output is not None:
         path = args.output / JSON_FILE
         save_comparison(result, args.output / FIGURE_FILE)
         atomic_write(path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
         for written in (path, args.output / FIGURE_FILE):
-            console.print(str(written), highlight=False, markup=False, soft_wrap=True)
+            out.print(str(written), highlight=False, markup=False, soft_wrap=True)
     return 0
 
 
-def _print(console: Console, result: ImageComparison) -> None:
+def _print(out: Console, result: ImageComparison) -> None:
     for name, one in (('A', result.first), ('B', result.second)):
-        console.print(f'{name}: {one.images.path} ({one.images.layout}, {len(one.values)} of '
-                      f'{one.images.total})', highlight=False, markup=False, soft_wrap=True)
-    console.print(f'compared at a width of {result.width_px} px, 95 % intervals',
-                  highlight=False)
-    table = Table(box=None, pad_edge=False)
-    for title in ('', 'A', 'B', 'B - A', 'p', 'n'):
-        table.add_column(title, justify='right' if title else 'left', no_wrap=True)
+        out.print(f'{name}: {one.images.path} ({one.images.layout}, {len(one.values)} of '
+                  f'{one.images.total})', highlight=False, markup=False, soft_wrap=True)
+    out.print(f'compared at a width of {result.width_px} px, 95 % intervals',
+              highlight=False)
+    rows = table(('', 'A', 'B', 'B - A', 'p', 'n'), 1, box=None, pad_edge=False)
     for row in result.rows:
         if row.first.n or row.second.n:
-            table.add_row(Text(row.name), _value(row.first), _value(row.second),
-                          _value(row.difference), _p(row.difference.p),
-                          f'{row.first.n}, {row.second.n}')
+            rows.add_row(Text(row.name), _value(row.first), _value(row.second),
+                         _value(row.difference), _p(row.difference.p),
+                         f'{row.first.n}, {row.second.n}')
     distance = result.distance
-    table.add_row(Text(DISTANCE), '', '', _value(distance), _p(distance.p),
-                  f'{len(result.first.values)}, {len(result.second.values)}')
-    # Narrower, the table would lose numbers.
-    Console(width=max(console.width, _TABLE_WIDTH)).print(table)
+    rows.add_row(Text(DISTANCE), '', '', _value(distance), _p(distance.p),
+                 f'{len(result.first.values)}, {len(result.second.values)}')
+    # Folded, the numbers would be hard to read.
+    Console(width=max(out.width, _TABLE_WIDTH)).print(rows)
     if result.chance == result.chance:
-        console.print(f'{DISTANCE}: Wasserstein, in decades; images shuffled between the sets '
-                      f'reach {result.chance:.3g}', highlight=False, soft_wrap=True)
+        out.print(f'{DISTANCE}: Wasserstein, in decades; images shuffled between the sets '
+                  f'reach {result.chance:.3g}', highlight=False, soft_wrap=True)
     missing = [row.name for row in result.rows if not row.first.n or not row.second.n]
     if missing:
-        console.print(f'not in both sets: {", ".join(missing)} (pairs or truth are missing)',
-                      highlight=False, soft_wrap=True)
-    console.print('\n'.join(f'{row.name}: {MEASURES[row.name]}' for row in result.rows),
-                  style='dim', highlight=False, markup=False, soft_wrap=True)
+        out.print(f'not in both sets: {", ".join(missing)} (pairs or truth are missing)',
+                  highlight=False, soft_wrap=True)
+    out.print('\n'.join(f'{row.name}: {MEASURES[row.name]}' for row in result.rows),
+              style='dim', highlight=False, markup=False, soft_wrap=True)
 
 
 def _value(found: Estimate | Difference) -> str:

@@ -93,7 +93,10 @@ def parser(declared: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentPars
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """Return the arguments of a command line; `run` is the function of the chosen command."""
+    """Return the arguments of a command line; `run` is the function of the chosen command.
+
+    Where it has an `output`, `check_output` is the function that refuses what cannot be written.
+    """
     words: list[str] = []
     for word in argv:
         if _NEGATIVE_LIST.match(word) and words and re.fullmatch('--[^=]+', words[-1]):
@@ -147,6 +150,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check_open_files()
         arguments = parse(sys.argv[1:] if argv is None else argv)
         configure_logging(arguments.verbose)
+        if getattr(arguments, 'output', None) is not None:
+            arguments.check_output(arguments.output)
         return arguments.run(arguments)
     except LunarRoverSimError as error:
         print(f'lunar_rover_sim: {error}', file=sys.stderr)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
+from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
@@ -39,14 +38,13 @@ def run(args: argparse.Namespace) -> int:
     if args.markdown:
         print(markdown(sections))
         return 0
-    console = Console()
+    out = console()
     for name, rows in sections.items():
-        table = Table(title=name, title_justify='left')
-        for column in ('parameter', 'default', 'valid', 'meaning'):
-            table.add_column(column, overflow='fold')   # nothing is cut off
+        shown = table(('parameter', 'default', 'valid', 'meaning'), 4, title=name,
+                      title_justify='left')
         for row in rows:
-            table.add_row(*map(escape, row))
-        console.print(table)
+            shown.add_row(*map(escape, row))
+        out.print(shown)
     return 0
 
 

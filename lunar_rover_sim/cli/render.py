@@ -10,8 +10,9 @@ import numpy as np
 from rich.console import Console
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.folders import make_new, refuse_existing
+from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.files.images import write_png
+from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -48,13 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, metavar='N', help='seed of everything random')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_new_folder)
 
 
 def run(args: argparse.Namespace) -> int:
     """Draw and save."""
     scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed)
-    refuse_existing(args.output)
     if args.time is not None and args.at is None:
         raise ConfigError('--time: needs --at BAG')
     console = Console()

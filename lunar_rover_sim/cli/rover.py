@@ -7,6 +7,7 @@ from pathlib import Path
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.outputs import check_file
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              'defaults)')
     export.add_argument('--name', metavar='NAME', help='of the default prim (default: Rover)')
     export.add_argument('--overwrite', action='store_true', help='replace an existing file')
-    export.set_defaults(run=run_export)
+    export.set_defaults(run=run_export, check_output=check_file)
 
 
 def run_export(args: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ import time
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.inspection.summary import summarise
 from lunar_rover_sim.run.node_config import REAL_TIME
 from lunar_rover_sim.run.plan import with_slam
@@ -40,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              'docs/reference/slam_protocol.md')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_new_folder)
 
 
 def run(args: argparse.Namespace) -> int:

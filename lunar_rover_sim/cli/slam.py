@@ -13,6 +13,8 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import ConfigError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.folders import make_new
+from lunar_rover_sim.files.outputs import check_file, check_new_folder
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
@@ -34,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='keypoints per image (default: %(default)s)')
     command.add_argument('--legacy', action='store_true',
                          help='the layout before File.version 1.0')
-    command.set_defaults(run=_settings)
+    command.set_defaults(run=_settings, check_output=check_file)
     text = 'run a SLAM program on a bag and evaluate its result'
     command = group.add_parser('run', help=text, description=text)
     command.add_argument('bag', type=Path, metavar='BAG')
@@ -44,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.add_argument('--keep-sequence', action='store_true', help='keep the exported images')
     command.add_argument('--quiet', action='store_true', help='do not show the log of the program')
     add_system_arguments(command)
-    command.set_defaults(run=_run)
+    command.set_defaults(run=_run, check_output=check_new_folder)
 
 
 def add_system_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,12 +78,7 @@ def estimator_of(args: argparse.Namespace, sensor: str) -> Estimator:
 
 def _run(args: argparse.Namespace) -> int:
     estimator = estimator_of(args, args.sensor)
-    try:
-        args.output.mkdir(parents=True)
-    except FileExistsError:
-        raise SlamError(f'{args.output}: exists already and is not overwritten') from None
-    except OSError as error:
-        raise SlamError(f'{args.output}: cannot be made: {error.strerror}') from None
+    make_new(args.output)
     console = Console()
 
     def say(line: str) -> None:
@@ -118,12 +115,8 @@ def _settings(args: argparse.Namespace) -> int:
             render.frame_rate_hz / (render.depth_every if has_depth else 1),
             scenario.physics_node.state_rate_hz)
     text = settings(suite, args.sensor, args.legacy, args.features)
-    try:
-        with args.output.open('x', encoding='ascii') as file:
-            file.write(text)
-    except FileExistsError:
-        raise ConfigError(f'{args.output}: exists already and is not overwritten') from None
-    except OSError as error:
-        raise ConfigError(f'{args.output}: cannot be written: {error.strerror}') from None
+    if args.output.exists():
+        raise ConfigError(f'{args.output}: exists already and is not overwritten')
+    atomic_write(args.output, text, ConfigError)
     print(args.output)
     return 0

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
+from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.outputs import check_file
 from lunar_rover_sim.files.yaml_text import parse_yaml
 from lunar_rover_sim.physics.config import ImuConfig
 from lunar_rover_sim.studies import imu
@@ -26,8 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hours', type=float, default=1.0, help='length of the record')
     parser.add_argument('--rate', type=float, default=200.0, help='sampling rate [Hz]')
     parser.add_argument('--seed', type=int, default=1, help='seed of the noise')
-    parser.add_argument('-o', '--output', default='imu_allan.png', help='plot to write')
-    parser.set_defaults(run=run)
+    parser.add_argument('-o', '--output', type=Path, default=Path('imu_allan.png'), metavar='FILE',
+                        help='plot to write')
+    parser.set_defaults(run=run, check_output=check_file)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -43,21 +43,19 @@ def run(args: argparse.Namespace) -> int:
             raise ConfigError(f'--set: {item!r} is not valid; valid is NAME=VALUE')
         values[name] = parse_yaml(value, f'--set {name}')
     config = ImuConfig.from_mapping(values, 'imu')
-    output = Path(args.output)
-    if not output.parent.is_dir():
-        raise ConfigError(f'--output: the folder {output.parent} does not exist')
+    imu.plot_format(args.output)   # an error is reported now, not after the study
     sensors = imu.study(config, args.hours * 3600.0, args.rate, args.seed)
     comparisons = imu.compare(sensors)
-    table = Table('sensor', 'noise', 'configured', 'read back', 'error', 'bound', '',
-                  title=f'{args.hours:g} h at {args.rate:g} Hz, preset {config.preset}')
+    rows = table(('sensor', 'noise', 'configured', 'read back', 'error', 'bound', ''), 7,
+                 title=f'{args.hours:g} h at {args.rate:g} Hz, preset {config.preset}')
     for c in comparisons:
-        table.add_row(c.sensor, c.noise, f'{c.configured:.4g}', f'{c.measured:.4g}',
-                      f'{100 * c.error:+.1f} %', f'{100 * c.bound:.0f} %',
-                      'ok' if c.passed else 'OUT')
-    console = Console()
-    console.print(table)
-    imu.plot(sensors, output)
-    console.print('white noise in m/s²/√Hz and rad/s/√Hz, bias random walk in m/s³/√Hz and'
-                  ' rad/s²/√Hz')
-    console.print(f'plot: {output}')
+        rows.add_row(c.sensor, c.noise, f'{c.configured:.4g}', f'{c.measured:.4g}',
+                     f'{100 * c.error:+.1f} %', f'{100 * c.bound:.0f} %',
+                     'ok' if c.passed else 'OUT')
+    out = console()
+    out.print(rows)
+    imu.plot(sensors, args.output)
+    out.print('white noise in m/s²/√Hz and rad/s/√Hz, bias random walk in m/s³/√Hz and'
+              ' rad/s²/√Hz')
+    out.print(f'plot: {args.output}', highlight=False, markup=False, soft_wrap=True)
     return 0 if all(c.passed for c in comparisons) else 1

@@ -7,11 +7,12 @@ import os
 from pathlib import Path
 
 from rich.console import Console
-from rich.markdown import Markdown
 from rich.progress import Progress
 
+from lunar_rover_sim.cli.terminal import print_markdown
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
+from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import (locomotion, locomotion_grounds, locomotion_report,
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='number of such worlds (8)')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
                         help='processes that share the grid of commands (one per core)')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_new_folder)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -98,6 +99,6 @@ def run(args: argparse.Namespace) -> int:
     text = locomotion_report.write_all(cases, overlays, tracking, args.output)
     if walks:
         text += '\n' + locomotion_grounds.write_all(walks, args.output)
-    console.print(Markdown(text))
+    print_markdown(console, text)
     console.print(f'written: {args.output}', highlight=False, soft_wrap=True)
     return 0 if all(each.followed for each in tracking) else 1

@@ -6,13 +6,13 @@ import argparse
 import json
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
+from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.folders import make_new
+from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.stereo import study
 
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, metavar='N', help='seed of everything random')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_new_folder)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -40,24 +40,21 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f'frames: {args.frames} is not valid; valid is >= 1')
     scenarios = [Scenario.load(name, args.overrides, seed=args.seed) for name in args.scenarios]
     make_new(args.output)
-    console = Console()
+    out = console()
     results: dict[str, dict[str, float]] = {}
     for scenario in scenarios:
-        with Progress(console=console) as bar:
+        with Progress(console=out) as bar:
             task = bar.add_task(scenario.name)
             errors = study(scenario, args.frames, args.output,
                            lambda done, total: bar.update(task, completed=done, total=total))
         results[scenario.name] = errors.summary()
-    table = Table(title='SGM against true depth')
-    table.add_column('')
-    for name in results:
-        table.add_column(name, justify='right')
+    rows = table(('', *results), 1, title='SGM against true depth')
     for row in next(iter(results.values())):
         values = [results[name][row] for name in results]
-        table.add_row(row, *(_formatted(row, v) for v in values))
-    console.print(table)
+        rows.add_row(row, *(_formatted(row, v) for v in values))
+    out.print(rows)
     atomic_write(args.output / 'stereo.json', json.dumps(results, indent=1) + '\n', ConfigError)
-    console.print(f'written to {args.output}')
+    out.print(f'written to {args.output}', highlight=False, markup=False, soft_wrap=True)
     return 0
 
 

@@ -8,11 +8,12 @@ import os
 from pathlib import Path
 
 from rich.console import Console
-from rich.markdown import Markdown
 from rich.progress import Progress
 
+from lunar_rover_sim.cli.terminal import print_markdown
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
+from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import terramechanics_anchors, terramechanics_report
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='processes that share the walks (one per core)')
     parser.add_argument('-o', '--output', type=Path, default=Path('terramechanics'),
                         metavar='DIR', help='folder to write to (terramechanics)')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_new_folder)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -72,6 +73,6 @@ def run(args: argparse.Namespace) -> int:
         anchors = (terramechanics_anchors.plates() + terramechanics_anchors.simulated(settings)
                    + terramechanics_anchors.compared(walks))
     text = terramechanics_report.write_all(anchors, walks, args.output)
-    console.print(Markdown(text))
+    print_markdown(console, text)
     console.print(f'written: {args.output}', highlight=False, soft_wrap=True)
     return 0 if all(anchor.holds for anchor in anchors if anchor.held) else 1

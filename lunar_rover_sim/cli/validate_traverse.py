@@ -8,10 +8,11 @@ import os
 from pathlib import Path
 
 from rich.console import Console
-from rich.markdown import Markdown
 from rich.progress import Progress
 
+from lunar_rover_sim.cli.terminal import print_markdown
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.outputs import check_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import traverse_grounds, traverse_report
@@ -45,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='folder to write to (traverse)')
     parser.add_argument('--resume', action='store_true',
                         help='go on with an interrupted study: finished drives are kept')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, check_output=check_folder)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -88,6 +89,6 @@ def run(args: argparse.Namespace) -> int:
         text = traverse_grounds.write_all(results, scenario.name, args.output)
     else:
         text = traverse_report.write_all(next(iter(results.values())), scenario.name, args.output)
-    console.print(Markdown(text))
+    print_markdown(console, text)
     console.print(f'written: {args.output}', highlight=False, soft_wrap=True)
     return 0 if all(map(traverse_report.acceptable, results.values())) else 1

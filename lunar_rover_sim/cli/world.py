@@ -12,10 +12,11 @@ import time
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
+from lunar_rover_sim.cli import terminal
 from lunar_rover_sim.cli.world_sun import add_sun
 from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.files.outputs import check_file, check_folder
 from lunar_rover_sim.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     info.set_defaults(run=run_info)
     preview = actions.add_parser('preview', help='maps, statistics and camera views as a PNG')
     preview.add_argument('folder', help='world folder')
-    preview.add_argument('-o', '--output', default='', metavar='FILE',
+    preview.add_argument('-o', '--output', type=Path, metavar='FILE',
                          help='PNG to write (default: FOLDER.png)')
     preview.add_argument('--sun', nargs=2, type=float, default=(60.0, 6.0),
                          metavar=('AZIMUTH', 'ELEVATION'),
@@ -46,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     preview.add_argument('--no-views', action='store_true',
                          help='leave the camera views out; they need EGL')
     preview.add_argument('--overwrite', action='store_true', help='replace an existing file')
-    preview.set_defaults(run=run_preview)
+    preview.set_defaults(run=run_preview, check_output=check_file)
     _add_export(actions.add_parser)
     add_sun(actions.add_parser)
 
@@ -56,7 +57,7 @@ def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
                         'tracks of a recording in a mesh file, or as heights (NPZ)')
     export.add_argument('folder', nargs='?', help='world folder (default with --at: the world of'
                         ' the recording)')
-    export.add_argument('-o', '--output', required=True, metavar='FILE',
+    export.add_argument('-o', '--output', required=True, type=Path, metavar='FILE',
                         help='file to write; its suffix says the format: .glb, .obj, .ply, or '
                              '.usd, .usda, .usdc, .usdz for a stage; with --at also .npz: x, y, '
                              'height, height change and compaction [m]')
@@ -79,7 +80,7 @@ def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
     stage.add_argument('--name', metavar='NAME', help='of the default prim (default: World)')
     stage.add_argument('--no-surroundings', action='store_true',
                        help='leave the coarse levels and distant rocks out')
-    export.set_defaults(run=run_export)
+    export.set_defaults(run=run_export, check_output=check_file)
 
 
 def _add_build(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
@@ -101,9 +102,10 @@ def _add_build(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
     build.add_argument('--seed', type=int, help='seed of everything random')
     build.add_argument('--set', action='append', default=[], metavar='world.PARAM=VALUE',
                        help='set any parameter, for example world.rocks.abundance=0.02')
-    build.add_argument('-o', '--output', required=True, metavar='DIR', help='folder to make')
+    build.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
+                       help='folder to make')
     build.add_argument('--overwrite', action='store_true', help='replace an existing world')
-    build.set_defaults(run=run_build)
+    build.set_defaults(run=run_build, check_output=check_folder)
 
 
 def overrides(args: argparse.Namespace) -> list[str]:
@@ -138,14 +140,15 @@ def run_build(args: argparse.Namespace) -> int:
     if args.seed is not None:
         settings.append(f'world.seed={args.seed}')
     scenario = Scenario.load(args.scenario, settings, seed=args.seed)
-    folder = Path(args.output)
+    folder: Path = args.output
     if folder.exists() and not args.overwrite:
         raise WorldError(f'{folder}: exists already; choose another folder, remove it, or say '
                          '--overwrite')
-    console = Console(stderr=True)
     start = time.monotonic()
     columns = (TextColumn('{task.description:<22}'), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True,
+                  disable=not console.is_terminal) as progress:
         task = progress.add_task('world', total=1.0)
         world = build_world(
             scenario.world, scenario.shared.seed,
@@ -166,35 +169,35 @@ def run_info(args: argparse.Namespace) -> int:
     """Print what is in a world folder."""
     folder = Path(args.folder)
     world = load_world(folder)
-    table = Table(show_header=False, title=str(folder))
+    shown = terminal.table(('', ''), 2, show_header=False, title=str(folder))
     config, ground = world.config, world.ground
-    table.add_row('source', f'{config.source} {config.path}'.strip())
-    table.add_row('seed', str(config.seed))
-    table.add_row('hash', f'{world.hash} (checked)')
+    shown.add_row('source', f'{config.source} {config.path}'.strip())
+    shown.add_row('seed', str(config.seed))
+    shown.add_row('hash', f'{world.hash} (checked)')
     for index, level in enumerate(world.levels):
-        table.add_row('ground' if index == 0 else f'level {index}',
+        shown.add_row('ground' if index == 0 else f'level {index}',
                       f'{2 * level.half_extent_m:g} m at {level.cell_m:g} m, heights '
                       f'{level.heights_m.min():.2f} to {level.heights_m.max():.2f} m')
     slopes = ', '.join(f'{rms_slope_deg(ground, b):.1f}° at {b:g} m' for b in (0.1, 0.3, 1.0, 3.0)
                        if b < ground.half_extent_m)
-    table.add_row('RMS slope', slopes)
+    shown.add_row('RMS slope', slopes)
     line = horizon_deg(world, np.arange(0.0, 360.0, 2.0))
-    table.add_row('horizon', f'{line.min():.1f}° to {line.max():.1f}° from 0.3 m above the origin')
+    shown.add_row('horizon', f'{line.min():.1f}° to {line.max():.1f}° from 0.3 m above the origin')
     inside = np.abs(world.craters.position_m).max(axis=1, initial=0.0) <= ground.half_extent_m
-    table.add_row('craters', f'{int(inside.sum())} on the ground, {len(inside)} in all')
+    shown.add_row('craters', f'{int(inside.sum())} on the ground, {len(inside)} in all')
     diameter = world.rocks.diameter_m
     if len(diameter):
-        table.add_row('rocks', f'{len(diameter)}, {diameter.min():.3g} to {diameter.max():.3g} m, '
+        shown.add_row('rocks', f'{len(diameter)}, {diameter.min():.3g} to {diameter.max():.3g} m, '
                                f'{int((diameter >= 0.3).sum())} of 0.3 m and more')
     else:
-        table.add_row('rocks', 'none')
-    table.add_row('albedo factor', f'{world.albedo.mean():.3f} ± {world.albedo.std():.3f}')
+        shown.add_row('rocks', 'none')
+    shown.add_row('albedo factor', f'{world.albedo.mean():.3f} ± {world.albedo.std():.3f}')
     for name, value in world.report.items():
-        table.add_row(name.replace('_', ' '), f'{value:.6g}' if isinstance(value, float)
+        shown.add_row(name.replace('_', ' '), f'{value:.6g}' if isinstance(value, float)
                       else str(value))
     size = sum(file.stat().st_size for file in folder.iterdir() if file.is_file())
-    table.add_row('size', f'{size / 1e6:.0f} MB')
-    Console().print(table)
+    shown.add_row('size', f'{size / 1e6:.0f} MB')
+    terminal.console().print(shown)
     return 0
 
 
@@ -202,7 +205,7 @@ def run_preview(args: argparse.Namespace) -> int:
     """Write the sheet of maps."""
     azimuth, elevation = _checked_sun(args.sun)
     folder = Path(args.folder)
-    output = Path(args.output) if args.output else folder.resolve().with_suffix('.png')
+    output = args.output or folder.resolve().with_suffix('.png')
     _refuse_existing(output, args.overwrite)
     world = load_world(folder)
     views: list = []
@@ -215,7 +218,7 @@ def run_preview(args: argparse.Namespace) -> int:
 
 def run_export(args: argparse.Namespace) -> int:
     """Write a mesh file or a stage."""
-    output = Path(args.output)
+    output: Path = args.output
     of_stage = {'--scenario': args.scenario, '--sun': args.sun, '--name': args.name,
                 '--no-surroundings': args.no_surroundings}
     of_mesh = {'--stride': args.stride, '--no-rocks': args.no_rocks,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import EvaluationError
 
 F32 = NDArray[np.float32]
 T = TypeVar('T')
@@ -42,6 +45,15 @@ class GreyPair(NamedTuple):
         truth = scaled(self.truth_px, cv2.INTER_NEAREST)
         return GreyPair(self.name, left, scaled(self.right, cv2.INTER_AREA),
                         None if truth is None else truth * np.float32(factor))
+
+
+def check_sizes(pair: GreyPair, path: Path) -> None:
+    """Raise EvaluationError if right image or truth are not as large as the left image."""
+    for what, other in (('right image', pair.right), ('true depth', pair.truth_px)):
+        if other is not None and other.shape != pair.left.shape:
+            sizes = [' x '.join(map(str, image.shape[::-1])) for image in (other, pair.left)]
+            raise EvaluationError(f'{path}: the {what} has {sizes[0]} px, the left image '
+                                  f'{sizes[1]} px')
 
 
 def levels_of(pixels: NDArray[Any], linear: bool, black: float = 0.0, full: float = 0.0) -> F32:

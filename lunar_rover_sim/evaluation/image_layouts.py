@@ -32,7 +32,7 @@ from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import picture, read_calibration
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import polar_layout
-from lunar_rover_sim.evaluation.grey_images import chosen, F32, GreyPair, levels_of
+from lunar_rover_sim.evaluation.grey_images import check_sizes, chosen, F32, GreyPair, levels_of
 from lunar_rover_sim.files.arrays import map_array
 from lunar_rover_sim.files.images import read_grey
 from lunar_rover_sim.files.yaml_text import read_yaml
@@ -41,6 +41,7 @@ from lunar_rover_sim.stereo.depth import disparity_from_depth
 
 _PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.pgm', '.bmp')
 _MOST_BYTES = 1 << 20
+_MOST_SCALE = 1e6     # px m
 
 
 class ImageSet(NamedTuple):
@@ -120,9 +121,11 @@ def _files(path: Path, layout: str, lefts: list[Path],
     def read(most: int) -> Iterator[GreyPair]:
         for left in chosen(lefts, most):
             right = right_of(left) if right_of is not None else None
-            yield GreyPair(left.name, _grey(left),
-                           _grey(right) if right is not None and right.is_file() else None,
-                           _tartanair_truth(left, scale) if scale else None)
+            pair = GreyPair(left.name, _grey(left),
+                            _grey(right) if right is not None and right.is_file() else None,
+                            _tartanair_truth(left, scale) if scale else None)
+            check_sizes(pair, left)
+            yield pair
 
     return ImageSet(path, layout, len(lefts), read)
 
@@ -139,16 +142,27 @@ def _disparity_scale(path: Path) -> float:
         return 0.0
     values = read_yaml(file, _MOST_BYTES, EvaluationError)
     try:
-        return float(values['left']['fx_fy_cx_cy_px'][0]) * float(values['baseline_m'])
-    except (KeyError, TypeError, ValueError, IndexError):
+        scale = float(values['left']['fx_fy_cx_cy_px'][0]) * float(values['baseline_m'])
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError):
         raise EvaluationError(f'{file}: lacks left.fx_fy_cx_cy_px or baseline_m') from None
+    if not 0.0 < scale < _MOST_SCALE:
+        raise EvaluationError(f'{file}: focal length times baseline: {scale:g} px m is not valid; '
+                              f'valid is > 0 and < {_MOST_SCALE:g}')
+    return scale
 
 
 def _tartanair_truth(left: Path, scale: float) -> F32 | None:
     file = left.parent.parent / 'depth_left' / f'{left.stem}_depth.npy'
     if not file.is_file():
         return None
-    depth = map_array(file, EvaluationError).astype(np.float32)
+    depth = map_array(file, EvaluationError)
+    if depth.dtype.kind != 'f' or depth.ndim != 2:
+        raise EvaluationError(f'{file}: {depth.dtype} {depth.shape} is not depth; valid are '
+                              'floats in rows and columns')
+    with np.errstate(over='ignore'):    # beyond float32 is the sky
+        depth = depth.astype(np.float32)
+    if (depth <= 0.0).any():
+        raise EvaluationError(f'{file}: holds a depth that is not above 0')
     return disparity_from_depth(np.where(depth >= 1e4, np.inf, depth), scale, 1.0)
 
 
@@ -172,9 +186,11 @@ def _bag_pairs(path: Path, most: int) -> Iterator[GreyPair]:
             left = side(found[topics.LEFT_IMAGE])
             assert left is not None
             depth = found.get(topics.TRUE_DEPTH)
-            yield GreyPair(str(stamp), left, side(found.get(topics.RIGHT_IMAGE)),
-                           disparity_from_depth(depth, scale, 1.0)
-                           if depth is not None and scale else None)
+            pair = GreyPair(str(stamp), left, side(found.get(topics.RIGHT_IMAGE)),
+                            disparity_from_depth(depth, scale, 1.0)
+                            if depth is not None and scale else None)
+            check_sizes(pair, path)
+            yield pair
 
 
 def _bag_scale(bag: Bag) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.grey_images import chosen, F32, GreyPair, levels_of
+from lunar_rover_sim.evaluation.grey_images import check_sizes, chosen, F32, GreyPair, levels_of
 from lunar_rover_sim.files.images import read_grey
 from lunar_rover_sim.files.yaml_text import read_text
 
@@ -56,6 +56,7 @@ def pairs(all_scenes: list[Scene], most: int) -> Iterator[GreyPair]:
         rights = sorted(left_path.parent.glob(
             f'CamR_*_{left_path.stem.rpartition("_")[2]}.png'))
         right = _linear(rights[0]) if rights else None
+        check_sizes(GreyPair('', left, right), left_path)
         maps = _rectification(scene.folder, left.shape) if right is not None else None
         if maps is None:
             # Raw pairs have no common rows: the left image alone is compared.
@@ -110,6 +111,10 @@ def _rectification(folder: Path, shape: tuple[int, ...]) -> Maps | None:
             raise EvaluationError(f'{path}: {key} is missing or not {count or "some"} numbers')
     K1, d1, K2, d2, R, T = (values[key] for key in _MATRICES)
     K1, K2, R = (m.reshape(3, 3) for m in (K1, K2, R))
+    if min(K1[0, 0], K1[1, 1], K2[0, 0], K2[1, 1]) <= 0.0 or not T.any():
+        raise EvaluationError(f'{path}: a focal length is not above 0, or the translation is 0')
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0.0:
+        raise EvaluationError(f'{path}: ROTATION_MATRIX is not a rotation')
     size = shape[1], shape[0]
     maps: list[Any] = []
     try:
@@ -119,4 +124,6 @@ def _rectification(folder: Path, shape: tuple[int, ...]) -> Maps | None:
     except cv2.error as error:
         raise EvaluationError(f'{path}: is not the calibration of a pair: '
                               f'{error.err}') from None
+    if not all(np.isfinite(part).all() for part in maps):
+        raise EvaluationError(f'{path}: is not the calibration of a pair')
     return tuple(maps)

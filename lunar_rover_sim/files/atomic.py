@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+import errno
 import os
 from pathlib import Path
 import secrets
@@ -25,12 +26,15 @@ def atomic_write(path: str | Path, content: str | bytes | Callable[[BinaryIO], o
     content: text (written as UTF-8), bytes, or a function that writes to the open binary file.
     error: class of the package that is raised in place of OSError, with the path in its message.
 
-    Raises `error`, or OSError where none is given, if the file cannot be written. What `content`
-    raises is passed on. In each case the file is as it was, and no temporary file is left.
+    Raises `error`, or OSError where none is given, if the file cannot be written, or is a folder
+    or a device. What `content` raises is passed on. In each case the file is as it was, and no
+    temporary file is left.
     """
     path = Path(path)
     temporary = path.with_name(f'.{path.name}.{secrets.token_hex(4)}.partial')
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise OSError(errno.EEXIST, 'it is not a regular file')
         with temporary.open('xb') as file:
             if callable(content):
                 content(file)

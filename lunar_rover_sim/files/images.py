@@ -62,4 +62,8 @@ def write_png(path: Path, pixels: NDArray[Any], compression: int = 3) -> None:
     ok, data = cv2.imencode('.png', pixels, [cv2.IMWRITE_PNG_COMPRESSION, compression])
     if not ok:
         raise OSError(f'{path.name} cannot be encoded')
-    path.write_bytes(data.tobytes())
+    try:
+        path.write_bytes(data.tobytes())
+    except OSError:
+        path.unlink(missing_ok=True)    # half a picture is none
+        raise

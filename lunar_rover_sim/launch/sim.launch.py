@@ -16,9 +16,10 @@ from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from lunar_rover_sim.bag.marker import mark_failed
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.plan import (LOG_FOLDER, prepare, resolve, SCENARIO_FILE, STOP_ORDER,
-                                      with_slam)
+from lunar_rover_sim.run.plan import (BAG_FOLDER, LOG_FOLDER, prepare, resolve, SCENARIO_FILE,
+                                      STOP_ORDER, with_slam)
 from lunar_rover_sim.run.scenario import Scenario
 
 _ARGUMENTS = {
@@ -79,7 +80,7 @@ def _start(context):
                         ros_arguments=[*plan.ros_arguments(folder / SCENARIO_FILE)[1:], *options])
         for plan in prepare(scenario, folder, world)}
     ended = OnProcessExit(target_action=lambda action: action in nodes.values(),
-                          on_exit=_Ending(nodes).on_exit)
+                          on_exit=_Ending(nodes, folder / BAG_FOLDER).on_exit)
     return [RegisterEventHandler(ended), *_logs(nodes, folder / LOG_FOLDER), *nodes.values()]
 
 
@@ -103,18 +104,25 @@ def _logs(nodes, folder):
 class _Ending:
     """Stops the nodes one by one, the recorder last, once physics_node or another has ended."""
 
-    def __init__(self, nodes):
+    def __init__(self, nodes, bag):
         self._nodes = nodes
+        self._bag = bag
+        self._failure = ''
 
     def on_exit(self, event, context):
         """Stop the next node; raise RuntimeError, which ends the launch, for one that has died.
 
         Status 0 is that of physics at its end, and of every node after a signal: on Ctrl-C a node
-        may be faster than launch itself.
+        may be faster than launch itself. The bag is marked once no recorder can finish it.
         """
+        name = next(name for name, node in self._nodes.items() if node is event.action)
+        if event.returncode != 0 and not context.is_shutdown:
+            self._failure = f'the run failed: {name} has ended with status {event.returncode}'
+        recorder = self._nodes.get('recorder_node', event.action)
+        if self._failure and (recorder is event.action or recorder.return_code is not None):
+            mark_failed(self._bag, self._failure)
         if context.is_shutdown:
             return None
-        name = next(name for name, node in self._nodes.items() if node is event.action)
         if event.returncode != 0:
             raise RuntimeError(f'{name} has ended with status {event.returncode}')
         for other in STOP_ORDER:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import functools
 import os
 from pathlib import Path
+import re
 import signal
 import sys
 from tempfile import TemporaryDirectory
@@ -20,12 +21,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos_overrides
 from lunar_rover_sim.nodes.type_watch import TypeWatch
 from lunar_rover_sim.run.node_config import NodeConfig
 from lunar_rover_sim.run.params_files import arguments_of_program
 
+_SOURCE_LINES = re.compile(r', at /\S+:\d+')      # in messages of rcl
 _SPIN_S = 0.1   # the longest time until an idle node notices a signal
 
 
@@ -129,14 +131,17 @@ def executor() -> Executor:
 
 
 def _init(arguments: Sequence[str]) -> None:
-    """Start rclpy; raise ConfigError for a parameter file that cannot be read.
+    """Start rclpy; raise ConfigError for arguments and parameter files that ROS 2 cannot read.
 
     The first argument names the program, as `sys.argv` does.
     """
     program = Path(arguments[0]).stem if arguments else ''
     with TemporaryDirectory() as folder:
-        rclpy.init(args=arguments_of_program(arguments, program, Path(folder)),
-                   signal_handler_options=SignalHandlerOptions.NO)
+        words = arguments_of_program(arguments, program, Path(folder))
+        try:
+            rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:   # the root of rclpy's own errors
+            raise ConfigError(f'--ros-args: {_SOURCE_LINES.sub("", str(error))}') from None
 
 
 def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:

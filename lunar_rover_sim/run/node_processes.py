@@ -14,7 +14,7 @@ from types import TracebackType
 
 import psutil
 
-from lunar_rover_sim.bag.marker import mark, UNFINISHED, why_incomplete
+from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.child_process import dies_with_parent
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
@@ -153,23 +153,15 @@ class NodeProcesses:
                 process.wait()
                 problem = f'{name} did not stop within {limit_s:g} s and was killed'
                 if name == 'recorder_node':
-                    self._mark_bag(problem)
+                    mark_failed(self._folder / BAG_FOLDER, problem)
                 return [problem]
         # Python's own handler of SIGINT ends a process whose node does not exist yet.
         if process.returncode == 0 or (running and process.returncode == -signal.SIGINT):
             return []
         if name == 'recorder_node' and process.returncode < 0:
-            self._mark_bag(f'{name} ended with {signal.Signals(-process.returncode).name}')
+            mark_failed(self._folder / BAG_FOLDER,
+                        f'{name} ended with {signal.Signals(-process.returncode).name}')
         return [self._describe_end(name)]
-
-    def _mark_bag(self, reason: str) -> None:
-        """Write into the mark of the bag why it is not that of a whole run.
-
-        A reason that has been written before stays.
-        """
-        bag = self._folder / BAG_FOLDER
-        if bag.is_dir() and why_incomplete(bag) in (None, UNFINISHED):
-            mark(bag, reason)
 
     def kill(self) -> None:
         """Kill what is left."""
@@ -195,7 +187,7 @@ class NodeProcesses:
         finally:
             self.kill()
             if isinstance(failure, GraphError):
-                self._mark_bag(f'the run failed: {failure}')
+                mark_failed(self._folder / BAG_FOLDER, f'the run failed: {failure}')
 
     def _describe_end(self, name: str) -> str:
         """Return how a node ended, with the reason that it gave, and its log."""

@@ -4,6 +4,9 @@ ROS 2 applies a section `physics_node` to the node `/physics_node` only: in a na
 `__node:=`, the node would silently get other parameters. And `-p` would lose against the section.
 Here a section named by a program, `physics_node` or `/**/physics_node`, concerns that program
 under every name and in every namespace; all other sections keep the meaning that ROS 2 gives them.
+
+Lists that ROS 2 does not take are refused: it ends a node with an error that names no parameter
+for an empty one, and drops all but the last of lists in a list.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ import yaml
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
-from lunar_rover_sim.parameters import merge
+from lunar_rover_sim.parameters import brief, merge
 
 SHARED = '/**'
 ROS_KEY = 'ros__parameters'
@@ -32,13 +35,18 @@ def arguments_of_program(arguments: Sequence[str], program: str, folder: Path) -
     """Return command-line arguments whose parameter files concern `program` by its sections.
 
     folder: takes the files that are written for this; ROS 2 reads them when it starts
-    Raises ConfigError for a parameter file that cannot be read.
+    Raises ConfigError for a parameter file that cannot be read, and for a list that ROS 2 does
+    not take.
     """
     result = list(arguments)
     of_ros = False
     for k, argument in enumerate(arguments):
         if argument in ('--ros-args', '--'):
             of_ros = argument == '--ros-args'
+        elif of_ros and arguments[k - 1] in ('-p', '--param'):
+            name, _, value = argument.partition(':=')
+            if value.lstrip().startswith('['):
+                _check_lists(parse_yaml(value, f'-p {name}'), f'-p {name}')
         elif of_ros and arguments[k - 1] == '--params-file':
             text = _of_program(argument, program)
             if text:
@@ -47,12 +55,27 @@ def arguments_of_program(arguments: Sequence[str], program: str, folder: Path) -
     return result
 
 
+def _check_lists(value: Any, where: str) -> None:
+    """Raise ConfigError for an empty list, and one of lists or mappings."""
+    if isinstance(value, Mapping):
+        for name, below in value.items():
+            _check_lists(below, f'{where}: {name}')
+    elif isinstance(value, list):
+        if not value:
+            raise ConfigError(f'{where}: [] is not valid: ROS 2 gives an empty list no type; '
+                              'leave the parameter out')
+        if any(isinstance(item, (list, Mapping)) for item in value):
+            raise ConfigError(f'{where}: {brief(value)} is not valid; valid is a list of numbers '
+                              'or of texts')
+
+
 def _of_program(path: str, program: str) -> str:
     """Return a file whose `/**` includes the program's section; '' where it has none."""
     where = f'--params-file {path}'
     document = parse_yaml(read_text(Path(path), MAX_BYTES), where)
     if document is not None and not isinstance(document, Mapping):
         raise ConfigError(f'{where}: not a parameter file; valid is a mapping of nodes')
+    _check_lists(document, where)
     own = [name for name in section_names(program) if name in (document or {})]
     if not own:
         return ''

@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
+from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.physics.config import ImuConfig
 from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters
 from lunar_rover_sim.studies.allan import AllanCurve, fit_noise, NoiseFit, overlapping_allan
@@ -84,8 +87,19 @@ def compare(sensors: list[SensorNoise]) -> list[NoiseComparison]:
                         s.measured.random_walk, RANDOM_WALK_TOLERANCE))]
 
 
+def plot_format(path: str | Path) -> str:
+    """Return the format that the suffix of a plot says, PNG without one; raise StudyError."""
+    kind, valid = Path(path).suffix.lstrip('.').lower() or 'png', FigureCanvasAgg.filetypes
+    if kind not in valid:
+        raise StudyError(f'{path}: .{kind} is not valid; valid are .{", .".join(sorted(valid))}')
+    return kind
+
+
 def plot(sensors: list[SensorNoise], path: str | Path) -> None:
-    """Write a plot of the Allan deviation of each sensor."""
+    """Write a plot of the Allan deviation of each sensor; PNG, or what the suffix says.
+
+    Raises StudyError if the file cannot be written.
+    """
     figure = Figure(figsize=(11, 4.5), layout='constrained')
     for axes, sensor in zip(figure.subplots(1, len(sensors)), sensors):
         tau_s = sensor.curve.tau_s
@@ -99,4 +113,5 @@ def plot(sensors: list[SensorNoise], path: str | Path) -> None:
         axes.set_ylabel(f'Allan deviation [{sensor.unit}]')
         axes.grid(True, which='both', alpha=0.3)
         axes.legend()
-    figure.savefig(path, dpi=110)
+    atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format=plot_format(path)),
+                 StudyError)

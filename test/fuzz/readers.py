@@ -33,6 +33,8 @@ from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.campaign.manifest import why_unfinished
 from lunar_rover_sim.campaign.page import write_page
 from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.evaluation.image_comparison import compare_images
+from lunar_rover_sim.evaluation.image_layouts import open_images
 from lunar_rover_sim.evaluation.trajectory_files import read_kitti, read_trajectory
 from lunar_rover_sim.evaluation.trajectory_sources import load
 from lunar_rover_sim.files.yaml_text import read_text
@@ -275,6 +277,21 @@ def read_sequence(folder: Path, _valid: Path, _file: Path, _rng: random.Random) 
         claim(frame.left.ndim == 2, 'an image is not grey')
 
 
+def read_images(folder: Path, valid: Path, _file: Path, _rng: random.Random) -> None:
+    """Levels are from 0 to 1, sizes agree, truth is no negative number; all can be compared."""
+    images = open_images(folder / 'set')
+    for pair in images.read(2):
+        claim(pair.left.ndim == 2 and pair.left.min() >= 0.0 and pair.left.max() <= 1.0,
+              'levels are not from 0 to 1')
+        for other in (pair.right, pair.truth_px):
+            claim(other is None or other.shape == pair.left.shape, 'sizes do not agree')
+        if pair.truth_px is not None:
+            claim(not np.isinf(pair.truth_px).any() and not (pair.truth_px < 0.0).any(),
+                  'a true disparity is no disparity')
+    found = compare_images(folder / 'set', valid / 'set', frames=2)
+    claim(not np.isinf(np.r_[found.first.values, found.second.values]).any(), 'infinite measures')
+
+
 def read_dataset(folder: Path, valid: Path, file: Path, _rng: random.Random) -> None:
     """A changed episode is found; card and page can be written whatever it says."""
     episode_folder = folder / EPISODES / '0000'
@@ -325,6 +342,11 @@ READERS: dict[str, Reader] = {
                                           'euroc/times.txt': mutations.any_text,
                                           'euroc/mav0/cam*/data/*.png': mutations.any_bytes},
                        read_sequence, 3),
+    'images': Reader(samples.images, {'set/*/*.png': mutations.any_bytes,
+                                      'set/*/*.npy': mutations.any_npy,
+                                      'set/*.yaml': mutations.any_yaml}, read_images),
+    'polar': Reader(samples.polar, {'set/*/*/*/*.png': mutations.any_bytes,
+                                    'set/*/*.calibration': mutations.any_text}, read_images),
     'dataset': Reader(samples.dataset, {'*.json': mutations.any_json,
                                         '*/*/*.json': mutations.any_json,
                                         '*/*/kitti/*/*.png': mutations.any_bytes}, read_dataset),
@@ -346,5 +368,7 @@ COMMANDS = {
     'sqlite': 'bag info {folder}/bag',
     'cut_mcap': 'bag recover {folder}/bag',
     'cut_sqlite': 'bag recover {folder}/bag',
+    'images': 'evaluate images {folder}/set {folder}/set',
+    'polar': 'evaluate images {folder}/set {folder}/set',
     'dataset': 'dataset card {folder}',
 }

@@ -18,6 +18,7 @@ from lunar_rover_sim.campaign.campaign_file import load_campaign
 from lunar_rover_sim.campaign.manifest import file_table, FORMAT, MANIFEST
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.evaluation.trajectory_files import write_euroc, write_kitti, write_tum
+from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.export import export
@@ -164,6 +165,43 @@ def sequence(folder: Path) -> None:
     _bag(folder)
     export(folder / 'bag', folder / 'euroc', 'euroc')
     shutil.rmtree(folder / 'bag')
+
+
+def _picture(seed: int, dtype: type = np.uint8, full: int = 255) -> np.ndarray:
+    """Return an image with edges and a black sky."""
+    rng = np.random.default_rng(seed)
+    image = cv2.resize(rng.random((12, 16), np.float32), (64, 48), interpolation=cv2.INTER_CUBIC)
+    image[:8] = 0.0
+    return np.clip(image * full, 0, full).astype(dtype)
+
+
+def images(folder: Path) -> None:
+    """Pairs with true depth in TartanAir's layout, with our calibration."""
+    for name in ('image_left', 'image_right', 'depth_left'):
+        (folder / 'set' / name).mkdir(parents=True)
+    for k in range(2):
+        for side in ('left', 'right'):
+            write_png(folder / 'set' / f'image_{side}' / f'{k:06d}_{side}.png', _picture(k))
+        np.save(folder / 'set' / 'depth_left' / f'{k:06d}_left_depth.npy',
+                np.full((48, 64), 2.0, np.float32))
+    (folder / 'set' / 'calibration.yaml').write_text(
+        'left: {fx_fy_cx_cy_px: [60.0, 60.0, 32.0, 24.0]}\nbaseline_m: 0.1\n')
+
+
+def polar(folder: Path) -> None:
+    """Two exposures of one scene of POLAR, and its calibration."""
+    scene = folder / 'set' / 'Terrain01' / 'PosA_1500_Loff' / 'Sun_30'
+    scene.mkdir(parents=True)
+    for exposure, full in ((64, 2000), (128, 4095)):
+        for side in 'LR':
+            write_png(scene / f'Cam{side}_PosA_{exposure:04d}.png',
+                      _picture(exposure, np.uint16, full))
+    (folder / 'set' / 'Terrain01' / 'stereo.calibration').write_text(
+        'CAMERA_MATRIX_LEFT: 100 0 32 0 100 24 0 0 1\n'
+        'DISTORTION_COEFFICIENTS_LEFT: 0.1 -0.05 0 0 0\n'
+        'CAMERA_MATRIX_RIGHT: 100 0 32 0 100 24 0 0 1\n'
+        'DISTORTION_COEFFICIENTS_RIGHT: 0.1 -0.05 0 0 0\n'
+        'ROTATION_MATRIX: 1 0 0 0 1 0 0 0 1\nTRANSLATION_VECTOR: -0.3 0 0\n')
 
 
 def dataset(folder: Path) -> None:
