@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
+from lunar_rover_sim.cli import terminal
 from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.files.outputs import check_file
 from lunar_rover_sim.illumination.dates import parse_date, shown
 from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime
 from lunar_rover_sim.illumination.sky_figure import write as write_figure
@@ -41,7 +42,7 @@ def add_sun(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
     sun.add_argument('-o', '--output', type=Path, metavar='FILE',
                      help='PNG to write: elevations over time, the way before the horizon')
     sun.add_argument('--overwrite', action='store_true', help='replace an existing file')
-    sun.set_defaults(run=run_sun)
+    sun.set_defaults(run=run_sun, check_output=check_file)
 
 
 def run_sun(args: argparse.Namespace) -> int:
@@ -56,7 +57,7 @@ def run_sun(args: argparse.Namespace) -> int:
     over = sky_over_time(site, start + np.arange(count) * np.timedelta64(
         round(args.step * 3.6e9 / fine), 'us'), world)
     name = f'longitude {site.lon_deg:.4f}°, latitude {site.lat_deg:.4f}°'
-    console = Console()
+    console = terminal.console()
     console.print(_table(over, fine, name))
     console.print(_summary(over, site, world), soft_wrap=True)
     if args.output is not None:
@@ -115,10 +116,8 @@ def _time(args: argparse.Namespace) -> tuple[np.datetime64, float]:
 
 def _table(over: SkyOverTime, every: int, title: str) -> Table:
     """Return every n-th sample as a row."""
-    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 0))
-    for heading in ('UTC', 'sun elev.', 'azimuth', 'true az.', 'in light', 'Earth elev.',
-                    'azimuth'):
-        table.add_column(heading, justify='left' if heading == 'UTC' else 'right', no_wrap=True)
+    table = terminal.table(('UTC', 'sun elev.', 'azimuth', 'true az.', 'in light', 'Earth elev.',
+                            'azimuth'), 1, title=title, box=box.SIMPLE_HEAD, padding=(0, 0))
     sun, earth = over.sky.sun, over.sky.earth
     for k in range(0, len(over.dates_utc), every):
         table.add_row(np.datetime_as_string(over.dates_utc[k], unit='m').replace('T', ' '),
