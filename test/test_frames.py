@@ -25,6 +25,15 @@ def test_quaternion_matrix_round_trip(quats: np.ndarray) -> None:
         assert min(np.abs(back - quat).max(), np.abs(back + quat).max()) < 1e-12
 
 
+def test_matrices_of_many_quaternions(quats: np.ndarray) -> None:
+    """An array of quaternions of any shape gives the very matrices of the single ones."""
+    several = quats[:24].reshape(2, 3, 4, 4)
+    matrices = frames.matrix_from_wxyz(several)
+    assert matrices.shape == (2, 3, 4, 3, 3)
+    single = [frames.matrix_from_wxyz(quat) for quat in quats[:24]]
+    assert matrices.reshape(24, 3, 3).tolist() == np.array(single).tolist()
+
+
 def test_rpy_round_trip() -> None:
     """Fixed-axis roll, pitch, yaw come back."""
     rpy = np.array([0.3, -0.7, 2.5])
