@@ -141,6 +141,8 @@ def manifests(folder: Path) -> Iterator[dict[str, Any]]:
         manifest = read_json(path)
         if not isinstance(manifest.get('statistics'), dict):
             raise CampaignError(f'{path}: has no statistics')
+        if not isinstance(manifest.get('drawn') or {}, dict):
+            raise CampaignError(f'{path}: drawn is not a mapping of parameters')
         yield {**manifest, 'name': path.parent.name}
 
 

@@ -86,9 +86,10 @@ class Distribution:
             value = _normal(probability, a, b)
         else:
             value = a + probability * (b - a)
-        if self.kind != 'normal':
-            value = min(max(_rounded(value), a), b)
-        return _rounded(value)
+        rounded = _rounded(value)
+        if self.kind == 'normal' or a <= rounded <= b:
+            return rounded
+        return _rounded(min(max(rounded, a), b))
 
     def grid(self) -> list[Any]:
         """Return the values of a grid, in order."""

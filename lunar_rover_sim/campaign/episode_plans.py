@@ -45,8 +45,8 @@ def draw(campaign: Campaign) -> list[dict[str, Any]]:
     else:
         points = unit_points(campaign.config.design, campaign.count, len(names),
                              campaign.config.seed)
-        rows = [tuple(campaign.vary[name].quantile(float(share))
-                      for name, share in zip(names, row)) for row in points]
+        rows = [tuple(campaign.vary[name].quantile(share)
+                      for name, share in zip(names, row)) for row in points.tolist()]
     result = []
     for index, row in enumerate(rows):
         drawn: dict[str, Any] = {}

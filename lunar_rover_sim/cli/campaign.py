@@ -22,7 +22,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.outputs import check_folder
 from lunar_rover_sim.run.ros_installation import require_ros
 
-_CHECKED = 25      # episodes whose parameters a dry run checks; each takes some 30 ms
+_CHECKED = 10      # episodes whose parameters a dry run checks; each takes some 30 ms
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 

@@ -42,6 +42,13 @@ def test_pictures_and_numbers(tmp_path, capfd):
     assert capfd.readouterr().err == ''
 
 
+def test_what_was_drawn_is_a_mapping(tmp_path):
+    folder = dataset(tmp_path)
+    (folder / 'episodes' / '0000' / 'manifest.json').write_text('{"statistics": {}, "drawn": 3}')
+    with pytest.raises(CampaignError, match='drawn is not a mapping'):
+        make_card(folder)
+
+
 def test_a_device_is_no_manifest(tmp_path):
     folder = dataset(tmp_path)
     (folder / 'episodes' / '0000' / 'manifest.json').unlink()

@@ -106,7 +106,7 @@ def any_npz(rng: random.Random, content: bytes) -> bytes:
     if action == 0:
         del members[name]
     elif action == 1:
-        members[rng.choice(('../x.npy', '', 'x', name.upper()))] = members.pop(name)
+        members[rng.choice(('../x.npy', '.npy', 'x', name.upper()))] = members.pop(name)
     elif action == 2:
         members[name] = members[rng.choice(sorted(members))]
     else:

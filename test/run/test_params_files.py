@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 
 import pytest
 import yaml
@@ -68,3 +69,20 @@ def test_a_scenario_may_name_nodes_in_every_namespace(tmp_path: Path) -> None:
     path.write_text(path.read_text() + 'drive_node: {ros__parameters: {speed_mps: 0.08}}\n')
     with pytest.raises(ConfigError, match='section drive_node is given twice'):
         Scenario.load(path)
+
+
+@pytest.mark.parametrize(('value', 'said'), [
+    ('[]', '-p topics: [] is not valid: ROS 2 gives an empty list no type; leave the parameter'),
+    ('[ ]', '-p topics: [] is not valid'), ('[[1], [2]]', 'valid is a list of numbers or of texts'),
+    ('[{a: 1}]', 'valid is a list of numbers or of texts'), ('[1', 'not valid YAML')])
+def test_lists_that_ros_does_not_take_are_named(tmp_path: Path, value: str, said: str) -> None:
+    """On the command line and in a file; it would say nothing of the parameter, or drop items."""
+    words = ['recorder_node', '--ros-args', '-p', f'topics:={value}']
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        arguments_of_program(words, 'recorder_node', tmp_path)
+    path = tmp_path / 'file.yaml'
+    path.write_text(f'/**: {{ros__parameters: {{topics: {value}}}}}\n')
+    with pytest.raises(ConfigError, match='file.yaml.*not valid'):
+        arguments(path, tmp_path, 'recorder_node')
+    words[-1] = 'topics:=[odom, imu/data_raw]'
+    assert arguments_of_program(words, 'recorder_node', tmp_path) == words
