@@ -156,7 +156,7 @@ class StereoMount(Parameters):
     """The mount of the stereo camera: the midpoint between the lenses and the line of sight."""
 
     position_m: tuple[float, ...] = param((0.12, 0.0, 0.18), 'midpoint of the lenses in base_link',
-                                          unit='m', length=3)
+                                          unit='m', length=3, low=-10.0, high=10.0)
     pitch_deg: float = param(10.0, 'downward tilt of the optical axes', unit='deg', low=-90.0,
                              high=90.0)
     baseline_m: float = param(0.10, 'distance between the lenses', unit='m', low=0.0,
@@ -168,9 +168,9 @@ class ImuMount(Parameters):
     """The mount of the IMU; its axes are those of base_link, turned by rpy."""
 
     position_m: tuple[float, ...] = param((0.0, 0.0, 0.0), 'origin in base_link', unit='m',
-                                          length=3)
+                                          length=3, low=-10.0, high=10.0)
     rpy_deg: tuple[float, ...] = param((0.0, 0.0, 0.0), 'fixed-axis roll, pitch, yaw', unit='deg',
-                                       length=3)
+                                       length=3, low=-360.0, high=360.0)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -73,7 +73,8 @@ def test_a_scenario_may_name_nodes_in_every_namespace(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('value', 'said'), [
     ('[]', '-p topics: [] is not valid: ROS 2 gives an empty list no type; leave the parameter'),
-    ('[ ]', '-p topics: [] is not valid'), ('[[1], [2]]', 'valid is a list of numbers or of texts'),
+    ('[ ]', '-p topics: [] is not valid'),
+    ('[[1], [2]]', 'valid is a list of numbers or of texts'),
     ('[{a: 1}]', 'valid is a list of numbers or of texts'), ('[1', 'not valid YAML')])
 def test_lists_that_ros_does_not_take_are_named(tmp_path: Path, value: str, said: str) -> None:
     """On the command line and in a file; it would say nothing of the parameter, or drop items."""
