@@ -52,8 +52,10 @@ class ClockReader:
     def now_ns(self) -> int:
         """Return the newest simulated time [ns]; 0 before the first clock message."""
         *lines, self._rest = (self._rest + (self._pipe.read() or b'')).split(b'\n')
-        if lines:
-            self._now_ns = int(lines[-1])
+        # Fast DDS writes its own messages to standard output too.
+        times = [line for line in lines if line.isdigit()]
+        if times:
+            self._now_ns = int(times[-1])
         return self._now_ns
 
     def close(self) -> None:
