@@ -35,10 +35,6 @@ class SunSiteConfig(Parameters):
 class SunConfig(Parameters):
     """The position and the light of the sun, which does not move during a run."""
 
-    date: str = param('', 'UTC in ISO 8601, for example 2026-11-22T06:00:00Z; azimuth and '
-                      'elevation then follow from it and from `site`. Empty: they are as they '
-                      'stand')
-    site: SunSiteConfig = group(SunSiteConfig)
     azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
                                unit='deg', low=-360.0, high=360.0)
     elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
@@ -47,6 +43,10 @@ class SunConfig(Parameters):
                                         low=0.01, high=5.0)
     irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
                               unit='W/m^2', low=0.0, high=1e5)
+    date: str = param('', 'UTC in ISO 8601, for example 2026-11-22T06:00:00Z; azimuth and '
+                      'elevation then follow from it and from `site`. Empty: they are as they '
+                      'stand')
+    site: SunSiteConfig = group(SunSiteConfig)
 
     def validate(self) -> None:
         """Raise ConfigError if the date is none, or out of range."""

@@ -162,9 +162,9 @@ def test_validate_imu_reads_the_noise_back(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('arguments', [('--hours', '0'), ('--rate', '-1'), ('--set', 'nonsense'),
-                                       ('--set', 'nonsense=1'), ('-o', '/nowhere/at/all.png')])
+                                       ('--set', 'nonsense=1')])
 def test_validate_imu_refuses(arguments):
-    with pytest.raises(ConfigError, match='valid|did you mean|does not exist'):
+    with pytest.raises(ConfigError, match='valid|did you mean'):
         validate(*arguments)
 
 

@@ -14,7 +14,7 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.errors import BagError, EvaluationError, ProcessError, SlamError
+from lunar_rover_sim.errors import BagError, ConfigError, EvaluationError, ProcessError, SlamError
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_sources import load
 from lunar_rover_sim.sequences.extrinsics import recorded_frame
@@ -195,7 +195,7 @@ def test_command_line(tmp_path, bag, capsys) -> None:
     assert args.run(args) == 0
     assert 'lost' in capsys.readouterr().out
     assert json.loads((tmp_path / 'result' / 'result.json').read_text())['tracked_share'] == 0.0
-    with pytest.raises(SlamError, match='exists already'):
+    with pytest.raises(ConfigError, match='result exists; name a new folder'):
         args.run(args)
     args = parse(['slam', 'run', '/no/bag', '-o', str(tmp_path / 'nothing')])
     with pytest.raises(BagError, match='there is no such bag'):
