@@ -300,7 +300,7 @@ def test_existing_output_is_refused(tmp_path: Path) -> None:
     finished = simulate(tmp_path)
     assert finished.returncode == 1
     assert finished.stderr.startswith('lunar_rover_sim: ')
-    assert 'exists already' in finished.stderr
+    assert 'exists; name a new folder' in finished.stderr
     assert not list(tmp_path.iterdir())
 
 
