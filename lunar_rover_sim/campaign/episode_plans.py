@@ -72,17 +72,22 @@ def plan(campaign: Campaign) -> Iterator[EpisodePlan]:
 
 
 def episode(campaign: Campaign, name: str, drawn: Mapping[str, Any]) -> EpisodePlan:
-    """Return one episode: the base scenario, the settings, and what was drawn.
+    """Return one episode; raises ConfigError as `episode_scenario` does."""
+    scenario = episode_scenario(campaign, name, drawn)
+    return EpisodePlan(name, dict(drawn), scenario.to_yaml(), scenario.run.duration_s)
+
+
+def episode_scenario(campaign: Campaign, name: str, drawn: Mapping[str, Any]) -> Scenario:
+    """Return the scenario of an episode: the base, the settings, and what was drawn.
 
     Raises ConfigError, with the episode's name, if the parameters do not fit together.
     """
     values = {**campaign.settings, **drawn}
     try:
         scenario = Scenario.load(_base(campaign), _overrides(values))
-        scenario = resolve(_self_contained(scenario))
+        return resolve(_self_contained(scenario))
     except ConfigError as error:
         raise ConfigError(f'episode {name}: {error}') from None
-    return EpisodePlan(name, dict(drawn), scenario.to_yaml(), scenario.run.duration_s)
 
 
 def _settings_of(name: str, value: Any) -> dict[str, Any]:

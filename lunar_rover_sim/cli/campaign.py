@@ -16,13 +16,13 @@ from lunar_rover_sim.campaign.campaign_file import Campaign, load_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.dataset import Dataset, DatasetProgress
 from lunar_rover_sim.campaign.episode import EpisodeTask, Outcome
-from lunar_rover_sim.campaign.episode_plans import draw, episode, episode_names, plan
+from lunar_rover_sim.campaign.episode_plans import draw, episode_names, episode_scenario, plan
 from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.outputs import check_folder
 from lunar_rover_sim.run.ros_installation import require_ros
 
-_CHECKED = 10      # episodes whose parameters a dry run checks; each takes some 30 ms
+_CHECKED = 100     # episodes whose parameters a dry run checks; each takes some 10 ms
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
@@ -93,7 +93,7 @@ def _dry_run(campaign: Campaign) -> int:
     """Print what is drawn for each episode; check the parameters of the first ones."""
     drawings = list(zip(episode_names(campaign), draw(campaign)))
     for name, drawn in drawings[:_CHECKED]:
-        episode(campaign, name, drawn)
+        episode_scenario(campaign, name, drawn)
     for name, drawn in drawings:
         print(f'{name}: ' + ', '.join(f'{key} = {value}' for key, value in drawn.items()))
     if campaign.count > _CHECKED:

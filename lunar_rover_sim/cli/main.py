@@ -144,15 +144,20 @@ def configure_logging(verbose: bool) -> None:
                                                     exc_info=failed.exc_value)
 
 
+def execute(argv: Sequence[str]) -> int:
+    """Run one command; return its exit status. What goes wrong is raised; `main` prints it."""
+    arguments = parse(argv)
+    configure_logging(arguments.verbose)
+    if getattr(arguments, 'output', None) is not None:
+        arguments.check_output(arguments.output)
+    return arguments.run(arguments)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return the exit status: 0, 1 after an error, 130 after Ctrl-C."""
     try:
         _check_open_files()
-        arguments = parse(sys.argv[1:] if argv is None else argv)
-        configure_logging(arguments.verbose)
-        if getattr(arguments, 'output', None) is not None:
-            arguments.check_output(arguments.output)
-        return arguments.run(arguments)
+        return execute(sys.argv[1:] if argv is None else argv)
     except LunarRoverSimError as error:
         print(f'lunar_rover_sim: {error}', file=sys.stderr)
         return 1

@@ -24,16 +24,11 @@ def read_picture(path: Path, error: type[LunarRoverSimError],
 
     Raises `error` if the file is missing, damaged or no picture.
     """
-    check_regular(path, error)
-    try:
-        with Image.open(path) as picture:
-            if picture.mode.startswith('I'):
-                grey = (np.asarray(picture) >> 8).astype(np.uint8)
-                return np.repeat(grey[..., None], 3, axis=2) if colour else grey
-            return np.asarray(picture.convert('RGB' if colour else 'L'), dtype=np.uint8)
-    except Exception as reason:  # Pillow's readers raise errors of many classes on a damaged file
-        words = ' '.join(str(reason).split()) or type(reason).__name__
-        raise error(f'{path}: cannot be read as a picture: {words}') from None
+    pixels = _read(path, error, 'RGB' if colour else 'L')
+    if pixels.dtype == np.uint16:
+        pixels = (pixels >> 8).astype(np.uint8)
+        return np.repeat(pixels[..., None], 3, axis=2) if colour else pixels
+    return pixels
 
 
 def read_grey(path: Path, error: type[LunarRoverSimError]) -> NDArray[Any]:
@@ -41,12 +36,17 @@ def read_grey(path: Path, error: type[LunarRoverSimError]) -> NDArray[Any]:
 
     Raises `error` if the file is missing, damaged or no picture.
     """
+    return _read(path, error, 'L')
+
+
+def _read(path: Path, error: type[LunarRoverSimError], mode: str) -> NDArray[Any]:
+    """Return the pixels in a mode of Pillow with 8 bits; 16-bit levels as (h, w) uint16."""
     check_regular(path, error)
     try:
         with Image.open(path) as picture:
             if picture.mode.startswith('I'):
                 return np.asarray(picture).astype(np.uint16)
-            return np.asarray(picture.convert('L'), dtype=np.uint8)
+            return np.asarray(picture.convert(mode), dtype=np.uint8)
     except Exception as reason:  # Pillow's readers raise errors of many classes on a damaged file
         words = ' '.join(str(reason).split()) or type(reason).__name__
         raise error(f'{path}: cannot be read as a picture: {words}') from None

@@ -195,4 +195,4 @@ def test_a_dry_run_of_many_episodes_is_quick(tmp_path: Path, capsys) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2001
     assert lines[-2].startswith('1999: render_node.sun.elevation_deg = ')
-    assert lines[-1] == 'checked: the parameters of the first 10 of 2000 episodes'
+    assert lines[-1] == 'checked: the parameters of the first 100 of 2000 episodes'

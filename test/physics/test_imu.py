@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.errors import ConfigError, StudyError
 from lunar_rover_sim.physics.config import ImuConfig
 from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters, PRESETS
@@ -149,8 +149,7 @@ def test_bad_parameters_are_refused(values, message):
 
 
 def validate(*arguments: str) -> int:
-    args = parse(['validate', 'imu', *arguments])
-    return args.run(args)
+    return execute(['validate', 'imu', *arguments])
 
 
 def test_validate_imu_reads_the_noise_back(tmp_path, capsys):
@@ -162,9 +161,9 @@ def test_validate_imu_reads_the_noise_back(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('arguments', [('--hours', '0'), ('--rate', '-1'), ('--set', 'nonsense'),
-                                       ('--set', 'nonsense=1')])
+                                       ('--set', 'nonsense=1'), ('-o', '/nowhere/at/all.png')])
 def test_validate_imu_refuses(arguments):
-    with pytest.raises(ConfigError, match='valid|did you mean'):
+    with pytest.raises(ConfigError, match='valid|did you mean|/nowhere/at is not a folder'):
         validate(*arguments)
 
 

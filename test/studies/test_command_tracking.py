@@ -4,13 +4,12 @@ import re
 
 import pytest
 
-from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.cli.main import execute
 from lunar_rover_sim.errors import ConfigError
 
 
 def run(*words):
-    args = parse(words)
-    return args.run(args)
+    return execute(words)
 
 
 def test_an_existing_table_is_not_overwritten(tmp_path):
@@ -21,6 +20,7 @@ def test_an_existing_table_is_not_overwritten(tmp_path):
 
 
 @pytest.mark.parametrize(('words', 'message'), [
+    (('calibrate', 'gait', '-o', '/nowhere/table.yaml'), '/nowhere is not a folder'),
     (('calibrate', 'gait', '-o', 'x.yaml', '--workers', '0'), '--workers: 0'),
     (('calibrate', 'gait', '-o', 'x.yaml', '--measure', '0'), '--measure: 0'),
     (('calibrate', 'gait', 'flatt', '-o', 'x.yaml'), 'flatt: no such scenario; did you mean flat'),
