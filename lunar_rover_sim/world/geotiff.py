@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import contextlib
 import logging
+import os
 import pathlib
 import warnings
 
@@ -41,7 +43,7 @@ class GeoRaster(Raster):
         self._open_files = contextlib.ExitStack()
         self._open_files.enter_context(rasterio.Env())
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), _proj_data():
                 warnings.simplefilter('ignore', NotGeoreferencedWarning)
                 self._data = self._open_files.enter_context(rasterio.open(path))
             self._interpret()
@@ -184,6 +186,25 @@ class GeoRaster(Raster):
         heights = np.ma.getdata(values).astype(float)
         scale, offset = self._data.scales[band - 1], self._data.offsets[band - 1]
         return heights * scale + offset, known
+
+
+@contextlib.contextmanager
+def _proj_data() -> Iterator[None]:
+    """Name the data of rasterio's own PROJ, unless the environment names some.
+
+    rasterio tells GDAL where they are, but libgeotiff, in GDAL, looks up units of length in a
+    context of its own. PROJ then prints that its data are missing.
+    """
+    folder = pathlib.Path(rasterio.__file__).parent / 'proj_data'   # in rasterio's wheels
+    if {'PROJ_DATA', 'PROJ_LIB'} & os.environ.keys() or not folder.is_dir():
+        yield
+        return
+    os.environ['PROJ_DATA'] = str(folder)
+    try:
+        yield
+    finally:
+        # Programs that this one starts may have another PROJ.
+        del os.environ['PROJ_DATA']
 
 
 def _transformed(source: CRS, target: CRS, x: float, y: float) -> tuple[float, float] | None:

@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import struct
 import tracemalloc
 
 import numpy as np
@@ -177,6 +178,20 @@ def test_other_units_of_length(tmp_path):
     assert here.pixel_m == pytest.approx(10.0 * 1200 / 3937)
     assert here.reference_m == pytest.approx(-1834.0 * 1200 / 3937, abs=2.0)
     here.close()
+
+
+def test_a_unit_given_by_its_number_is_found_without_a_word(tmp_path, capfd):
+    path = write_tiff(tmp_path / 'feet.tif', hills(), pixel=10.0)
+    key, metre, clarkes_foot = 3076, 9001, 9005     # of GeoTIFF and EPSG
+    entry = struct.pack('<4H', key, 0, 1, metre)
+    content = path.read_bytes()
+    assert content.count(entry) == 1
+    path.write_bytes(content.replace(entry, struct.pack('<4H', key, 0, 1, clarkes_foot)))
+    here = open_dem(config(path))
+    assert here.pixel_m == pytest.approx(3.047972654)
+    here.close()
+    # PROJ, which libgeotiff asks, prints past GDAL and rasterio.
+    assert capfd.readouterr() == ('', '')
 
 
 def test_integer_heights_with_scale_and_offset(tmp_path):
