@@ -18,14 +18,11 @@ def folder(path):
             for root, _, names in os.walk(path) if names]
 
 
-# colcon, and packagers of ROS, call setup.py themselves; pip builds a wheel. They put scripts into
-# lib/NAME, as setup.cfg says, where `ros2 run` looks; the shell looks in bin/. pip itself makes
-# bin/NAME, of the console script.
-by_colcon = {'install', 'develop'} & set(sys.argv)
-programs = [('bin', ['resource/bin/' + NAME])] if by_colcon else []
-# The scripts that setuptools writes for colcon import for a quarter of a second before they reach
-# a node. Ctrl-C would meet Python's own handler for as long: a traceback, or no effect at all.
-nodes = sorted(glob('resource/nodes/*_node'))
+# colcon, and packagers of ROS, call setup.py themselves; pip builds a wheel, and makes bin/NAME of
+# the console script. The others put console scripts into lib/NAME, as setup.cfg says, where
+# `ros2 run` looks; the shell looks in bin/.
+by_pip = {'bdist_wheel', 'dist_info', 'editable_wheel'} & set(sys.argv)
+programs = [] if by_pip else [('bin', ['resource/bin/' + NAME])]
 
 setup(
     name=NAME,
@@ -85,10 +82,10 @@ setup(
         'mutation': ['cosmic-ray>=8.4'],
         'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],
     },
-    scripts=nodes if by_colcon else [],
+    # Each of these is a name for resource/nodes/start.
+    scripts=sorted(glob('resource/nodes/*_node')),
     entry_points={'console_scripts': [
         'lunar_rover_sim = lunar_rover_sim.cli.main:main',
-        *(f'{node} = lunar_rover_sim.nodes.entry_points:{node}'
-          for node in map(os.path.basename, nodes) if not by_colcon),
+        'lunar_rover_sim_node = lunar_rover_sim.nodes.entry_points:main',
     ]},
 )

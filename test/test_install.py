@@ -18,6 +18,7 @@ import xml.etree.ElementTree as ET
 import pytest
 
 import lunar_rover_sim
+from lunar_rover_sim.nodes.entry_points import NODES
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / 'lunar_rover_sim'
@@ -195,18 +196,37 @@ print(json.dumps([
 
 
 def test_console_scripts(prefix: Path) -> None:
-    """The command line and every node have a script, and each leads to a function."""
+    """The command line and every node have a script, and each leads to its program."""
     scripts = distribution(prefix).entry_points.select(group='console_scripts')
-    nodes = {path.stem for path in PACKAGE.glob('nodes/*_node.py')}
-    assert {script.name for script in scripts} == {'lunar_rover_sim', *nodes}
-    # Those of a workspace.
-    assert {path.name for path in (ROOT / 'resource' / 'nodes').iterdir()} == nodes
+    assert {script.name for script in scripts} == {'lunar_rover_sim', 'lunar_rover_sim_node'}
     for script in scripts:
         assert callable(script.load())
         assert (prefix / 'bin' / script.name).is_file()
     finished = run_installed(prefix, 'lunar_rover_sim', 'parameters', 'run')
     assert finished.returncode == 0, finished.stderr
     assert 'duration_s' in finished.stdout
+    nodes = {path.stem for path in PACKAGE.glob('nodes/*_node.py')}
+    assert set(NODES) == nodes
+    start = ROOT / 'resource' / 'nodes' / 'start'
+    assert {path.name for path in start.parent.iterdir()} - {'start'} == nodes
+    for node in nodes:
+        assert (start.parent / node).samefile(start)
+        installed = prefix / 'bin' / node
+        assert installed.read_bytes() == start.read_bytes() and os.access(installed, os.X_OK)
+
+
+def test_scripts_of_nodes_start_them(prefix: Path) -> None:
+    """Under its own name, through a link, and by the name given."""
+    (prefix / 'linked').mkdir()
+    (prefix / 'linked' / 'drive_node').symlink_to(prefix / 'bin' / 'drive_node')
+    for program in ('drive_node', '../linked/drive_node'):
+        finished = run_installed(prefix, program, '--ros-args', '-p', 'no_such:=1')
+        assert finished.returncode == 1
+        assert finished.stderr.startswith('FATAL no_such: no such parameter of drive_node') or \
+            'rclpy is missing' in finished.stderr
+    finished = run_installed(prefix, 'lunar_rover_sim_node', 'walk_node')
+    assert finished.returncode == 1
+    assert finished.stderr == f"FATAL 'walk_node' is not a node; valid are {', '.join(NODES)}\n"
 
 
 def test_extras(prefix: Path) -> None:
@@ -224,14 +244,17 @@ def test_scripts_folder() -> None:
     assert settings['develop']['script_dir'] == '$base/lib/lunar_rover_sim'
 
 
-@pytest.mark.parametrize('script', sorted((ROOT / 'resource' / 'nodes').iterdir()),
-                         ids=lambda script: script.name)
-def test_scripts_of_a_workspace(script: Path) -> None:
-    """Python starts them, and they start their node; colcon writes its own first line."""
-    lines = script.read_text().splitlines()
-    assert lines[0] == '#!/usr/bin/env python3' and os.access(script, os.X_OK)
-    assert lines[-1] == f'sys.exit({script.name}())'
-    compile(script.read_text(), script.name, 'exec')
+def test_setup_knows_pip_from_colcon(tmp_path: Path) -> None:
+    """The command line is in bin/ of a workspace, and all its sources are seen where colcon asks
+    for them: it links them for `--symlink-install`. pip makes bin/ itself.
+    """
+    ask = ('import sys; from distutils.core import run_setup; '
+           'found = run_setup("setup.py", sys.argv[1:], stop_after="config"); '
+           'print(len(found.scripts), [name for name, _ in found.data_files if name == "bin"])')
+    for word, programs in (('--dry-run', ['bin']), ('develop', ['bin']), ('bdist_wheel', [])):
+        finished = subprocess.run([sys.executable, '-c', f'import setuptools; {ask}', word],
+                                  cwd=ROOT, capture_output=True, text=True, timeout=60)
+        assert finished.stdout == f'{len(NODES)} {programs}\n', finished.stderr
 
 
 def test_bootstrap_refuses_nonsense() -> None:
@@ -255,21 +278,23 @@ found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name == 'rclpy' else found(name, *rest)
 sys.meta_path.insert(0, Hide())
 from lunar_rover_sim.{module} import {function}
+sys.argv = {words}
 sys.exit({function}({argument}))
 """
 
 
-def without_ros(module: str, function: str, argument: str = '') \
+def without_ros(module: str, function: str, argument: str = '', words: str = '[""]') \
         -> subprocess.CompletedProcess[str]:
     """Run a function of ours in a process where rclpy cannot be imported."""
-    script = _WITHOUT_ROS.format(module=module, function=function, argument=argument)
+    script = _WITHOUT_ROS.format(module=module, function=function, argument=argument,
+                                 words=words)
     return subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
                           cwd=ROOT, timeout=60)
 
 
 def test_nodes_without_ros() -> None:
     """A node says in one line what is missing and how to get it."""
-    finished = without_ros('nodes.entry_points', 'render_node')
+    finished = without_ros('nodes.entry_points', 'main', words="['', 'render_node']")
     assert finished.returncode == 1
     assert finished.stderr.count('\n') == 1
     assert 'rclpy is missing' in finished.stderr

@@ -1,8 +1,9 @@
-"""The entry points of the nodes: one line instead of a traceback where ROS 2 is missing.
+"""The entry point of the nodes: one line instead of a traceback where ROS 2 is missing.
 
-    python -m lunar_rover_sim.nodes.entry_points NODE --ros-args ...
+    lunar_rover_sim_node NODE --ros-args ...
 
-starts a node as its console script does.
+is the console script, which `resource/nodes/start` runs under the names of all nodes;
+`python -m lunar_rover_sim.nodes.entry_points NODE --ros-args ...` does the same.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ import signal
 import sys
 from types import FrameType
 
+NODES = ('drive_node', 'gait_controller_node', 'physics_node', 'pose_bridge_node',
+         'recorder_node', 'render_node', 'slam_node', 'trajectory_recorder_node')
+
 
 def _leave(number: int, frame: FrameType | None) -> None:
     # Nothing exists yet that must be closed. An exception would be printed with a traceback, by
@@ -19,10 +23,21 @@ def _leave(number: int, frame: FrameType | None) -> None:
     os._exit(0)
 
 
-def _start(name: str) -> int:
-    """Run a node; return its exit status. A signal before the node exists ends it quietly."""
+def main() -> int:
+    """Run the node that the first argument names; return its exit status.
+
+    The node sees the other arguments. A signal before the node exists ends it quietly, also one
+    that came while signals were blocked for the start of Python.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
+    # The node sees the arguments that a script of its name would see.
+    del sys.argv[0]
+    name = sys.argv[0] if sys.argv else ''
+    if name not in NODES:
+        print(f'FATAL {name!r} is not a node; valid are {", ".join(NODES)}', file=sys.stderr)
+        return 1
     # No node draws with MuJoCo. Else its import looks for GLFW in a process of its own, which a
     # signal would end with a traceback.
     os.environ.setdefault('MUJOCO_GL', 'disable')
@@ -42,47 +57,5 @@ def _start(name: str) -> int:
     return module.main()
 
 
-def physics_node() -> int:
-    """Run physics_node."""
-    return _start('physics_node')
-
-
-def gait_controller_node() -> int:
-    """Run gait_controller_node."""
-    return _start('gait_controller_node')
-
-
-def render_node() -> int:
-    """Run render_node."""
-    return _start('render_node')
-
-
-def recorder_node() -> int:
-    """Run recorder_node."""
-    return _start('recorder_node')
-
-
-def drive_node() -> int:
-    """Run drive_node."""
-    return _start('drive_node')
-
-
-def slam_node() -> int:
-    """Run slam_node."""
-    return _start('slam_node')
-
-
-def trajectory_recorder_node() -> int:
-    """Run trajectory_recorder_node."""
-    return _start('trajectory_recorder_node')
-
-
-def pose_bridge_node() -> int:
-    """Run pose_bridge_node."""
-    return _start('pose_bridge_node')
-
-
 if __name__ == '__main__':
-    # The node sees the arguments that its console script would see.
-    del sys.argv[0]
-    raise SystemExit(_start(sys.argv[0]))
+    raise SystemExit(main())

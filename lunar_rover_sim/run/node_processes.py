@@ -72,9 +72,14 @@ class NodeProcesses:
                    *plan.ros_arguments(self._folder / SCENARIO_FILE)]
         with self.log(plan.name).open('wb') as log:
             # A session of its own: Ctrl-C reaches the caller only, which stops the nodes in order.
-            return psutil.Popen(dies_with_parent(command), env=environment,
-                                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-                                start_new_session=True)
+            # Signals wait until the node handles them: Python prints a traceback while it starts.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+            try:
+                return psutil.Popen(dies_with_parent(command), env=environment,
+                                    stdin=subprocess.DEVNULL, stdout=log,
+                                    stderr=subprocess.STDOUT, start_new_session=True)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def logs(self) -> dict[str, Path]:
         """Return node → log file."""
@@ -141,8 +146,7 @@ class NodeProcesses:
     def _stop(self, name: str, limit_s: float) -> list[str]:
         """Stop one node; return what went wrong."""
         process = self._processes[name]
-        running = process.poll() is None
-        if running:
+        if process.poll() is None:
             # A suspended process does not receive SIGINT.
             patience_s = 0.0 if _is_suspended(process) else limit_s
             process.send_signal(signal.SIGINT)
@@ -155,8 +159,7 @@ class NodeProcesses:
                 if name == 'recorder_node':
                     mark_failed(self._folder / BAG_FOLDER, problem)
                 return [problem]
-        # Python's own handler of SIGINT ends a process whose node does not exist yet.
-        if process.returncode == 0 or (running and process.returncode == -signal.SIGINT):
+        if process.returncode == 0:
             return []
         if name == 'recorder_node' and process.returncode < 0:
             mark_failed(self._folder / BAG_FOLDER,

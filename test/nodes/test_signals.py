@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,22 +12,27 @@ import time
 
 import pytest
 
+from lunar_rover_sim.run.node_processes import NodeProcesses
+from lunar_rover_sim.run.plan import NodePlan
+
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
 
-# After the entry point has been reached. Before it Python itself starts, for 0.1 s or so.
+SCRIPTS = Path(__file__).resolve().parents[2] / 'resource' / 'nodes'
+
+# After the entry point has been reached.
 DELAYS_S = (0.0, 0.2, 0.5, 1.0)
 
 
-def wait_for_entry_point(process: int, limit_s: float = 20.0) -> None:
-    """Return when the process catches SIGTERM."""
+def wait_for_mask(process: int, mask: str, limit_s: float = 20.0) -> None:
+    """Return when SIGTERM is in a mask of the process: SigCgt, caught, or SigBlk, blocked."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
-        caught = re.search(r'SigCgt:\s*(\w+)', Path(f'/proc/{process}/status').read_text())
-        if caught and int(caught[1], 16) >> (signal.SIGTERM - 1) & 1:
+        found = re.search(rf'{mask}:\s*(\w+)', Path(f'/proc/{process}/status').read_text())
+        if found and int(found[1], 16) >> (signal.SIGTERM - 1) & 1:
             return
-        time.sleep(0.005)
-    raise AssertionError('the entry point is not reached')
+        time.sleep(0.002)
+    raise AssertionError(f'SIGTERM does not come into {mask}')
 
 
 @pytest.mark.parametrize('node', ['physics_node', 'gait_controller_node', 'render_node',
@@ -51,7 +57,7 @@ def test_every_node_stops_quietly(node: str, world_folder: Path, tmp_path: Path,
     try:
         for k, delay_s in enumerate(DELAYS_S, 1):
             processes.append(start(k))
-            wait_for_entry_point(processes[-1].pid)
+            wait_for_mask(processes[-1].pid, 'SigCgt')
             time.sleep(delay_s)
             processes[-1].send_signal(signal.SIGINT if k % 2 else signal.SIGTERM)
         deadline = time.monotonic() + 60.0
@@ -70,6 +76,44 @@ def test_every_node_stops_quietly(node: str, world_folder: Path, tmp_path: Path,
         bad = [line for line in said.splitlines()
                if any(word in line for word in ('Traceback', 'rror', 'FATAL', 'bort'))]
         assert not bad, said
+
+
+def test_a_signal_waits_while_python_starts(tmp_path: Path) -> None:
+    """The scripts of the nodes block signals until the node handles them: none is lost, and
+    Python's own start prints nothing.
+    """
+    program = tmp_path / 'lunar_rover_sim_node'
+    program.write_text(f'#!{sys.executable}\nimport sys\n'
+                       'from lunar_rover_sim.nodes.entry_points import main\nsys.exit(main())\n')
+    script = tmp_path / 'drive_node'
+    shutil.copy(SCRIPTS / 'drive_node', script)
+    for path in (program, script):
+        path.chmod(0o755)
+    processes = []
+    try:
+        for k, delay_s in enumerate((0.0, 0.02, 0.04, 0.08, 0.16)):
+            process = subprocess.Popen([str(script)], stdout=(tmp_path / f'{k}.log').open('w'),
+                                       stderr=subprocess.STDOUT)
+            processes.append(process)
+            wait_for_mask(process.pid, 'SigBlk')
+            time.sleep(delay_s)
+            process.send_signal(signal.SIGINT if k % 2 else signal.SIGTERM)
+        for process in processes:
+            assert process.wait(20) == 0
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait(20)
+    assert not any((tmp_path / f'{k}.log').read_text() for k in range(len(processes)))
+
+
+def test_a_graph_that_is_stopped_at_once_says_nothing(tmp_path: Path, domain: int) -> None:
+    """As by Ctrl-C right after the start of a run."""
+    (tmp_path / 'scenario.yaml').write_text('/**: {ros__parameters: {seed: 1}}\n')
+    plans = [NodePlan(name, {}) for name in ('drive_node', 'gait_controller_node')]
+    with NodeProcesses(plans, tmp_path, domain) as nodes:
+        time.sleep(0.05)    # Python starts
+    assert not any(log.read_text() for log in nodes.logs().values())
 
 
 def test_a_second_signal_does_no_harm(domain: int) -> None:
