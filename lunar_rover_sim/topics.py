@@ -115,6 +115,13 @@ POINTS = Topic('stereo/points2', 'sensor_msgs/msg/PointCloud2', DEPTH_FRAME, 're
                'one point a pixel, NaN where unknown', on_request=True)
 TRUE_DEPTH = Topic('ground_truth/depth/image', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                    frames.LEFT_OPTICAL_FRAME, 'depth of the scene, 32FC1 [m], +Inf for the sky')
+CHASE_IMAGE = Topic('chase/image_raw', 'sensor_msgs/msg/Image', EVENT, 'render_node',
+                    frames.CHASE_OPTICAL_FRAME, 'the rover from outside, where chase.enabled is '
+                    'set; at chase.rate_hz', on_request=True)
+CHASE_INFO = Topic('chase/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT, 'render_node',
+                   frames.CHASE_OPTICAL_FRAME, 'that of the chase camera', on_request=True)
+CHASE_POSE = Topic('chase/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'render_node',
+                   frames.ODOM_FRAME, 'of its optical frame, which moves', on_request=True)
 SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
             'unit vector to the sun')
 WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
@@ -151,7 +158,7 @@ CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE,
     LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED,
-    RIGHT_COMPRESSED, POINTS, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
-    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT,
-    BRIDGED_JOINTS, SHOWN)
+    RIGHT_COMPRESSED, POINTS, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, SUN, WORLD_HASH,
+    ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS,
+    TELEPORT, BRIDGED_JOINTS, SHOWN)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)

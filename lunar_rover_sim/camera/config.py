@@ -7,7 +7,7 @@ import math
 
 from lunar_rover_sim.camera.distortion import is_invertible
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.parameters import group, param, Parameters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,3 +129,12 @@ class SensorConfig(Parameters):
     shot_noise: bool = param(True, 'photon and dark shot noise')
     read_noise: bool = param(True, 'read noise')
     fixed_pattern: bool = param(True, 'gain and offset of each pixel')
+
+
+@dataclasses.dataclass(frozen=True)
+class FurtherCameraConfig(Parameters):
+    """A camera besides the stereo pair."""
+
+    camera: CameraConfig = group(CameraConfig)
+    lens: LensConfig = group(LensConfig)
+    sensor: SensorConfig = group(SensorConfig)

@@ -50,3 +50,28 @@ def leg_twists(state: Posed, T_base_camera: Array, rover: RoverDescription) -> l
         rate = np.array([0.0, -float(speed), 0.0])
         twists.append(CameraTwist(np.cross(rate, centre - axle) @ R, rate @ R))
     return twists
+
+
+def twist_beside(state: Posed, T_world_camera: Array, velocity_mps: Array, rate_radps: Array,
+                 rover: RoverDescription) -> list[CameraTwist]:
+    """Return the motion of a camera beside the rover relative to its body and its four legs.
+
+    T_world_camera: (4, 4) of the optical frame; velocity_mps, rate_radps: (3,) of the camera,
+    world axes
+    """
+    R, centre = T_world_camera[:3, :3], T_world_camera[:3, 3]
+    base = state.T_world_base
+    turn = base[:3, :3]
+    body_rate = turn @ state.angular_velocity_radps
+    body_velocity = turn @ state.linear_velocity_mps
+
+    def relative(origin: Array, velocity: Array, rate: Array) -> CameraTwist:
+        point = velocity + np.cross(rate, centre - origin)  # of the link, where the camera is
+        return CameraTwist((velocity_mps - point) @ R, (rate_radps - rate) @ R)
+
+    twists = [relative(base[:3, 3], body_velocity, body_rate)]
+    for axle, speed in zip(rover.legs.axle_positions_m(), state.joint_velocity_radps):
+        arm = turn @ np.asarray(axle, float)
+        twists.append(relative(base[:3, 3] + arm, body_velocity + np.cross(body_rate, arm),
+                               body_rate + turn @ [0.0, float(speed), 0.0]))
+    return twists

@@ -1,4 +1,4 @@
-"""The stereo rig: intrinsics, projection matrices and mounting of the two cameras."""
+"""A camera's intrinsics; the stereo rig: projection matrices and mounting of its two cameras."""
 
 from __future__ import annotations
 
@@ -11,21 +11,19 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import optical_poses
 
 
-class StereoRig:
-    """Two equal cameras whose optical axes are parallel and whose rows correspond.
+class PinholeCamera:
+    """A camera, wherever it is mounted.
 
     Pixel coordinates follow OpenCV and ROS: the centre of the upper left pixel is (0, 0).
 
-    K: (3, 3) intrinsics [px] of both cameras
+    K: (3, 3) intrinsics [px]
     D: (5,) Brown-Conrady distortion k1, k2, p1, p2, k3 (`plumb_bob`) of the raw images
     R: (3, 3) rectification, the identity: the cameras are mounted rectified
-    P_left, P_right: (3, 4) projections of the left optical frame; P_right[0, 3] = -fx baseline_m
-    T_base_left, T_base_right: (4, 4) optical frames in base_link
+    P_left: (3, 4) projection of its optical frame; that of the left one of a pair
     """
 
-    def __init__(self, rover: RoverDescription, camera: CameraConfig) -> None:
+    def __init__(self, camera: CameraConfig) -> None:
         self.width, self.height = camera.width, camera.height
-        self.baseline_m = rover.stereo.baseline_m
         focal = camera.focal_px
         self.K: Array = np.array([[focal, 0.0, 0.5 * (self.width - 1)],
                                   [0.0, focal, 0.5 * (self.height - 1)],
@@ -33,14 +31,32 @@ class StereoRig:
         self.D: Array = np.array(camera.distortion)
         self.R: Array = np.eye(3)
         self.P_left: Array = np.hstack([self.K, np.zeros((3, 1))])
-        self.P_right: Array = self.P_left.copy()
-        self.P_right[0, 3] = -focal * self.baseline_m
-        self.T_base_left, self.T_base_right = optical_poses(rover)
 
     @property
     def focal_px(self) -> float:
         """Focal length [px]."""
         return float(self.K[0, 0])
+
+    def rays(self) -> Array:
+        """Return the (height, width, 3) ray of each rectified pixel, optical frame, with z = 1."""
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        return np.stack([(u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1],
+                         np.ones(u.shape)], axis=-1)
+
+
+class StereoRig(PinholeCamera):
+    """Two equal cameras whose optical axes are parallel and whose rows correspond.
+
+    P_left, P_right: (3, 4) projections of the left optical frame; P_right[0, 3] = -fx baseline_m
+    T_base_left, T_base_right: (4, 4) optical frames in base_link
+    """
+
+    def __init__(self, rover: RoverDescription, camera: CameraConfig) -> None:
+        super().__init__(camera)
+        self.baseline_m = rover.stereo.baseline_m
+        self.P_right: Array = self.P_left.copy()
+        self.P_right[0, 3] = -self.focal_px * self.baseline_m
+        self.T_base_left, self.T_base_right = optical_poses(rover)
 
     def project(self, points_world_m: ArrayLike, T_world_base: ArrayLike) -> tuple[Array, Array]:
         """Project (..., 3) world points into both rectified images.
@@ -57,9 +73,3 @@ class StereoRig:
             depth = np.where(uvw[..., 2:] > 0.0, uvw[..., 2:], np.nan)
             pixels.append(uvw[..., :2] / depth)
         return pixels[0], pixels[1]
-
-    def rays(self) -> Array:
-        """Return the (height, width, 3) ray of each rectified pixel, optical frame, with z = 1."""
-        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        return np.stack([(u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1],
-                         np.ones(u.shape)], axis=-1)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 import re
 
 import numpy as np
 from rich.console import Console
 
+from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.files.images import write_png
@@ -16,7 +18,7 @@ from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
+from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, settled, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.recorded_ground import recorded_ground
 from lunar_rover_sim.run.scenario import Scenario
@@ -39,6 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--twist', metavar='VX,VY,VZ,WX,WY,WZ', type=_numbers(6),
                         default=[0.0] * 6, help='velocity of the rover in axes of base_link '
                         '[m/s, rad/s], which blurs the images over the exposure; zero by default')
+    parser.add_argument('--chase', action='store_true', help='also draw the rover from outside '
+                        '(PNG); render_node.chase.* are the parameters of that camera')
+    parser.add_argument('--chase-from', metavar='DISTANCE,AZIMUTH,ELEVATION', type=_numbers(3),
+                        help='where that camera is [m, deg, deg], by default 1.5,-112,17; the '
+                        'azimuth counts from the sun, or as chase.reference says')
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
                         help='folder for the pictures; must not exist')
     parser.add_argument('--world', type=Path, metavar='DIR', help='a world made by `world build`')
@@ -57,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed)
     if args.time is not None and args.at is None:
         raise ConfigError('--time: needs --at BAG')
+    chase = _chase(args, scenario.render_node.chase)
     console = Console()
     with console.status('building the world'):
         overlay = None
@@ -70,6 +78,9 @@ def run(args: argparse.Namespace) -> int:
         renderer = Renderer.from_scenario(scenario, world)
     with renderer:
         renderer.follow(overlay)
+        if chase is not None:
+            mount = ChaseMount(chase, renderer.config.sun.azimuth_deg, world)
+            camera = renderer.add_camera(chase, mount)
         matcher = SgmMatcher.from_scenario(scenario)
         make_new(args.output)
         for k, T in enumerate(poses):
@@ -87,9 +98,23 @@ def run(args: argparse.Namespace) -> int:
             np.save(out / f'{name}_disparity_px.npy', disparity.disparity_px)
             sheet = contact_sheet(frame, disparity.disparity_px, disparity.depth_m)
             write_png(out / f'{name}_preview.png', sheet[..., ::-1])    # it is BGR
+            if chase is not None:
+                mount.follow(state, k)
+                outside = settled(camera, state).left
+                assert outside is not None
+                write_png(out / f'{name}_chase.png', outside)
             console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                           f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0
+
+
+def _chase(args: argparse.Namespace, config: ChaseConfig) -> ChaseConfig | None:
+    """Return the chase camera that is asked for."""
+    if args.chase_from is None:
+        return config if args.chase else None
+    distance_m, azimuth_deg, elevation_deg = args.chase_from
+    return dataclasses.replace(config, distance_m=distance_m, azimuth_deg=azimuth_deg,
+                               elevation_deg=elevation_deg)
 
 
 def _pose(text: str) -> tuple[float, ...]:

@@ -17,11 +17,11 @@ from lunar_rover_sim.camera.compression import encoding_of
 from lunar_rover_sim.frames import Array
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.camera.rig import StereoRig
+    from lunar_rover_sim.camera.rig import PinholeCamera
     from lunar_rover_sim.stereo.depth import DisparityMap
 
 
-def camera_info(rig: StereoRig, frame_id: str, projection: Array,
+def camera_info(rig: PinholeCamera, frame_id: str, projection: Array,
                 stamp: Time) -> CameraInfo:
     """Return intrinsics, distortion and projection of one camera (REP-104)."""
     msg = CameraInfo(header=Header(stamp=stamp, frame_id=frame_id))

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import moderngl
 import numpy as np
 
-from lunar_rover_sim.camera.motion import CameraTwist, ground_twist, leg_twists
-from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.camera.motion import CameraTwist
+from lunar_rover_sim.camera.mount import Mount
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.config import RenderConfig
@@ -50,37 +50,39 @@ class MotionPass:
     """
 
     def __init__(self, context: moderngl.Context, rover: RoverDescription, config: RenderConfig,
-                 projection: Projection, seen: tuple[int, ...]) -> None:
+                 projection: Projection, mount: Mount, seen: tuple[int, ...]) -> None:
         """Compile the programs; projection: of both cameras; seen: as `seen_links`."""
         self._context, self._rover, self._projection = context, rover, projection
-        rig = StereoRig(rover, config.camera)
-        self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
+        self._mount = mount
         self._blur, self._line_time_s = config.sensor.motion_blur, config.sensor.line_time_s
-        self._roll_s = rig.height * self._line_time_s
+        self._roll_s = config.camera.height * self._line_time_s
         # The sensor smears pixels as they lie in the pinhole image, before charge blooms.
         self._smears = not (config.camera.distorted or config.sensor.blooming
                             or self._line_time_s)
-        self._sees_rover, self._legs = bool(seen), [link for link in seen if link > 0]
+        self._sees_rover = bool(seen)
+        # Links that move in the images.
+        self._links = [link for link in seen if link > 0 or not mount.on_body]
         size = (projection.width, 2 * projection.height)
         self._image = attachment(context, size)
         self._target = context.framebuffer([self._image])
         self._sampler = context.sampler(repeat_x=False, repeat_y=False,
                                         filter=(context.LINEAR, context.LINEAR))
         rolling: dict[str, int] = {}
+        rover_moves = {'ROVER': 1, **({'ON_BODY': 1} if mount.on_body else {})}
         if self._line_time_s > 0.0:
             rolling = {'ROLLING': 1, **({'DISTORTED': 1} if config.camera.distorted else {})}
         self._programs = [load_program(context, 'screen', 'motion', BODIES=1, SHORT=1),
-                          load_program(context, 'screen', 'motion', BODIES=1 + len(self._legs),
-                                       **({'ROVER': 1} if self._sees_rover else {}), **rolling)]
+                          load_program(context, 'screen', 'motion', BODIES=1 + len(self._links),
+                                       **(rover_moves if self._sees_rover else {}), **rolling)]
         K = projection.K
         for program in self._programs:
             set_uniform(program, u_radiance=_RADIANCE, u_depth=_DEPTH, u_link=_LINK,
                         u_pinhole=(K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
                         u_texel=(1.0 / size[0], 1.0 / size[1]), u_line_time=self._line_time_s,
                         u_distortion=config.camera.distortion,
-                        u_leg=np.array([0, *(1 + link for link in self._legs)], np.float32))
+                        u_leg=np.array([0, *(1 + link for link in self._links)], np.float32))
         self._screens = [context.vertex_array(program, []) for program in self._programs]
-        self._links = LinkTargets(context, size) if self._sees_rover else None
+        self._marked = LinkTargets(context, size) if self._sees_rover else None
 
     def draw(self, passes: ScenePasses, scene: Scene, exposure_s: float) -> Blurred:
         """Return the mean radiance over an exposure [s] of a scene that has just been lit.
@@ -102,9 +104,9 @@ class MotionPass:
         short = samples == 2 and not sees_rover and not self._line_time_s
         values: dict[str, Any] = {'u_exposure': exposure_s,
                                   'u_samples': min(samples, _MOST_SAMPLES) if self._blur else 1}
-        if self._links is not None and not short:
-            passes.mark_rover(scene, self._links.framebuffer)
-            self._links.link.use(_LINK)
+        if self._marked is not None and not short:
+            passes.mark_rover(scene, self._marked.framebuffer)
+            self._marked.link.use(_LINK)
         program, screen = ((self._programs[0], self._screens[0]) if short
                            else (self._programs[1], self._screens[1]))
         self._target.use()
@@ -137,15 +139,14 @@ class MotionPass:
                 'u_velocity': _packed([twist.linear_velocity_mps for twist in both])}
 
     def _twists(self, scene: Scene, side: int) -> list[CameraTwist]:
-        """Return the motion of a camera relative to the world, then to the legs that it sees."""
-        camera = self._T_base_cameras[side]
-        legs = leg_twists(scene.state, camera, self._rover)
-        return [ground_twist(scene.state, camera), *(legs[link - 1] for link in self._legs)]
+        """Return the motion of a camera relative to the world, then to links that move in view."""
+        links = self._mount.link_twists(scene.state, side, self._rover) if self._links else []
+        return [self._mount.ground_twist(scene.state, side), *(links[k] for k in self._links)]
 
     def _leg_nearness(self, scene: Scene, side: int) -> Array:
-        """Return the inverse depths of the axles of the legs in view, after a 0 [1/m]."""
+        """Return the inverse depths of the origins of these links, after a 0 [1/m]."""
         camera = scene.T_world_cameras[side]
-        axles = scene.T_world_links[self._legs, :3, 3] - camera[:3, 3]
+        axles = scene.T_world_links[self._links, :3, 3] - camera[:3, 3]
         depth = np.maximum(axles @ camera[:3, 2], _NEAREST_M)
         return np.concatenate([[0.0], 1.0 / depth]).astype(np.float32)
 
@@ -170,8 +171,8 @@ class MotionPass:
 
     def release(self) -> None:
         """Release the GL objects."""
-        if self._links is not None:
-            self._links.release()
+        if self._marked is not None:
+            self._marked.release()
         release_all(*self._screens, *self._programs, self._sampler, self._target, self._image)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.blooming import bloom
 from lunar_rover_sim.camera.distorted_image import source_pixels
-from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
@@ -22,7 +22,7 @@ from lunar_rover_sim.rendering.scene import Uniforms
 class SensorPass:
     """Turns pairs of radiance images, the left above the right, into pixels of the sensors."""
 
-    def __init__(self, context: moderngl.Context, rig: StereoRig, sensor: SensorModel,
+    def __init__(self, context: moderngl.Context, rig: PinholeCamera, sensor: SensorModel,
                  seed: int, padding: tuple[int, int] = (0, 0)) -> None:
         """Draw the fixed patterns and compile the program.
 

@@ -10,7 +10,8 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array, se3
 from lunar_rover_sim.illumination.config import LampConfig, SunConfig
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.frame import StereoFrame
+from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import Posed, RoverPose
 from lunar_rover_sim.world.model import World
@@ -47,14 +48,19 @@ def standing(world: World, x_m: float, y_m: float, yaw_deg: float,
 
 def settle(renderer: Renderer, state: Posed) -> None:
     """Draw a state until automatic exposure is at rest; with a fixed exposure, do nothing."""
-    if renderer.config.sensor.exposure_mode != 'auto':
-        return
+    if renderer.config.sensor.exposure_mode == 'auto':
+        settled(renderer, state)
+
+
+def settled(camera: Renderer | FurtherCamera, state: Posed) -> StereoFrame:
+    """Return the left image of a state, drawn until automatic exposure is at rest."""
     last = 0.0
     for k in range(_MOST_FRAMES):
-        exposure_s = renderer.render(state, k, ('left',)).exposure_s
-        if abs(exposure_s - last) < _SETTLED * exposure_s:
-            return
-        last = exposure_s
+        frame = camera.render(state, k, ('left',))
+        if abs(frame.exposure_s - last) < _SETTLED * frame.exposure_s:
+            break
+        last = frame.exposure_s
+    return frame
 
 
 def four_views(world: World, azimuth_deg: float,

@@ -6,6 +6,7 @@ import dataclasses
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import RecorderConfig
+from lunar_rover_sim.camera.chase import ChaseConfig
 from lunar_rover_sim.camera.compression import CompressionConfig
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.errors import ConfigError
@@ -199,6 +200,7 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
 
     sgm: SgmConfig = group(SgmConfig)
     stereo: StereoTopicsConfig = group(StereoTopicsConfig)
+    chase: ChaseConfig = group(ChaseConfig)
     frame_rate_hz: int = param(20, 'stereo pairs per second; its period is a whole number of '
                                'state periods. A walking body pitches: at 10 Hz trackers lose it',
                                unit='Hz', low=1, high=200)
@@ -220,6 +222,18 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     def depth_period_ns(self) -> int:
         """The period of disparity, depth and true depth [ns]."""
         return self.depth_every * self.frame_period_ns
+
+    @property
+    def chase_period_ns(self) -> int:
+        """The period of the chase camera [ns]."""
+        return 1_000_000_000 // self.chase.rate_hz
+
+    def validate(self) -> None:
+        """Raise ConfigError unless images of the chase camera fall on stereo pairs."""
+        super().validate()
+        if self.chase.enabled and self.frame_rate_hz % self.chase.rate_hz:
+            raise ConfigError(f'chase.rate_hz: {self.chase.rate_hz} is not valid; valid is a '
+                              f'divisor of frame_rate_hz = {self.frame_rate_hz}')
 
 
 @dataclasses.dataclass(frozen=True)

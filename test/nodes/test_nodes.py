@@ -18,7 +18,7 @@ pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
-from geometry_msgs.msg import Twist  # noqa: E402
+from geometry_msgs.msg import PoseStamped, Twist  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import at_rest_odometry, ended, fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
@@ -126,13 +126,16 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
               'stereo/left/camera_info': CameraInfo, 'stereo/disparity': DisparityImage,
               'stereo/depth/image': Image, 'ground_truth/depth/image': Image,
               'stereo/depth/camera_info': CameraInfo, 'stereo/points2': PointCloud2,
-              'stereo/left/image_raw/compressed': CompressedImage}
+              'stereo/left/image_raw/compressed': CompressedImage,
+              'chase/image_raw': Image, 'chase/camera_info': CameraInfo,
+              'chase/pose': PoseStamped}
     received = {topic: peer.listen(kind, topic) for topic, kind in topics.items()}
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     odometry = at_rest_odometry()
     odometry.header.stamp.sec = 3
     with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
-                 'stereo.left.image_raw.compressed.format:=png'):
+                 'stereo.left.image_raw.compressed.format:=png', '-p', 'chase.enabled:=true', '-p',
+                 'chase.camera.width:=128', '-p', 'chase.camera.height:=72'):
         peer.spin_until(lambda: all(received.values()), limit_s=60.0,
                         meanwhile=lambda: poses.publish(odometry))
         answer = peer.call(SetParameters, 'render_node/set_parameters', SetParameters.Request(
@@ -165,8 +168,21 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     assert compressed.header == left.header
     assert np.array_equal(cv2.imdecode(np.frombuffer(bytes(compressed.data), np.uint8),
                                        cv2.IMREAD_UNCHANGED), pixels)
+    _check_chase(received)
     _check_cloud(received['stereo/points2'][0], received['stereo/depth/image'][0],
                  received['stereo/depth/camera_info'][0], pixels)
+
+
+def _check_chase(received: dict[str, list[Any]]) -> None:
+    """The rover is in the middle of the image; pose and CameraInfo say so, too."""
+    image, info, pose = (received[f'chase/{name}'][0] for name in ('image_raw', 'camera_info',
+                                                                   'pose'))
+    assert (info.width, info.height) == (image.width, image.height) == (128, 72)
+    assert info.header == image.header and image.header.frame_id == 'chase_optical_frame'
+    pixels = np.frombuffer(bytes(image.data), np.uint8).reshape(72, 128)
+    assert pixels[24:48, 44:84].max() > 200 and pixels.min() < 20
+    camera = np.array([pose.pose.position.x, pose.pose.position.y, pose.pose.position.z])
+    assert 1.4 < np.linalg.norm(camera[:2]) < 1.5 and pose.header.frame_id == 'odom'
 
 
 def rays(cloud: PointCloud2) -> np.ndarray:
@@ -305,7 +321,6 @@ def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None
 
 def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path) -> None:
     """An estimator's poses become a file that `evaluate` reads; a Path repeats itself, once."""
-    from geometry_msgs.msg import PoseStamped
     from nav_msgs.msg import Path as PathMsg
 
     from lunar_rover_sim.evaluation.trajectory_files import read_tum

@@ -13,6 +13,7 @@ from scipy.ndimage import map_coordinates
 import worlds
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.mount import BodyMount
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError, RenderError
 from lunar_rover_sim.frames import wxyz_from_matrix
@@ -30,6 +31,7 @@ from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.scene import LEFT, Request, RIGHT
 from lunar_rover_sim.rendering.scene_passes import ScenePasses
 from lunar_rover_sim.rendering.sensor_pass import SensorPass
+from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -373,7 +375,9 @@ def test_no_pinholes_where_meshes_meet():
                             config.camera.far_m)
     rng = np.random.default_rng(4)
     with created_context() as context:
-        passes = ScenePasses(context, built, scene.ROVER, config, projection, 0)
+        shared = WorldPasses(context, built, scene.ROVER, config, 0)
+        passes = ScenePasses(context, shared, BodyMount(rig), config, projection,
+                             sees_rover=False)
         for _ in range(40):
             pose = pose_on(built, *rng.uniform(-4.0, 4.0, 2), rng.uniform(0.0, 360.0))
             drawn = passes.draw_geometry(Request.of(('left', 'right'), 0), RoverPose(pose))
@@ -385,6 +389,7 @@ def test_no_pinholes_where_meshes_meet():
                 assert 0.2 < ground.mean() < 1.0
                 assert not np.any(~ground[1:-1, 1:-1] & np.all(around, axis=0))
         passes.release()
+        shared.release()
 
 
 def test_labels_and_normals(world, renderer):

@@ -7,7 +7,7 @@ uniform vec2 u_rows;            // first row of the image within the attachments
 uniform vec2 u_texel;           // 1 / size of the attachments
 uniform float u_exposure;       // [s]
 uniform int u_samples;          // over the exposure
-// Motion of the camera relative to each body, in its axes: the world, then legs in view.
+// Motion of the camera relative to each body, in its axes: the world, then links that move in view.
 uniform vec3 u_rate[BODIES];    // [rad/s]
 uniform vec3 u_velocity[BODIES];    // [m/s]
 layout(location = 0) out float o_radiance;
@@ -68,7 +68,9 @@ float radiance_of(float link, vec2 q) {
 // lies behind the rover.
 vec2 seen_at(vec3 ray, vec2 p, float t, float nearness) {
     float own = link_at(p);
+#ifdef ON_BODY
     if (own == 1.0) return vec2(radiance_at(p), 1.0);       // the body moves with the camera
+#endif
     for (int k = 1; k < BODIES; k++) {
         vec2 q = source_at(k, ray, t, u_leg_nearness[k]);
         if (link_at(q) == u_leg[k]) q = source_at(k, ray, t, inverse_depth(q));

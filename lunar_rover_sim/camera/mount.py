@@ -1,0 +1,86 @@
+"""Where cameras are and how they move: on the rover's body, or beside the rover."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from lunar_rover_sim.camera.motion import CameraTwist, ground_twist, leg_twists, twist_beside
+from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.pose import Posed
+
+
+class Mount(Protocol):
+    """What carries a pair of cameras; a single camera counts as two in one place."""
+
+    @property
+    def on_body(self) -> bool:
+        """Whether the rover's body stands still in the images."""
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses T_world_camera of both optical frames."""
+
+    def ground_twist(self, state: Posed, side: int) -> CameraTwist:
+        """Return the motion of a camera (0 left, 1 right) relative to the world."""
+
+    def link_twists(self, state: Posed, side: int, rover: RoverDescription) -> list[CameraTwist]:
+        """Return its motion relative to the links of the rover, the body first."""
+
+
+class BodyMount:
+    """Cameras that are fixed to base_link."""
+
+    on_body = True
+
+    def __init__(self, rig: StereoRig) -> None:
+        self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses T_world_camera of both optical frames."""
+        return [state.T_world_base @ T for T in self._T_base_cameras]
+
+    def ground_twist(self, state: Posed, side: int) -> CameraTwist:
+        """Return the motion of a camera (0 left, 1 right) relative to the world."""
+        return ground_twist(state, self._T_base_cameras[side])
+
+    def link_twists(self, state: Posed, side: int, rover: RoverDescription) -> list[CameraTwist]:
+        """Return its motion relative to the links of the rover, the body first."""
+        still = CameraTwist(np.zeros(3), np.zeros(3))
+        return [still, *leg_twists(state, self._T_base_cameras[side], rover)]
+
+
+class MovingMount:
+    """A camera beside the rover, as `place` says; at first at the origin of the world.
+
+    T_world_camera: (4, 4) pose of its optical frame
+    """
+
+    on_body = False
+
+    def __init__(self) -> None:
+        self.T_world_camera: Array = np.eye(4)
+        self._velocity_mps, self._rate_radps = np.zeros(3), np.zeros(3)
+
+    def place(self, T_world_camera: Array, velocity_mps: Array | None = None,
+              rate_radps: Array | None = None) -> None:
+        """Set pose and motion; velocity of the camera's centre, and rates, in world axes."""
+        self.T_world_camera = T_world_camera
+        self._velocity_mps = np.zeros(3) if velocity_mps is None else velocity_mps
+        self._rate_radps = np.zeros(3) if rate_radps is None else rate_radps
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) pose T_world_camera, twice."""
+        return [self.T_world_camera, self.T_world_camera]
+
+    def ground_twist(self, state: Posed, side: int) -> CameraTwist:
+        """Return its motion relative to the world."""
+        R = self.T_world_camera[:3, :3]
+        return CameraTwist(self._velocity_mps @ R, self._rate_radps @ R)
+
+    def link_twists(self, state: Posed, side: int, rover: RoverDescription) -> list[CameraTwist]:
+        """Return its motion relative to the links of the rover, the body first."""
+        return twist_beside(state, self.T_world_camera, self._velocity_mps, self._rate_radps,
+                            rover)

@@ -1,0 +1,184 @@
+"""One camera, or a pair of equal ones, of a renderer: from a state to its images and truth."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import dataclasses
+import math
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.camera.distorted_image import padding
+from lunar_rover_sim.camera.exposure import AutoExposure, first_exposure_s
+from lunar_rover_sim.camera.lens import Lens
+from lunar_rover_sim.camera.mount import Mount
+from lunar_rover_sim.camera.rig import PinholeCamera
+from lunar_rover_sim.camera.sensor import SensorModel
+from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.frame import StereoFrame
+from lunar_rover_sim.rendering.frame_targets import read_image
+from lunar_rover_sim.rendering.motion_pass import MotionPass
+from lunar_rover_sim.rendering.optics_pass import OpticsPass
+from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
+from lunar_rover_sim.rendering.scene_passes import ScenePasses
+from lunar_rover_sim.rendering.sensor_pass import SensorPass
+from lunar_rover_sim.rendering.world_passes import WorldPasses
+from lunar_rover_sim.rover.pose import RoverPose
+
+
+class CameraRenderer:
+    """Draws what the cameras on one mount see. The caller makes the GL context current.
+
+    exposure_s: exposure time of the last frame, or of the first one before it [s]
+    """
+
+    def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: Mount,
+                 camera: PinholeCamera, config: RenderConfig, seen: tuple[int, ...],
+                 seed: int) -> None:
+        """Prepare all that does not depend on the state.
+
+        config: of these cameras; seen: links of the rover that may show, as `seen_links`
+        Raises RenderError if the device cannot draw this image size.
+        """
+        self._context, self._config = context, config
+        self.sensor = SensorModel(config.camera, config.sensor)
+        self._auto = (AutoExposure(self.sensor) if config.sensor.exposure_mode == 'auto'
+                      else None)
+        self.exposure_s = first_exposure_s(self.sensor, config.sun, config.lamp,
+                                           config.reflectance)
+        self._pad = padding(config.camera)
+        self._projection = padded_projection(camera, config)
+        check_size(context, self._projection)
+        self._begun: collections.deque[Scene] = collections.deque()
+        self._owned = contextlib.ExitStack()
+        try:
+            self._build(shared, mount, camera, seen, seed)
+        except Exception:
+            self.release()
+            raise
+
+    def _build(self, shared: WorldPasses, mount: Mount, camera: PinholeCamera,
+               seen: tuple[int, ...], seed: int) -> None:
+        context, config = self._context, self._config
+        self._passes = ScenePasses(context, shared, mount, config, self._projection,
+                                   sees_rover=bool(seen))
+        self._owned.callback(self._passes.release)
+        self._motion = MotionPass(context, shared.rover, config, self._projection, mount, seen)
+        self._owned.callback(self._motion.release)
+        # No ground and no lamp is brighter than a white surface under the sun, but the sun is.
+        most = config.sun.irradiance or math.inf
+        self._optics = OpticsPass(context, Lens(config.lens, config.camera), self._projection,
+                                  most)
+        self._owned.callback(self._optics.release)
+        self._sensor_pass = SensorPass(context, camera, self.sensor, seed, self._pad)
+        self._owned.callback(self._sensor_pass.release)
+
+    @property
+    def under_way(self) -> int:
+        """Number of frames that are begun and not finished; the first of them is lit."""
+        return len(self._begun)
+
+    def relight(self, sun: SunConfig) -> None:
+        """Move the sun; the light of the world is moved by `WorldPasses.relight`."""
+        self._config = dataclasses.replace(self._config, sun=sun)
+        self._passes.relight(self._config)
+        if self._auto is None:
+            self.exposure_s = first_exposure_s(self.sensor, sun, self._config.lamp,
+                                               self._config.reflectance)
+
+    def begin(self, state: RoverPose, request: Request) -> None:
+        """Begin to draw a frame; at most `FRAMES_UNDER_WAY` may be under way."""
+        scene = self._passes.draw_geometry(request, state)
+        if not self._begun:
+            self._passes.light(scene)
+        self._begun.append(scene)
+
+    def finish(self) -> StereoFrame:
+        """Return the frame that was begun first; one must be under way."""
+        scene = self._begun.popleft()
+        raw = self._read(scene)
+        if self._begun:     # it is lit into the targets that have just been read
+            self._passes.light(self._begun[0])
+        return self._compose(raw, scene.request)
+
+    def abandon(self) -> None:
+        """Forget the frames under way."""
+        self._begun.clear()
+
+    def _read(self, scene: Scene) -> dict[str, NDArray[Any]]:
+        """Read what was drawn; 'pixels' are those of both sensors."""
+        request, raw = scene.request, {}
+        size = self._projection.height, self._projection.width
+        lit = self._passes.lit
+        for index, name in enumerate(('radiance', 'depth')):
+            if name in request.layers:
+                raw[name] = read_image(lit.framebuffer, index, LEFT, size, self._pad)
+        if request.developed:
+            if self._auto is not None:
+                if not self._auto.started:
+                    self._auto.start(read_image(lit.framebuffer, 0, request.sides[0], size,
+                                                self._pad))
+                self.exposure_s = self._auto.exposure_s
+            radiance, smear = self._motion.draw(self._passes, scene, self.exposure_s)
+            self._optics.draw(radiance, request.sides, scene.sun)
+            raw['pixels'] = self._sensor_pass.draw(radiance, request.sides, self.exposure_s,
+                                                   request.frame_index, smear)
+        if request.truth:
+            raw['truth'] = read_image(scene.targets.truth.framebuffer, 0, LEFT, size, self._pad, 4)
+        return raw
+
+    def _compose(self, raw: dict[str, NDArray[Any]], request: Request) -> StereoFrame:
+        """Return the frame, and let automatic exposure follow it."""
+        out: dict[str, NDArray[Any]] = {}
+        exposure_s = self.exposure_s
+        if request.developed:
+            for side, name in enumerate(('left', 'right')):
+                if name in request.layers:
+                    image = raw['pixels'][side]
+                    if self._config.sensor.encoding == 'rgb8':
+                        image = np.repeat(image[..., None], 3, axis=2)
+                    out[name] = image
+            if self._auto is not None:
+                self._auto.follow(raw['pixels'][request.sides[0]])
+        if 'depth' in request.layers:
+            out['depth_m'] = np.where(raw['depth'] == 0.0, np.float32(np.inf), raw['depth'])
+        if 'radiance' in request.layers:
+            out['radiance'] = np.ascontiguousarray(raw['radiance'])
+        if 'normal' in request.layers:
+            out['normal'] = np.ascontiguousarray(raw['truth'][..., :3])
+        if 'label' in request.layers:
+            out['label'] = np.rint(raw['truth'][..., 3]).astype(np.int32)
+        return StereoFrame(**out, exposure_s=exposure_s)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        self._begun.clear()
+        self._owned.close()
+
+
+def padded_projection(camera: PinholeCamera, config: RenderConfig) -> Projection:
+    """Return the projection that is drawn for a camera.
+
+    A distorted image takes light from outside the pinhole image: it is drawn with a margin.
+    """
+    pad = padding(config.camera)
+    K = camera.K.copy()
+    K[:2, 2] += pad
+    return Projection(K, camera.width + 2 * pad[0], camera.height + 2 * pad[1],
+                      config.camera.near_m, config.camera.far_m)
+
+
+def check_size(context: moderngl.Context, projection: Projection) -> None:
+    """Raise RenderError if the device cannot draw a pair of images of this size."""
+    width, height = projection.width, projection.height
+    limit = context.info['GL_MAX_TEXTURE_SIZE']
+    if max(width, 2 * height) > limit:
+        raise RenderError(f'camera size {width} x {height}: this device draws at most '
+                          f'{limit} x {limit // 2}')

@@ -1,0 +1,128 @@
+"""What all cameras of a renderer share: the surface and its light, rocks, rover, tracks, lamp."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import Any, TypeVar
+
+import moderngl
+
+from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.illumination.rock_shadow import sun_axes
+from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.context import set_uniform
+from lunar_rover_sim.rendering.ground_pass import GroundPass
+from lunar_rover_sim.rendering.lamp_shadow import LampShadow
+from lunar_rover_sim.rendering.lighting import lighting_constants
+from lunar_rover_sim.rendering.relief_brightness import relief_brightness
+from lunar_rover_sim.rendering.relief_tiles import start_tiles
+from lunar_rover_sim.rendering.rock_pass import RockPass
+from lunar_rover_sim.rendering.rover_pass import RoverPass
+from lunar_rover_sim.rendering.rover_shadow import RoverShadow
+from lunar_rover_sim.rendering.surface import Surface
+from lunar_rover_sim.rendering.track_map import TrackMap
+from lunar_rover_sim.rendering.track_texels import TrackSun
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.world.far_rocks import far_rocks
+from lunar_rover_sim.world.model import World
+
+Owned = TypeVar('Owned')
+
+
+class WorldPasses:
+    """The passes that draw the world, for whichever camera is bound.
+
+    What they have chosen for a camera holds from the geometry of a frame to its light.
+
+    world, rover, config, seed: as given
+    sunlight, sun_axes: what the sun sees; ground, rocks, body, rover_shadow: passes;
+    lamp: None without a lamp; tracks: None before `follow`
+    programs: of all passes that compute light or truth
+    """
+
+    def __init__(self, context: moderngl.Context, world: World, rover: RoverDescription,
+                 config: RenderConfig, seed: int) -> None:
+        """Make all passes; seed: of the relief below the grid."""
+        self._context = context
+        self.world, self.rover, self.config, self.seed = world, rover, config, seed
+        self._owned = contextlib.ExitStack()
+        try:
+            self._build()
+        except Exception:
+            self.release()
+            raise
+
+    def _build(self) -> None:
+        context, config, world = self._context, self.config, self.world
+        self._surface = self._own(Surface(context, world))
+        self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
+        sunlight = self._light_surface()
+        lamp = config.lamp.power_w > 0.0
+        self.ground = self._own(GroundPass(context, world, config.detail, self._surface, lamp))
+        self.rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
+                                        sunlight.rock_light(), self._surface, lamp,
+                                        config.detail.smooth_outlines))
+        self.body = self._own(RoverPass(context, self.rover))
+        self.rover_shadow = self._own(RoverShadow(context, self.rover))
+        self.lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
+        self.tracks: TrackMap | None = None
+        self._gather_programs()
+
+    def _gather_programs(self) -> None:
+        self.programs = (*self.ground.programs, *self.rocks.programs, *self.body.programs)
+        self._set_constants()
+
+    def follow(self, overlay: Overlay) -> None:
+        """Draw the tracks of an overlay from now on."""
+        self.tracks = self._own(TrackMap(self._context, self.world.ground, overlay,
+                                         self._track_sun()))
+        self.ground.follow(self.tracks)
+        self._gather_programs()
+
+    def _track_sun(self) -> TrackSun:
+        sun = self.config.sun
+        return TrackSun.of(sun_direction(sun.azimuth_deg, sun.elevation_deg),
+                           math.radians(0.5 * sun.angular_diameter_deg))
+
+    def _own(self, item: Owned) -> Owned:
+        """Have an object released with the passes, the last one first."""
+        self._owned.callback(item.release)      # type: ignore[attr-defined]
+        return item
+
+    def relight(self, config: RenderConfig) -> None:
+        """Move the sun; config: differs in the sun only."""
+        self.config = config
+        self.rocks.relight(self._light_surface().rock_light())
+        if self.tracks is not None:
+            self.tracks.relight(self._track_sun())
+        self._set_constants()
+
+    def _light_surface(self) -> Sunlight:
+        """Compute what the sun sees."""
+        sun = self.config.sun
+        direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
+        tiles = start_tiles(self.config.detail, self.seed, direction)
+        self.sunlight = Sunlight(self.world, sun, self.config.reflectance, direction,
+                                 indirect=self.config.detail.bounce, far=self._far_rocks)
+        self.sun_axes = sun_axes(self.sunlight.sun)
+        made, radius = tiles.result(), math.radians(0.5 * sun.angular_diameter_deg)
+        self._surface.light(self.sunlight, radius, made, relief_brightness(
+            made, self.config.reflectance, self.sunlight.sun.elevation_rad, radius))
+        return self.sunlight
+
+    def _set_constants(self) -> None:
+        sun = self.config.sun
+        self.set_uniforms(**lighting_constants(
+            self.config, sun_direction(sun.azimuth_deg, sun.elevation_deg)))
+
+    def set_uniforms(self, **values: Any) -> None:
+        """Set uniforms of all programs that have them."""
+        for program in self.programs:
+            set_uniform(program, **values)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        self._owned.close()

@@ -1,0 +1,113 @@
+"""Cameras besides the stereo pair, in the same world."""
+
+from __future__ import annotations
+
+import camera_scene as scene
+import numpy as np
+import pytest
+
+from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig, ChaseMount
+from lunar_rover_sim.camera.config import CameraConfig, FurtherCameraConfig
+from lunar_rover_sim.camera.mount import BodyMount, MovingMount
+from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.frame import LABEL_ROVER, StereoFrame
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
+
+SMALL = CameraConfig(width=160, height=120)
+CHASE = ChaseConfig(camera=ChaseCameraConfig(width=192, height=108))
+LAYERS = ('left', 'radiance', 'depth', 'label')
+
+
+@pytest.fixture(scope='module')
+def world():
+    """Hills with nothing on them."""
+    return scene.plane(heights=scene.hills())
+
+
+def drawn_pair(renderer: Renderer, state: RoverPose, k: int) -> StereoFrame:
+    """Return a frame of the pair."""
+    return renderer.render(state, k, LAYERS)
+
+
+def test_it_sees_what_the_pair_sees(world) -> None:
+    """With mount, camera and light of the left camera, radiance and depth are the same pixels."""
+    config = RenderConfig(camera=SMALL, sun=scene.SunConfig(azimuth_deg=50.0))
+    state = RoverPose(scene.pose(0.3, 0.2, 0.15, 40.0))
+    with Renderer(world, scene.ROVER, config) as renderer:
+        further = renderer.add_camera(FurtherCameraConfig(camera=SMALL), BodyMount(renderer.rig))
+        for _ in range(2):
+            pair, other = drawn_pair(renderer, state, 0), further.render(state, 0, LAYERS)
+            for layer in ('radiance', 'depth_m', 'label'):
+                assert np.array_equal(getattr(pair, layer), getattr(other, layer)), layer
+            assert not np.array_equal(pair.left, other.left)    # it has noise of its own
+            renderer.set_sun(200.0, 8.0)
+
+
+def test_it_leaves_the_pair_alone(world) -> None:
+    """Images of the pair are the same, also when another camera draws between begin and finish."""
+    config = RenderConfig(camera=SMALL, sun=scene.SunConfig(azimuth_deg=50.0))
+    states = [RoverPose(scene.pose(0.2 * k, 0.0, 0.2, 20.0 * k)) for k in range(3)]
+    with Renderer(world, scene.ROVER, config) as renderer:
+        alone = [drawn_pair(renderer, state, k) for k, state in enumerate(states)]
+        mount = ChaseMount(CHASE, 50.0, world)
+        chase = renderer.add_camera(CHASE, mount)
+        among = []
+        for k, state in enumerate(states):
+            mount.follow(state, k * 10**8)
+            chase.render(state, k)
+            renderer.begin(state, k, LAYERS)
+            if k:
+                with pytest.raises(RenderError, match='two frames are under way'):
+                    chase.render(state, k)
+                among.append(renderer.finish())
+        among.append(renderer.finish())
+    for one, other in zip(alone, among):
+        assert np.array_equal(one.left, other.left)
+        assert np.array_equal(one.depth_m, other.depth_m)
+
+
+def test_it_shows_the_whole_rover(world) -> None:
+    """Every link projects into the image, near its middle; the ground meets the feet."""
+    state = RoverPose(scene.pose(0.0, 0.0, 0.3))
+    config = RenderConfig(camera=SMALL, sun=scene.SunConfig(azimuth_deg=50.0))
+    with Renderer(world, scene.ROVER, config) as renderer:
+        mount = ChaseMount(CHASE, 50.0, world)
+        mount.follow(state)
+        frame = renderer.add_camera(CHASE, mount).render(state, 0, LAYERS)
+    assert frame.label is not None
+    rows, columns = np.nonzero(frame.label == LABEL_ROVER)
+    assert 0 < rows.min() and rows.max() < 107 and 0 < columns.min() and columns.max() < 191
+    assert 0.02 < (frame.label == LABEL_ROVER).mean() < 0.5
+    assert abs(columns.mean() - 95.5) < 15 and abs(rows.mean() - 53.5) < 15
+
+
+@pytest.mark.parametrize('moving', [True, False])
+def test_motion_blur(moving: bool) -> None:
+    """A camera that moves with the rover blurs the ground, one that stands blurs the rover."""
+    sensor = scene.SensorConfig(exposure_mode='fixed', exposure_s=0.02, shot_noise=False,
+                                read_noise=False, fixed_pattern=False)
+    config = FurtherCameraConfig(camera=CameraConfig(width=320, height=240), sensor=sensor)
+    T = scene.pose(0.0, 0.0, 0.2)
+    state = RoverPose(T, linear_velocity_mps=np.array([1.0, 0.0, 0.0]))
+    mount = MovingMount()
+    chase = ChaseMount(ChaseConfig(), 50.0, scene.plane())
+    chase.follow(state)
+
+    def drawn(velocity: Array, of: RoverPose) -> tuple[Array, Array]:
+        mount.place(chase.T_world_camera, velocity)
+        frame = further.render(of, 0, LAYERS)
+        assert frame.left is not None and frame.label is not None
+        return frame.left.astype(float), frame.label == LABEL_ROVER
+
+    with Renderer(scene.plane(), scene.ROVER, RenderConfig(camera=SMALL)) as renderer:
+        further = renderer.add_camera(config, mount)
+        sharp, rover = drawn(np.zeros(3), RoverPose(T))
+        blurred, _ = drawn(np.array([1.0, 0.0, 0.0]) if moving else np.zeros(3), state)
+    inside = np.zeros_like(rover)
+    inside[10:-10, 10:-10] = True
+    changed = np.abs(blurred - sharp)
+    still, moved = (rover, ~rover) if moving else (~rover, rover)
+    assert np.mean(changed[moved & inside]) > 3.0 * np.mean(changed[still & inside])
