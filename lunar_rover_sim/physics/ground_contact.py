@@ -13,7 +13,9 @@ from lunar_rover_sim.physics.soft_tip import SoftTip
 
 logger = logging.getLogger(__name__)
 
-DUG_IN_SPOKES = 0.75     # part of a spoke below ground from which on a leg is dug in
+# Part of a spoke below ground from which on a leg is dug in. The belly of the default rover lies
+# on flat ground at 0.72 to 0.76.
+DUG_IN_SPOKES = 0.7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +24,7 @@ class GroundContact:
 
     sinkage_m: (4,) depth of the deepest tip below the surface that it met, 0 in the air
     slip_mps: (4,) mean speed at which loaded tips slid, since the previous state
-    dug_in: whether at least two legs are in the ground by three quarters of a spoke
+    dug_in: whether at least two legs are in the ground by seven tenths of a spoke
     """
 
     sinkage_m: Array

@@ -28,6 +28,7 @@ from lunar_rover_sim.physics.soft_tip import Centre, SoftTip
 from lunar_rover_sim.physics.soil_contact import SoilRows
 from lunar_rover_sim.physics.wall_slides import WallSlides
 from lunar_rover_sim.regolith.ball import DigTable
+from lunar_rover_sim.regolith.fine_ground import FineGround
 from lunar_rover_sim.regolith.footprint import hull, press
 from lunar_rover_sim.regolith.looseness import SoilMap
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
@@ -47,6 +48,8 @@ STAMP_HELD_M = 0.0002    # and after so much once the soil holds
 SLIDE_M = 0.02           # distance after which the walls of a rut slide
 GREATEST_FRICTION = 10.0
 LEAST_MOBILISED = 0.05   # part of the friction of a tip that has not slipped yet
+
+Legs = tuple[list[Centre], list[list[float]], Centre]   # axles, motions, centre of mass
 
 
 class SoftGround:
@@ -77,14 +80,15 @@ class SoftGround:
                               model.pair_solref[rows.pairs[k]]) for k in range(rows.tips)]
         self._count = 0
         self._observer = ContactObserver(rover.legs.spoke_length_m, self._step_s)
-        self._walls = WallSlides(ground, soil.repose_deg, self._step_s)
+        self._fine = FineGround(ground)
+        self._walls = WallSlides(self._fine, soil.repose_deg, self._step_s)
         self._start: tuple[Overlay, list[list[object]]] | None = None
 
     def before_step(self) -> None:
         """Move the planes to where the soil is, for the poses at the start of the next step."""
         mujoco.mj_kinematics(self._model, self._data)
         centres = self._centres.tolist()
-        motion: list[list[float]] | None = None
+        legs: Legs | None = None
         count = self._count
         if count >= self._walls.next_step:
             self._walls.slide_due(self.overlay, count)
@@ -109,10 +113,9 @@ class SoftGround:
                     dx = dy = 0.0
             depth = radius - (dx * tip.nx + dy * tip.ny + (z - tip.h) * tip.nz)
             if depth > tip.plastic or tip.in_ground:
-                if motion is None:
-                    motion = self._motion.tolist()
-                    com = self._com.tolist()
-                self._support(tip, centre, depth, motion[tip.leg], com)
+                if legs is None:
+                    legs = self._axles.tolist(), self._motion.tolist(), self._com.tolist()
+                self._support(tip, centre, depth, legs)
 
     def observe(self) -> GroundContact:
         """Return sinkage and slip per leg; slip since the last call."""
@@ -122,10 +125,9 @@ class SoftGround:
         """Keep the present ground as the one to which `reset` goes back."""
         self._walls.slide_all(self.overlay)
         self._start = self.overlay.copy(), [tip.saved() for tip in self._tips]
-        self._begin_count()
         for tip in self._tips:
             tip.due = 0
-        self._refresh()
+        self._begin()
 
     def reset(self) -> None:
         """Go back to the ground at `keep_start`; the caller restores poses, planes included."""
@@ -139,16 +141,13 @@ class SoftGround:
             tip.due = 0
             tip.friction[:2] = tip.mu or self.soil.friction
             tip.solref[:] = self._solref[tip.yielding][tip.row]
-        self._begin_count()
         self._observer.surface_again()
-        self._refresh()
+        self._begin()
 
-    def _begin_count(self) -> None:
+    def _begin(self) -> None:
+        """Count from 0, and compute the motion of the legs: it is that of the last step made."""
         self._count = 0
         self._observer.restart()
-
-    def _refresh(self) -> None:
-        """Compute the motion of the legs now: otherwise it is that of the last step made."""
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel):
             compute(self._model, self._data)
 
@@ -156,16 +155,16 @@ class SoftGround:
 
     def _surface(self, x: float, y: float) -> float:
         """Return the height of the changed ground [m]; NaN beyond the world."""
-        return self._ground.height_at_point(x, y) + self.overlay.at(x, y)[0]
+        return self._ground.height_at_point(x, y) + self.overlay.height_at_point(x, y)
 
     def _touch(self, tip: SoftTip, x: float, y: float) -> None:
         """Take the changed ground below a tip in the air for a plane."""
         change, compaction = self.overlay.at(x, y)
         former = self.soil.former_depth_m(change, compaction)
         tip.offset, tip.plastic = change + former, former
-        reach, at = self._radius, self.overlay.at
-        tip.tilt_x = (at(x + reach, y)[0] - at(x - reach, y)[0]) / (2.0 * reach)
-        tip.tilt_y = (at(x, y + reach)[0] - at(x, y - reach)[0]) / (2.0 * reach)
+        reach, height = self._radius, self.overlay.height_at_point
+        tip.tilt_x = (height(x + reach, y) - height(x - reach, y)) / (2.0 * reach)
+        tip.tilt_y = (height(x, y + reach) - height(x, y - reach)) / (2.0 * reach)
         self._lie(tip, x, y)
 
     def _follow(self, tip: SoftTip, x: float, y: float) -> None:
@@ -193,12 +192,12 @@ class SoftGround:
         tip.x, tip.y, tip.h = x, y, height(x, y) + tip.offset
         tip.nz = 1.0 / math.sqrt(1.0 + slope2)
         tip.nx, tip.ny = -slope_x * tip.nz, -slope_y * tip.nz
+        tip.turn_plane()
         tip.ploughed = -1.0
         tip.weaken(self.soil, math.sqrt(slope2),
                    (1.0, 1.0) if self._map is None else self._map.factors(x, y))
 
-    def _support(self, tip: SoftTip, centre: Centre, depth: float,
-                 motion: list[float], com: list[float]) -> None:
+    def _support(self, tip: SoftTip, centre: Centre, depth: float, legs: Legs) -> None:
         """Let the soil under a tip yield, and place its plane."""
         plastic = tip.plastic
         pressed = depth - plastic
@@ -211,34 +210,35 @@ class SoftGround:
             tip.place()
         tip.sinkage = depth
         if pressed <= 0.0:
-            self._set_yielding(tip, False)
+            if tip.yielding:
+                self._set_yielding(tip, False)
             return
-        radius, k = self._radius, self._k
-        lean = tip.lean(self._axles[tip.leg].tolist(), centre) if depth > 2.0 * radius else 0.0
-        part = tip.bearing
-        force, bears = k * pressed, part * self._spoke.bears_n(plastic, lean)
+        axles, motion, com = legs
+        radius, k, spoke, part = self._radius, self._k, self._spoke, tip.bearing
+        lean = tip.lean(axles[tip.leg], centre) if depth > 2.0 * radius else 0.0
+        force, bears = k * pressed, part * spoke.bears_n(plastic, lean)
         yielding = force > bears
         if yielding:
-            for _ in range(3):
-                slope = part * self._spoke.slope_npm(plastic, lean)
-                plastic = min(plastic + (k * (depth - plastic) - bears) / (k + slope), depth)
-                bears = part * self._spoke.bears_n(plastic, lean)
+            plastic, bears = spoke.yielded(depth, plastic, k, part, lean)
             force = k * (depth - plastic)
-        self._set_yielding(tip, yielding)
-        speed = tip.slip_mps(self._radius, centre, motion, com)
-        if speed > CREEP_MPS:
+        if yielding != tip.yielding:
+            self._set_yielding(tip, yielding)
+        speed = tip.slip_mps(radius, centre, motion[tip.leg], com)
+        slips = speed > CREEP_MPS
+        if slips:
             way = speed * self._step_s
             self._observer.add_slip(tip.leg, way)
             tip.slid += way
             tip.sheared += way
-            dig = self._dig.slope(force / bears if bears > 0.0 else 1.0, plastic / radius)
-            plastic = min(max(plastic + dig * way, 0.0), depth)
+            load = force / bears if bears > 0.0 else 1.0
+            plastic += way * self._dig.slope(load, plastic / radius)
+            plastic = min(max(plastic, 0.0), depth)
             force = k * (depth - plastic)
         if plastic != tip.plastic:
             tip.plastic = plastic
             tip.place()
         self._set_friction(tip, depth, force)
-        self._leave_print(tip, centre, depth - plastic, yielding or speed > CREEP_MPS)
+        self._leave_print(tip, centre, depth - plastic, yielding or slips)
 
     def _leave_print(self, tip: SoftTip, centre: Centre, pressed: float,
                      moving: bool) -> None:
@@ -252,7 +252,7 @@ class SoftGround:
             return
         deeper = last[2] - z
         if deeper > (STAMP_DEPTH_M if moving else STAMP_HELD_M) or \
-                (x - last[0]) ** 2 + (y - last[1]) ** 2 > STAMP_WAY_M ** 2:
+                math.hypot(x - last[0], y - last[1]) > STAMP_WAY_M:
             self._stamp(tip, (x, y, z))
         elif deeper > 0.0 and (tip.low is None or z < tip.low[2]):
             tip.low = x, y, z
@@ -262,15 +262,16 @@ class SoftGround:
         if abs(depth - tip.ploughed) > PLOUGH_STEP_M:
             tip.ploughed = depth
             tip.plough = self._spoke.ploughs_n(depth, tip.reserve)
-        mu = min(tip.firm_mu + tip.plough / max(force, 1e-6), GREATEST_FRICTION)
-        mu *= max(1.0 - math.exp(-tip.sheared / self.soil.shear_m), LEAST_MOBILISED)
+        mu = tip.firm_mu + tip.plough / (force if force > 1e-6 else 1e-6)
+        mobilised = 1.0 - math.exp(-tip.sheared / self.soil.shear_m)
+        mu = min(mu, GREATEST_FRICTION) * max(mobilised, LEAST_MOBILISED)
         if abs(mu - tip.mu) > 0.005 * tip.mu:
             tip.mu = mu
-            tip.friction[:2] = mu
+            tip.friction[0] = tip.friction[1] = mu
 
     def _stamp(self, tip: SoftTip, low: Centre) -> None:
         """Press the way of a tip since the last time into the overlay."""
-        window = press(self.overlay, self._ground, tip.stamp or low, low, self._radius,
+        window = press(self.overlay, self._fine, tip.stamp or low, low, self._radius,
                        self.soil.compacted)
         tip.stamp, tip.low = low, None
         tip.window = window if tip.window is None else hull(tip.window, window)
@@ -284,7 +285,8 @@ class SoftGround:
             self._stamp(tip, tip.low)
         self._let_walls_slide(tip)
         tip.in_ground, tip.sinkage, tip.stamp = False, 0.0, None
-        self._set_yielding(tip, False)
+        if tip.yielding:
+            self._set_yielding(tip, False)
         tip.park()
 
     def _let_walls_slide(self, tip: SoftTip) -> None:
@@ -293,6 +295,5 @@ class SoftGround:
             tip.window = None
 
     def _set_yielding(self, tip: SoftTip, yielding: bool) -> None:
-        if yielding != tip.yielding:
-            tip.yielding = yielding
-            tip.solref[:] = self._solref[yielding][tip.row]
+        tip.yielding = yielding
+        tip.solref[:] = self._solref[yielding][tip.row]

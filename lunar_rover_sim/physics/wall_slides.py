@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from lunar_rover_sim.regolith.fine_ground import FineGround
 from lunar_rover_sim.regolith.footprint import hull, Window
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.regolith.repose import relax
-from lunar_rover_sim.world.grid import HeightGrid
 
 SLIDE_S = 0.1   # time in which walls slide, for all prints of a leg at once
 WIDEST = 40     # samples of such prints, along one side
@@ -16,7 +16,7 @@ WIDEST = 40     # samples of such prints, along one side
 class WallSlides:
     """Windows of prints whose walls are to slide, per leg, and the step at which they do."""
 
-    def __init__(self, ground: HeightGrid, repose_deg: float, step_s: float) -> None:
+    def __init__(self, ground: FineGround, repose_deg: float, step_s: float) -> None:
         self._ground, self._repose_deg = ground, repose_deg
         self._delay = round(SLIDE_S / step_s)
         self._waiting: list[Window | None] = [None] * 4

@@ -10,9 +10,8 @@ import math
 
 import numpy as np
 
+from lunar_rover_sim.regolith.fine_ground import FineGround
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
-from lunar_rover_sim.regolith.repose import base_heights
-from lunar_rover_sim.world.grid import HeightGrid
 
 RIM_RADII = 1.2   # width of a fresh rim, before it slides
 
@@ -20,7 +19,7 @@ Point = tuple[float, float, float]
 Window = tuple[int, int, int, int]
 
 
-def press(overlay: Overlay, ground: HeightGrid, start: Point, end: Point, radius_m: float,
+def press(overlay: Overlay, ground: FineGround, start: Point, end: Point, radius_m: float,
           compacted: float) -> Window:
     """Press a ball into the ground, swept from one centre to another (world frame) [m].
 
@@ -33,42 +32,52 @@ def press(overlay: Overlay, ground: HeightGrid, start: Point, end: Point, radius
     nx = math.ceil((max(start[0], end[0]) + reach) / CELL_M) - ix + 1
     ny = math.ceil((max(start[1], end[1]) + reach) / CELL_M) - iy + 1
     window = ix, iy, nx, ny
-    x = ((ix + np.arange(nx)) * CELL_M)[None, :]
-    y = ((iy + np.arange(ny)) * CELL_M)[:, None]
-    way = end[0] - start[0], end[1] - start[1]
-    length2 = way[0] ** 2 + way[1] ** 2
-    along = (np.clip(((x - start[0]) * way[0] + (y - start[1]) * way[1]) / length2, 0.0, 1.0)
-             if length2 > 0.0 else np.ones((ny, nx)))
-    dx, dy = x - start[0] - along * way[0], y - start[1] - along * way[1]
-    distance2 = dx ** 2 + dy ** 2
-    underside = (start[2] + along * (end[2] - start[2])
-                 - np.sqrt(np.maximum(radius_m ** 2 - distance2, 0.0)))
-    base = base_heights(ground, ix, iy, nx, ny)
+    # From the start to the samples, and on from the nearest point of the way.
+    dx = (np.arange(ix, ix + nx) * CELL_M - start[0])[None, :]
+    dy = (np.arange(iy, iy + ny) * CELL_M - start[1])[:, None]
+    way_x, way_y = end[0] - start[0], end[1] - start[1]
+    length2 = way_x * way_x + way_y * way_y
+    if length2 > 0.0:
+        along = dx * (way_x / length2) + dy * (way_y / length2)
+        np.minimum(np.maximum(along, 0.0, out=along), 1.0, out=along)
+    else:
+        along = np.ones((ny, nx))
+    dx, dy = dx - along * way_x, dy - along * way_y
+    distance2 = dx * dx + dy * dy
+    base = ground.heights(ix, iy, nx, ny)
     change, compaction = overlay.window(ix, iy, nx, ny)
-    with np.errstate(invalid='ignore'):
-        taken = np.where(distance2 < radius_m ** 2, np.maximum(base + change - underside, 0.0),
-                         0.0)
-    # Beyond the ground there is nothing to press, and nowhere to put a rim.
-    taken[np.isnan(taken)] = 0.0
+    # Above the underside of the ball; NaN beyond the ground, where there is nothing to press.
+    taken = base - start[2]
+    taken += change
+    taken -= along * (end[2] - start[2])
+    taken += np.sqrt(np.maximum(radius_m * radius_m - distance2, 0.0))
     pressed = taken > 0.0
+    pressed &= distance2 < radius_m * radius_m
     if not pressed.any():
         return window
+    taken[~pressed] = 0.0
     distance = np.sqrt(distance2)
     inner = float(distance[pressed].max())
-    weight = np.maximum(0.0, 1.0 - (distance - inner) / (RIM_RADII * radius_m))
-    length = math.sqrt(length2)
-    if length > 0.0:
-        ahead = (dx * way[0] + dy * way[1]) / (np.maximum(distance, 1e-9) * length)
-        weight *= 1.0 + min(1.0, length / CELL_M) * ahead
-    weight[pressed | np.isnan(base)] = 0.0
+    weight = np.maximum(0.0, (inner + RIM_RADII * radius_m - distance) / (RIM_RADII * radius_m))
+    if length2 > 0.0:
+        length = math.sqrt(length2)
+        ahead = dx * way_x
+        ahead += dy * way_y
+        ahead *= min(1.0, length / CELL_M) / length
+        ahead /= np.maximum(distance, 1e-9)
+        ahead += 1.0
+        weight *= ahead
+    pressed |= np.isnan(base)
+    weight[pressed] = 0.0
     total = float(weight.sum())
     # A print at the very border of the world may have no room for a rim: it is compacted then.
     part = compacted if total > 0.0 else 1.0
     change -= taken
-    compaction += part * taken
+    taken_sum = float(taken.sum())
+    taken *= part
+    compaction += taken
     if total > 0.0:
-        piled = float(np.sum(taken - part * taken)) + overlay.residue_m
-        change += weight * (piled / total)
+        change += weight * ((taken_sum - float(taken.sum()) + overlay.residue_m) / total)
         overlay.residue_m = 0.0
     overlay.put(ix, iy, change, compaction)
     return window

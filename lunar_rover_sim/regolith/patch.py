@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.regolith.fine_ground import base_heights
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
-from lunar_rover_sim.regolith.repose import base_heights
 from lunar_rover_sim.world.export import FinePart
 from lunar_rover_sim.world.grid import HeightGrid
 

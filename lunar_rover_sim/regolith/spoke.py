@@ -13,6 +13,8 @@ from lunar_rover_sim.regolith.ball import (bearing_n, bearing_slope_npm, contact
                                            silhouette_m3)
 from lunar_rover_sim.regolith.soil import Soil
 
+_MOST_STEPS, _EXACT_M = 3, 1e-7   # to the plastic depth
+
 
 class SpokeInSoil:
     """Forces on one spoke; depths of the lowest point of the tip [m]."""
@@ -42,6 +44,25 @@ class SpokeInSoil:
         if below > 0.0:
             slope += 2.0 * self._zeta * self._rod * lean * below
         return slope
+
+    def yielded(self, depth: float, plastic: float, elastic_npm: float, part: float,
+                lean: float) -> tuple[float, float]:
+        """Return the plastic depth [m] to which soil yields, and what it bears there [N].
+
+        It bears a part of what level soil bears, and as much as the elastic force that a tip at
+        `depth` has. Newton's steps from a plastic depth that bears less.
+        """
+        bears = part * self.bears_n(plastic, lean)
+        for _ in range(_MOST_STEPS):
+            more = ((elastic_npm * (depth - plastic) - bears)
+                    / (elastic_npm + part * self.slope_npm(plastic, lean)))
+            plastic += more
+            if plastic > depth:
+                plastic = depth
+            bears = part * self.bears_n(plastic, lean)
+            if -_EXACT_M < more < _EXACT_M:
+                break
+        return plastic, bears
 
     def ploughs_n(self, depth: float, reserve: float) -> float:
         """Return the force of tip and rod sideways [N]; reserve: the part that a slope leaves."""

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from lunar_rover_sim.regolith.fine_ground import base_heights, FineGround
 from lunar_rover_sim.regolith.footprint import press
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay, TILE
-from lunar_rover_sim.regolith.repose import base_heights, relax
+from lunar_rover_sim.regolith.repose import relax
 from lunar_rover_sim.world.grid import HeightGrid
 
 R = 0.008
@@ -20,14 +21,14 @@ def flat(n: int = 81, slope: float = 0.0) -> HeightGrid:
 
 def trample(overlay: Overlay, ground: HeightGrid, prints: int = 60, seed: int = 1,
             repose_deg: float = 38.0) -> None:
-    rng = np.random.default_rng(seed)
+    rng, fine = np.random.default_rng(seed), FineGround(ground)
     for _ in range(prints):
         x, y = rng.uniform(-0.25, 0.25, 2)
         z = ground.height_at_point(x, y) + R
         low = z - rng.uniform(0.001, 0.03)
-        press(overlay, ground, (x, y, z), (x, y, low), R, 0.6)
-        window = press(overlay, ground, (x, y, low), (x - 0.004, y + 0.002, low), R, 0.6)
-        relax(overlay, ground, *window, repose_deg)
+        press(overlay, fine, (x, y, z), (x, y, low), R, 0.6)
+        window = press(overlay, fine, (x, y, low), (x - 0.004, y + 0.002, low), R, 0.6)
+        relax(overlay, fine, *window, repose_deg)
 
 
 def steepest_deg(overlay: Overlay, ground: HeightGrid, n: int = 160) -> float:
@@ -60,7 +61,7 @@ def test_no_slope_is_steeper_than_the_angle_of_repose(repose_deg):
 
 def test_ground_that_is_steep_by_itself_stays():
     overlay, ground = Overlay(), flat(slope=1.0)
-    relax(overlay, ground, -20, -20, 40, 40, 35.0)
+    relax(overlay, FineGround(ground), -20, -20, 40, 40, 35.0)
     assert len(overlay.snapshot()) == 0
     trample(overlay, ground, prints=3)
     assert overlay.memory_bytes < 20 * TILE * TILE * 9
@@ -68,7 +69,7 @@ def test_ground_that_is_steep_by_itself_stays():
 
 def test_a_print_is_the_ball():
     overlay, ground = Overlay(), flat()
-    press(overlay, ground, (0.0, 0.0, R - 0.004), (0.0, 0.0, R - 0.004), R, 1.0)
+    press(overlay, FineGround(ground), (0.0, 0.0, R - 0.004), (0.0, 0.0, R - 0.004), R, 1.0)
     for x, depth in ((0.0, 0.004), (CELL_M, 0.004 - R + math.sqrt(R ** 2 - CELL_M ** 2))):
         assert overlay.height_change([x, 0.0]) == pytest.approx(-depth, abs=1e-9)
         assert overlay.compaction([x, 0.0]) == pytest.approx(depth, abs=1e-9)
@@ -79,7 +80,7 @@ def test_a_print_is_the_ball():
 
 def test_more_soil_goes_where_the_tip_moves_to():
     overlay, ground = Overlay(), flat()
-    press(overlay, ground, (0.0, 0.0, R - 0.004), (-0.02, 0.0, R - 0.004), R, 0.0)
+    press(overlay, FineGround(ground), (0.0, 0.0, R - 0.004), (-0.02, 0.0, R - 0.004), R, 0.0)
     behind, ahead = overlay.height_change([[0.01, 0.0], [-0.03, 0.0]])
     assert ahead > 2.0 * behind >= 0.0
 
@@ -113,7 +114,7 @@ def test_changes_rebuild_the_ground_elsewhere():
 
 def test_indices_are_samples_of_5_mm_and_sorted_by_tile():
     overlay, ground = Overlay(), flat()
-    press(overlay, ground, (-0.3, 0.2, R - 0.003), (-0.3, 0.2, R - 0.003), R, 1.0)
+    press(overlay, FineGround(ground), (-0.3, 0.2, R - 0.003), (-0.3, 0.2, R - 0.003), R, 1.0)
     changes = overlay.take_changes()
     deepest = changes.index[np.argmin(changes.height_m)]
     assert deepest.tolist() == [-60, 40]
@@ -125,7 +126,7 @@ def test_going_back_tells_what_changed():
     trample(overlay, ground, prints=5)
     kept = overlay.copy()
     overlay.take_changes()
-    press(overlay, ground, (0.4, 0.4, R - 0.003), (0.4, 0.4, R - 0.003), R, 0.5)
+    press(overlay, FineGround(ground), (0.4, 0.4, R - 0.003), (0.4, 0.4, R - 0.003), R, 0.5)
     pressed = overlay.take_changes()
     overlay.restore(kept)
     back = overlay.take_changes()
@@ -145,7 +146,7 @@ def test_the_same_steps_give_the_same_bits():
 def test_beyond_the_world_there_is_nothing_to_press():
     overlay, ground = Overlay(), flat(n=11)
     edge = ground.half_extent_m
-    press(overlay, ground, (edge, 0.0, R), (edge, 0.0, R - 0.005), R, 0.5)
+    press(overlay, FineGround(ground), (edge, 0.0, R), (edge, 0.0, R - 0.005), R, 0.5)
     snapshot = overlay.snapshot()
     assert len(snapshot) > 0
     assert (snapshot.index[:, 0] * CELL_M <= edge + 1e-9).all()

@@ -9,6 +9,7 @@ import pytest
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.regolith.fine_ground import FineGround
 from lunar_rover_sim.regolith.footprint import press
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.regolith.repose import relax
@@ -25,11 +26,12 @@ LOW = RoverPose(pose(z=0.15, pitch_deg=25.0))
 def trodden(world, prints=8, x=0.45, seed=3):
     """Return an overlay with prints of 2 cm in front of the camera."""
     overlay, rng = Overlay(), np.random.default_rng(seed)
+    ground = FineGround(world.ground)
     for _ in range(prints):
         at = x + rng.uniform(-0.1, 0.3), rng.uniform(-0.15, 0.15)
         z = world.ground.height_at_point(*at)
-        window = press(overlay, world.ground, (*at, z + 0.012), (*at, z - 0.008), 0.012, 0.5)
-        relax(overlay, world.ground, *window, 38.0)
+        window = press(overlay, ground, (*at, z + 0.012), (*at, z - 0.008), 0.012, 0.5)
+        relax(overlay, ground, *window, 38.0)
     return overlay
 
 
