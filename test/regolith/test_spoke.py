@@ -18,3 +18,14 @@ def test_the_slope_is_the_derivative_of_what_soil_bears(depth_m, lean):
     h = 1e-6
     slope = (spoke.bears_n(depth_m + h, lean) - spoke.bears_n(depth_m - h, lean)) / (2.0 * h)
     assert spoke.slope_npm(depth_m, lean) == pytest.approx(slope, rel=1e-6)
+
+
+@pytest.mark.parametrize('part', [1.0, 0.4])
+@pytest.mark.parametrize('depth_m', [0.004, 0.02, 0.05])
+def test_soil_yields_until_it_bears_the_elastic_force(depth_m, part):
+    """A step of the simulation deeper than what held before."""
+    soil = PhysicsConfig().ground.soil(1.62)
+    spoke = SpokeInSoil(soil, RADIUS_M, ROD_M)
+    plastic, bears = spoke.yielded(depth_m, 0.9 * depth_m, soil.elastic_npm, part, 0.3)
+    assert bears == pytest.approx(part * spoke.bears_n(plastic, 0.3))
+    assert soil.elastic_npm * (depth_m - plastic) == pytest.approx(bears, rel=1e-3, abs=1e-3)
