@@ -49,7 +49,8 @@ COMMANDS = {
     'render': Command('render', 'draw single stereo frames with all truth layers'),
     'rover': Command('rover', 'export the rover as an OpenUSD stage or URDF'),
     'run': Command('run', 'simulate and record a scenario'),
-    'slam': Command('slam', 'what SLAM programs need: settings files; running them on bags'),
+    'slam': Command(
+        'slam', 'what SLAM programs need: settings files, vocabularies; running them on bags'),
     'validate imu': Command(
         'validate_imu', 'Allan deviation of the IMU at rest against its configured noise'),
     'validate locomotion': Command(

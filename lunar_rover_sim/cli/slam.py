@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
@@ -19,7 +20,9 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
 from lunar_rover_sim.slam.estimators import Estimator, stock_program, SYSTEMS
+from lunar_rover_sim.slam.orb_descriptors import descriptors, open_sets
 from lunar_rover_sim.slam.run_on_bag import run_on_bag
+from lunar_rover_sim.slam.vocabulary import train
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +50,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.add_argument('--quiet', action='store_true', help='do not show the log of the program')
     add_system_arguments(command)
     command.set_defaults(run=_run, check_output=check_new_folder)
+    text = 'train the vocabulary of ORB-SLAM2 and ORB-SLAM3 on images'
+    command = group.add_parser('train-vocabulary', help=text, description=(
+        'Train a vocabulary of ORB descriptors in the text format of DBoW2, as ORB-SLAM2 and '
+        'ORB-SLAM3 read it, on the left images of bags, sequences, or folders of pictures.'))
+    command.add_argument('images', type=Path, nargs='+', metavar='IMAGES',
+                         help='a bag, a run, a sequence, or a folder of pictures')
+    command.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
+                         help='text file to write; must not exist')
+    command.add_argument('--branching', type=int, default=10, metavar='K',
+                         help='clusters of a node, 2 to 20 (default: %(default)s)')
+    command.add_argument('--levels', type=int, default=6, metavar='L',
+                         help='how often clusters are divided, 1 to 10; ORB-SLAM compares '
+                              'features within clusters of level L - 4 (default: %(default)s)')
+    command.add_argument('--features', type=int, default=1000, metavar='N',
+                         help='keypoints per image (default: %(default)s)')
+    command.add_argument('--frames', type=int, default=500, metavar='N',
+                         help='most images of each of IMAGES, evenly over it (default: '
+                              '%(default)s)')
+    command.add_argument('--seed', type=int, default=1, metavar='N',
+                         help='seed of the clusters (default: %(default)s)')
+    command.set_defaults(run=_train, check_output=check_file)
 
 
 def add_system_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,9 +109,14 @@ def _run(args: argparse.Namespace) -> int:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
     try:
-        with console.status('reading the bag') as status:
-            result = run_on_bag(args.bag, estimator, args.output, None if args.quiet else say,
-                                status.update, args.keep_sequence)
+        with Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
+                      TimeElapsedColumn(), console=console, transient=True,
+                      disable=not console.is_terminal) as bar:
+            task = bar.add_task('reading the bag', total=None)
+            result = run_on_bag(
+                args.bag, estimator, args.output, None if args.quiet else say,
+                lambda text, total: bar.reset(task, description=text, total=total),
+                lambda: bar.advance(task), args.keep_sequence)
     finally:
         with suppress(OSError):
             args.output.rmdir()   # if it is empty
@@ -99,6 +128,24 @@ def _run(args: argparse.Namespace) -> int:
         f'{result.frames} frames, ATE {result.ate_m:.4f} m ({result.ate_percent:.2f} % of '
         f'{result.distance_m:.2f} m), scale {result.scale:.4f}, {result.wall_s:.1f} s')
     say(str(args.output))
+    return 0
+
+
+def _train(args: argparse.Namespace) -> int:
+    sets = open_sets(args.images, args.frames)
+    console = Console()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task('reading images', total=sum(found.total for found in sets))
+        images = list(bar.track(descriptors(sets, args.features), task_id=task))
+        bar.reset(task, description='clustering', total=1.0)
+        vocabulary = train(images, args.branching, args.levels, args.seed,
+                           lambda share: bar.update(task, completed=share))
+    if args.output.exists():
+        raise ConfigError(f'{args.output}: exists already and is not overwritten')
+    atomic_write(args.output, vocabulary.text(), SlamError)
+    console.print(f'{args.output}: {vocabulary.is_word.sum()} words of '
+                  f'{sum(map(len, images))} descriptors of {len(images)} images',
+                  highlight=False, markup=False, soft_wrap=True)
     return 0
 
 

@@ -162,7 +162,7 @@ def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step
         work = cell_folder(folder, cell)
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
-        result = run_on_bag(bag, cell.estimator, work, step=lambda text: step(cell, text))
+        result = run_on_bag(bag, cell.estimator, work, step=lambda text, _total: step(cell, text))
         finished = dataclasses.replace(cell, result=result)
     except LunarRoverSimError as error:
         finished = dataclasses.replace(cell, result=SlamResult(system, sensor, str(error)),

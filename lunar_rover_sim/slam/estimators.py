@@ -7,6 +7,7 @@ left camera, or of the IMU if it uses one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import dataclasses
 from pathlib import Path
 import shlex
@@ -109,10 +110,12 @@ class Estimator:
         return self.frame or ('imu' if self.sensor == 'stereo-inertial' else 'left')
 
     def estimate(self, sequence: Path, suite: SensorSuite, folder: Path,
-                 echo: Echo | None = None) -> Estimate:
+                 echo: Echo | None = None,
+                 advance: Callable[[], None] = lambda: None) -> Estimate:
         """Run on an exported sequence; settings, log and results go to the existing `folder`.
 
-        A lost track is a result. Raises SlamError if a program fails without a result or writes
+        `echo` is called with each line of the log, `advance` after each frame of the reference. A
+        lost track is a result. Raises SlamError if a program fails without a result or writes
         an invalid one, ProcessError if it cannot be started.
         """
         sequence, folder = sequence.absolute(), folder.absolute()
@@ -120,7 +123,7 @@ class Estimator:
         span_s = float(frames_ns[-1] - frames_ns[0]) * 1e-9 if len(frames_ns) else 0.0
         timeout_s = self.timeout_s or _SLACK_S + _SLOWEST * span_s
         if self.system == 'reference':
-            return self._reference(sequence, frames_ns, timeout_s)
+            return self._reference(sequence, frames_ns, timeout_s, advance)
         path = folder / 'settings.yaml'
         path.write_text(settings(suite, self.sensor, features=self.features), encoding='ascii')
         command, results = self._command(sequence, path, folder)
@@ -139,13 +142,15 @@ class Estimator:
         return Estimate(trajectory, _join(reason, _lost(trajectory, frames_ns)), self.poses_of,
                         frames_ns, ended.wall_s)
 
-    def _reference(self, sequence: Path, frames_ns: Stamps, timeout_s: float) -> Estimate:
+    def _reference(self, sequence: Path, frames_ns: Stamps, timeout_s: float,
+                   advance: Callable[[], None]) -> Estimate:
         start, start_cpu = time.monotonic(), time.process_time()
         camera = euroc_reader.read_camera(sequence, self.sensor == 'stereo')
         odometry = Odometry(camera)
         reason = ''
         for frame in euroc_reader.read_frames(sequence, camera):
             odometry.add(frame)
+            advance()
             # Processor time, so that the result does not depend on what else the machine runs.
             if time.process_time() - start_cpu > timeout_s:
                 reason = f'was ended after {timeout_s:.0f} s'

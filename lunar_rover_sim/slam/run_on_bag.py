@@ -22,9 +22,10 @@ from lunar_rover_sim.run.child_process import Echo
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import FORMATS
 from lunar_rover_sim.sequences.sensors import recorded_sensors
+from lunar_rover_sim.slam import euroc_reader
 from lunar_rover_sim.slam.estimators import Estimator
 
-Step = Callable[[str], None]
+Step = Callable[[str, 'int | None'], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,31 +73,38 @@ class SlamResult:
 
 
 def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None = None,
-               step: Step | None = None, keep_sequence: bool = False) -> SlamResult:
+               step: Step = lambda _text, _total: None,
+               advance: Callable[[], None] = lambda: None,
+               keep_sequence: bool = False) -> SlamResult:
     """Export a bag, run an estimator on it and judge the outcome.
 
     Settings, log, estimate.txt (TUM), evaluation.json and path.npz (`stamps_ns`, `truth_m`,
     `estimate_m`, aligned) go to the existing `folder`. The sequence is removed again unless
-    `keep_sequence`. `echo` is called with each line of the log, `step` with what is being done.
+    `keep_sequence`. `echo` is called with each line of the log, `step` with what is being done and
+    in how many parts, None where nobody knows, `advance` after each of them.
     A lost track is a result. Raises SlamError, BagError, SequenceError or EvaluationError if
     there can be no result.
     """
-    step = step or (lambda _: None)
     sequence = folder / 'sequence'
     shutil.rmtree(sequence, ignore_errors=True)
     with open_bag(bag) as opened:
         truth = trajectory_of_topic(opened)
-        suite = recorded_sensors(opened, FORMATS[estimator.format].needs)
+        kind = FORMATS[estimator.format]
+        suite = recorded_sensors(opened, kind.needs)
+        messages = sum(opened.counts[opened.resolve(name)] for name in kind.needs + kind.uses
+                       if opened.has(name))
     distance_m = truth.length_m
-    step('exporting')
-    export(bag, sequence, estimator.format)
+    step('exporting', messages)
+    export(bag, sequence, estimator.format, advance)
     try:
-        step('estimating')
-        outcome = estimator.estimate(sequence, suite, folder, echo)
+        # Only of the built-in odometry is it known how far it is.
+        step('estimating', len(euroc_reader.stamps_ns(sequence))
+             if estimator.system == 'reference' else None)
+        outcome = estimator.estimate(sequence, suite, folder, echo, advance)
     finally:
         if not keep_sequence:
             shutil.rmtree(sequence, ignore_errors=True)
-    step('evaluating')
+    step('evaluating', None)
     known = SlamResult(estimator.system, estimator.sensor, outcome.reason, len(outcome.frames_ns),
                        distance_m=distance_m, duration_s=_span_s(truth), wall_s=outcome.wall_s)
     if outcome.trajectory is None:

@@ -19,13 +19,14 @@ WORDS = {
     'benchmark': [], 'calibrate gait': [], 'campaign': ['polar_suns'],
     'dataset show': ['dataset'], 'evaluate images': ['a', 'b'],
     'evaluate trajectory': ['a.txt', 'b.txt'], 'render': ['flat'], 'rover export': [],
-    'run': ['flat'], 'slam settings': ['flat'], 'slam run': ['bag'], 'validate imu': [],
+    'run': ['flat'], 'slam settings': ['flat'], 'slam run': ['bag'],
+    'slam train-vocabulary': ['images'], 'validate imu': [],
     'validate locomotion': [], 'validate stereo': ['flat'], 'validate terramechanics': [],
     'validate traverse': [], 'world build': [], 'world export': ['world'],
     'world preview': ['world'], 'world sun': ['0', '-89']}
 OF_FILES = {'calibrate gait': '.yaml', 'dataset show': '.html', 'rover export': '.urdf',
-            'slam settings': '.yaml', 'validate imu': '.png', 'world export': '.glb',
-            'world preview': '.png', 'world sun': '.png'}
+            'slam settings': '.yaml', 'slam train-vocabulary': '.txt', 'validate imu': '.png',
+            'world export': '.glb', 'world preview': '.png', 'world sun': '.png'}
 # Inputs of the wrong kind: {folder} is empty, {file} is a text, {device} a link to one, {none}
 # does not exist.
 INPUTS = [
@@ -45,6 +46,7 @@ INPUTS = [
     'run {folder} -o {new}', 'run flat --world {file} -o {new}',
     'run flat --world {none} -o {new}',
     'slam settings {folder} -o {new}', 'slam run {folder} -o {new}', 'slam run {file} -o {new}',
+    'slam train-vocabulary {file} -o {new}.txt', 'slam train-vocabulary {folder} -o {new}.txt',
     'validate imu --set {folder} -o {new}.png', 'validate stereo {folder} -o {new}',
     'validate locomotion --overlay {folder} -o {new}', 'validate traverse {folder} -o {new}',
     'validate terramechanics {folder} -o {new}', 'world info {file}', 'world info {folder}',
