@@ -116,9 +116,14 @@ class Drops:
         """Count losses of a kind."""
         self._by_kind[kind] = self._by_kind.get(kind, 0) + count
 
+    @property
+    def total(self) -> int:
+        """All losses since the start."""
+        return sum(self._by_kind.values())
+
     def status(self) -> Status:
         """Return the status since the last one, with the counts since the start."""
-        total = sum(self._by_kind.values())
+        total = self.total
         new, self._told = total - self._told, total
         return Status(WARN if new else OK, f'{new} lost' if new else 'Nothing lost',
                       {'Lost since startup': str(total),

@@ -88,7 +88,8 @@ class SlamNode(node_main.GraphNode):
         """End the program, leave the graph, and say how it went."""
         self._program.close()
         self._folder.cleanup()
-        self.get_logger().info(f'{self._tracked} of {self._answered} frames tracked, latency '
+        self.get_logger().info(f'{self._tracked} of {self._answered} frames tracked, '
+                               f'{self._drops.total} lost, latency '
                                f'{1e3 * float(np.median(self._latencies_s)):.1f} ms in the median')
         super().destroy_node()
 
@@ -122,6 +123,7 @@ class SlamNode(node_main.GraphNode):
         if len(images) < len(self._sides):
             if len(self._open) > _MOST_UNPAIRED:
                 del self._open[min(self._open)]
+                self._drops.add('Frames without the other image')
             return
         del self._open[stamp]
         if not self._config.lockstep and self._waiting:
