@@ -26,6 +26,7 @@ LEFT_CAMERA_FRAME = 'stereo_left_link'
 RIGHT_CAMERA_FRAME = 'stereo_right_link'
 LEFT_OPTICAL_FRAME = 'stereo_left_optical_frame'
 RIGHT_OPTICAL_FRAME = 'stereo_right_optical_frame'
+WHEEL_ODOM_FRAME = 'wheel_odom'
 CHASE_OPTICAL_FRAME = 'chase_optical_frame'
 # Of the true pose where `odom` and `base_link` belong to an estimator.
 TRUE_ODOM_FRAME = 'ground_truth/odom'

@@ -82,6 +82,9 @@ SINKAGE = Topic('ground_truth/sinkage', 'sensor_msgs/msg/JointState', STATE, 'ph
 FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
                   'velocity: slip and sweep of each foot along the heading [m/s]; position: their '
                   'sums [m]', on_request=True)
+WHEEL_ODOM = Topic('wheel/odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
+                   frames.WHEEL_ODOM_FRAME, 'pose and twist from the encoders of the legs alone, '
+                   'with their covariance', on_request=True)
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
                        'velocity command [rad/s], reference angle [rad]; stamp = state answered')
@@ -156,8 +159,8 @@ SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_no
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
-    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE,
-    LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED,
+    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE,
+    RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED,
     RIGHT_COMPRESSED, POINTS, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, SUN, WORLD_HASH,
     ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS,
     TELEPORT, BRIDGED_JOINTS, SHOWN)

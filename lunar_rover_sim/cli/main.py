@@ -56,6 +56,8 @@ COMMANDS = {
     'validate locomotion': Command(
         'validate_locomotion',
         'pitch of the walk against a velocity interface; commands followed'),
+    'validate odometry': Command(
+        'validate_odometry', 'wheel odometry and its covariance against the true pose'),
     'validate stereo': Command('validate_stereo', 'semi-global matching against true depth'),
     'validate terramechanics': Command(
         'validate_terramechanics', 'soft ground against published numbers; walks, slopes, pull'),

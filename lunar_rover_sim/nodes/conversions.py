@@ -8,6 +8,7 @@ they name, so a message object that is made once can be published for every stat
 
 from __future__ import annotations
 
+import math
 from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
@@ -28,12 +29,15 @@ from lunar_rover_sim.rover.description import JOINT_NAMES
 if TYPE_CHECKING:
     from lunar_rover_sim.physics.imu import ImuSample
     from lunar_rover_sim.physics.state import RoverState
+    from lunar_rover_sim.physics.wheel_odometry import WheelOdometry
     from lunar_rover_sim.run.node_config import OdometryConfig
 
 
 # What messages state of exact values, in the squares of their units. Zeros would mean `unknown` in
 # sensor_msgs/Imu, and estimators invert covariances.
 EXACT_VARIANCE = 1e-8
+UNKNOWN_VARIANCE = 1e6
+_PLANAR = [0, 1, 5]     # x, y and yaw among the six axes of a pose or twist
 
 
 def time_msg(stamp_ns: int) -> Time:
@@ -70,6 +74,23 @@ def set_odometry_covariance(msg: Odometry, stated: OdometryConfig) -> None:
             (msg.pose.covariance, stated.position_stddev_m, stated.orientation_stddev_rad),
             (msg.twist.covariance, stated.linear_stddev_mps, stated.angular_stddev_radps)):
         covariance[:] = np.diag([linear**2] * 3 + [angular**2] * 3).ravel()
+
+
+def wheel_odometry(odometry: WheelOdometry, stamp: Time) -> Odometry:
+    """Return a planar pose and twist with their covariances; what they do not know is huge."""
+    msg = Odometry()
+    _set_header(msg.header, stamp, frames.WHEEL_ODOM_FRAME)
+    msg.child_frame_id = frames.BASE_FRAME
+    x, y, yaw = odometry.pose.tolist()
+    _set_vector(msg.pose.pose.position, np.array([x, y, 0.0]))
+    _set_quaternion(msg.pose.pose.orientation,
+                    np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]))
+    msg.twist.twist.linear.x, msg.twist.twist.angular.z = odometry.twist.tolist()
+    pose, twist = (np.diag(np.full(6, UNKNOWN_VARIANCE)) for _ in range(2))
+    pose[np.ix_(_PLANAR, _PLANAR)] = odometry.covariance + EXACT_VARIANCE * np.eye(3)
+    twist[_PLANAR, _PLANAR] = np.maximum(odometry.twist_variance, EXACT_VARIANCE)
+    msg.pose.covariance, msg.twist.covariance = pose.ravel(), twist.ravel()
+    return msg
 
 
 def pose_of(msg: Odometry) -> Array:

@@ -20,6 +20,7 @@ from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
 from lunar_rover_sim.nodes.stepping import Stepping
 from lunar_rover_sim.nodes.wall_pace import WallPace
+from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher
 from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
@@ -54,8 +55,9 @@ class PhysicsNode(node_main.GraphNode):
             topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
         self._feet = FootPublisher(self, self._simulation, 1e-9 * config.state_period_ns)
+        self._wheels = WheelOdometryPublisher(self, config, rover)
         self._matching = Matching(self, [*self._publisher.publishers, *self._feet.publishers,
-                                         *changes],
+                                         self._wheels.publisher, *changes],
                                   tuple(dict.fromkeys([*config.wait.topics,
                                                        *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
@@ -148,6 +150,7 @@ class PhysicsNode(node_main.GraphNode):
         if self._ground is not None:
             self._ground.publish(self._now_ns)
         self._feet.publish(self._now_ns)
+        self._wheels.publish(state, self._now_ns)
         self._publisher.publish(state, self._now_ns)
         self._listener.note_progress()
         self._diagnostics.tick()
@@ -225,6 +228,7 @@ class PhysicsNode(node_main.GraphNode):
         """Put the rover back to its start; time goes on."""
         self._stepping.cancel('the simulation was reset meanwhile')
         self._simulation.reset()
+        self._wheels.restart()
 
     def restart(self) -> None:
         """Put the rover back to its start; time begins at 0."""

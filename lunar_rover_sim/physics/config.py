@@ -130,3 +130,27 @@ class ImuConfig(Parameters):
             if value < 0.0 and value != FROM_PRESET:
                 raise ConfigError(f'{name}: {value} is not valid; valid is >= 0, or -1 for the'
                                   f' value of the preset')
+
+
+@dataclasses.dataclass(frozen=True)
+class WheelOdometryConfig(Parameters):
+    """Encoders of the legs, and what is known of the way that they do not see.
+
+    The defaults of scales and deviations are those of the packaged rover on `baseline`, as
+    `lunar_rover_sim validate odometry` measures them: soft or rougher ground, and another rover,
+    have others. The encoder's default is that of a Faulhaber IE2-512: 512 lines, four edges each,
+    on the shaft of the motor.
+    """
+
+    counts_per_turn: int = param(2048, 'edges of the encoder per turn of the motor', low=1,
+                                 high=2**20)
+    forward_scale: float = param(0.92, 'way of the rover over that of rolling feet', low=0.1,
+                                 high=2.0)
+    yaw_scale: float = param(0.78, 'turn of the rover over that of rolling feet', low=0.1,
+                             high=2.0)
+    forward_stddev: float = param(0.05, 'error along the heading, for each root of a metre that '
+                                  'the legs have rolled', unit='m/sqrt(m)', low=0.0, high=10.0)
+    lateral_stddev: float = param(0.035, 'error across the heading, likewise', unit='m/sqrt(m)',
+                                  low=0.0, high=10.0)
+    yaw_stddev: float = param(0.17, 'error of the heading, likewise', unit='rad/sqrt(m)', low=0.0,
+                              high=10.0)

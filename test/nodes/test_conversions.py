@@ -22,9 +22,11 @@ from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
-from lunar_rover_sim.physics.config import ImuConfig  # noqa: E402
+from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher  # noqa: E402
+from lunar_rover_sim.physics.config import ImuConfig, WheelOdometryConfig  # noqa: E402
 from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
+from lunar_rover_sim.physics.wheel_odometry import WheelOdometry  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
 from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
@@ -166,7 +168,9 @@ def test_tf_is_the_tree_of_the_urdf(state: RoverState, monkeypatch: pytest.Monke
         assert [p.x, p.y, p.z] == pytest.approx(xyz, abs=1e-8)
         assert abs(np.dot([q.w, q.x, q.y, q.z], frames.wxyz_from_rpy(*rpy))) == pytest.approx(1.0)
     assert set(sent) == {'base_link', 'base_footprint'}     # they belong to no link
-    frame_ids = {topic.frame_id for topic in topics.CONTRACT} - {'', topics.TRUE_ODOM.frame_id}
+    # The chase camera has its pose as a topic; the wheel odometry has no place in the world.
+    apart = {'', topics.TRUE_ODOM.frame_id, frames.CHASE_OPTICAL_FRAME, frames.WHEEL_ODOM_FRAME}
+    frame_ids = {topic.frame_id for topic in topics.CONTRACT} - apart
     tree = {t.header.frame_id for name in ('tf', 'tf_static')
             for t in node.sent[name][0].transforms} | {
         t.child_frame_id for name in ('tf', 'tf_static') for t in node.sent[name][0].transforms}
@@ -293,3 +297,66 @@ def test_velocity_commands() -> None:
     assert conversions.velocity_of(stamped.twist) == (0.1, -0.2)
     assert time_ns(stamped.header.stamp) == 3_000_000_007
     assert stamped.header.frame_id == 'base_link'
+
+
+def test_wheel_odometry_says_what_it_does_not_know() -> None:
+    odometry = WheelOdometry(RoverDescription(), WheelOdometryConfig())
+    for angle in np.linspace(0.0, 20.0, 100):
+        odometry.add([0.8 * angle, angle, 0.8 * angle, angle], 0.005)
+    msg = conversions.wheel_odometry(odometry, conversions.time_msg(5))
+    assert (msg.header.frame_id, msg.child_frame_id) == ('wheel_odom', 'base_link')
+    x, y, yaw = odometry.pose
+    assert (msg.pose.pose.position.x, msg.pose.pose.position.y) == (x, y)
+    assert 2.0 * np.arctan2(msg.pose.pose.orientation.z, msg.pose.pose.orientation.w) \
+        == pytest.approx(yaw)
+    assert (msg.twist.twist.linear.x, msg.twist.twist.angular.z) == tuple(odometry.twist)
+    for covariance, known in ((msg.pose.covariance, odometry.covariance),
+                              (msg.twist.covariance, np.diag(odometry.twist_variance))):
+        matrix = covariance.reshape(6, 6)
+        assert np.all(np.linalg.eigvalsh(matrix) > 0.0)
+        np.testing.assert_allclose(matrix[np.ix_([0, 1, 5], [0, 1, 5])], known, atol=2e-8)
+        assert np.all(np.diag(matrix)[2:5] >= 1e6)
+
+
+class Reader:
+    """A node with one publisher, which counts its readers as it is told."""
+
+    def __init__(self) -> None:
+        self.sent: list[Odometry] = []
+        self.readers = 0
+
+    def create_publisher(self, *_: Any) -> Any:
+        """Return that publisher."""
+        return self
+
+    def publish(self, message: Odometry) -> None:
+        """Keep a message."""
+        self.sent.append(message)
+
+    def get_subscription_count(self) -> int:
+        """Return how many read."""
+        return self.readers
+
+
+def test_wheel_odometry_is_made_for_readers_and_begins_with_them(state: RoverState) -> None:
+    node = Reader()
+    wheels = WheelOdometryPublisher(node, PhysicsNodeConfig(),     # type: ignore[arg-type]
+                                    RoverDescription())
+
+    def turn(*angles: float) -> None:
+        for angle in angles:
+            wheels.publish(dataclasses.replace(state, joint_angle_rad=np.full(4, angle)), 0)
+    turn(0.0, 0.2)
+    assert not node.sent
+    node.readers = 1
+    turn(0.3, 0.4)
+    assert [m.pose.pose.position.x for m in node.sent] == [
+        0.0, pytest.approx(0.92 * 0.1 * (0.072 * np.cos(0.35) + 0.008), rel=0.01)]
+    node.readers = 0
+    turn(5.0)
+    node.readers = 1
+    turn(9.0)
+    assert node.sent[-1].pose.pose.position.x == 0.0
+    wheels.restart()
+    turn(0.0)
+    assert node.sent[-1].pose.pose.position.x == 0.0

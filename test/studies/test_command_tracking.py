@@ -35,6 +35,10 @@ def test_an_existing_table_is_not_overwritten(tmp_path):
     (('validate', 'traverse', '--seeds', '0'), '--seeds: 0'),
     (('validate', 'traverse', '--duration', '1'), '--duration: 1'),
     (('validate', 'traverse', 'basline'), 'did you mean baseline'),
+    (('validate', 'odometry', '-n', '2'), '--drives: 2 is not valid; valid is at least 3'),
+    (('validate', 'odometry', '--duration', '1'), '--duration: 1 is not valid'),
+    (('validate', 'odometry', '--set', 'physics_node.wheel_odometry.yaw_scale=0'),
+     'yaw_scale: 0'),
 ])
 def test_what_cannot_be_is_refused(words, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -65,3 +69,13 @@ def test_an_earlier_report_is_kept(tmp_path, name):
     with pytest.raises(ConfigError, match='exists; name a new folder'):
         run('validate', name, '-o', str(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ['report.md']
+
+
+def test_a_short_odometry_study_from_end_to_end(capsys):
+    small = ('world.size_m=12.8', 'world.surroundings.samples=257', 'world.rocks.abundance=0')
+    assert run('validate', 'odometry', 'feature_sparse', '-n', '3', '--duration', '5',
+               *(word for item in small for word in ('--set', item))) in (0, 1)
+    said = capsys.readouterr().out
+    assert '3 drives of 5 s on feature_sparse' in said
+    (scale,) = re.findall(r'physics_node.wheel_odometry.forward_scale=([\d.]+)', said)
+    assert 0.8 < float(scale) < 1.0

@@ -1,0 +1,118 @@
+"""Wheel odometry: the planar pose that a rover works out from the encoders of its legs alone.
+
+A leg stands on the spoke that is nearest to straight down, at the angle a from there. Its rounded
+tip rolls: while the leg turns by dq, its axle gets on by dq h over a flat ground, where
+
+    h = (l - r) cos a + r
+
+is the height of the axle (spoke length l, tip radius r). Four legs of different heights make a
+body stand on the diagonal pair of the greater sum; with the ways s_l and s_r of that pair's legs,
+one on the left and one on the right at (+-x, +-y) from the centre, least squares over the speeds
+with which both feet would scrape along and across gives
+
+    d = (s_l + s_r) / 2,    w = (s_r - s_l) / 2  y / (x^2 + y^2).
+
+What the rover really does differs by the scales and the deviations of `WheelOdometryConfig`. The
+errors are a random walk over the way that the legs have rolled; they are independent over one step
+of the walk and more. The covariance is propagated to first order, as in Siegwart, Nourbakhsh,
+Scaramuzza, Introduction to Autonomous Mobile Robots, 2011, section 5.2.4.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.physics.config import WheelOdometryConfig
+from lunar_rover_sim.rover.description import RoverDescription
+
+# The diagonals: the leg on the left and the one on the right, in the order of LEG_NAMES.
+_DIAGONALS = ((0, 3), (2, 1))
+
+
+@dataclasses.dataclass(frozen=True)
+class Rolled:
+    """The way that the feet rolled between two states, before any scale.
+
+    forward_m: of the rover along its heading; yaw_rad: its turn; way_m: mean of the legs, without
+    signs
+    """
+
+    forward_m: float
+    yaw_rad: float
+    way_m: float
+
+
+class RollingFeet:
+    """Turns angles of the legs into ways, as the encoders see them."""
+
+    def __init__(self, rover: RoverDescription, counts_per_turn: int) -> None:
+        legs = rover.legs
+        self._count_rad = 2.0 * math.pi / (counts_per_turn * rover.motor.gear_ratio)
+        self._spoke_pitch_rad = legs.spoke_pitch_rad
+        self._to_tip_m = legs.spoke_length_m - legs.tip_radius_m
+        self._radius_m = legs.tip_radius_m
+        self._turn_per_m = legs.axle_y_m / (legs.axle_x_m**2 + legs.axle_y_m**2)
+        self._angle: Array | None = None
+        self._height_m: Array = np.zeros(4)
+
+    @property
+    def resolution_m(self) -> float:
+        """Way of a leg per count of its encoder, at most."""
+        return self._count_rad * (self._to_tip_m + self._radius_m)
+
+    def add(self, joint_angle_rad: ArrayLike) -> Rolled:
+        """Return the way since the last angles (4,), unwrapped; 0 for the first ones."""
+        angle = np.round(np.asarray(joint_angle_rad) / self._count_rad) * self._count_rad
+        pitch = self._spoke_pitch_rad
+        height = self._to_tip_m * np.cos((angle + 0.5 * pitch) % pitch - 0.5 * pitch) \
+            + self._radius_m
+        if self._angle is None:
+            self._angle, self._height_m = angle, height
+        way = (angle - self._angle) * 0.5 * (height + self._height_m)
+        self._angle, self._height_m = angle, height
+        left, right = max(_DIAGONALS, key=lambda pair: height[pair[0]] + height[pair[1]])
+        return Rolled(0.5 * float(way[left] + way[right]),
+                      0.5 * float(way[right] - way[left]) * self._turn_per_m,
+                      float(np.mean(np.abs(way))))
+
+
+class WheelOdometry:
+    """Sums up a pose from angles of the legs; it begins at 0, certain.
+
+    pose: (3,) x, y [m] and yaw [rad] in the frame of the start; covariance: (3, 3) of it
+    twist: (2,) forward speed [m/s] and yaw rate [rad/s] over the last interval
+    twist_variance: (3,) of forward speed, lateral speed [m^2/s^2] and yaw rate [rad^2/s^2]
+    """
+
+    def __init__(self, rover: RoverDescription, config: WheelOdometryConfig) -> None:
+        self._feet = RollingFeet(rover, config.counts_per_turn)
+        self._config = config
+        self._per_metre = np.square([config.forward_stddev, config.lateral_stddev,
+                                     config.yaw_stddev])
+        # Two readings of two legs, each rounded to a count; along and, by the track, of the turn.
+        rounding = self._feet.resolution_m**2 / 12.0
+        self._floor = np.array([rounding, rounding, rounding / rover.legs.axle_y_m**2])
+        self.pose, self.covariance = np.zeros(3), np.zeros((3, 3))
+        self.twist, self.twist_variance = np.zeros(2), np.zeros(3)
+
+    def add(self, joint_angle_rad: ArrayLike, interval_s: float) -> None:
+        """Go on to the next angles of the legs (4,) [rad, unwrapped], after a time [s]."""
+        rolled = self._feet.add(joint_angle_rad)
+        forward = self._config.forward_scale * rolled.forward_m
+        yaw = self._config.yaw_scale * rolled.yaw_rad
+        middle = self.pose[2] + 0.5 * yaw
+        c, s = math.cos(middle), math.sin(middle)
+        variance = self._per_metre * rolled.way_m
+        before = np.array([[1.0, 0.0, -s * forward], [0.0, 1.0, c * forward], [0.0, 0.0, 1.0]])
+        added = np.array([[c, -s, -0.5 * s * forward], [s, c, 0.5 * c * forward],
+                          [0.0, 0.0, 1.0]])
+        self.covariance = (before @ self.covariance @ before.T
+                           + added * variance @ added.T)
+        self.pose = self.pose + [c * forward, s * forward, yaw]
+        self.twist = np.array([forward, yaw]) / interval_s
+        self.twist_variance = (variance + self._floor) / interval_s**2

@@ -1,0 +1,147 @@
+"""The wheel odometry study: what the encoders of the legs miss of the way, and how surely."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import dataclasses
+import functools
+
+import numpy as np
+from scipy import stats
+
+from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.physics.config import WheelOdometryConfig
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.wheel_odometry import RollingFeet, WheelOdometry
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.studies.parallel import map_in_processes
+from lunar_rover_sim.studies.walking import STATE_PERIOD_S, Walk, walk
+
+COMMAND_S = 5.0                           # each random command lasts so long
+LEAST_DRIVES = 3
+_FORWARD_MPS, _YAW_RADPS = (-0.1, 0.2), (-0.15, 0.15)
+_CONFIDENCE = 0.95
+
+
+@dataclasses.dataclass(frozen=True)
+class OdometryStudy:
+    """What drives say of the wheel odometry.
+
+    drives: number of drives; rolled_m: way that their legs rolled, in all
+    measured: scales and deviations that fit these drives, with the encoder of the configuration
+    errors: (n, 3) true pose less that of the odometry at the end of each drive, in the frame of
+        its start: x, y [m], yaw [rad]
+    consistency: squared errors at the end over their stated covariance, mean of the drives and of
+        the three axes; 1 where the covariance is right, more where it promises too much
+    interval: (2,) where it lies in 95 of 100 studies of as many drives if the covariance is right
+        (Bar-Shalom, Li, Kirubarajan, Estimation with applications to tracking and navigation,
+        2001, section 5.4)
+    """
+
+    drives: int
+    rolled_m: float
+    measured: WheelOdometryConfig
+    errors: Array
+    consistency: float
+    interval: tuple[float, float]
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the stated covariance is that of the errors, as far as so many drives show."""
+        return self.interval[0] <= self.consistency <= self.interval[1]
+
+
+def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: int = 1,
+          progress: Callable[[int, int], object] = lambda done, total: None) -> OdometryStudy:
+    """Drive with random commands on the scenario's world of each seed; judge the odometry.
+
+    duration_s: of each drive [s], at least one command long
+    Raises StudyError if there are fewer than three drives, or if the rover stood still.
+    """
+    if len(seeds) < LEAST_DRIVES:
+        raise StudyError(f'{len(seeds)} drives are not valid; valid are at least {LEAST_DRIVES}')
+    if duration_s < COMMAND_S:
+        raise StudyError(f'{duration_s:g} s are not valid; valid are at least {COMMAND_S:g} s')
+    walks = map_in_processes(functools.partial(_drive, scenario, duration_s), seeds, workers,
+                             lambda _, done, total: progress(done, total))
+    return judge(walks, scenario.rover, scenario.physics_node.wheel_odometry)
+
+
+def _drive(scenario: Scenario, duration_s: float, seed: int) -> Walk:
+    scenario = dataclasses.replace(scenario, shared=dataclasses.replace(scenario.shared,
+                                                                        seed=seed))
+    rng = np.random.default_rng(seed)
+    commands = [(rng.uniform(*_FORWARD_MPS), rng.uniform(*_YAW_RADPS))
+                for _ in range(int(duration_s / COMMAND_S) + 1)]
+
+    def command(controller: GaitController, stamp_ns: int) -> None:
+        controller.set_velocity(*commands[int(stamp_ns * 1e-9 / COMMAND_S)], stamp_ns)
+
+    with Simulation.from_scenario(scenario) as simulation:
+        return walk(simulation, GaitController.from_scenario(scenario), duration_s, command)
+
+
+def judge(walks: Sequence[Walk], rover: RoverDescription,
+          config: WheelOdometryConfig) -> OdometryStudy:
+    """Return what recorded walks say of the odometry of a configuration."""
+    rolled = [_rolled(each, rover, config) for each in walks]
+    true = [_true(each) for each in walks]
+    period = round(COMMAND_S / STATE_PERIOD_S)
+    ways, steps = (np.concatenate([_sums(each, period) for each in kind])
+                   for kind in (rolled, true))
+    if not ways[:, 2].sum() > 0.0 or not np.all(np.square(ways[:, :2]).sum(axis=0) > 0.0):
+        raise StudyError('the legs did not roll')
+    scales = [float(ways[:, k] @ steps[:, j] / (ways[:, k] @ ways[:, k]))
+              for k, j in ((0, 0), (1, 2))]
+    missed = steps - np.column_stack([scales[0] * ways[:, 0], np.zeros(len(ways)),
+                                      scales[1] * ways[:, 1]])
+    stddev = np.sqrt(np.square(missed).sum(axis=0) / ways[:, 2].sum())
+    measured = dataclasses.replace(
+        config, forward_scale=scales[0], yaw_scale=scales[1], forward_stddev=float(stddev[0]),
+        lateral_stddev=float(stddev[1]), yaw_stddev=float(stddev[2]))
+    errors, squares = zip(*(_error(each, rover, config) for each in walks))
+    freedom = 3 * len(walks)
+    low, high = stats.chi2.interval(_CONFIDENCE, freedom)
+    return OdometryStudy(len(walks), float(sum(each[:, 2].sum() for each in rolled)), measured,
+                         np.array(errors), float(sum(squares) / freedom),
+                         (low / freedom, high / freedom))
+
+
+def _rolled(recorded: Walk, rover: RoverDescription, config: WheelOdometryConfig) -> Array:
+    """Return (n - 1, 3) forward ways [m], turns [rad] and ways of the legs [m]."""
+    feet = RollingFeet(rover, config.counts_per_turn)
+    return np.array([dataclasses.astuple(feet.add(angles))
+                     for angles in recorded.joint_angle_rad][1:])
+
+
+def _true(recorded: Walk) -> Array:
+    """Return (n - 1, 3) true ways along and across the heading [m], and turns [rad]."""
+    step = np.diff(recorded.position_m[:, :2], axis=0)
+    yaw = recorded.rpy_rad[:, 2]
+    c, s = np.cos(0.5 * (yaw[1:] + yaw[:-1])), np.sin(0.5 * (yaw[1:] + yaw[:-1]))
+    return np.column_stack([step[:, 0] * c + step[:, 1] * s, step[:, 1] * c - step[:, 0] * s,
+                            np.diff(yaw)])
+
+
+def _sums(values: Array, length: int) -> Array:
+    """Return the sums of each `length` rows; an incomplete rest is left out."""
+    whole = len(values) // length * length
+    if whole == 0:
+        return values.sum(axis=0, keepdims=True)
+    return values[:whole].reshape(-1, length, values.shape[1]).sum(axis=1)
+
+
+def _error(recorded: Walk, rover: RoverDescription,
+           config: WheelOdometryConfig) -> tuple[Array, float]:
+    """Return the (3,) error at the end of a walk, and its square over the covariance."""
+    odometry = WheelOdometry(rover, config)
+    for angles in recorded.joint_angle_rad:
+        odometry.add(angles, STATE_PERIOD_S)
+    yaw = recorded.rpy_rad[:, 2]
+    x, y = recorded.position_m[-1, :2] - recorded.position_m[0, :2]
+    c, s = np.cos(yaw[0]), np.sin(yaw[0])
+    error = np.array([c * x + s * y, c * y - s * x, yaw[-1] - yaw[0]]) - odometry.pose
+    return error, float(error @ np.linalg.solve(odometry.covariance, error))
