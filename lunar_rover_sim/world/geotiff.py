@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import contextlib
 import logging
-import os
 import pathlib
 import warnings
 
@@ -19,6 +17,7 @@ from rasterio.warp import transform
 from rasterio.windows import Window
 
 from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.files.library_output import stderr_to_log
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.raster import Raster
 from lunar_rover_sim.world.site import Site, site_towards, unit_vector
@@ -43,7 +42,7 @@ class GeoRaster(Raster):
         self._open_files = contextlib.ExitStack()
         self._open_files.enter_context(rasterio.Env())
         try:
-            with warnings.catch_warnings(), _proj_data():
+            with warnings.catch_warnings(), stderr_to_log(logger):
                 warnings.simplefilter('ignore', NotGeoreferencedWarning)
                 self._data = self._open_files.enter_context(rasterio.open(path))
             self._interpret()
@@ -176,8 +175,9 @@ class GeoRaster(Raster):
                         rows.stop - rows.start)
         shape = ((rows.stop - rows.start) // factor, (columns.stop - columns.start) // factor)
         try:
-            values = self._data.read(band, window=window, out_shape=shape, masked=True,
-                                     resampling=Resampling.average)
+            with stderr_to_log(logger):
+                values = self._data.read(band, window=window, out_shape=shape, masked=True,
+                                         resampling=Resampling.average)
         except RasterioError as error:
             reason = ' '.join(str(error.__cause__ or error).split())
             raise WorldError(f'{self.path}: cannot be read, it may be cut short: '
@@ -186,25 +186,6 @@ class GeoRaster(Raster):
         heights = np.ma.getdata(values).astype(float)
         scale, offset = self._data.scales[band - 1], self._data.offsets[band - 1]
         return heights * scale + offset, known
-
-
-@contextlib.contextmanager
-def _proj_data() -> Iterator[None]:
-    """Name the data of rasterio's own PROJ, unless the environment names some.
-
-    rasterio tells GDAL where they are, but libgeotiff, in GDAL, looks up units of length in a
-    context of its own. PROJ then prints that its data are missing.
-    """
-    folder = pathlib.Path(rasterio.__file__).parent / 'proj_data'   # in rasterio's wheels
-    if {'PROJ_DATA', 'PROJ_LIB'} & os.environ.keys() or not folder.is_dir():
-        yield
-        return
-    os.environ['PROJ_DATA'] = str(folder)
-    try:
-        yield
-    finally:
-        # Programs that this one starts may have another PROJ.
-        del os.environ['PROJ_DATA']
 
 
 def _transformed(source: CRS, target: CRS, x: float, y: float) -> tuple[float, float] | None:

@@ -196,6 +196,9 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     if not np.all(np.abs(triangles) <= _LARGEST_M):
         raise WorldError(f'{path}: has vertices that are not finite numbers up to '
                          f'{_LARGEST_M:g} m')
+    if triangles.shape[1:] != (3, 3):
+        raise WorldError(f'{path}: cannot be read as a mesh: its vertices have '
+                         f'{triangles.shape[-1]} coordinates, not 3')
     up = config.mesh.up_axis
     if up == 'auto':
         up = 'y' if suffix in ('.glb', '.gltf') else 'z'

@@ -153,6 +153,8 @@ def test_what_is_not_a_surface(tmp_path):
     refused(tmp_path / 'wall.stl', 'seen from above it has no area')
     (tmp_path / 'text.obj').write_text('nothing here\n')
     refused(tmp_path / 'text.obj', 'no faces|cannot be read')
+    (tmp_path / 'one.obj').write_text('v 0\nv 1\nv 2\nf 1 2 3\n')
+    refused(tmp_path / 'one.obj', 'its vertices have 1 coordinates, not 3|cannot be read')
     (tmp_path / 'cut.glb').write_bytes(b'glTF\x02\x00')
     refused(tmp_path / 'cut.glb', 'cannot be read as a mesh')
     refused(tmp_path / 'absent.obj', 'no such file')
