@@ -42,6 +42,7 @@ from lunar_rover_sim.stereo.depth import disparity_from_depth
 _PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.pgm', '.bmp')
 _MOST_BYTES = 1 << 20
 _MOST_SCALE = 1e6     # px m
+_LEAST_DEPTH_M = 1e-3
 
 
 class ImageSet(NamedTuple):
@@ -161,8 +162,9 @@ def _tartanair_truth(left: Path, scale: float) -> F32 | None:
                               'floats in rows and columns')
     with np.errstate(over='ignore'):    # beyond float32 is the sky
         depth = depth.astype(np.float32)
-    if (depth <= 0.0).any():
-        raise EvaluationError(f'{file}: holds a depth that is not above 0')
+    if (depth < _LEAST_DEPTH_M).any():
+        raise EvaluationError(f'{file}: holds a depth of {np.nanmin(depth):g} m; valid is '
+                              f'{_LEAST_DEPTH_M:g} m and more')
     return disparity_from_depth(np.where(depth >= 1e4, np.inf, depth), scale, 1.0)
 
 

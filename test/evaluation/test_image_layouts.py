@@ -121,6 +121,10 @@ def test_a_bag_and_its_exports_agree(bag: Path, tmp_path: Path) -> None:
     bad = list(MEASURES).index('SGM bad-1')
     assert values['bag'][bad] < 0.2 and np.isnan(values['euroc'][bad])
     assert np.allclose(np.delete(values['bag'], bad), np.delete(values['euroc'], bad))
+    for file in (tmp_path / 'tartanair').rglob('*_depth.npy'):
+        np.save(file, np.full_like(np.load(file), 1e-42))    # its disparity would be infinite
+    with pytest.raises(EvaluationError, match='holds a depth of .* m; valid is 0.001 m and more'):
+        pairs(tmp_path / 'tartanair')
 
 
 def test_what_is_no_set(tmp_path: Path) -> None:

@@ -272,13 +272,19 @@ def run_all(cases: list[Case], samples: Path, folder: Path, jobs: int) -> Iterat
             worker.stop()
 
 
+def _limit_processor_time() -> None:
+    """Give this process what a case may take, and as much for the start of Python."""
+    resource.setrlimit(resource.RLIMIT_CPU, (int(2.0 * LIMIT_S),) * 2)
+
+
 def run_by_command_line(case: Case, samples: Path, folder: Path) -> Outcome | None:
     """Give the input of a refused case to the command line; return a failure, or None."""
     file, _ = prepare(case, samples, folder)
     words = COMMANDS[case.reader].format(file=file, folder=folder, new=folder / 'new').split()
     try:
         ended = subprocess.run([sys.executable, '-m', 'lunar_rover_sim.cli.main', *words],
-                               capture_output=True, text=True, errors='replace', timeout=60.0)
+                               capture_output=True, text=True, errors='replace',
+                               timeout=5.0 * HANG_S, preexec_fn=_limit_processor_time)
     except subprocess.TimeoutExpired:
         return Outcome(case.number, case.reader, 'cli', f'{words}: hangs', repeat=case.repeat)
     lines = [line for line in ended.stderr.splitlines()
