@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from typing import Any
 
 import pytest
@@ -58,6 +59,18 @@ def test_cmd_vel_of_both_types_moves_the_legs(peer: Peer) -> None:
     finally:
         teleop.destroy_node()
         context.try_shutdown()
+
+
+def test_drive_node_may_publish_twist(peer: Peer) -> None:
+    """The gait controller reads it in a hidden node: no warning that it reads TwistStamped."""
+    with running('gait_controller_node'), \
+            running('drive_node', '-p', 'enable_stamped_cmd_vel:=false') as drive:
+        peer.spin_until(lambda: peer.node.count_subscribers('cmd_vel') == 2)
+        time.sleep(4.5)     # two looks
+        drive.send_signal(signal.SIGINT)
+        log = drive.stdout.read()
+    assert 'ready' in log
+    assert 'no message gets through' not in log
 
 
 def test_another_type_is_named_with_ours(peer: Peer) -> None:
