@@ -12,8 +12,9 @@ from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.scenario import Scenario
 
 _POLL_S = 0.1
-# physics_node names the participant that it waits for before the supervisor names physics_node.
-_SILENCE_MARGIN_S = 1.0
+# physics_node names the participant that it waits for before the supervisor names physics_node. It
+# begins to wait once it has started itself, which takes seconds.
+_SILENCE_MARGIN_S, _START_MARGIN_S = 1.0, 30.0
 # Longer than the lag of any participant: after this simulated time all nodes have started.
 _STARTED_NS = 1_000_000_000
 # Time that physics has to leave after its last state.
@@ -41,7 +42,7 @@ class Limits:
         wait, end_ns = scenario.physics_node.wait, round(scenario.run.duration_s * 1e9)
         if not scenario.shared.lockstep:
             return cls(None, None, end_ns, timeout_s)
-        return cls(wait.silence_s + _SILENCE_MARGIN_S, wait.start_s + _SILENCE_MARGIN_S, end_ns,
+        return cls(wait.silence_s + _SILENCE_MARGIN_S, wait.start_s + _START_MARGIN_S, end_ns,
                    timeout_s)
 
     def silence_limit_s(self, now_ns: int, suspended: bool) -> float | None:

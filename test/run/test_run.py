@@ -23,6 +23,7 @@ from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.plan import NodePlan, resolve
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.supervisor import Limits
 
 pytestmark = pytest.mark.ros
 
@@ -246,6 +247,19 @@ def test_a_stopped_node_is_named(tmp_path: Path) -> None:
     assert ('joint_commands (from gait_controller_node' in stderr
             or 'gait_controller_node is stopped' in stderr)
     assert time.monotonic() - stopped < 10
+
+
+def test_an_awaited_topic_that_nobody_publishes_is_named(tmp_path: Path) -> None:
+    """By physics, which waits for it, and not as a silence of physics."""
+    finished = simulate(tmp_path / 'run', *BLIND, '--set', 'physics_node.wait.topics=[my/pose]',
+                        '--set', 'physics_node.wait.lags_s=[0.1]',
+                        '--set', 'physics_node.wait.start_s=0.2')
+    assert finished.returncode == 1
+    assert re.search(r'physics_node .*no publisher for 0.2 s on .*my/pose', finished.stderr)
+    # Physics counts from its own start, which takes seconds on a busy machine, `run` from before.
+    scenario = resolve(Scenario.load('baseline', BLIND[1::2]))
+    start_s = Limits.of(scenario).start_s
+    assert start_s is not None and start_s > scenario.physics_node.wait.start_s + 15.0
 
 
 def test_physics_stopped_while_the_nodes_start(tmp_path: Path) -> None:
