@@ -85,6 +85,11 @@ FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'phy
 WHEEL_ODOM = Topic('wheel/odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
                    frames.WHEEL_ODOM_FRAME, 'pose and twist from the encoders of the legs alone, '
                    'with their covariance', on_request=True)
+POWER = tuple(
+    Topic(f'power/{line}', 'sensor_msgs/msg/BatteryState', STATE, 'physics_node', '',
+          f'voltage and current in the supply line of {of}, as a power monitor shows them; '
+          'negative where power is drawn [V, A]', on_request=True)
+    for line, of in (*((leg, 'that motor') for leg in LEGS), ('bus', 'all motors')))
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
                        'velocity command [rad/s], reference angle [rad]; stamp = state answered')
@@ -159,7 +164,7 @@ SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_no
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
-    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE,
+    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE,
     RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED,
     RIGHT_COMPRESSED, POINTS, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, SUN, WORLD_HASH,
     ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS,

@@ -11,16 +11,15 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
-from lunar_rover_sim.nodes.foot_publisher import FootPublisher
 from lunar_rover_sim.nodes.ground_publisher import GroundPublisher
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
+from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
 from lunar_rover_sim.nodes.stepping import Stepping
 from lunar_rover_sim.nodes.wall_pace import WallPace
-from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher
 from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
@@ -54,10 +53,9 @@ class PhysicsNode(node_main.GraphNode):
             self, self._simulation.overlay, world.ground, config.ground_period_ns,
             topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
-        self._feet = FootPublisher(self, self._simulation, 1e-9 * config.state_period_ns)
-        self._wheels = WheelOdometryPublisher(self, config, rover)
-        self._matching = Matching(self, [*self._publisher.publishers, *self._feet.publishers,
-                                         self._wheels.publisher, *changes],
+        self._requested = RequestedSensors(self, self._simulation, rover, config)
+        self._matching = Matching(self, [*self._publisher.publishers,
+                                         *self._requested.publishers, *changes],
                                   tuple(dict.fromkeys([*config.wait.topics,
                                                        *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
@@ -149,8 +147,7 @@ class PhysicsNode(node_main.GraphNode):
         self._now_ns += self._config.state_period_ns
         if self._ground is not None:
             self._ground.publish(self._now_ns)
-        self._feet.publish(self._now_ns)
-        self._wheels.publish(state, self._now_ns)
+        self._requested.publish(state, self._now_ns)
         self._publisher.publish(state, self._now_ns)
         self._listener.note_progress()
         self._diagnostics.tick()
@@ -228,7 +225,7 @@ class PhysicsNode(node_main.GraphNode):
         """Put the rover back to its start; time goes on."""
         self._stepping.cancel('the simulation was reset meanwhile')
         self._simulation.reset()
-        self._wheels.restart()
+        self._requested.reset()
 
     def restart(self) -> None:
         """Put the rover back to its start; time begins at 0."""
@@ -238,7 +235,6 @@ class PhysicsNode(node_main.GraphNode):
         self._now_ns = 0
         if self._ground is not None:
             self._ground.restart()
-        self._feet.restart()
         self._pace.restart(self._now_ns)
         self._listener.restart()
         self.wake()

@@ -154,3 +154,25 @@ class WheelOdometryConfig(Parameters):
                                   low=0.0, high=10.0)
     yaw_stddev: float = param(0.17, 'error of the heading, likewise', unit='rad/sqrt(m)', low=0.0,
                               high=10.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class PowerMonitorConfig(Parameters):
+    """Monitors of voltage and current in the supply line of each motor and of all of them.
+
+    The defaults are those of a Texas Instruments INA226 (data sheet SBOS547B, 2024, typical
+    values, which are taken for standard deviations) with shunts of 20 mohm, for up to 4 A.
+    """
+
+    enabled: bool = param(True, 'false publishes the true values')
+    shunt_ohm: float = param(0.02, 'shunt resistor', unit='ohm', low=0.0, open_low=True,
+                             high=1000.0)
+    shunt_range_v: float = param(0.08192, 'largest voltage over the shunt', unit='V', low=0.0,
+                                 open_low=True, high=100.0)
+    shunt_step_v: float = param(2.5e-6, 'step of that voltage', unit='V', low=0.0, high=1.0)
+    shunt_offset_v: float = param(2.5e-6, 'standard deviation of its offset', unit='V', low=0.0,
+                                  high=1.0)
+    bus_step_v: float = param(1.25e-3, 'step of the supply voltage', unit='V', low=0.0, high=1.0)
+    bus_offset_v: float = param(1.25e-3, 'standard deviation of its offset', unit='V', low=0.0,
+                                high=1.0)
+    gain_error: float = param(2e-4, 'standard deviation of the gain of each', low=0.0, high=0.5)

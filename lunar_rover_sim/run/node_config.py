@@ -13,7 +13,8 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.parameters import group, param, Parameters
 from lunar_rover_sim.path_following.config import DriveConfig
-from lunar_rover_sim.physics.config import ImuConfig, PhysicsConfig, WheelOdometryConfig
+from lunar_rover_sim.physics.config import (ImuConfig, PhysicsConfig, PowerMonitorConfig,
+                                            WheelOdometryConfig)
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.stereo.config import SgmConfig
@@ -105,6 +106,7 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     imu: ImuConfig = group(ImuConfig)
     odometry: OdometryConfig = group(OdometryConfig)
     wheel_odometry: WheelOdometryConfig = group(WheelOdometryConfig)
+    power_monitor: PowerMonitorConfig = group(PowerMonitorConfig)
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
                                'steps', unit='Hz', low=1, high=1000)

@@ -22,6 +22,7 @@ from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
+from lunar_rover_sim.nodes.power_publisher import PowerPublisher  # noqa: E402
 from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher  # noqa: E402
 from lunar_rover_sim.physics.config import ImuConfig, WheelOdometryConfig  # noqa: E402
 from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
@@ -319,23 +320,41 @@ def test_wheel_odometry_says_what_it_does_not_know() -> None:
 
 
 class Reader:
-    """A node with one publisher, which counts its readers as it is told."""
+    """A node whose publishers are itself, which counts its readers as it is told."""
 
     def __init__(self) -> None:
-        self.sent: list[Odometry] = []
+        self.sent: list[Any] = []
         self.readers = 0
 
     def create_publisher(self, *_: Any) -> Any:
-        """Return that publisher."""
+        """Return itself."""
         return self
 
-    def publish(self, message: Odometry) -> None:
+    def publish(self, message: Any) -> None:
         """Keep a message."""
         self.sent.append(message)
 
     def get_subscription_count(self) -> int:
         """Return how many read."""
         return self.readers
+
+
+def test_power_is_made_for_readers(state: RoverState) -> None:
+    """By the definition of BatteryState what is drawn is negative."""
+    node = Reader()
+    power = PowerPublisher(node, PhysicsNodeConfig(), RoverDescription().motor)  # type: ignore
+    pushing = dataclasses.replace(state, motor_torque_nm=np.full(4, 0.3),
+                                  joint_velocity_radps=np.full(4, 2.0))
+    power.publish(pushing, 5)
+    assert not node.sent
+    node.readers = 1
+    power.publish(pushing, 5)
+    assert [m.location for m in node.sent] == [*topics.LEGS, 'bus']
+    assert all(time_ns(m.header.stamp) == 5 and m.present for m in node.sent)
+    currents = [m.current for m in node.sent]
+    assert max(currents) < -0.05 and currents[4] == pytest.approx(sum(currents[:4]), abs=1e-3)
+    assert [m.voltage for m in node.sent] == [pytest.approx(12.0, abs=0.02)] * 5
+    assert all(np.isnan([m.charge, m.percentage, m.temperature]).all() for m in node.sent)
 
 
 def test_wheel_odometry_is_made_for_readers_and_begins_with_them(state: RoverState) -> None:
