@@ -75,7 +75,7 @@ setup(
         'usd': [USD],
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
         'test': ['evo>=1.30', 'pytest>=9', 'pytest-xdist>=3.5', 'flake8>=7', 'flake8-quotes>=3',
-                 'import-linter>=2', 'isort>=5', 'mypy>=1.10', 'vulture>=2.11', 'types-PyYAML',
+                 'import-linter>=2', 'isort>=5', 'mypy>=1.10', 'pycocotools>=2.0.8', 'vulture>=2.11', 'types-PyYAML',
                  'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100', 'setuptools>=70.1',
                  'distributed>=2024.4', USD],
         # Random changes of the code, to see which of them the tests notice.

@@ -130,6 +130,27 @@ CHASE_INFO = Topic('chase/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT, 're
                    frames.CHASE_OPTICAL_FRAME, 'that of the chase camera', on_request=True)
 CHASE_POSE = Topic('chase/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'render_node',
                    frames.ODOM_FRAME, 'of its optical frame, which moves', on_request=True)
+LABELS = Topic('ground_truth/labels', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+               frames.LEFT_OPTICAL_FRAME, 'mono16: what each pixel shows, see '
+               '`ground_truth/label_info`', on_request=True)
+CRATERS = Topic('ground_truth/craters', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+                frames.LEFT_OPTICAL_FRAME, 'mono16: number of the youngest crater that the ground '
+                'lies in, 0 outside all', on_request=True)
+SHADOW = Topic('ground_truth/shadow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+               frames.LEFT_OPTICAL_FRAME, "rgb8, over 255: share of the sun's disc that is seen, "
+               'share that only the rover hides, penumbra', on_request=True)
+NORMALS = Topic('ground_truth/normals', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+                frames.LEFT_OPTICAL_FRAME, '32FC3: unit normals of the surface, 0 for the sky',
+                on_request=True)
+OPTICAL_FLOW = Topic('ground_truth/optical_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME,
+                     'render_node', frames.LEFT_OPTICAL_FRAME, '32FC2: from each pixel to its '
+                     'place in the frame of the message before [px]', on_request=True)
+SCENE_FLOW = Topic('ground_truth/scene_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+                   frames.LEFT_OPTICAL_FRAME, '32FC3: the same from point to point [m], NaN for '
+                   'the sky', on_request=True)
+LABEL_INFO = Topic('ground_truth/label_info', 'std_msgs/msg/String', LATCHED, 'render_node', '',
+                   'names of the labels, as JSON with the fields of vision_msgs/LabelInfo, and '
+                   'catalogues of rocks and craters', on_request=True)
 SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
             'unit vector to the sun')
 WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
@@ -166,7 +187,7 @@ CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE,
     RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED,
-    RIGHT_COMPRESSED, POINTS, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, SUN, WORLD_HASH,
-    ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS,
-    TELEPORT, BRIDGED_JOINTS, SHOWN)
+    RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW, NORMALS, OPTICAL_FLOW, SCENE_FLOW,
+    LABEL_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO,
+    TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)

@@ -12,7 +12,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 BYTES_PER_PIXEL = {'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2, 'rgb8': 3, 'bgr8': 3,
-                   'rgba8': 4, 'bgra8': 4, '32FC1': 4}
+                   'rgba8': 4, 'bgra8': 4, '32FC1': 4, '32FC2': 8, '32FC3': 12}
 QUATERNION_TOLERANCE = 1e-6
 
 _FLOATS = ('float32', 'float64')
@@ -98,7 +98,8 @@ def pixels(image: Any) -> np.ndarray:
 
     The image must pass `image_problem`.
     """
-    kinds: dict[str, type] = {'mono16': np.uint16, '16UC1': np.uint16, '32FC1': np.float32}
+    kinds: dict[str, type] = {'mono16': np.uint16, '16UC1': np.uint16, '32FC1': np.float32,
+                              '32FC2': np.float32, '32FC3': np.float32}
     kind = kinds.get(image.encoding, np.uint8)
     channels = BYTES_PER_PIXEL[image.encoding] // np.dtype(kind).itemsize
     rows = np.asarray(image.data, np.uint8).reshape(image.height, image.step)

@@ -28,6 +28,8 @@ _FORMATS = {
     'kitti': 'KITTI odometry: image_0, image_1, calib.txt, times.txt, poses.txt',
     'tartanair': 'TartanAir: image_left, image_right, depth_left (npy, metres; and 16-bit PNG, '
                  'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml',
+    'coco': 'COCO: images, annotations/instances.json with boxes and masks of rocks and craters',
+    'yolo': 'YOLO: images, labels (outlines of rocks and craters), boxes, data.yaml',
 }
 
 

@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
     parser.description = (
         'Draw what the rover sees at given poses: left and right image (PNG), depth '
-        '[m], normals, labels and ideal radiance (NPY), disparity, and a preview of all.')
+        '[m], normals, labels, craters, shadow and ideal radiance (NPY), disparity, and a '
+        'preview of all.')
     parser.add_argument('scenario', help='name of a packaged scenario, or a YAML file')
     parser.add_argument('--pose', action='append', metavar='X,Y,YAW[,Z]', type=_pose,
                         help='where the rover stands [m, m, deg]; Z is the height of base_link '
@@ -91,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
             out = args.output
             for side in ('left', 'right'):
                 write_png(out / f'{name}_{side}.png', getattr(frame, side))
-            for layer in ('depth_m', 'normal', 'label', 'radiance'):
+            for layer in ('depth_m', 'normal', 'label', 'radiance', 'crater', 'shadow'):
                 np.save(out / f'{name}_{layer}.npy', getattr(frame, layer))
             assert frame.left is not None and frame.right is not None
             disparity = matcher.match(frame.left, frame.right)

@@ -18,6 +18,7 @@ from lunar_rover_sim.bag.driven_distance import driven_distance_m
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, WorldError
+from lunar_rover_sim.inspection.truth_pictures import truth_figure
 from lunar_rover_sim.world.cache import cache_folder
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import load_world
@@ -49,6 +50,7 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
 
     with open_bag(path) as bag:
         _stereo(bag, save)
+        truth_figure(bag, save)
         if bag.has(bag.truth):
             odometry = series.read_odometry(bag)
             if len(odometry.stamps_ns):

@@ -16,6 +16,7 @@ from geometry_msgs.msg import (AccelStamped, Point, PoseStamped, Quaternion, Tra
                                Twist, TwistStamped, Vector3, WrenchStamped)
 from nav_msgs.msg import Odometry
 import numpy as np
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
@@ -25,6 +26,7 @@ from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.description import JOINT_NAMES
+from lunar_rover_sim.rover.pose import RoverPose
 
 if TYPE_CHECKING:
     from lunar_rover_sim.physics.imu import ImuSample
@@ -250,6 +252,19 @@ def transform(parent: str, child: str, T_parent_child: Array, stamp: Time) -> Tr
     _set_vector(msg.transform.translation, T_parent_child[:3, 3])
     _set_quaternion(msg.transform.rotation, frames.wxyz_from_matrix(T_parent_child[:3, :3]))
     return msg
+
+
+def rover_pose(odom_raw: bytes, joints_raw: bytes | None) -> RoverPose:
+    """Return pose and motion; legs without a message, or without velocities, are at rest."""
+    odom = deserialize_message(odom_raw, Odometry)
+    linear_mps, angular_radps = twist_of(odom)
+    angles, speeds = np.zeros(4), np.zeros(4)
+    if joints_raw is not None:
+        joints = deserialize_message(joints_raw, JointState)
+        angles = legs_of(joints, 'position')
+        if len(joints.velocity):
+            speeds = legs_of(joints, 'velocity')
+    return RoverPose(pose_of(odom), angles, linear_mps, angular_radps, speeds)
 
 
 def _set_header(header: Header, stamp: Time, frame_id: str) -> None:

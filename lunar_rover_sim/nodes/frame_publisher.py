@@ -7,6 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from builtin_interfaces.msg import Time
+import numpy as np
 from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
@@ -15,6 +16,7 @@ from rclpy.publisher import Publisher
 from lunar_rover_sim import topics
 from lunar_rover_sim.camera.compression import compressed
 from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import image_conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.run.node_config import RenderNodeConfig
@@ -29,6 +31,9 @@ _LAYERS: dict[str, tuple[str, ...]] = {
     topics.TRUE_DEPTH.name: ('depth',), topics.LEFT_COMPRESSED.name: ('left',),
     topics.RIGHT_COMPRESSED.name: ('right',), topics.DISPARITY.name: _BOTH,
     topics.DEPTH.name: _BOTH, topics.POINTS.name: _BOTH, topics.DEPTH_INFO.name: (),
+    topics.LABELS.name: ('label',), topics.CRATERS.name: ('crater',),
+    topics.SHADOW.name: ('shadow',), topics.NORMALS.name: ('normal',),
+    topics.OPTICAL_FLOW.name: ('optical_flow',), topics.SCENE_FLOW.name: ('scene_flow',),
     topics.LEFT_INFO.name: (), topics.RIGHT_INFO.name: ()}
 _TOPICS = {topic.name: topic for topic in topics.CONTRACT if topic.name in _LAYERS}
 _INFOS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name, topics.DEPTH_INFO.name)
@@ -88,12 +93,14 @@ class FramePublisher:
 
     @staticmethod
     def layers_of(names: Collection[str]) -> set[str]:
-        """Return the layers that topics need: 'left', 'right', 'depth'."""
+        """Return the layers that topics need, names of `rendering.frame`."""
         return {layer for name in names for layer in _LAYERS[name]}
 
-    def publish(self, names: Collection[str], layers: Mapping[str, Any], stamp: Time) -> None:
+    def publish(self, names: Collection[str], layers: Mapping[str, Any], stamp: Time,
+                R_world_camera: Array) -> None:
         """Publish topics of one frame from its layers.
 
+        R_world_camera: (3, 3) axes of the left optical frame, in which normals are published
         Raises what the thread raised on the frame before.
         """
         for name in names:
@@ -104,6 +111,10 @@ class FramePublisher:
                     self._rig, frame_id, self._rig.P_right if right else self._rig.P_left, stamp))
             elif name not in _MATCHED and name not in _COMPRESSED:
                 pixels = layers[_LAYERS[name][0]]
+                if pixels.dtype == np.int32:    # labels and craters, of at most 65535
+                    pixels = pixels.astype(np.uint16)
+                if name == topics.NORMALS.name:
+                    pixels = pixels @ R_world_camera.astype(np.float32)
                 self._send(name, image_conversions.image(pixels, frame_id, stamp))
         derived = [name for name in names if name in _MATCHED or name in _COMPRESSED]
         if derived:

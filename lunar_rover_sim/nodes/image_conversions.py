@@ -35,7 +35,8 @@ def camera_info(rig: PinholeCamera, frame_id: str, projection: Array,
 
 
 def image(pixels: NDArray, frame_id: str, stamp: Time) -> Image:
-    """Return (h, w) uint8, uint16, float32 or (h, w, 3) uint8 pixels as a message."""
+    """Return (h, w) uint8, uint16, float32, (h, w, 3) uint8 or (h, w, c) float32 as a message.
+    """
     msg = Image(header=Header(stamp=stamp, frame_id=frame_id))
     msg.height, msg.width = pixels.shape[:2]
     msg.encoding = encoding_of(pixels)

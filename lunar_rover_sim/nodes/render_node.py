@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
-import numpy as np
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -23,9 +21,11 @@ from lunar_rover_sim.nodes.chase_publisher import ChasePublisher
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.frame_publisher import FramePublisher
 from lunar_rover_sim.nodes.ground_listener import GroundListener
+from lunar_rover_sim.nodes.label_publisher import LabelPublisher
 from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.rendering.frame import unknown_flows
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -42,11 +42,13 @@ class _Frame:
     """A frame: the state that it shows, the layers drawn so far, and the topics published.
 
     with_depth: whether it is one of those with matching and true depth
+    before: the state of the last of those before it, None for the first one
     """
 
     stamp_ns: int
     state: RoverPose
     with_depth: bool
+    before: RoverPose | None
     layers: dict[str, Any] = dataclasses.field(default_factory=dict)
     published: set[str] = dataclasses.field(default_factory=set)
 
@@ -91,6 +93,7 @@ class RenderNode(node_main.GraphNode):
         self._ground = GroundListener(self, self._wake_if_idle)
         self._begun: collections.deque[_Begun] = collections.deque()
         self._newest: _Frame | None = None
+        self._last_with_depth: RoverPose | None = None
         self._counted: _Frame | None = None
         self._awaited = list(config.await_readers)
         self._rate, self._drops, self._is_fed = Rate(0.0), Drops(), False
@@ -103,6 +106,7 @@ class RenderNode(node_main.GraphNode):
         self._readers = Matching(self, [*self._publisher.publishers, *others],
                                  config.participants if config.lockstep else ())
         self._publish_sun()
+        LabelPublisher(self, self._renderer.rocks, world.craters, world.hash)
         self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
                                  qos.requested(topics.WORLD_HASH, config.lockstep))
         # Long queues also in real time: the state of a period may come while a frame is drawn.
@@ -163,6 +167,7 @@ class RenderNode(node_main.GraphNode):
             self._joints.clear()
             self._last_period = 0 if self._config.lockstep else None
             self._last_depth_period = self._last_period
+            self._last_with_depth = None
         period, rest_ns = divmod(stamp, self._config.frame_period_ns)
         if self._single is not None and stamp != self._single[0]:
             self._single = None
@@ -225,7 +230,11 @@ class RenderNode(node_main.GraphNode):
         self._poses.popleft()
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
             self._joints.get(stamp, next(reversed(self._joints.values()), None))
-        return _Frame(stamp, _rover_pose(raw, joints_raw), self._is_depth_due(stamp))
+        state, with_depth = conversions.rover_pose(raw, joints_raw), self._is_depth_due(stamp)
+        frame = _Frame(stamp, state, with_depth, self._last_with_depth)
+        if with_depth:
+            self._last_with_depth = state
+        return frame
 
     def _is_depth_due(self, stamp_ns: int) -> bool:
         """Return whether a frame is the first one drawn of its period of depth."""
@@ -245,12 +254,16 @@ class RenderNode(node_main.GraphNode):
         if not names:
             return False
         layers = self._publisher.layers_of(names) - set(frame.layers)
+        if frame.before is None:    # there is nothing to flow to
+            frame.layers.update(unknown_flows(layers, self._renderer.rig))
+            layers -= set(frame.layers)
         if self._ground.is_known and not self._begun and not self._renderer.follows:
             self._renderer.follow(self._ground.overlay)
         self._ground.advance(frame.stamp_ns)
         if self._chase is not None:
             self._chase.draw(frame.stamp_ns, frame.state)
-        self._renderer.begin(frame.state, frame.stamp_ns // self._config.frame_period_ns, layers)
+        self._renderer.begin(frame.state, frame.stamp_ns // self._config.frame_period_ns, layers,
+                             frame.before)
         self._begun.append(_Begun(frame, names, layers))
         return True
 
@@ -258,9 +271,10 @@ class RenderNode(node_main.GraphNode):
         """Take a frame from the renderer and publish it."""
         frame, names, layers = begun
         drawn = self._renderer.finish()
-        images = {'left': drawn.left, 'right': drawn.right, 'depth': drawn.depth_m}
-        frame.layers.update((layer, images[layer]) for layer in layers)
-        self._publisher.publish(names, frame.layers, conversions.time_msg(frame.stamp_ns))
+        frame.layers.update((layer, drawn.layer(layer)) for layer in layers)
+        R_world_camera = (frame.state.T_world_base @ self._renderer.rig.T_base_left)[:3, :3]
+        self._publisher.publish(names, frame.layers, conversions.time_msg(frame.stamp_ns),
+                                R_world_camera)
         frame.published.update(names)
         if frame is not self._counted:
             self._counted = frame
@@ -269,19 +283,6 @@ class RenderNode(node_main.GraphNode):
     def _frame_rate_status(self) -> Status:
         fed, self._is_fed = self._is_fed, False
         return self._rate.status('' if fed else 'No new odometry')
-
-
-def _rover_pose(odom_raw: bytes, joints_raw: bytes | None) -> RoverPose:
-    """Return pose and motion; legs without a message, or without velocities, are at rest."""
-    odom = deserialize_message(odom_raw, Odometry)
-    linear_mps, angular_radps = conversions.twist_of(odom)
-    angles, speeds = np.zeros(4), np.zeros(4)
-    if joints_raw is not None:
-        joints = deserialize_message(joints_raw, JointState)
-        angles = conversions.legs_of(joints, 'position')
-        if len(joints.velocity):
-            speeds = conversions.legs_of(joints, 'velocity')
-    return RoverPose(conversions.pose_of(odom), angles, linear_mps, angular_radps, speeds)
 
 
 def main(args: list[str] | None = None) -> int:

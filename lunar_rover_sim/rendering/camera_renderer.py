@@ -53,7 +53,7 @@ class CameraRenderer:
                       else None)
         self.exposure_s = first_exposure_s(self.sensor, config.sun, config.lamp,
                                            config.reflectance)
-        self._pad = padding(config.camera)
+        self._pad, self._K = padding(config.camera), camera.K
         self._projection = padded_projection(camera, config)
         check_size(context, self._projection)
         self._begun: collections.deque[Scene] = collections.deque()
@@ -106,7 +106,7 @@ class CameraRenderer:
         raw = self._read(scene)
         if self._begun:     # it is lit into the targets that have just been read
             self._passes.light(self._begun[0])
-        return self._compose(raw, scene.request)
+        return self._compose(raw, scene)
 
     def abandon(self) -> None:
         """Forget the frames under way."""
@@ -118,7 +118,7 @@ class CameraRenderer:
         size = self._projection.height, self._projection.width
         lit = self._passes.lit
         for index, name in enumerate(('radiance', 'depth')):
-            if name in request.layers:
+            if name in request.layers or (name == 'depth' and request.flow):
                 raw[name] = read_image(lit.framebuffer, index, LEFT, size, self._pad)
         if request.developed:
             if self._auto is not None:
@@ -131,12 +131,13 @@ class CameraRenderer:
             raw['pixels'] = self._sensor_pass.draw(radiance, request.sides, self.exposure_s,
                                                    request.frame_index, smear)
         if request.truth:
-            raw['truth'] = read_image(scene.targets.truth.framebuffer, 0, LEFT, size, self._pad, 4)
+            wanted = request.layers | ({'label'} if request.flow else set())
+            raw |= scene.targets.truth.read(wanted, size, self._pad)
         return raw
 
-    def _compose(self, raw: dict[str, NDArray[Any]], request: Request) -> StereoFrame:
+    def _compose(self, raw: dict[str, NDArray[Any]], scene: Scene) -> StereoFrame:
         """Return the frame, and let automatic exposure follow it."""
-        out: dict[str, NDArray[Any]] = {}
+        request, out = scene.request, dict[str, NDArray[Any]]()
         exposure_s = self.exposure_s
         if request.developed:
             for side, name in enumerate(('left', 'right')):
@@ -147,14 +148,16 @@ class CameraRenderer:
                     out[name] = image
             if self._auto is not None:
                 self._auto.follow(raw['pixels'][request.sides[0]])
-        if 'depth' in request.layers:
-            out['depth_m'] = np.where(raw['depth'] == 0.0, np.float32(np.inf), raw['depth'])
-        if 'radiance' in request.layers:
-            out['radiance'] = np.ascontiguousarray(raw['radiance'])
-        if 'normal' in request.layers:
-            out['normal'] = np.ascontiguousarray(raw['truth'][..., :3])
-        if 'label' in request.layers:
-            out['label'] = np.rint(raw['truth'][..., 3]).astype(np.int32)
+        if 'depth' in raw:
+            depth_m = np.where(raw['depth'] == 0.0, np.float32(np.inf), raw['depth'])
+            if 'depth' in request.layers:
+                out['depth_m'] = depth_m
+            if request.flow:
+                out |= self._passes.flow(scene, self._K, depth_m, raw['label'])
+        for name in request.layers.intersection(('radiance', 'shadow', 'normal')):
+            out[name] = np.ascontiguousarray(raw[name])
+        for name in request.layers.intersection(('label', 'crater')):
+            out[name] = raw[name].astype(np.int32)
         return StereoFrame(**out, exposure_s=exposure_s)
 
     def release(self) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
 
-LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance')
-LABEL_SKY, LABEL_GROUND, LABEL_ROVER, LABEL_DISTURBED, LABEL_FIRST_ROCK = 0, 1, 2, 3, 16
+from lunar_rover_sim.camera.rig import StereoRig
+
+LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance', 'crater', 'shadow')
+FLOWS = ('optical_flow', 'scene_flow')      # layers too, of two states
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,11 +20,17 @@ class StereoFrame:
 
     left, right: (h, w) uint8 or uint16, or (h, w, 3) uint8: the output of the sensors
     depth_m: (h, w) float32 depth along the optical axis of the left camera [m]; sky +inf
-    normal: (h, w, 3) float32 unit normals of the ground grid and of rocks, world frame; sky 0
-    label: (h, w) int32: 0 sky, 1 ground, 2 rover, 3 ground that the rover has disturbed, 16 +
-        index for rocks, the far ones
-        (`world.far_rocks`) after those of the world
+    normal: (h, w, 3) float32 unit normals of the ground grid and of rocks and rover, world frame;
+        sky 0
+    label: (h, w) int32, at most 65535: see `labels.class_names`
     radiance: (h, w) float32 ideal image of the left camera [W m-2 sr-1]
+    crater: (h, w) int32, at most 65535: 1 + the index of the youngest crater that the ground there
+        lies in, as `crater_map` defines it; 0 outside all craters and where no ground is seen
+    shadow: (h, w, 3) uint8, each over 255: the share of the sun's disc that is seen, the share
+        that the rover alone hides, and 1 - |2 seen - 1|, which is 0 but in penumbrae; all of the
+        ground grid, rocks and rover, without the relief below the grid; sky 0
+    optical_flow: (h, w, 2) float32 and scene_flow: (h, w, 3) float32, to another state, as
+        `camera.flow.FlowModel` has them
     exposure_s: exposure time [s]
 
     Where the camera has distortion, left and right are distorted; the layers of truth are those
@@ -34,4 +43,19 @@ class StereoFrame:
     normal: NDArray[np.float32] | None = None
     label: NDArray[np.int32] | None = None
     radiance: NDArray[np.float32] | None = None
+    crater: NDArray[np.int32] | None = None
+    shadow: NDArray[np.uint8] | None = None
+    optical_flow: NDArray[np.float32] | None = None
+    scene_flow: NDArray[np.float32] | None = None
     exposure_s: float = 0.0
+
+    def layer(self, name: str) -> NDArray[np.generic]:
+        """Return a layer by its name in LAYERS or FLOWS, which was asked for."""
+        pixels: NDArray[np.generic] = getattr(self, 'depth_m' if name == 'depth' else name)
+        return pixels
+
+
+def unknown_flows(names: Collection[str], rig: StereoRig) -> dict[str, NDArray[np.float32]]:
+    """Return those of `names` that are flows, with NaN all over: no other state is known."""
+    return {name: np.full((rig.height, rig.width, channels), np.nan, np.float32)
+            for name, channels in zip(FLOWS, (2, 3)) if name in names}

@@ -6,6 +6,9 @@ two `FrameTargets`, which take turns, and one `LitTargets`.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from typing import Any
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +54,7 @@ class FrameTargets:
 
     @property
     def truth(self) -> TruthTargets:
-        """Targets of normals and labels; made when first asked for, since few frames want them."""
+        """Targets of truth; made when first asked for, since few frames want them."""
         if self._truth is None:
             self._truth = TruthTargets(self._context, self.size, self._buffers[0])
         return self._truth
@@ -65,20 +68,38 @@ class FrameTargets:
 
 
 class TruthTargets:
-    """Where normals and labels of the left camera are drawn.
+    """Where shaders/truth.glsl writes what is true of the pixels of the left camera.
 
     colour: framebuffer without depth; framebuffer: with the depth buffer of the frame
     """
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int],
                  depth: moderngl.Renderbuffer) -> None:
-        self._texture = attachment(context, size, 4)
-        self.colour = context.framebuffer([self._texture])
-        self.framebuffer = context.framebuffer([self._texture], depth)
+        self._textures = [context.texture(size, 4, dtype='f1'),
+                          context.texture(size, 4, dtype='f1'), attachment(context, size, 4)]
+        self.colour = context.framebuffer(self._textures)
+        self.framebuffer = context.framebuffer(self._textures, depth)
+
+    def read(self, layers: Collection[str], size: tuple[int, int],
+             padding: tuple[int, int]) -> dict[str, NDArray[Any]]:
+        """Return those of 'label', 'crater', 'shadow' and 'normal' that are in `layers`.
+
+        size, padding: as for `read_image`; the first two are (h, w) uint16, shadow is (h, w, 3)
+        uint8, normal (h, w, 3) float32
+        """
+        result: dict[str, NDArray[Any]] = {}
+        if {'label', 'crater'} & set(layers):
+            numbers = read_image(self.framebuffer, 0, 0, size, padding, 4, 'f1')
+            pairs = np.ascontiguousarray(numbers).view('<u2')
+            result |= {'label': pairs[..., 0], 'crater': pairs[..., 1]}
+        for index, name, kind in ((1, 'shadow', 'f1'), (2, 'normal', 'f4')):
+            if name in layers:
+                result[name] = read_image(self.framebuffer, index, 0, size, padding, 3, kind)
+        return {name: result[name] for name in result if name in layers}
 
     def release(self) -> None:
         """Release the GL objects; the depth buffer belongs to the frame."""
-        release_all(self.framebuffer, self.colour, self._texture)
+        release_all(self.framebuffer, self.colour, *self._textures)
 
 
 def attachment(context: moderngl.Context, size: tuple[int, int],
@@ -91,15 +112,16 @@ def attachment(context: moderngl.Context, size: tuple[int, int],
 
 
 def read_image(target: moderngl.Framebuffer, index: int, side: int, size: tuple[int, int],
-               padding: tuple[int, int], components: int = 1) -> NDArray[np.float32]:
+               padding: tuple[int, int], components: int = 1, kind: str = 'f4') -> NDArray[Any]:
     """Read one image of attachment `index`: (h, w) or (h, w, components).
 
     side: 0 for the left image, 1 for the right; size: rows and columns drawn of each, `padding`
-    columns and rows beyond the edges of the image included
+    columns and rows beyond the edges of the image included; kind: of float32 or, 'f1', of bytes
     """
     h, w = size
     data = target.read(viewport=(0, side * h, w, h), components=components,
-                       attachment=index, alignment=1, dtype='f4')
+                       attachment=index, alignment=1, dtype=kind)
     shape = (h, w) if components == 1 else (h, w, components)
     x, y = padding
-    return np.frombuffer(data, np.float32).reshape(shape)[y:h - y, x:w - x]
+    pixels = np.frombuffer(data, np.float32 if kind == 'f4' else np.uint8).reshape(shape)
+    return pixels[y:h - y, x:w - x]

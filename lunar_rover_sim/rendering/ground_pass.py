@@ -11,6 +11,7 @@ from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.chunk_tree import CHUNK, level_ranges, Selection
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.crater_map import CraterMap, ROW
 from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, lattice
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.relief_brightness import LEVELS
@@ -26,7 +27,8 @@ _SHADERS: dict[str, dict[str, int]] = {
     'lit refined': {'ROVER_SHADOW': 1, 'SKYLINE': 1, 'REFINE': 1},
     'unlit': {'UNLIT': 1},
     'unlit refined': {'UNLIT': 1, 'REFINE': 1},
-    'truth': {'TRUTH': 1}}
+    'truth': {'TRUTH': 1, 'ROVER_SHADOW': 1}}
+_FRAGMENT = {name: 'ground_truth' if name == 'truth' else 'ground' for name in _SHADERS}
 _WITH_TRACKS = ('lit', 'lit refined', 'unlit refined', 'truth')
 _MESH_TRACKS = 0.85       # of the way up to which the mesh is the grid, tracks are drawn as a mesh
 
@@ -87,8 +89,8 @@ class GroundPass:
             'outer skirt': load_program(context, 'terrain', 'terrain', OUTER=1, SKIRT=1,
                                         CHUNK=CHUNK)}
         self._programs = {
-            name: load_program(context, 'screen', 'ground', LEVELS=len(world.levels),
-                               RELIEF_LEVELS=LEVELS, ZONE=ZONE,
+            name: load_program(context, 'screen', _FRAGMENT[name], LEVELS=len(world.levels),
+                               RELIEF_LEVELS=LEVELS, ZONE=ZONE, CRATER_ROW=float(ROW),
                                **flags, **({'LAMP': 1} if lamp and 'lit' in name.split() else {}))
             for name, flags in _SHADERS.items()}
         self.programs = tuple(self._programs.values())
@@ -108,8 +110,8 @@ class GroundPass:
                 **({'SKIRT': 1, 'CHUNK': CHUNK} if kind else {}))
         for name in _WITH_TRACKS:
             program = load_program(
-                context, 'screen', 'ground', LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS,
-                ZONE=ZONE, TRACKS=1, **DEFINES, **_SHADERS[name],
+                context, 'screen', _FRAGMENT[name], LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS,
+                ZONE=ZONE, CRATER_ROW=float(ROW), TRACKS=1, **DEFINES, **_SHADERS[name],
                 **({'LAMP': 1} if self._lamp and 'unlit' not in name and 'lit' in name else {}))
             self._programs[f'{name} tracks'] = program
             self._screens[f'{name} tracks'] = context.vertex_array(program, [])
@@ -174,10 +176,20 @@ class GroundPass:
             name = f'{kind}{needs}'
             self._draw_screen(name if name in self._programs else kind, ground_depth)
 
-    def draw_truth(self, ground_depth: moderngl.Texture) -> None:
-        """Draw normals and labels into the framebuffer in use."""
+    def draw_truth(self, depth: moderngl.Texture, craters: CraterMap | None) -> None:
+        """Draw what is true of the ground into the framebuffer in use.
+
+        depth: of all that is seen; craters: None if the numbers of craters are not asked for
+        """
         self._context.enable_only(self._context.NOTHING)
-        self._draw_screen('truth' if self._tracks is None else 'truth tracks', ground_depth)
+        name = 'truth' if self._tracks is None else 'truth tracks'
+        # Samplers of two kinds may not share a unit, used or not.
+        set_uniform(self._programs[name], u_crater_texel=(0.0, 0.0),
+                    u_crater_cells=texture_units.CRATER_CELLS,
+                    u_crater_list=texture_units.CRATER_LIST)
+        if craters is not None:
+            craters.bind(self._programs[name])
+        self._draw_screen(name, depth)
 
     def _draw_screen(self, name: str, ground_depth: moderngl.Texture) -> None:
         program = self._programs[name]

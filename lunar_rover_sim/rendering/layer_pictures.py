@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.rendering.frame import StereoFrame
+from lunar_rover_sim.rendering.labels import (LABEL_DISTURBED, LABEL_FIRST_ROCK, LABEL_GROUND,
+                                              LABEL_ROVER, LABEL_SKY)
 
 U8 = NDArray[np.uint8]
 
@@ -47,12 +51,60 @@ def signed_error_picture(error: NDArray[np.floating], full: float) -> U8:
     return colours
 
 
-def label_picture(label: NDArray[np.int32]) -> U8:
-    """Return (h, w, 3) BGR colours of labels; sky black, ground grey, disturbed
-    ground lighter, rover white."""
-    palette = np.random.default_rng(1).integers(60, 256, (4096, 3), dtype=np.uint8)
-    palette[0], palette[1], palette[2], palette[3] = 0, 70, 255, 150
-    return palette[np.where(label < 4, label, 4 + label % 4092)]
+def label_picture(label: NDArray[np.integer[Any]]) -> U8:
+    """Return (h, w, 3) BGR colours of labels.
+
+    The sky is black, ground grey, disturbed ground lighter, the rover's body white, its legs
+    yellow; rocks have colours of their own.
+    """
+    palette = _colours()
+    palette[:LABEL_FIRST_ROCK] = (0, 200, 255)
+    palette[LABEL_SKY], palette[LABEL_GROUND] = 0, 70
+    palette[LABEL_ROVER], palette[LABEL_DISTURBED] = 255, 150
+    return palette[label]
+
+
+def crater_picture(crater: NDArray[np.integer[Any]]) -> U8:
+    """Return (h, w, 3) BGR colours of the numbers of craters; black outside all."""
+    palette = _colours()
+    palette[0] = 0
+    return palette[crater]
+
+
+def _colours() -> U8:
+    """Return a colour for each number of 16 bits."""
+    return np.random.default_rng(1).integers(60, 256, (1 << 16, 3), dtype=np.uint8)
+
+
+def shadow_picture(shadow: NDArray[np.uint8]) -> U8:
+    """Return (h, w, 3) BGR colours: sunlight green, the rover's shadow red, penumbrae blue."""
+    seen, own, penumbra = (shadow[..., k] for k in range(3))
+    return np.stack([penumbra, seen // 2, own], axis=-1)
+
+
+def normal_picture(normal: NDArray[np.float32]) -> U8:
+    """Return (h, w, 3) BGR colours of unit normals, x red, y green, z blue; black where none is.
+    """
+    known = np.any(normal != 0.0, axis=-1, keepdims=True)
+    return np.where(known, 127.5 + 127.5 * normal, 0.0).astype(np.uint8)[..., ::-1]
+
+
+def flow_picture(flow: NDArray[np.float32]) -> U8:
+    """Return (h, w, 3) BGR colours of optical flow or scene flow.
+
+    The hue is the direction in the image, the brightness the length across it; the 99th
+    percentile is full. NaN is dark grey.
+    """
+    known = np.isfinite(flow).all(axis=-1)
+    right, down = (np.where(known, flow[..., k], 0.0) for k in range(2))
+    length = np.hypot(right, down)
+    full = float(np.percentile(length[known], 99)) if known.any() else 1.0
+    hue = (np.degrees(np.arctan2(down, right)) % 360.0) / 2.0
+    hsv = np.stack([hue, np.full_like(hue, 255.0),
+                    255.0 * np.clip(length / max(full, 1e-6), 0.0, 1.0)], axis=-1)
+    colours = cv2.cvtColor(hsv.astype(np.uint8), cv2.COLOR_HSV2BGR)
+    colours[~known] = (40, 40, 40)
+    return np.asarray(colours, np.uint8)
 
 
 def gray8(image: NDArray[np.generic]) -> U8:
@@ -83,24 +135,28 @@ def disparity_picture(disparity_px: NDArray[np.floating]) -> U8:
 
 def contact_sheet(frame: StereoFrame, disparity_px: NDArray[np.floating],
                   sgm_depth_m: NDArray[np.floating]) -> U8:
-    """Return one picture of nine: the pair and the ideal image; the truth; the stereo matching.
+    """Return one picture of eleven: the pair, the ideal image and shadow; the truth; the stereo
+    matching.
 
     The last row shows disparity_px (h, w), invalid < 0; sgm_depth_m (h, w) made from it, invalid
     NaN; and the error of that depth as a share of the true one, from 0 to 10 %.
     """
     assert frame.left is not None and frame.right is not None and frame.depth_m is not None
     assert frame.normal is not None and frame.label is not None and frame.radiance is not None
+    assert frame.crater is not None and frame.shadow is not None
     with np.errstate(invalid='ignore'):
         error = np.abs(sgm_depth_m - frame.depth_m) / frame.depth_m
-    normals = np.where(frame.label[..., None] > 0, 127.5 + 127.5 * frame.normal, 0)
     rows = [[('left', gray8(frame.left)), ('right', gray8(frame.right)),
-             ('ideal radiance, gamma', tone_mapped(frame.radiance))],
+             ('ideal radiance, gamma', tone_mapped(frame.radiance)),
+             ('sun green, shadow of the rover red', shadow_picture(frame.shadow))],
             [(f'true depth, {_NEAR_M:g} to {_FAR_M:g} m', depth_picture(frame.depth_m)),
-             ('normals', normals.astype(np.uint8)[..., ::-1]),
-             ('labels', label_picture(frame.label))],
+             ('normals', normal_picture(frame.normal)),
+             ('labels', label_picture(frame.label)),
+             ('craters', crater_picture(frame.crater))],
             [('disparity (SGM)', disparity_picture(disparity_px)),
              ('depth from disparity', depth_picture(sgm_depth_m)),
-             ('its relative error, 0 to 10 %', error_picture(error, 0.1))]]
+             ('its relative error, 0 to 10 %', error_picture(error, 0.1)),
+             ('', np.zeros((*error.shape, 3), np.uint8))]]
     return np.vstack([np.hstack([_captioned(*panel) for panel in row]) for row in rows])
 
 

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator
 import contextlib
 import dataclasses
 from types import TracebackType
-from typing import Protocol
 
 from lunar_rover_sim.camera.config import FurtherCameraConfig
 from lunar_rover_sim.camera.mount import BodyMount, Mount
@@ -20,6 +19,7 @@ from lunar_rover_sim.rendering.checked_state import checked_state
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
 from lunar_rover_sim.rendering.frame import StereoFrame
+from lunar_rover_sim.rendering.rendered_scenario import RenderedScenario
 from lunar_rover_sim.rendering.scene import Request
 from lunar_rover_sim.rendering.scene_passes import FRAMES_UNDER_WAY
 from lunar_rover_sim.rendering.seen_links import seen_links
@@ -27,35 +27,9 @@ from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.pose import Posed
 from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.rocks import Rocks
 
 _ALL_LINKS = tuple(range(1 + len(LEG_NAMES)))
-
-
-class Seeded(Protocol):
-    """What all nodes of a scenario share."""
-
-    @property
-    def seed(self) -> int:
-        """Seed of everything random."""
-
-
-class RenderedScenario(Protocol):
-    """What `Renderer.from_scenario` needs of a scenario."""
-
-    @property
-    def shared(self) -> Seeded:
-        """Parameters of all nodes."""
-
-    @property
-    def rover(self) -> RoverDescription:
-        """The rover."""
-
-    @property
-    def render_node(self) -> RenderConfig:
-        """Camera, light and detail."""
-
-    def load_world(self) -> World:
-        """Return the world, built if need be."""
 
 
 class Renderer:
@@ -157,6 +131,11 @@ class Renderer:
             self._shared.follow(overlay)
 
     @property
+    def rocks(self) -> Rocks:
+        """The rocks that are drawn, near and far, in the order of their labels."""
+        return self._shared.rocks.rocks
+
+    @property
     def device(self) -> str:
         """Name of the device that draws."""
         return str(self._context.info['GL_RENDERER'])
@@ -164,14 +143,16 @@ class Renderer:
     # Frames
 
     def render(self, state: Posed, frame_index: int = 0,
-               layers: Collection[str] = ('left', 'right', 'depth')) -> StereoFrame:
+               layers: Collection[str] = ('left', 'right', 'depth'),
+               other: Posed | None = None) -> StereoFrame:
         """Draw a frame: `begin` and `finish` in one call."""
         self._check_idle('render')
-        self.begin(state, frame_index, layers)
+        self.begin(state, frame_index, layers, other)
         return self.finish()
 
     def begin(self, state: Posed, frame_index: int = 0,
-              layers: Collection[str] = ('left', 'right', 'depth')) -> None:
+              layers: Collection[str] = ('left', 'right', 'depth'),
+              other: Posed | None = None) -> None:
         """Begin to draw a frame; `finish` returns it. Two frames may be under way at a time.
 
         The device draws in the background. Beginning the next frame before the present one is
@@ -179,13 +160,14 @@ class Renderer:
 
         state: pose and motion: a `physics.state.RoverState` or a `rover.pose.RoverPose`
         frame_index: gives each frame its own noise
-        layers: names from `frame.LAYERS`
+        layers: names from `frame.LAYERS` and `frame.FLOWS`
+        other: the state that optical flow and scene flow lead to
 
         The same arguments give the same pixels; automatic exposure also depends on the frames
         before. Raises RenderError if the state or a layer is not valid, if two frames are under
         way, if the renderer is closed, or if the context is lost.
         """
-        request = Request.of(layers, frame_index)
+        request = Request.of(layers, frame_index, None if other is None else checked_state(other))
         checked = checked_state(state)
         self._check_open()
         if self._pair.under_way == FRAMES_UNDER_WAY:

@@ -42,7 +42,7 @@ class RockPass:
         self._context, self._surface, self._smooth = context, surface, smooth
         lit = {'ROVER_SHADOW': 1, **({'LAMP': 1} if lamp else {})}
         self._lit = load_program(context, 'rock', 'rock', **lit)
-        self._truth = load_program(context, 'rock', 'rock', TRUTH=1)
+        self._truth = load_program(context, 'rock', 'rock', TRUTH=1, ROVER_SHADOW=1)
         self.programs = (self._lit, self._truth)
         self.rocks = rocks
         rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))

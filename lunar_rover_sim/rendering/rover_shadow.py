@@ -135,17 +135,22 @@ class RoverShadow:
 
 
 def _pieces(part: VisualPart, link: int) -> list[_Piece]:
-    """Split a mesh into its connected pieces; vertices at one place count as one."""
+    """Split a mesh into pieces whose faces hang together by their sides.
+
+    Vertices at one place count as one. Spokes that meet in a point are pieces of their own.
+    """
     places, index = np.unique(np.round(part.vertices.astype(float), 7), axis=0,
                               return_inverse=True)
     faces = index.reshape(-1)[part.faces]
-    sides = faces[:, [0, 1, 1, 2]].reshape(-1, 2).T
-    graph = coo_array((np.ones(sides.shape[1]), sides), shape=(len(places), len(places)))
+    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=-1).reshape(-1, 2)
+    side = len(faces) + np.unique(sides, axis=0, return_inverse=True)[1].reshape(-1)
+    ends = np.repeat(np.arange(len(faces)), 3), side
+    graph = coo_array((np.ones(len(side)), ends), shape=(side.max() + 1,) * 2)
     count, label = connected_components(graph, directed=False)
     result = []
     for k in range(count):
-        members = np.flatnonzero(label == k)
-        own = faces[label[faces[:, 0]] == k]
+        own = faces[label[:len(faces)] == k]
+        members = np.unique(own)
         result.append(_Piece(link, places[members],
                              np.searchsorted(members, own).astype(np.int32)))
     return result

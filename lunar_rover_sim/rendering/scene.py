@@ -12,7 +12,7 @@ import numpy as np
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
-from lunar_rover_sim.rendering.frame import LAYERS
+from lunar_rover_sim.rendering.frame import FLOWS, LAYERS
 from lunar_rover_sim.rendering.frame_targets import FrameTargets
 from lunar_rover_sim.rendering.ground_pass import GroundRows
 from lunar_rover_sim.rendering.view import Window
@@ -20,7 +20,7 @@ from lunar_rover_sim.rover.pose import RoverPose
 
 LEFT, RIGHT = 0, 1
 _SHADED = {'left', 'right', 'radiance'}
-_TRUTH = {'normal', 'label'}
+_TRUTH = {'normal', 'label', 'crater', 'shadow'}
 
 Uniforms = dict[str, Any]       # values by the names of shader uniforms
 
@@ -29,18 +29,27 @@ Uniforms = dict[str, Any]       # values by the names of shader uniforms
 class Request:
     """The layers of a frame, and its index, which gives each frame its own noise.
 
-    Raises RenderError for an unknown layer.
+    other: the state that flow leads to
+
+    Raises RenderError for an unknown layer, and for flow without another state.
     """
 
     layers: frozenset[str]
     frame_index: int
+    other: RoverPose | None = None
 
     @classmethod
-    def of(cls, layers: Collection[str], frame_index: int) -> Request:
+    def of(cls, layers: Collection[str], frame_index: int,
+           other: RoverPose | None = None) -> Request:
         """Check the names of the layers."""
-        for name in sorted(set(layers).difference(LAYERS)):
-            raise RenderError(f'layer {name!r} is not valid; {nearest(name, LAYERS)}')
-        return cls(frozenset(layers), int(frame_index))
+        valid = (*LAYERS, *FLOWS)
+        for name in sorted(set(layers).difference(valid)):
+            raise RenderError(f'layer {name!r} is not valid; {nearest(name, valid)}')
+        for name in sorted(set(layers).intersection(FLOWS)):
+            if other is None:
+                raise RenderError(f'layer {name!r} is not valid without `other`, the state that '
+                                  'flow leads to')
+        return cls(frozenset(layers), int(frame_index), other)
 
     @property
     def sides(self) -> tuple[int, ...]:
@@ -60,8 +69,13 @@ class Request:
 
     @property
     def truth(self) -> bool:
-        """Whether normals and labels are drawn."""
-        return bool(self.layers & _TRUTH)
+        """Whether labels and what else is true of a pixel are drawn."""
+        return bool(self.layers & _TRUTH) or self.flow
+
+    @property
+    def flow(self) -> bool:
+        """Whether the flow to another state is computed."""
+        return bool(self.layers.intersection(FLOWS))
 
 
 @dataclasses.dataclass

@@ -7,12 +7,17 @@ from typing import Any, TypeVar
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.flow import FlowModel, Moved
 from lunar_rover_sim.camera.mount import Mount
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window
 from lunar_rover_sim.rendering.edge_pass import EdgePass
+from lunar_rover_sim.rendering.frame import FLOWS
 from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
+from lunar_rover_sim.rendering.labels import link_label
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
 from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
@@ -129,7 +134,8 @@ class ScenePasses:
             self._look_from(scene, LEFT)
             # The depth is kept: which surface is nearest is known already.
             clear_window(targets.truth.colour, scene.windows[LEFT])
-            self._shared.ground.draw_truth(targets.ground_depth)
+            craters = self._shared.crater_map() if 'crater' in request.layers else None
+            self._shared.ground.draw_truth(self.lit.depth, craters)
             self._context.depth_func = '<='
             try:
                 self._draw_objects(scene, targets.truth.framebuffer, LEFT, truth=True)
@@ -156,6 +162,22 @@ class ScenePasses:
         self._shared.rocks.draw(truth=truth)
         if scene.body is not None:
             self._shared.body.draw(scene.T_world_links, scene.body, truth=truth)
+
+    def flow(self, scene: Scene, K: Array, depth_m: NDArray[np.float32],
+             label: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
+        """Return the flows that a scene asks for, by layer, to its other state.
+
+        K: (3, 3) intrinsics [px] of these (h, w) images of the left camera
+        """
+        other = scene.request.other
+        assert other is not None
+        links = self._shared.body.poses(other.T_world_base, other.joint_angle_rad)
+        seen = range(len(links)) if self._sees_rover and scene.body is not None else ()
+        model = FlowModel(K, depth_m, scene.T_world_cameras[LEFT], self._mount.poses(other)[LEFT],
+                          [Moved(label == link_label(link), scene.T_world_links[link],
+                                 links[link]) for link in seen])
+        flows = {'optical_flow': model.optical_flow, 'scene_flow': model.scene_flow}
+        return {name: flows[name]() for name in scene.request.layers.intersection(FLOWS)}
 
     def release(self) -> None:
         """Release the GL objects."""

@@ -14,6 +14,7 @@ from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import set_uniform
+from lunar_rover_sim.rendering.crater_map import CraterMap
 from lunar_rover_sim.rendering.ground_pass import GroundPass
 from lunar_rover_sim.rendering.lamp_shadow import LampShadow
 from lunar_rover_sim.rendering.lighting import lighting_constants
@@ -69,6 +70,7 @@ class WorldPasses:
         self.rover_shadow = self._own(RoverShadow(context, self.rover))
         self.lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
         self.tracks: TrackMap | None = None
+        self._craters: CraterMap | None = None
         self._gather_programs()
 
     def _gather_programs(self) -> None:
@@ -91,6 +93,12 @@ class WorldPasses:
         """Have an object released with the passes, the last one first."""
         self._owned.callback(item.release)      # type: ignore[attr-defined]
         return item
+
+    def crater_map(self) -> CraterMap:
+        """Return where craters are; it is made for the first frame that asks for it."""
+        if self._craters is None:
+            self._craters = self._own(CraterMap(self._context, self.world))
+        return self._craters
 
     def relight(self, config: RenderConfig) -> None:
         """Move the sun; config: differs in the sun only."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
-from lunar_rover_sim.rendering.frame import LABEL_GROUND
+from lunar_rover_sim.rendering.labels import LABEL_GROUND
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import Posed, RoverPose

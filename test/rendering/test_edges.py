@@ -7,7 +7,7 @@ import numpy as np
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
-from lunar_rover_sim.rendering.frame import LABEL_FIRST_ROCK, LABEL_ROVER
+from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK, rover_links
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.description import RoverDescription, StereoMount
 from lunar_rover_sim.rover.pose import RoverPose
@@ -65,7 +65,7 @@ def test_outlines_of_rocks_are_as_bright_as_their_share():
 
 def test_outlines_of_the_rover_are_as_bright_as_their_share():
     (stepped, smooth), count = errors(scene.plane(), [0.0, 10.0],
-                                      lambda label: label == LABEL_ROVER,
+                                      rover_links,
                                       rover=LOOKING_DOWN, z=0.12)
     assert count > 300
     assert smooth < 0.6 * stepped

@@ -6,7 +6,7 @@ import pytest
 import worlds
 
 from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.rendering.frame import LABEL_FIRST_ROCK
+from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.far_rocks import far_rocks

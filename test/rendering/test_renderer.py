@@ -23,9 +23,9 @@ from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
-from lunar_rover_sim.rendering.frame import (LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_ROVER,
-                                             LABEL_SKY, LAYERS)
+from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.frame_targets import read_image
+from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK, LABEL_GROUND, LABEL_SKY, rover_links
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.scene import LEFT, Request, RIGHT
@@ -420,8 +420,8 @@ def test_rover_is_drawn_where_joints_put_it(world):
         pose = pose_on(world, 0.0, 0.0)
         a = renderer.render(RoverPose(pose), 0, ('label', 'depth'))
         b = renderer.render(RoverPose(pose, STILL + np.radians(60.0)), 0, ('label', 'depth'))
-    assert 0.01 < (a.label == LABEL_ROVER).mean() < 0.5
-    changed = (a.label == LABEL_ROVER) != (b.label == LABEL_ROVER)
+    assert 0.01 < rover_links(a.label).mean() < 0.5
+    changed = rover_links(a.label) != rover_links(b.label)
     assert changed.sum() > 50
 
 

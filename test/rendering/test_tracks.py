@@ -14,7 +14,7 @@ from lunar_rover_sim.regolith.footprint import press
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.regolith.repose import relax
 from lunar_rover_sim.rendering.config import DetailConfig
-from lunar_rover_sim.rendering.frame import LABEL_DISTURBED, LABEL_GROUND
+from lunar_rover_sim.rendering.labels import LABEL_DISTURBED, LABEL_GROUND
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 

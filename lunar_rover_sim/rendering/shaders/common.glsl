@@ -18,9 +18,7 @@ float softened(vec3 relative, float distance) {
     return u_sun_radius + 0.5 * u_pixel * dot(relative, u_axis) / distance;
 }
 
-#ifdef TRUTH
-layout(location = 0) out vec4 o_truth;  // unit normal, label
-#else
+#ifndef TRUTH
 layout(location = 0) out float o_radiance;
 #endif
 

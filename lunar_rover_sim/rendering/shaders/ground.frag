@@ -16,9 +16,7 @@ uniform vec4 u_level[LEVELS];
 uniform Hapke u_regolith;
 uniform vec3 u_heading;         // to the sun over level ground; tangent of its elevation
 
-#ifndef TRUTH
 layout(location = 1) out float o_depth;
-#endif
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 
 // Sampled at pixel centres: on llvmpipe texelFetch takes longer, since it checks bounds.
@@ -112,7 +110,7 @@ void main() {
 #endif
 #ifdef SKYLINE
         o_depth = is_sky ? 0.0 : depth;
-#elif !defined(TRUTH)
+#else
         o_depth = depth;
 #endif
         vec3 relative = ray * depth;
@@ -124,16 +122,7 @@ void main() {
             if (reach > u_level[k - 1].w) { grid = u_level[k]; layer = float(k); }
         }
         vec3 uv = vec3(xy * grid.x + grid.y, layer);
-#ifdef TRUTH
-        vec2 fall = textureLod(u_ground, uv, 0.0).xy;
-        float label = 1.0;
-#ifdef TRACKS
-        Print print = print_at(xy, -16.0);
-        fall += print.slope;
-        label = max(print.pressed, print.loose) > 0.5 ? 3.0 : 1.0;
-#endif
-        o_truth = vec4(normalize(vec3(-fall, 1.0)), label);
-#elif !defined(UNLIT)
+#ifndef UNLIT
         vec3 view = -normalize(ray);
         // Footprint of the pixel on level ground: across and along the line of sight.
         float size = depth * u_pixel;

@@ -5,7 +5,9 @@ flat in float v_around;
 flat in float v_index;
 flat in float v_diameter;
 #include "common.glsl"
-#ifndef TRUTH
+#ifdef TRUTH
+#include "truth.glsl"
+#else
 layout(location = 1) out float o_depth;
 #endif
 uniform sampler2D u_tile_a;
@@ -18,7 +20,11 @@ uniform float u_mark;           // -1: the outline will be smoothed, see edges.f
 void main() {
     vec3 normal = normalize(v_normal);
 #ifdef TRUTH
-    o_truth = vec4(normal, 16.0 + v_index);
+    // That of the face: the one that light is computed with is rounder.
+    normal = normalize(cross(dFdx(v_relative), dFdy(v_relative)));
+    if (dot(normal, v_relative) > 0.0) normal = -normal;
+    tell(16.0 + v_index, 0.0, normal, disc(v_matter.x / max(v_matter.y, 1e-3), u_sun_radius),
+         rover_visibility(v_relative));
 #else
     vec3 view = -normalize(v_relative);
     // Lumps and pits scale with the rock; grain is as fine as that of the ground.

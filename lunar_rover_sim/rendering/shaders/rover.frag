@@ -1,8 +1,11 @@
 // The rover: all its parts reflect by Lambert's law.
 in vec3 v_relative, v_normal;
 in float v_albedo;
+flat in float v_link;
 #include "common.glsl"
-#ifndef TRUTH
+#ifdef TRUTH
+#include "truth.glsl"
+#else
 layout(location = 1) out float o_depth;
 #endif
 uniform vec4 u_body_light;      // clearance and occluder distance at the foot and at the top
@@ -12,13 +15,14 @@ uniform float u_ground_light;   // exitance of the lit ground around the rover [
 
 void main() {
     vec3 normal = normalize(v_normal);
-#ifdef TRUTH
-    o_truth = vec4(normal, 2.0);
-#else
     float up = clamp((v_relative.z + u_camera.z - u_body_span.x) / max(u_body_span.y - u_body_span.x, 1e-3),
                      0.0, 1.0);
     vec2 light = mix(u_body_light.xy, u_body_light.zw, up);
     float lit = disc(light.x / max(light.y, 1e-3), u_sun_radius);
+#ifdef TRUTH
+    // Its own shadow on itself is in no picture.
+    tell(v_link < 0.5 ? 2.0 : 3.0 + v_link, 0.0, normal, lit, 1.0);
+#else
     float irradiance = u_irradiance * lit * max(dot(normal, u_sun), 0.0)
         + u_ground_light * 0.5 * (1.0 - normal.z);
     o_radiance = 0.318309886 * v_albedo * irradiance;

@@ -1,0 +1,123 @@
+"""Which crater each place of the ground lies in, as textures that a shader looks up.
+
+A place lies in a crater if it is within half the crater's diameter of its centre: within the rim
+of the fresh crater, taken as a circle. Where several overlap, the youngest counts, the one that
+formed last. Every level of the ground shows the craters that are drawn on it or on coarser ones.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rendering import texture_units
+from lunar_rover_sim.rendering.context import release_all, set_uniform
+from lunar_rover_sim.rendering.labels import FIRST_CRATER, LAST_LABEL
+from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.model import World
+
+F32 = NDArray[np.float32]
+Indices = NDArray[np.intp]
+
+ROW = 1024          # entries in a row of the list
+_CELLS = 512        # along a side of each level
+
+
+class CraterLists(NamedTuple):
+    """Craters by cell, as shaders/ground_truth.frag reads them.
+
+    cells: (levels, n, n, 2) first entry of each cell's list, and the one after the last
+    entries: (m, 4) centre x, y [m], square of the radius [m2], number in the image of craters
+    """
+
+    cells: F32
+    entries: F32
+
+
+def crater_lists(craters: Craters, half_extents_m: list[float],
+                 cells: int = _CELLS) -> CraterLists:
+    """Return the craters of each cell of each level, the youngest first.
+
+    half_extents_m: of the levels, finest first. A list ends with the first crater that covers all
+    of its cell.
+    """
+    order = np.argsort(craters.time, kind='stable')
+    numbers = np.minimum(order + FIRST_CRATER, LAST_LABEL)
+    spans = np.zeros((len(half_extents_m), cells, cells, 2), np.float32)
+    parts: list[F32] = []
+    total = 0
+    for level, half_m in enumerate(half_extents_m):
+        chosen = craters.level[order] >= level
+        ordered, number = craters.select(order[chosen]), numbers[chosen]
+        cell, rank = _touched(ordered, half_m, cells)
+        counts = np.bincount(cell, minlength=cells * cells)
+        ends = total + np.cumsum(counts)
+        spans[level] = np.stack([ends - counts, ends], axis=-1).reshape(cells, cells, 2)
+        parts.append(np.column_stack([
+            ordered.position_m[rank], (0.5 * ordered.diameter_m[rank])**2,
+            number[rank]]).astype(np.float32))
+        total += len(rank)
+    return CraterLists(spans, np.concatenate(parts))
+
+
+def _touched(craters: Craters, half_m: float, cells: int) -> tuple[Indices, Indices]:
+    """Return cell and crater of all entries, in their order; craters: the youngest first."""
+    size = 2.0 * half_m / cells
+    # Centre and radius in cells.
+    x, y = (craters.position_m.T + half_m) / size
+    radius = 0.5 * craters.diameter_m / size
+    first = [np.clip(np.floor(c - radius), 0, cells).astype(int) for c in (x, y)]
+    after = [np.clip(np.floor(c + radius) + 1, 0, cells).astype(int) for c in (x, y)]
+    width, height = (np.maximum(b - a, 0) for a, b in zip(first, after))
+    count = width * height
+    crater = np.repeat(np.arange(len(craters)), count)
+    place = np.arange(len(crater)) - np.repeat(np.cumsum(count) - count, count)
+    columns = np.maximum(width, 1)[crater]
+    i, j = first[0][crater] + place % columns, first[1][crater] + place // columns
+    dx, dy, r = x[crater] - i, y[crater] - j, radius[crater]
+    touches = np.hypot(_beyond(dx), _beyond(dy)) <= r
+    covers = np.hypot(np.maximum(dx, 1.0 - dx), np.maximum(dy, 1.0 - dy)) <= r
+    cell, crater, covers = (j * cells + i)[touches], crater[touches], covers[touches]
+    order = np.argsort(cell, kind='stable')     # within a cell the youngest stays first
+    cell, crater, covers = cell[order], crater[order], covers[order]
+    # How many craters before it in its cell cover the cell.
+    before = np.cumsum(covers) - covers
+    starts = np.flatnonzero(np.diff(cell, prepend=-1))
+    before = before - np.repeat(before[starts], np.diff(np.append(starts, len(cell))))
+    seen = before == 0
+    return cell[seen], crater[seen]
+
+
+def _beyond(offset: Array) -> Array:
+    """Return how far a coordinate lies beyond the span from 0 to 1."""
+    return np.maximum(np.maximum(-offset, offset - 1.0), 0.0)
+
+
+class CraterMap:
+    """The textures of `crater_lists`."""
+
+    def __init__(self, context: moderngl.Context, world: World) -> None:
+        lists = crater_lists(world.craters, [grid.half_extent_m for grid in world.levels])
+        levels, n = lists.cells.shape[:2]
+        self._cells = context.texture_array((n, n, levels), 2, lists.cells, dtype='f4')
+        self._rows = max(-(-len(lists.entries) // ROW), 1)
+        entries = np.zeros((self._rows * ROW, 4), np.float32)
+        entries[:len(lists.entries)] = lists.entries
+        self._list = context.texture((ROW, self._rows), 4, entries, dtype='f4')
+        for texture in (self._cells, self._list):
+            texture.filter = (context.NEAREST, context.NEAREST)
+            texture.repeat_x = texture.repeat_y = False
+
+    def bind(self, program: Any) -> None:
+        """Let a program of shaders/ground_truth.frag look craters up."""
+        self._cells.use(texture_units.CRATER_CELLS)
+        self._list.use(texture_units.CRATER_LIST)
+        set_uniform(program, u_crater_texel=(1.0 / self._rows, 1.0))
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        release_all(self._list, self._cells)

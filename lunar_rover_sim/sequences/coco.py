@@ -1,0 +1,94 @@
+"""COCO data sets: images, annotations/instances.json with boxes and masks of rocks and craters.
+
+The format of Lin et al. (Microsoft COCO: Common Objects in Context, ECCV 2014): boxes are x, y,
+width, height [px] of the upper left corner, masks uncompressed run lengths over the columns.
+`iscrowd` is 0. Beyond the format an image has `stamp_ns`, an annotation the `number` of its rock
+or crater in the label image, and where the bag has the vocabulary `diameter_m` and the `age` of a
+crater.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.errors import SequenceError
+from lunar_rover_sim.sequences.instances import (CATEGORIES, check_pinhole, Instance, instances,
+                                                 LEAST_PX, run_lengths)
+from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
+
+_FILE = 'annotations/instances.json'
+
+
+class CocoSequence(Sequence):
+    """Writes a COCO data set; annotations go to the file as they come."""
+
+    needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name, topics.LABELS.name)
+    uses = (topics.CRATERS.name,)
+
+    def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
+        super().__init__(bag, folder, png)
+        check_pinhole(self.suite, str(bag.path))
+        self._catalogues = catalogues(bag)
+        self._images: list[dict[str, Any]] = []
+        self._count = 0
+        (folder / 'images').mkdir()
+        categories = [{'id': k, 'name': name, 'supercategory': 'terrain'}
+                      for k, name in enumerate(CATEGORIES, 1)]
+        self.line(_FILE, f'{{"info": {{"description": {json.dumps(bag.path.name)}}}, '
+                  f'"licenses": [], "categories": {json.dumps(categories)}, "annotations": [')
+
+    def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
+        """Write the left image and its annotations."""
+        image = pixels[topics.LEFT_IMAGE.name]
+        height, width = image.shape[:2]
+        number = len(self._images)
+        name = f'{number:06d}.png'
+        self.png.write(self.folder / 'images' / name, image)
+        self._images.append({'id': number, 'file_name': name, 'width': width, 'height': height,
+                             'stamp_ns': stamp_ns})
+        for instance in instances(pixels):
+            self._count += 1
+            text = json.dumps({
+                'id': self._count, 'image_id': number,
+                'category_id': 1 + CATEGORIES.index(instance.category), 'iscrowd': 0,
+                'area': instance.area,
+                'bbox': [instance.x, instance.y, *instance.mask.shape[::-1]],
+                'segmentation': {'size': [height, width],
+                                 'counts': run_lengths(instance, height, width)},
+                'number': instance.number, **self._known(instance)})
+            self.line(_FILE, ('' if self._count == 1 else ',') + text)
+
+    def _known(self, instance: Instance) -> dict[str, float]:
+        """Return what the vocabulary knows of an instance."""
+        catalogue = self._catalogues.get(f'{instance.category}s', {})
+        row = instance.number - int(catalogue.get('first_id', 0))
+        return {name: catalogue[name][row] for name in ('diameter_m', 'age')
+                if row < len(catalogue.get(name, ()))}
+
+    def notes(self) -> list[str]:
+        """Return how many annotations there are, and write the end of the file."""
+        self.line(_FILE, f'], "images": {json.dumps(self._images)}}}')
+        return [f'{self._count} annotations; what shows fewer than {LEAST_PX} pixels has none']
+
+
+def catalogues(bag: Bag) -> dict[str, Any]:
+    """Return the catalogues of rocks and craters of a bag, or nothing where it has none.
+
+    Raises SequenceError where its vocabulary is no JSON object.
+    """
+    if not bag.has(topics.LABEL_INFO.name):
+        return {}
+    try:
+        found = json.loads(bag.first(topics.LABEL_INFO.name).data)
+    except ValueError as error:
+        raise SequenceError(f'{bag.path}: {topics.LABEL_INFO.name} is not valid JSON: '
+                            f'{error}') from None
+    kinds = {name: found.get(name) for name in ('rocks', 'craters')} \
+        if isinstance(found, dict) else {}
+    return {name: kind for name, kind in kinds.items() if isinstance(kind, dict)}

@@ -1,0 +1,105 @@
+"""Rocks and craters of one image as instances: boxes, masks, run lengths and outlines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import dataclasses
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import find_objects
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.errors import SequenceError
+from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
+from lunar_rover_sim.sequences.sensors import SensorSuite
+
+ROCK, CRATER = 'rock', 'crater'
+CATEGORIES = (ROCK, CRATER)
+LEAST_PX = 10       # instances that show fewer pixels are left out
+
+Mask = NDArray[np.bool_]
+
+
+@dataclasses.dataclass(frozen=True)
+class Instance:
+    """What an image shows of a rock or a crater.
+
+    number: in the image of labels or of craters; x, y: column and row of the upper left pixel of
+    its box; mask: (h, w) within the box
+    """
+
+    category: str
+    number: int
+    x: int
+    y: int
+    mask: Mask
+
+    @property
+    def area(self) -> int:
+        """Pixels that it covers."""
+        return int(self.mask.sum())
+
+
+def instances(pixels: dict[str, NDArray[Any]]) -> list[Instance]:
+    """Return the instances of a set of images by topic; without craters where the set has none."""
+    label = pixels[topics.LABELS.name].astype(np.int32)
+    found = list(_found(ROCK, np.where(label >= LABEL_FIRST_ROCK, label, 0)))
+    if topics.CRATERS.name in pixels:
+        found += _found(CRATER, pixels[topics.CRATERS.name].astype(np.int32))
+    return found
+
+
+def _found(category: str, numbers: NDArray[np.int32]) -> Iterator[Instance]:
+    for index, place in enumerate(find_objects(numbers)):
+        if place is not None:
+            mask = numbers[place] == index + 1
+            if mask.sum() >= LEAST_PX:
+                rows, columns = place
+                yield Instance(category, index + 1, columns.start, rows.start, mask)
+
+
+def run_lengths(instance: Instance, height: int, width: int) -> list[int]:
+    """Return the run lengths of COCO: pixels outside and inside in turn, column by column.
+
+    height, width: of the whole image [px]
+    """
+    padded = np.zeros((instance.mask.shape[0] + 2, instance.mask.shape[1]), np.int8)
+    padded[1:-1] = instance.mask
+    change = np.diff(padded, axis=0).T
+    column, row = np.nonzero(change > 0)
+    starts = (instance.x + column) * height + instance.y + row
+    column, row = np.nonzero(change < 0)
+    ends = (instance.x + column) * height + instance.y + row
+    apart = starts[1:] != ends[:-1]     # a run may go on at the top of the next column
+    starts = starts[np.concatenate([[True], apart])]
+    ends = ends[np.concatenate([apart, [True]])]
+    edges = np.concatenate([[0], np.column_stack([starts, ends]).ravel(), [height * width]])
+    return [int(n) for n in np.diff(edges)]
+
+
+def outline(instance: Instance) -> NDArray[np.int32]:
+    """Return the (n, 2) pixels of an outline, x and y in the image: one closed polygon.
+
+    Parts and holes are joined by paths that go forth and back, so that a filled polygon, its
+    outline included, covers the mask.
+    """
+    contours, _ = cv2.findContours(instance.mask.astype(np.uint8), cv2.RETR_CCOMP,
+                                   cv2.CHAIN_APPROX_SIMPLE)
+    start = contours[0][:1, 0]
+    parts = [contours[0][:, 0]]
+    for contour in contours[1:]:
+        parts += [start, contour[:, 0], contour[:1, 0]]
+    if len(contours) > 1:
+        parts.append(start)
+    return np.asarray(np.concatenate(parts) + (instance.x, instance.y), np.int32)
+
+
+def check_pinhole(suite: SensorSuite, what: str) -> None:
+    """Raise SequenceError where images are distorted: labels are those of the pinhole image."""
+    if any(suite.distortion):
+        raise SequenceError(f'{what}: images with distortion {suite.distortion} do not fit the '
+                            'labels, which are undistorted; valid is '
+                            'render_node.camera.distortion: [0, 0, 0, 0, 0]')

@@ -1,0 +1,71 @@
+"""YOLO data sets: images, labels and boxes in text files, data.yaml.
+
+A line of `labels` is a class and the outline of an instance, x and y over width and height, as
+trainers of segmentation read it; trainers of detection that share their files make boxes of it. A
+line of `boxes` is a class and centre x, centre y, width and height, for those that do not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.sequences.instances import (CATEGORIES, check_pinhole, instances, LEAST_PX,
+                                                 outline)
+from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
+
+_DIGITS = 6
+
+
+class YoloSequence(Sequence):
+    """Writes a YOLO data set."""
+
+    needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name, topics.LABELS.name)
+    uses = (topics.CRATERS.name,)
+
+    def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
+        super().__init__(bag, folder, png)
+        check_pinhole(self.suite, str(bag.path))
+        self._images = self._count = 0
+        for name in ('images', 'labels', 'boxes'):
+            (folder / name).mkdir()
+        for text in ('path: .', 'train: images', 'val: images', 'names:',
+                     *(f'  {k}: {name}' for k, name in enumerate(CATEGORIES))):
+            self.line('data.yaml', text)
+
+    def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
+        """Write the left image and a line for each instance."""
+        image = pixels[topics.LEFT_IMAGE.name]
+        height, width = image.shape[:2]
+        name = f'{self._images:06d}'
+        self.png.write(self.folder / 'images' / f'{name}.png', image)
+        labels, boxes = [], []
+        for instance in instances(pixels):
+            kind = CATEGORIES.index(instance.category)
+            rows, columns = instance.mask.shape
+            # Outlines go through the centres of pixels.
+            corners = (outline(instance) + 0.5) / (width, height)
+            labels.append(_line(kind, corners))
+            boxes.append(_line(kind, [(instance.x + 0.5 * columns) / width,
+                                      (instance.y + 0.5 * rows) / height,
+                                      columns / width, rows / height]))
+        for folder, lines in (('labels', labels), ('boxes', boxes)):
+            (self.folder / folder / f'{name}.txt').write_text(''.join(lines), encoding='ascii')
+        self.line('times.txt', f'{name} {stamp_ns}')
+        self._images += 1
+        self._count += len(labels)
+
+    def notes(self) -> list[str]:
+        """Return how many instances there are."""
+        return [f'{self._count} instances; what shows fewer than {LEAST_PX} pixels is left out; '
+                'train and val are the same images, split them by drive']
+
+
+def _line(kind: int, values: Any) -> str:
+    numbers = ' '.join(f'{value:.{_DIGITS}f}' for value in np.ravel(values))
+    return f'{kind} {numbers}\n'
