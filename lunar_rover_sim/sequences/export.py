@@ -25,9 +25,10 @@ from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE, calibration_
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 
 _TYPES = {topic.name: topic.type for topic in topics.CONTRACT}
+_OF_DEPTH_FRAMES = {topic.name for topic in topics.CONTRACT if topic.rate == topics.DEPTH_FRAME}
 _IMAGE = 'sensor_msgs/msg/Image'
 _CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
-_EVERY_DEPTH = ' (render_node.depth_every=1 records depth with every image)'
+_EVERY_DEPTH = ' (render_node.depth_every=1 records it with every image)'
 
 
 def export(path: Path | str, output: Path | str, kind: str = 'euroc',
@@ -136,6 +137,6 @@ class _ImageSets:
         for entry in self._open.values():
             self._lacking.update(self._names - set(entry))
         for name, count in sorted(self._lacking.items()):
-            hint = _EVERY_DEPTH if name == topics.TRUE_DEPTH.name else ''
+            hint = _EVERY_DEPTH if name in _OF_DEPTH_FRAMES else ''
             notes.append(f'{count} image sets without {name} left out{hint}')
         return notes + self._sequence.notes()
