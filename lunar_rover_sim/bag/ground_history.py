@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.ground_points import changes_of
+from lunar_rover_sim.bag.ground_points import changes_of, FARTHEST_M
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.stamps import NS_PER_S
@@ -11,11 +11,13 @@ from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.regolith.overlay import Overlay
 
 
-def ground_at(bag: Bag, time_ns: int | None = None) -> Overlay:
+def ground_at(bag: Bag, time_ns: int | None = None,
+              half_extent_m: float = FARTHEST_M) -> Overlay:
     """Return what had been changed of the ground at a simulated time [ns]; None: at the end.
 
+    half_extent_m: of the ground
     That is the state at the last frame up to that time. Raises BagError where the bag has no
-    changes (rigid ground), ends earlier, or lacks one.
+    changes (rigid ground), ends earlier, lacks one, or has one beyond the ground.
     """
     if not bag.has(topics.GROUND_CHANGES.name):
         raise BagError(f'{bag.path}: holds no {topics.GROUND_CHANGES.name}; it is recorded where '
@@ -30,7 +32,7 @@ def ground_at(bag: Bag, time_ns: int | None = None) -> Overlay:
         if step_ns != period_ns:
             raise BagError(f'{bag.path}: {topics.GROUND_CHANGES.name} lacks messages between '
                            f'{last_ns / NS_PER_S:.3f} s and {stamp_ns / NS_PER_S:.3f} s')
-        overlay.apply(changes_of(message))
+        overlay.apply(changes_of(message, half_extent_m))
         last_ns = stamp_ns
     if time_ns is not None and period_ns and time_ns >= last_ns + 2 * period_ns:
         raise BagError(f'{bag.path}: {time_ns / NS_PER_S:.3f} s is not valid; the ground is known '

@@ -21,6 +21,7 @@ POINT = np.dtype([(name, '<f4') for name in ('x', 'y', 'z', 'height_change', 'co
 FLOAT32 = 7     # of sensor_msgs/PointField
 _OFF_GRID = 0.01            # of a cell, what rounding may leave
 _MOST_M = 1.0               # no print is deeper, no rim higher
+FARTHEST_M = 1e4           # no fine ground is wider
 
 
 def points_of(changes: GroundChanges, ground: HeightGrid) -> NDArray[np.void]:
@@ -33,8 +34,11 @@ def points_of(changes: GroundChanges, ground: HeightGrid) -> NDArray[np.void]:
     return points
 
 
-def problem(message: Any) -> str:
-    """Return why a PointCloud2 does not hold changes of the ground, or ''."""
+def problem(message: Any, half_extent_m: float = FARTHEST_M) -> str:
+    """Return why a PointCloud2 does not hold changes of the ground, or ''.
+
+    half_extent_m: of the ground, beyond which nothing can have changed
+    """
     fields = [(f.name, f.offset, f.datatype, f.count) for f in message.fields]
     wanted = [(name, POINT.fields[name][1], FLOAT32, 1) for name in POINT.names or ()
               if POINT.fields is not None]
@@ -48,6 +52,10 @@ def problem(message: Any) -> str:
         if not np.isfinite(points[name]).all():
             return f'{name} holds numbers that are not finite'
     for name in ('x', 'y'):
+        beyond = points[name][np.abs(points[name]) > half_extent_m + CELL_M]
+        if len(beyond):
+            return (f'{name} = {beyond[0]:g} m is beyond the ground, which ends at'
+                    f' {half_extent_m:g} m')
         cells = points[name] / CELL_M
         if (np.abs(cells - np.rint(cells)) > _OFF_GRID).any():
             return f'{name} is not a multiple of {1e3 * CELL_M:g} mm'
@@ -58,9 +66,12 @@ def problem(message: Any) -> str:
     return ''
 
 
-def changes_of(message: Any) -> GroundChanges:
-    """Return the changes in a PointCloud2 of rosbags or rclpy; BagError if it holds none."""
-    found = problem(message)
+def changes_of(message: Any, half_extent_m: float = FARTHEST_M) -> GroundChanges:
+    """Return the changes in a PointCloud2 of rosbags or rclpy; BagError if it holds none.
+
+    half_extent_m: as in `problem`
+    """
+    found = problem(message, half_extent_m)
     if found:
         raise BagError(f'ground changes: {found}')
     points = np.frombuffer(bytes(message.data), POINT)

@@ -75,11 +75,13 @@ def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,
     k = soil.elastic_npm * weights * (1.0 - IMPEDANCE)
     b = soil.damping_nspm * weights * (1.0 - IMPEDANCE)
     step = model.opt.timestep
-    bound = min(0.5 * float((IMPEDANCE / k).min()) ** 0.5, float((IMPEDANCE / b).min()))
-    if step > bound:
+    bounds = {'elastic_npm': 0.5 * float((IMPEDANCE / k).min()) ** 0.5,
+              'damping_nspm': float((IMPEDANCE / b).min())}
+    name = min(bounds, key=bounds.__getitem__)
+    if step > bounds[name]:
         raise ConfigError(f'step_s: {step:g} is too long for soil of {soil.elastic_npm:g} N/m and'
                           f' {soil.damping_nspm:g} N s/m under {soil.gravity_mps2:g} m/s^2; valid'
-                          f' is <= {bound:.2g} [s], or a lower ground.elastic_npm')
+                          f' is <= {bounds[name]:.2g} [s], or a lower ground.{name}')
     held = np.stack([-k, -b], axis=-1)
     for row, pair in enumerate(pairs):
         model.pair_dim[pair] = 6

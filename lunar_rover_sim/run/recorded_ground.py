@@ -33,4 +33,5 @@ def recorded_ground(bag_path: Path, world: str | Path | None = None,
             if recorded != loaded.hash:
                 raise WorldError(f'{folder}: hash {loaded.hash[:12]} is not that of the world of '
                                  f'{bag_path}, {recorded[:12]}')
-        return loaded, ground_at(bag, None if time_s is None else round(time_s * NS_PER_S))
+        time_ns = None if time_s is None else round(time_s * NS_PER_S)
+        return loaded, ground_at(bag, time_ns, loaded.ground.half_extent_m)

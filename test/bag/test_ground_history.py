@@ -5,7 +5,9 @@ import pytest
 import synthetic_bag as synthetic
 import trimesh
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.ground_history import ground_at
+from lunar_rover_sim.bag.ground_points import changes_of, POINT
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.regolith.overlay import Overlay
@@ -72,3 +74,18 @@ def test_mesh_and_heights_have_the_prints(walk, tmp_path):
     over = np.hypot(middle[:, 0] - 0.0, -middle[:, 2] - 0.03) < 0.004
     assert over.sum() >= 3
     assert (lowest[over] < -0.008).all()
+
+
+def test_changes_beyond_the_ground_are_refused(walk):
+    """Of another world, or of a damaged message: float32 of 1e9 m is a multiple of 5 mm, too."""
+    path, _, _ = walk
+    with open_bag(path) as bag:
+        with pytest.raises(BagError, match=r'x = -0.085 m is beyond the ground, which ends at'
+                           r' 0.04 m$'):
+            ground_at(bag, half_extent_m=0.04)
+        message = next(bag.messages([topics.GROUND_CHANGES.name]))[2]
+    points = np.frombuffer(bytes(message.data), POINT).copy()
+    points['y'][0] = 1e9
+    message.data = np.frombuffer(points.tobytes(), np.uint8)
+    with pytest.raises(BagError, match=r'y = 1e\+09 m is beyond the ground, .* 10000 m$'):
+        changes_of(message)

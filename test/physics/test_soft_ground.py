@@ -214,5 +214,7 @@ def test_a_step_too_long_for_the_soil_is_refused():
     with pytest.raises(ConfigError, match=r'step_s: 0.001 is too long for soil of 1e\+06 N/m'
                        r' .* valid is <= [\d.e-]+'):
         simulate(ground=soft(elastic_npm=1e6))
+    with pytest.raises(ConfigError, match='or a lower ground.damping_nspm$'):
+        simulate(ground=soft(damping_nspm=5000.0))
     with pytest.raises(ConfigError, match='gravity_mps2: 0 is not valid'):
         simulate(ground=soft(), gravity_mps2=0.0)
