@@ -82,7 +82,7 @@ SINKAGE = Topic('ground_truth/sinkage', 'sensor_msgs/msg/JointState', STATE, 'ph
 FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
                   'velocity: slip and sweep of each foot along the heading [m/s]; position: their '
                   'sums [m]', on_request=True)
-WHEEL_ODOM = Topic('wheel/odom', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
+WHEEL_ODOM = Topic('wheel/odometry', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
                    frames.WHEEL_ODOM_FRAME, 'pose and twist from the encoders of the legs alone, '
                    'with their covariance', on_request=True)
 POWER = tuple(

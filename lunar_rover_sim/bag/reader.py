@@ -140,7 +140,10 @@ class Bag:
 
     @functools.cached_property
     def namespaces(self) -> tuple[str, ...]:
-        """Namespaces ('' for none) under which the contract's odometry or left image is found."""
+        """Namespaces ('' for none) under which the contract's odometry or left image is found.
+
+        Where one has images or joints too, one with nothing but odometry is an estimator's.
+        """
         names = contract.TRUE_ODOM.name, contract.ODOM.name, contract.LEFT_IMAGE.name
         found = set()
         for topic in self.types:
@@ -148,7 +151,10 @@ class Bag:
             name = next((name for name in names if topic.endswith('/' + name)), None)
             if name is not None:
                 found.add(topic[:-len(name) - 1])
-        return tuple(sorted(found))
+        whole = {namespace for namespace in found
+                 if any(f'{namespace}/{topic.name}' in self.types
+                        for topic in (contract.LEFT_IMAGE, contract.JOINT_STATES))}
+        return tuple(sorted(whole or found))
 
     @property
     def namespace(self) -> str:

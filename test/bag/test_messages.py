@@ -48,6 +48,16 @@ def joints(**values):
         'effort': np.zeros(0), **values})
 
 
+def battery(**values):
+    unknown = dict.fromkeys(('temperature', 'charge', 'capacity', 'design_capacity',
+                             'percentage'), np.nan)
+    return T['sensor_msgs/msg/BatteryState'](**{
+        'header': header(), 'voltage': 12.0, 'current': -0.1, **unknown, 'power_supply_status': 2,
+        'power_supply_health': 0, 'power_supply_technology': 0, 'present': True,
+        'cell_voltage': np.zeros(0, np.float32), 'cell_temperature': np.zeros(0, np.float32),
+        'location': 'bus', 'serial_number': '', **values})
+
+
 MESSAGES = {
     'sensor_msgs/msg/Imu': imu(), 'sensor_msgs/msg/JointState': joints(),
     'rosgraph_msgs/msg/Clock': T['rosgraph_msgs/msg/Clock'](clock=header().stamp),
@@ -100,7 +110,9 @@ def test_stamps_are_written_with_nine_decimals(ns, text):
      'angular_velocity_covariance holds -inf'),
     (joints(position=np.array([0.0, np.inf])), 'sensor_msgs/msg/JointState', 'position holds inf'),
     (T['tf2_msgs/msg/TFMessage'](transforms=[transform(), transform(z=np.nan)]),
-     'tf2_msgs/msg/TFMessage', 'transforms[1].transform.translation.z is nan')])
+     'tf2_msgs/msg/TFMessage', 'transforms[1].transform.translation.z is nan'),
+    (battery(), 'sensor_msgs/msg/BatteryState', ''),
+    (battery(current=np.nan), 'sensor_msgs/msg/BatteryState', 'current is nan')])
 def test_the_first_number_that_is_not_finite_is_named(message, msgtype, problem):
     assert validity.FiniteCheck(STORE).problem(msgtype, message) == problem
 

@@ -324,6 +324,14 @@ def test_two_rovers_in_one_bag(tmp_path, good):
     assert {f.check for f in check(tmp_path / 'bag').failed} == {'b topics', 'b world hash'}
 
 
+def test_the_odometry_of_an_estimator_is_no_second_rover(tmp_path, good):
+    with BagWriter(tmp_path / 'bag') as writer:
+        for item in good:
+            for name in (item.topic, 'vo/odom') if item.topic == 'odom' else (item.topic,):
+                writer.write(f'/{name}', item.msgtype, synthetic.serialise(item), 0)
+    assert check(tmp_path / 'bag').ok
+
+
 def test_the_hash_is_that_of_the_content(tmp_path, good):
     plain = synthetic.write(tmp_path / 'a', good)
     rng = np.random.default_rng(0)
