@@ -9,7 +9,7 @@ import logging
 import re
 import resource
 import sys
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError
@@ -72,12 +72,21 @@ COMMANDS = {
 _NEGATIVE_LIST = re.compile(r'-\.?\d[^,]*,')
 
 
+class _Parser(argparse.ArgumentParser):
+    """Offers the nearest valid word for a mistyped one; so do the parsers of its commands."""
+
+    def error(self, message: str) -> NoReturn:
+        found = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        hint = did_you_mean(found[1], re.findall(r'[\w-]+', found[2])) if found else ''
+        super().error(f'{message}; {hint}' if hint else message)
+
+
 def parser(declared: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
     """Return the parser of the command line.
 
     It knows all commands, but only the `declared` ones are imported and have arguments.
     """
-    root = argparse.ArgumentParser(
+    root = _Parser(
         prog='lunar_rover_sim',
         description='A spoke-leg micro rover on the Moon: walk, stereo images, rosbag2.')
     root.add_argument('--version', action='version', version=__version__)

@@ -50,6 +50,18 @@ def test_lists_may_begin_with_a_negative_number() -> None:
     assert parse(['world', 'preview', 'folder', '--sun', '-60', '6']).sun == [-60.0, 6.0]
 
 
+@pytest.mark.parametrize(('words', 'hint'), [
+    (['bag', 'chek', 'x'], '; did you mean check?'),
+    (['bag', 'export', 'x', '-o', 'y', '--format', 'eurok'], '; did you mean euroc?'),
+])
+def test_mistyped_words_of_a_command_are_offered(words: list[str], hint: str,
+                                                 capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        parse(words)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.rstrip().endswith(hint)
+
+
 def test_errors_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['parameters', 'physics']) == 1
     error = capsys.readouterr().err
