@@ -83,6 +83,7 @@ class BagWriter:
             raise BagError(f'{self.path}: cannot be made: {in_words(error)}') from None
         self._writer = writer
         self._transaction = _Transaction(writer) if storage == 'sqlite3' else None
+        self.of_another_clock: set[str] = set()
 
     @property
     def newest_ns(self) -> int:
@@ -118,16 +119,21 @@ class BagWriter:
             raise self._fail(error) from None
         self.counts[topic] = 0
 
-    def write(self, topic: str, msgtype: str, raw: bytes, fallback_ns: int) -> int:
+    def write(self, topic: str, msgtype: str, raw: bytes, fallback_ns: int,
+              latest_ns: int | None = None) -> int:
         """Write one message and return its bag time [ns].
 
         raw: the CDR bytes with their 4 bytes of encapsulation, as a raw subscription gives them.
-        fallback_ns: bag time of a message that has no stamp, or the stamp 0.
+        fallback_ns: bag time of a message that has no stamp, or the stamp 0, or one after
+            latest_ns, whose topic then belongs to `of_another_clock`.
         """
         connection = self._connections.get(topic)
         if connection is None or connection.msgtype != msgtype:
             self.add_topic(topic, msgtype)
         stamp_ns = self._stamps.stamp_ns(msgtype, raw)
+        if stamp_ns is not None and latest_ns is not None and stamp_ns > latest_ns:
+            self.of_another_clock.add(topic)
+            stamp_ns = None
         bag_ns = stamp_ns if stamp_ns is not None and stamp_ns > 0 else max(0, fallback_ns)
         self.write_at(topic, bag_ns, raw)
         return bag_ns

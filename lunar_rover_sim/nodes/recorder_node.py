@@ -31,6 +31,8 @@ _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
 # done often while topics appear, and seldom when none has appeared for a while.
 _DISCOVERY_S, _SETTLED_S, _SETTLED_DISCOVERY_S = 0.05, 5.0, 0.5
+# Stamps after simulated time by more than this are of another clock, as in the check of bags.
+_LATEST_NS = 5 * 10**9
 
 
 class RecorderNode(node_main.GraphNode):
@@ -57,6 +59,8 @@ class RecorderNode(node_main.GraphNode):
         self._subscribed: set[str] = set()
         self._rate, self._drops, self._newest_told_ns = Rate(0.0), Drops(), -1
         self._written_ns = self._newest_ns = 0
+        self._clock_ns = 0     # the latest, also of the time before a restart
+        self._warned: set[str] = set()
 
         self._writer = BagWriter(Path(config.output), config.storage, config.compression,
                                  os.environ.get('ROS_DISTRO') or 'jazzy')
@@ -133,7 +137,16 @@ class RecorderNode(node_main.GraphNode):
         def callback(raw: bytes) -> None:
             # A message without a stamp gets the newest time, a latched one the start.
             self._rate.tick()
-            stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns)
+            latest_ns = None if is_clock or not self._clock_ns else self._clock_ns + _LATEST_NS
+            stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns,
+                                          latest_ns)
+            if is_clock:
+                self._clock_ns = max(self._clock_ns, stamp_ns)
+            elif name in self._writer.of_another_clock and name not in self._warned:
+                self._warned.add(name)
+                self.get_logger().warning(
+                    f'{name}: is stamped more than {_LATEST_NS // 10**9} s after /clock (with wall '
+                    'time?); its messages get the time of their arrival in the bag')
             if is_clock and self._jump.has_occurred(stamp_ns):
                 self._newest_ns = self._written_ns = self._sent_ns = 0
                 self._written_ns_by_topic = dict.fromkeys(self._written_ns_by_topic, 0)

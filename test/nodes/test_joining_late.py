@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack
 import dataclasses
 from pathlib import Path
+import signal
 import time
 
 import numpy as np
@@ -14,7 +15,8 @@ import pytest
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 
-from nav_msgs.msg import Odometry  # noqa: E402  (needs rclpy)
+from geometry_msgs.msg import TwistStamped  # noqa: E402  (needs rclpy)
+from nav_msgs.msg import Odometry  # noqa: E402
 from peer import fails, Peer, running, SMALL_CAMERA  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
@@ -68,18 +70,34 @@ def test_in_lockstep_a_late_reader_gets_nothing_of_the_past(peer: Peer,
 
 def test_a_recorder_that_starts_late_records_from_then_on(peer: Peer, world_folder: Path,
                                                           tmp_path: Path) -> None:
-    """No odometry of the time before it."""
+    """No odometry of the time before it; commands with wall time do not stretch the bag."""
+    commands = peer.node.create_publisher(TwistStamped, 'cmd_vel', 10)
+    command = TwistStamped()
+    command.header.stamp.sec = 1_700_000_000
+
+    def send() -> None:
+        commands.publish(command)
+
     with physics(peer, world_folder) as clock:
         before_ns = time_ns(clock[-1].clock)
         with running('recorder_node', '-p', f'output:={tmp_path / "bag"}', '-p',
-                     'topics:=[odom]'):
+                     'topics:=[odom, clock, cmd_vel]') as recorder:
             peer.spin_until(lambda: any(
                 info.node_name == 'recorder_node'
                 for info in peer.node.get_subscriptions_info_by_topic('/odom')))
             joined_ns = time_ns(clock[-1].clock)
-            peer.spin_until(lambda: time_ns(clock[-1].clock) > joined_ns + 500_000_000)
+            peer.spin_until(lambda: time_ns(clock[-1].clock) > joined_ns + 500_000_000
+                            and peer.node.count_subscribers('cmd_vel') > 0)
+            joined_ns = time_ns(clock[-1].clock)
+            peer.spin_until(lambda: time_ns(clock[-1].clock) > joined_ns + 500_000_000,
+                            meanwhile=send)
+            recorder.send_signal(signal.SIGINT)
+            log = recorder.stdout.read()
+    assert log.count('/cmd_vel: is stamped more than 5 s after /clock (with wall time?)') == 1
     with open_bag(tmp_path / 'bag') as bag:
         stamps = [bag.stamp_ns(message) for message in bag.raw(['/odom'])]
+        assert bag.counts['/cmd_vel'] > 0
+        assert max(message.time_ns for message in bag.raw()) < joined_ns + 60_000_000_000
     assert stamps[0] > before_ns
     assert len(stamps) > 10
 
