@@ -145,8 +145,8 @@ class RecorderNode(node_main.GraphNode):
             elif name in self._writer.of_another_clock and name not in self._warned:
                 self._warned.add(name)
                 self.get_logger().warning(
-                    f'{name}: is stamped more than {_LATEST_NS // 10**9} s after /clock (with wall '
-                    'time?); its messages get the time of their arrival in the bag')
+                    f'{name}: is stamped more than {_LATEST_NS // 10**9} s after /clock (with '
+                    'wall time?); its messages get the time of their arrival in the bag')
             if is_clock and self._jump.has_occurred(stamp_ns):
                 self._newest_ns = self._written_ns = self._sent_ns = 0
                 self._written_ns_by_topic = dict.fromkeys(self._written_ns_by_topic, 0)
