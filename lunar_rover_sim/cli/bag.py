@@ -15,6 +15,7 @@ from rich.text import Text
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.cli import bag_video
 from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.outputs import check_folder, check_new_folder, check_path
@@ -44,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.set_defaults(check_output=check_folder)
     command.add_argument('--world', type=Path, metavar='DIR',
                          help='the world that was driven on, where it is not in the cache')
+    bag_video.add_arguments(_add(add_parser, 'video', 'a film of the drive: the rover from '
+                                 'outside, left image, disparity, pitch and slip', bag_video.run))
     command = _add(add_parser, 'recover', 'make a bag readable whose recording was cut off',
                    _recover)
     command.add_argument('-o', '--output', type=Path, metavar='DIR',

@@ -123,10 +123,13 @@ def tone_mapped(radiance: NDArray[np.floating]) -> U8:
     return np.repeat(level.astype(np.uint8)[..., None], 3, axis=2)
 
 
-def disparity_picture(disparity_px: NDArray[np.floating]) -> U8:
-    """Return (h, w, 3) BGR colours of disparity, large warm, small cold; below 0 black."""
+def disparity_picture(disparity_px: NDArray[np.floating], most_px: float | None = None) -> U8:
+    """Return (h, w, 3) BGR colours of disparity, large warm, small cold; below 0 black.
+
+    most_px: the warmest; None: the greatest one
+    """
     known = disparity_px >= 0.0
-    most = max(float(disparity_px.max(initial=1.0)), 1.0)
+    most = max(float(disparity_px.max(initial=1.0)), 1.0) if most_px is None else most_px
     level = np.clip(disparity_px / most * 255, 0, 255).astype(np.uint8)
     colours = cv2.applyColorMap(level, cv2.COLORMAP_TURBO)
     colours[~known] = 0

@@ -5,12 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
-from lunar_rover_sim.errors import ConfigError, UsdError
-from lunar_rover_sim.parameters import merge
+from lunar_rover_sim.errors import BagError, UsdError
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
-from lunar_rover_sim.run.scenario import SHARED
+from lunar_rover_sim.run.recorded_nodes import recorded_nodes
 from lunar_rover_sim.usd.world_stage import Site
 
 
@@ -39,18 +37,8 @@ def recorded_site(bag: Bag) -> RecordedSite:
 
     Raises UsdError where there is none, or it is not of this version.
     """
-    scenario = recorded_scenario(bag)
-    if not scenario.sections.get('rover'):
-        raise UsdError(f'{bag.path}: holds no scenario, so the rover of the drive is not known')
-    shared = scenario.sections.get(SHARED, {})
-
-    def node(name: str) -> dict[str, object]:
-        return merge(dict(shared), dict(scenario.sections.get(name, {})))
-
     try:
-        return RecordedSite(
-            RoverDescription.from_mapping(scenario.sections['rover'], 'rover'),
-            PhysicsNodeConfig.from_mapping(node('physics_node'), 'physics_node'),
-            RenderNodeConfig.from_mapping(node('render_node'), 'render_node'))
-    except ConfigError as error:
-        raise UsdError(f'{bag.path}: its scenario is not of this version: {error}') from None
+        found = recorded_nodes(bag)
+    except BagError as error:
+        raise UsdError(str(error)) from None
+    return RecordedSite(found.rover, found.physics, found.render)

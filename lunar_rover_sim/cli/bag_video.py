@@ -1,0 +1,101 @@
+"""`lunar_rover_sim bag video`: a film of a recorded drive."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import dataclasses
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SUN, TRIPOD
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.film import check_suffix, SUFFIXES, U8, write_film
+from lunar_rover_sim.files.outputs import check_path
+from lunar_rover_sim.inspection.film import Film, FilmOptions
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.add_argument('-o', '--output', type=Path, metavar='FILE', required=True,
+                        help=f'the film: {", ".join(SUFFIXES)}; must not exist')
+    parser.add_argument('--width', type=int, default=1280, metavar='PX', help='of the film, a '
+                        'multiple of 32; it is 4:3, and 16:9 with --bare (default: 1280)')
+    parser.add_argument('--fps', type=float, default=20.0, metavar='HZ',
+                        help='frames per second of the film (default: 20)')
+    parser.add_argument('--speed', type=float, default=1.0, metavar='FACTOR',
+                        help='simulated seconds per second of the film (default: 1)')
+    parser.add_argument('--start', type=float, metavar='S', help='first simulated time')
+    parser.add_argument('--end', type=float, metavar='S', help='last simulated time')
+    parser.add_argument('--bare', action='store_true',
+                        help='only the view from outside, without images and plots')
+    parser.add_argument('--behind', action='store_true', help='from behind the rover; by default '
+                        'from where the sun lights it from the side')
+    parser.add_argument('--from', metavar='DISTANCE,AZIMUTH,ELEVATION', dest='place',
+                        help='where the camera is [m, deg, deg], by default 1.5,-112,17; the '
+                        'azimuth counts from the sun, with --behind from the heading')
+    parser.add_argument('--tripod', metavar='X,Y,HEIGHT',
+                        help='the camera stands there and turns after the rover [m]')
+    parser.add_argument('--quality', type=int, default=70, metavar='N',
+                        help='of a .webp, 1 to 100 (default: 70)')
+    parser.add_argument('--world', type=Path, metavar='DIR',
+                        help='the world that was driven on, where it is not in the cache')
+    parser.set_defaults(check_output=_check_output)
+
+
+def _check_output(path: Path) -> None:
+    check_suffix(path)
+    check_path(path)
+    if path.exists():
+        raise ConfigError(f'--output: {path} exists; name a new file')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw and write the film."""
+    if not 1 <= args.quality <= 100:
+        raise ConfigError(f'--quality: {args.quality} is not valid; valid is 1 to 100')
+    options = FilmOptions(args.width, args.fps, args.speed, args.start, args.end, args.bare)
+    console = Console(stderr=True)
+    with console.status('reading the drive'):
+        film = Film(args.bag, options, args.world)
+        film.chase = _camera(film, args)
+    with Progress(TextColumn('drawing'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+                  console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task('', total=len(film.times_ns))
+        args.output.parent.mkdir(parents=True, exist_ok=True)
+
+        def drawn() -> Iterator[U8]:
+            for frame in film.frames():
+                yield frame
+                progress.advance(task)
+
+        count = write_film(args.output, drawn(), args.fps, args.quality)
+    print(f'{args.output}: {count} frames, {count / args.fps:.1f} s, '
+          f'{args.output.stat().st_size / 1e6:.2f} MB')
+    return 0
+
+
+def _camera(film: Film, args: argparse.Namespace) -> ChaseConfig:
+    """Return the chase camera that is asked for."""
+    chase = film.chase
+    if args.behind:
+        chase = dataclasses.replace(chase, reference=HEADING, azimuth_deg=180.0)
+    if args.place is not None:
+        distance_m, azimuth_deg, elevation_deg = _three('--from', args.place)
+        chase = dataclasses.replace(chase, distance_m=distance_m, azimuth_deg=azimuth_deg,
+                                    elevation_deg=elevation_deg,
+                                    reference=HEADING if args.behind else SUN)
+    if args.tripod is not None:
+        chase = dataclasses.replace(chase, mode=TRIPOD,
+                                    position_m=_three('--tripod', args.tripod))
+    return chase
+
+
+def _three(name: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(','))
+    except ValueError:
+        raise ConfigError(f'{name}: {text!r} is not three numbers') from None
+    return x, y, z

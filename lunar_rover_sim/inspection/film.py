@@ -1,0 +1,211 @@
+"""A film of a recorded drive: the rover from outside, what its camera saw, pitch and slip.
+
+The view from outside is drawn anew from the true states, the changes of the ground and the
+scenario in the bag; no ROS is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag import series
+from lunar_rover_sim.bag.ground_points import changes_of
+from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
+from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
+from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.illumination.sun_of_date import sun_of_date
+from lunar_rover_sim.inspection.bag_pictures import recorded_world
+from lunar_rover_sim.inspection.drive_series import read_drive, WINDOW_S
+from lunar_rover_sim.inspection.film_panels import Captions, Plots
+from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.rendering.layer_pictures import disparity_picture, gray8
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.run.recorded_nodes import recorded_nodes
+from lunar_rover_sim.world.site import reported_site
+
+U8 = NDArray[np.uint8]
+
+WIDTHS = (320, 3840)
+
+
+@dataclasses.dataclass(frozen=True)
+class FilmOptions:
+    """What of a drive a film shows.
+
+    width: of the film [px], a multiple of 32; its height is 3/4 of that, or 9/16 of a bare one
+    rate_hz: frames per second of the film; speed: simulated seconds per second of the film
+    start_s, end_s: simulated times [s]; None: those of the bag
+    bare: only the view from outside, without images and plots
+    smooth: draw outlines without steps
+    Raises ConfigError for values that make no film.
+    """
+
+    width: int = 1280
+    rate_hz: float = 20.0
+    speed: float = 1.0
+    start_s: float | None = None
+    end_s: float | None = None
+    bare: bool = False
+    smooth: bool = True
+
+    def __post_init__(self) -> None:
+        low, high = WIDTHS
+        if self.width % 32 or not low <= self.width <= high:
+            raise ConfigError(f'--width: {self.width} is not valid; valid is a multiple of 32 '
+                              f'from {low} to {high}')
+        for name, value, most in (('--fps', self.rate_hz, 100.0), ('--speed', self.speed, 1000.0)):
+            if not 0.0 < value <= most:
+                raise ConfigError(f'{name}: {value:g} is not valid; valid is > 0 and <= {most:g}')
+
+
+class Film:
+    """The film of one bag. Making it reads the motion; `frames` draws.
+
+    times_ns: simulated time of each frame
+    chase: the camera, at first that of the scenario; its image size is that of the film
+    """
+
+    chase: ChaseConfig
+
+    def __init__(self, path: Path, options: FilmOptions = FilmOptions(),
+                 world: Path | None = None) -> None:
+        """Read what the film needs to know.
+
+        world: folder of the world, where it is not beside the bag or in the cache
+        Raises BagError where the bag holds no drive, scenario or images, or its world is not
+        found; ConfigError for times outside the bag.
+        """
+        self._path, self._options = path, options
+        with open_bag(path) as bag:
+            self._nodes = recorded_nodes(bag)
+            self.chase = self._nodes.render.chase
+            if not options.bare and not bag.has(topics.LEFT_IMAGE.name):
+                raise BagError(f'{path}: holds no {topics.LEFT_IMAGE.name}; --bare makes a film '
+                               'without it')
+            found = recorded_world(bag, world)
+            if found is None:
+                raise BagError(f'{path}: its world is not found; name its folder with --world')
+            self._world = found
+            self.times_ns = self._times(bag)
+            # Slip needs what was before.
+            self._drive = read_drive(bag, int(self.times_ns[0]) - 2 * round(WINDOW_S * NS_PER_S),
+                                     int(self.times_ns[-1]) + 1)
+
+    def _times(self, bag: Bag) -> NDArray[np.int64]:
+        first_s, last_s = bag.start_ns / NS_PER_S, bag.end_ns / NS_PER_S
+        options = self._options
+        start_s = first_s if options.start_s is None else options.start_s
+        end_s = last_s if options.end_s is None else options.end_s
+        for name, value in (('--start', start_s), ('--end', end_s)):
+            if not 0.0 <= value <= last_s + 1e-6:
+                raise ConfigError(f'{name}: {value:g} s is not valid; the bag holds {first_s:g} '
+                                  f'to {last_s:g} s')
+        if start_s >= end_s:
+            raise ConfigError(f'--start, --end: {start_s:g} to {end_s:g} s is not valid; valid is '
+                              'a start before the end')
+        step_s = options.speed / options.rate_hz
+        count = int((end_s - start_s) / step_s + 1e-6) + 1
+        return np.rint((start_s + step_s * np.arange(count)) * NS_PER_S).astype(np.int64)
+
+    def frames(self) -> Iterator[U8]:
+        """Yield (h, w, 3) RGB frames, one for each of `times_ns`."""
+        options, drive = self._options, self._drive
+        width, height = options.width, options.width * 9 // 16 // 2 * 2
+        chase = dataclasses.replace(self.chase, camera=dataclasses.replace(
+            self.chase.camera, width=width, height=height))
+        render = self._nodes.render
+        sun = sun_of_date(render.sun, reported_site(self._world.report))
+        detail = render.detail
+        if options.smooth:
+            detail = dataclasses.replace(detail, smooth_outlines=True)
+        config = dataclasses.replace(render, sun=sun, detail=detail)
+        captions = Captions(width)
+        with open_bag(self._path) as bag, \
+                Renderer(self._world, self._nodes.rover, config, config.seed) as renderer:
+            overlay = Overlay() if bag.has(topics.GROUND_CHANGES.name) else None
+            renderer.follow(overlay)
+            mount = ChaseMount(chase, sun.azimuth_deg, self._world)
+            camera = renderer.add_camera(chase, mount)
+            plots = None if options.bare else self._plots(width)
+            for k, (time_ns, shown) in enumerate(_along(bag, self.times_ns, overlay)):
+                state = drive.pose(drive.nearest(int(time_ns)))
+                mount.follow(state, int(time_ns))
+                pixels = camera.render(state, k).left
+                assert pixels is not None
+                outside = gray8(pixels)[..., ::-1].copy()
+                captions.draw(outside, f'{time_ns / NS_PER_S:.1f} s', f'× {options.speed:g}')
+                if plots is None:
+                    yield outside
+                    continue
+                size = width // 4, width * 3 // 16
+                left, disparity = (_fitted(_picture(bag, shown.get(topic.name), topic), size)
+                                   for topic in (topics.LEFT_IMAGE, topics.DISPARITY))
+                captions.label(left, 'left camera')
+                captions.label(disparity, 'disparity')
+                strip = np.hstack([left, disparity, plots.at(time_ns / NS_PER_S)])
+                yield np.vstack([outside, strip])
+
+    def _plots(self, width: int) -> Plots:
+        drive, span_s = self._drive, self.times_ns[[0, -1]] / NS_PER_S
+        slip = drive.slip(self._nodes.rover, self._world.ground,
+                          self._nodes.physics.gravity_mps2)
+        return Plots((width // 2, width * 3 // 16), (float(span_s[0]), float(span_s[1])),
+                     (drive.stamps_ns / NS_PER_S, drive.pitch_deg()), slip)
+
+
+def _along(bag: Bag, times_ns: NDArray[np.int64],
+           overlay: Overlay | None) -> Iterator[tuple[int, dict[str, RawMessage]]]:
+    """Yield each time with the newest image messages by their topics; the overlay keeps up."""
+    names = [topic.name for topic in (topics.LEFT_IMAGE, topics.DISPARITY, topics.GROUND_CHANGES)
+             if bag.has(topic.name)]
+    contract = {bag.resolve(name): name for name in names}
+    shown: dict[str, RawMessage] = {}
+    k = 0
+    for message in bag.raw(names):
+        while k < len(times_ns) and message.time_ns > times_ns[k]:
+            yield int(times_ns[k]), shown
+            k += 1
+        if k == len(times_ns):
+            return
+        name = contract[message.topic]
+        if name == topics.GROUND_CHANGES.name and overlay is not None:
+            overlay.apply(changes_of(bag.decode(message.data, message.msgtype)))
+        else:
+            shown[name] = message
+    for time_ns in times_ns[k:]:
+        yield int(time_ns), shown
+
+
+def _picture(bag: Bag, message: RawMessage | None, topic: topics.Topic) -> U8:
+    """Return RGB pixels of an image or disparity; a dark picture where there is none yet."""
+    if message is None:
+        return np.full((3, 4, 3), 16, np.uint8)
+    decoded = bag.decode(message.data, message.msgtype)
+    if topic is topics.DISPARITY:
+        pixels = series.picture(bag, decoded.image).pixels
+        return disparity_picture(np.where(pixels > 0.0, pixels, -1.0),
+                                 float(decoded.max_disparity))[..., ::-1]
+    picture = series.picture(bag, decoded)
+    if picture.encoding.startswith('bgr'):
+        return np.asarray(picture.pixels[..., :3][..., ::-1], np.uint8)
+    return gray8(picture.pixels)[..., ::-1]
+
+
+def _fitted(picture: U8, size: tuple[int, int]) -> U8:
+    """Return a picture within width and height, its proportions kept, on black."""
+    width, height = size
+    scale = min(width / picture.shape[1], height / picture.shape[0])
+    w, h = max(1, round(scale * picture.shape[1])), max(1, round(scale * picture.shape[0]))
+    small = cv2.resize(np.ascontiguousarray(picture), (w, h),
+                       interpolation=cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR)
+    out = np.zeros((height, width, 3), np.uint8)
+    out[(height - h) // 2:(height - h) // 2 + h, (width - w) // 2:(width - w) // 2 + w] = small
+    return out

@@ -1,0 +1,166 @@
+"""Films of drives: what they show, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from PIL import Image
+import pytest
+import synthetic_bag as synthetic
+import worlds
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.files.film import U8, write_film
+from lunar_rover_sim.inspection.drive_series import read_drive
+from lunar_rover_sim.inspection.film import Film, FilmOptions
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.world.grid import HeightGrid
+from lunar_rover_sim.world.world_folder import save_world
+
+
+class Recorded(NamedTuple):
+    """A bag, and the folder of its world."""
+
+    bag: Path
+    world: Path
+
+
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """A drive of half a second in a small world, with prints in the ground."""
+    folder = tmp_path_factory.mktemp('film')
+    moon = worlds.small()
+    save_world(moon, folder / 'moon')
+    items = [item for item in synthetic.drive(0.5)
+             if item.topic not in (topics.WORLD_HASH.name, topics.SCENARIO.name)]
+    for topic, data in ((topics.WORLD_HASH, moon.hash),
+                        (topics.SCENARIO, Scenario.load('soft').to_yaml())):
+        items.insert(0, synthetic.Item(topic.name, topic.type,
+                                       synthetic.msg('std_msgs/String', data=data)))
+    items += synthetic.ground_items(0.5)
+    order = sorted(items, key=lambda item: item.fallback_ns or header_ns(item))
+    return Recorded(synthetic.write(folder / 'bag', order), folder / 'moon')
+
+
+def header_ns(item: synthetic.Item) -> int:
+    """Return the stamp of a message with a header; 0 without one."""
+    head = getattr(item.message, 'header', None)
+    return 0 if head is None else head.stamp.sec * 10**9 + head.stamp.nanosec
+
+
+def test_frames(recorded: Recorded) -> None:
+    """One frame a period: the view from outside, the recorded image, its disparity, plots."""
+    film = Film(recorded.bag, FilmOptions(width=320, rate_hz=5.0, start_s=0.1), recorded.world)
+    assert film.times_ns.tolist() == [10**8, 3 * 10**8, 5 * 10**8]
+    frames = list(film.frames())
+    assert len(frames) == 3
+    for frame in frames:
+        assert frame.shape == (240, 320, 3) and frame.dtype == np.uint8
+        assert frame[:180].std() > 5.0                  # outside
+        assert frame[180:, 160:].std() > 5.0            # plots
+    with open_bag(recorded.bag) as bag:
+        shown = [message for _, _, message in bag.messages([topics.LEFT_IMAGE.name])][4]
+    pixels = np.frombuffer(bytes(shown.data), np.uint8).reshape(shown.height, shown.width)
+    small = cv2.resize(pixels, (80, 60), interpolation=cv2.INTER_AREA).astype(float)
+    inset = frames[-1][180:, :80, 0].astype(float)
+    assert np.median(np.abs(inset - small)) < 1.0       # but for its caption
+    # The cursor of the plots moves on.
+    assert not np.array_equal(frames[0][180:, 160:], frames[2][180:, 160:])
+
+
+def test_files(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command writes a film that other programs read; it never replaces one."""
+    output = tmp_path / 'drive.mp4'
+    arguments = ['bag', 'video', str(recorded.bag), '--world', str(recorded.world), '--width',
+                 '320', '--fps', '10', '--start', '0.3', '--bare', '--behind', '-o']
+    assert main([*arguments, str(output)]) == 0
+    assert '3 frames, 0.3 s' in capsys.readouterr().out
+    reader = cv2.VideoCapture(str(output))
+    assert (reader.get(cv2.CAP_PROP_FRAME_WIDTH), reader.get(cv2.CAP_PROP_FPS)) == (320, 10)
+    count = 0
+    while reader.read()[0]:
+        count += 1
+    assert count == 3
+    assert b'vp09' in output.read_bytes()
+    assert main([*arguments, str(output)]) == 1
+    assert 'exists; name a new file' in capsys.readouterr().err
+    assert main([*arguments, str(tmp_path / 'drive.avi')]) == 1
+    assert '.mp4' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['drive.mp4']
+
+
+@pytest.mark.parametrize('suffix', ['.gif', '.webp'])
+def test_animated_pictures(tmp_path: Path, suffix: str) -> None:
+    """All frames are in, in their order, each for its time, and it repeats."""
+    def frames() -> Iterator[U8]:
+        for k in range(4):
+            yield np.full((12, 16, 3), 60 * k, np.uint8)
+
+    path = tmp_path / f'film{suffix}'
+    assert write_film(path, frames(), 10.0, quality=90) == 4
+    with Image.open(path) as picture:
+        assert picture.n_frames == 4                        # type: ignore[attr-defined]
+        for k in range(4):
+            picture.seek(k)
+            assert abs(np.asarray(picture.convert('L')).mean() - 60 * k) < 4
+            assert picture.info['duration'] == 100
+        assert picture.info['loop'] == 0
+
+
+def test_a_film_that_fails_leaves_no_file(tmp_path: Path) -> None:
+    """Neither a part of the film nor a temporary file is left."""
+    def frames() -> Iterator[U8]:
+        yield np.zeros((32, 32, 3), np.uint8)
+        raise BagError('the bag ends here')
+
+    for suffix in ('.mp4', '.gif'):
+        with pytest.raises(BagError):
+            write_film(tmp_path / f'film{suffix}', frames(), 10.0)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    ({'start_s': 0.4, 'end_s': 0.2}, 'valid is a start before the end'),
+    ({'end_s': 9.0}, r'--end: 9 s is not valid; the bag holds .* to 0\.5 s'),
+    ({'width': 333}, '--width: 333 is not valid'), ({'rate_hz': 0.0}, '--fps: 0 is not valid'),
+    ({'speed': float('nan')}, '--speed: nan is not valid')])
+def test_refused(recorded: Recorded, options: dict, words: str) -> None:
+    """What makes no film is refused with the value and what is valid."""
+    with pytest.raises(ConfigError, match=words):
+        Film(recorded.bag, FilmOptions(**options), recorded.world)
+
+
+def test_bags_without_a_film(recorded: Recorded, tmp_path: Path) -> None:
+    """A bag without images, or whose world is gone, is refused with what to do."""
+    with pytest.raises(BagError, match='name its folder with --world'):
+        Film(recorded.bag)
+    blind = synthetic.write(tmp_path / 'blind', [
+        synthetic.Item(topics.SCENARIO.name, topics.SCENARIO.type, synthetic.msg(
+            'std_msgs/String', data=Scenario.load('flat').to_yaml()))])
+    with pytest.raises(BagError, match='holds no stereo/left/image_raw; --bare'):
+        Film(blind, FilmOptions(), recorded.world)
+
+
+def test_slip(recorded: Recorded) -> None:
+    """Feet that sweep while the rover stands slip wholly; those of a rolling rover do not."""
+    rover, ground = RoverDescription(), HeightGrid(np.zeros((81, 81), np.float32), 0.025)
+    with open_bag(recorded.bag) as bag:
+        drive = read_drive(bag)
+    n, height = len(drive.stamps_ns), rover.legs.spoke_length_m
+    turning, forces = np.full((n, 4), 1.0), np.tile([0.0, 0.0, 5.0], (n, 4, 1))
+    poses = np.zeros((n, 13))
+    axle = float(np.asarray(rover.legs.axle_positions_m())[0, 2])
+    poses[:, 2:4] = height - axle, 1.0
+    for speed, expected in ((0.0, 1.0), (height, 0.0), (0.5 * height, 0.5)):
+        poses[:, 7] = speed
+        made = drive._replace(poses=poses, angles=np.zeros((n, 4)), velocities=turning,
+                              forces_n=forces)
+        assert made.slip(rover, ground, 1.62)[1][-1] == pytest.approx(expected, abs=0.02)
