@@ -15,7 +15,7 @@ from lunar_rover_sim.files.atomic import atomic_write
 
 # What each command needs besides its output.
 WORDS = {
-    'bag preview': ['bag'], 'bag recover': ['bag'], 'bag export': ['bag'],
+    'bag preview': ['bag'], 'bag video': ['bag'], 'bag recover': ['bag'], 'bag export': ['bag'],
     'benchmark': [], 'calibrate gait': [], 'campaign': ['polar_suns'],
     'dataset show': ['dataset'], 'evaluate images': ['a', 'b'],
     'evaluate trajectory': ['a.txt', 'b.txt'], 'render': ['flat'], 'rover export': [],
