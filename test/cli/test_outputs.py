@@ -24,9 +24,10 @@ WORDS = {
     'validate locomotion': [], 'validate stereo': ['flat'], 'validate terramechanics': [],
     'validate traverse': [], 'world build': [], 'world export': ['world'],
     'world preview': ['world'], 'world sun': ['0', '-89']}
-OF_FILES = {'calibrate gait': '.yaml', 'dataset show': '.html', 'rover export': '.urdf',
-            'slam settings': '.yaml', 'slam train-vocabulary': '.txt', 'validate imu': '.png',
-            'world export': '.glb', 'world preview': '.png', 'world sun': '.png'}
+OF_FILES = {'bag video': '.mp4', 'calibrate gait': '.yaml', 'dataset show': '.html',
+            'rover export': '.urdf', 'slam settings': '.yaml', 'slam train-vocabulary': '.txt',
+            'validate imu': '.png', 'world export': '.glb', 'world preview': '.png',
+            'world sun': '.png'}
 # Inputs of the wrong kind: {folder} is empty, {file} is a text, {device} a link to one, {none}
 # does not exist.
 INPUTS = [
