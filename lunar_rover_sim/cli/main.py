@@ -64,6 +64,7 @@ COMMANDS = {
     'validate traverse': Command(
         'validate_traverse',
         'drive waypoints over many worlds: tip-overs, slip, cost of transport'),
+    'view': Command('view', "physics alone in MuJoCo's viewer"),
     'world': Command(
         'world', 'build, inspect, picture and export terrains; sun and Earth over them'),
 }

@@ -1,0 +1,105 @@
+"""`lunar_rover_sim view`: physics alone in MuJoCo's viewer, for who tunes a gait."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import contextlib
+import os
+from pathlib import Path
+import threading
+import time
+from typing import Any
+
+from rich.console import Console
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import BASE_FRAME
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.world.cache import cached
+from lunar_rover_sim.world.world_folder import load_world
+
+_FRAME_S = 1.0 / 60.0
+_DISTANCE_M, _ELEVATION_DEG = 1.2, -20.0
+_AMBIENT, _DIFFUSE = 0.3, 0.6       # of the headlight: the model has no other light
+_CLOSE_S = 10.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = ("Walk in MuJoCo's viewer: physics and gait controller, no images, no "
+                          'ROS. Its window shows contacts, forces and joints.')
+    parser.add_argument('scenario', nargs='?', default='baseline',
+                        help='name of a packaged scenario, or a YAML file (default: baseline)')
+    parser.add_argument('--speed', type=float, default=0.12, metavar='M/S',
+                        help='commanded speed ahead (default: 0.12)')
+    parser.add_argument('--turn', type=float, default=0.0, metavar='RAD/S',
+                        help='commanded turn rate, to the left (default: 0)')
+    parser.add_argument('--duration', type=float, metavar='S',
+                        help='simulated time; by default until the window is closed')
+    parser.add_argument('--rtf', type=float, default=1.0, metavar='FACTOR',
+                        help='simulated time per wall time (default: 1)')
+    parser.add_argument('--world', type=Path, metavar='DIR', help='a world made by `world build`')
+    parser.add_argument('--seed', type=int, metavar='N', help='seed of everything random')
+    parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
+                        dest='overrides', help='override one parameter, such as '
+                        'gait_controller_node.duty_factor; may be repeated')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Walk until the window is closed."""
+    if not args.rtf > 0.0:
+        raise ConfigError(f'--rtf: {args.rtf:g} is not valid; valid is > 0')
+    scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed)
+    if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
+        raise ConfigError("view: there is no display (DISPLAY is not set) for MuJoCo's window")
+    console = Console(stderr=True)
+    with console.status('building the world'):
+        world = load_world(args.world or cached(scenario.world, scenario.shared.seed))
+    gait = GaitController.from_scenario(scenario)
+    gait.set_velocity(args.speed, args.turn)
+    node = scenario.physics_node
+    with Simulation.from_scenario(scenario, world) as simulation, _window(simulation) as window:
+        steps = node.state_period_ns // node.step_ns
+        state, shown_s, start_s = simulation.state, 0.0, time.monotonic()
+        while window.is_running():
+            legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
+            simulation.command(legs.velocity_radps)
+            with window.lock():
+                state = simulation.advance(steps)
+            now_s = state.stamp_ns * 1e-9
+            if args.duration is not None and now_s >= args.duration:
+                break
+            if now_s - shown_s >= _FRAME_S * args.rtf:
+                shown_s = now_s
+                window.sync()
+                time.sleep(max(0.0, start_s + now_s / args.rtf - time.monotonic()))
+    x, y = state.position_m[:2]
+    print(f'{state.stamp_ns * 1e-9:.1f} s, at ({x:.2f}, {y:.2f}) m')
+    return 0
+
+
+@contextlib.contextmanager
+def _window(simulation: Simulation) -> Iterator[Any]:
+    """Open MuJoCo's viewer, which follows the rover and shows contacts; close it at the end."""
+    # It loads GLFW, which the other commands can do without.
+    import mujoco.viewer
+    model = simulation.model
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = _AMBIENT, _DIFFUSE
+    before = set(threading.enumerate())
+    with mujoco.viewer.launch_passive(model, simulation.data) as window:
+        threads = set(threading.enumerate()) - before
+        window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        window.cam.trackbodyid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_FRAME)
+        window.cam.distance, window.cam.elevation = _DISTANCE_M, _ELEVATION_DEG
+        window.opt.flags[mujoco.mjtVisFlag.mjVIS_CONTACTFORCE] = True
+        try:
+            yield window
+        finally:
+            # Its thread reads model and data until it has ended.
+            window.close()
+            for thread in threads:
+                thread.join(_CLOSE_S)
