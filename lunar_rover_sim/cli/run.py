@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.inspection.summary import summarise
+from lunar_rover_sim.run.live_view import check_view, PORT, ViewProcess
 from lunar_rover_sim.run.node_config import REAL_TIME
 from lunar_rover_sim.run.plan import with_slam
 from lunar_rover_sim.run.recording import record, Recording
@@ -39,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--slam', metavar='COMMAND', default='',
                         help='SLAM program to feed, with its arguments; it speaks the protocol of '
                              'docs/reference/slam_protocol.md')
+    parser.add_argument('--view', type=int, nargs='?', const=PORT, metavar='PORT',
+                        help='serve the topics to Foxglove or Lichtblick in a browser while the '
+                        f'run goes on, at this port of this machine (default: {PORT})')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
     parser.set_defaults(run=run, check_output=check_new_folder)
@@ -47,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate and record; print a summary."""
     require_ros()
+    if args.view is not None:
+        check_view(args.view)
     overrides = [*args.overrides]
     if args.real_time:
         overrides.append(f'time_mode={REAL_TIME}')
@@ -57,10 +63,23 @@ def run(args: argparse.Namespace) -> int:
     if args.world is None:
         with console.status('building the world'):
             scenario.world_folder()
+    view = ViewProcess()
+
+    def start(resolved: Scenario, domain: int) -> None:
+        if args.view is not None:
+            view.start(domain, args.view)
+            console.print(f'live view: open a connection to ws://localhost:{args.view} in '
+                          'Foxglove or Lichtblick; layout config/foxglove/lunar_rover.json',
+                          highlight=False, soft_wrap=True)
+        display.start(resolved, domain)
+
     with _stop_request() as stop_request, _Display(console) as display:
-        recording = record(scenario, args.output, world=args.world, domain=args.domain,
-                           should_stop=stop_request.is_made, on_start=display.start,
-                           on_progress=display.update, on_warning=display.warn)
+        try:
+            recording = record(scenario, args.output, world=args.world, domain=args.domain,
+                               should_stop=stop_request.is_made, on_start=start,
+                               on_progress=display.update, on_warning=display.warn)
+        finally:
+            view.stop()
     if recording.interrupted:
         console.print('stopped; the bag ends here')
     _print_summary(console, recording)

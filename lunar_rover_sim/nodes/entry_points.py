@@ -14,7 +14,7 @@ import sys
 from types import FrameType
 
 NODES = ('drive_node', 'gait_controller_node', 'physics_node', 'pose_bridge_node',
-         'recorder_node', 'render_node', 'slam_node', 'trajectory_recorder_node')
+         'recorder_node', 'render_node', 'slam_node', 'trajectory_recorder_node', 'view_node')
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

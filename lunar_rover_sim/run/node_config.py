@@ -344,6 +344,13 @@ class PoseBridgeNodeConfig(NodeConfig):
                               'valid are names that differ')
 
 
+@dataclasses.dataclass(frozen=True)
+class ViewNodeConfig(NodeConfig):
+    """Parameters of view_node, which runs beside a graph and in no scenario."""
+
+    port: int = param(8765, 'port of the websocket, on this machine only', low=1024, high=65535)
+
+
 NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'physics_node': PhysicsNodeConfig,
     'gait_controller_node': GaitNodeConfig,
@@ -358,4 +365,5 @@ DEFAULT_NODES = tuple(name for name in NODE_CONFIGS if name != 'slam_node')
 COMPANION_CONFIGS: dict[str, type[NodeConfig]] = {
     'trajectory_recorder_node': TrajectoryRecorderNodeConfig,
     'pose_bridge_node': PoseBridgeNodeConfig,
+    'view_node': ViewNodeConfig,
 }

@@ -448,3 +448,31 @@ def test_an_answer_from_the_future_does_not_hold_the_gate_open(peer: Peer,
                         meanwhile=lambda: answer(1))
         process.send_signal(signal.SIGINT)
         assert 'joint_commands: stamp 1700000000.000 s refused' in process.stdout.read()
+
+
+def test_view_node_serves_what_is_watched(peer: Peer) -> None:
+    """A client without ROS gets the bytes of messages; latched ones come to every client."""
+    pytest.importorskip('foxglove')
+    from rclpy.serialization import deserialize_message
+    from std_msgs.msg import String
+    from view_client import client, free_port
+
+    from lunar_rover_sim.nodes import qos
+    latched = peer.node.create_publisher(String, 'robot_description', qos.newest(durable=True))
+    latched.publish(String(data='<robot/>'))
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    port = free_port()
+    with running('view_node', '-p', f'port:={port}'), client(port) as first:
+        first.find('/odom')
+        assert not poses.get_subscription_count()       # nobody watches: nothing is read
+        first.subscribe('/odom')
+        peer.spin_until(lambda: poses.get_subscription_count() > 0)
+        poses.publish(at_rest_odometry())
+        number, _, data = first.message()
+        assert number == 7 and deserialize_message(data, Odometry) == at_rest_odometry()
+        first.subscribe('/robot_description', 8)
+        assert deserialize_message(first.message()[2], String).data == '<robot/>'
+        with client(port) as second:
+            second.subscribe('/robot_description')
+            assert deserialize_message(second.message()[2], String).data == '<robot/>'
+    peer.spin_until(lambda: not poses.get_subscription_count())

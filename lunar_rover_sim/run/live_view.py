@@ -1,0 +1,122 @@
+"""A running graph in a browser: a websocket that Foxglove and Lichtblick read.
+
+Messages go out as they are on the wire (CDR), with the definitions of their types, so that the
+layouts for ROS work and no ROS is needed where they are looked at. foxglove-sdk (MIT) speaks the
+protocol. It buffers for each client and drops the oldest messages of one that is slow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import importlib.util
+import socket
+import subprocess
+import sys
+from typing import Any
+
+from rosbags.typesys import get_typestore, Stores
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.child_process import dies_with_parent
+from lunar_rover_sim.run.node_processes import ros_environment
+
+HOST = '127.0.0.1'
+PORT = 8765
+_BACKLOG = 32       # messages kept for a slow client
+_END_S = 5.0
+
+
+class LiveView:
+    """Serves topics to any number of clients. Context manager; methods may be called at any time.
+
+    on_watch: called in a thread of the server with a topic that a client has begun to watch
+    """
+
+    def __init__(self, port: int, on_watch: Callable[[str], None] = lambda topic: None) -> None:
+        """Begin to serve; raise ConfigError where the port is taken or foxglove-sdk is missing."""
+        check_view(port)
+        import foxglove  # an optional dependency
+
+        class Listener(foxglove.websocket.ServerListener):
+            def on_subscribe(self, client: Any, channel: Any) -> None:
+                on_watch(channel.topic)
+
+        self._foxglove, self._context = foxglove, foxglove.Context()
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._channels: dict[str, Any] = {}
+        try:
+            self._server = foxglove.start_server(
+                name='lunar_rover_sim', host=HOST, port=port, context=self._context,
+                server_listener=Listener(), message_backlog_size=_BACKLOG)
+        except RuntimeError as error:
+            raise ConfigError(f'port: {port} cannot be served: {error}') from None
+
+    def offer(self, topic: str, msgtype: str) -> bool:
+        """Let clients watch a topic; return whether its type is one of ROS 2 Jazzy."""
+        if topic in self._channels:
+            return True
+        if msgtype not in self._store.fielddefs:
+            return False
+        definition, _ = self._store.generate_msgdef(msgtype, ros_version=2)
+        schema = self._foxglove.Schema(name=msgtype, encoding='ros2msg',
+                                       data=definition.encode())
+        self._channels[topic] = self._foxglove.Channel(
+            topic, schema=schema, message_encoding='cdr', context=self._context)
+        return True
+
+    def watched(self) -> set[str]:
+        """Return the topics that any client watches."""
+        return {topic for topic, channel in self._channels.items() if channel.has_sinks()}
+
+    def send(self, topic: str, stamp_ns: int, raw: bytes) -> None:
+        """Send a serialised message of an offered topic to those who watch it."""
+        self._channels[topic].log(raw, log_time=stamp_ns)
+
+    def __enter__(self) -> LiveView:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop to serve."""
+        self._server.stop()
+
+
+def check_view(port: int) -> None:
+    """Raise ConfigError where foxglove-sdk is missing or a port is taken."""
+    if importlib.util.find_spec('foxglove') is None:
+        raise ConfigError('the live view needs foxglove-sdk; install it with: '
+                          "pip install 'lunar_rover_sim[view]'")
+    if not 1024 <= port <= 65535:
+        raise ConfigError(f'port: {port} is not valid; valid is 1024 to 65535')
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError as error:
+            raise ConfigError(f'port: {port} cannot be served: {error.strerror}') from None
+
+
+class ViewProcess:
+    """view_node as a process beside a run. The run goes on if it ends."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self, domain: int, port: int) -> None:
+        """Start it in the graph of a ROS domain."""
+        command = [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'view_node',
+                   '--ros-args', '--log-level', 'warn', '-p', f'port:={port}']
+        self._process = subprocess.Popen(dies_with_parent(command), env=ros_environment(domain),
+                                         stdin=subprocess.DEVNULL, start_new_session=True)
+
+    def stop(self) -> None:
+        """End it."""
+        if self._process is not None:
+            self._process.terminate()
+            try:
+                self._process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait(_END_S)

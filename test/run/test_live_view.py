@@ -1,0 +1,82 @@
+"""The live view: real bytes over a real socket."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import socket
+import time
+
+import pytest
+
+pytest.importorskip('foxglove')
+from view_client import client, free_port  # noqa: E402  (needs the extra)
+
+from lunar_rover_sim.errors import ConfigError  # noqa: E402
+from lunar_rover_sim.run.live_view import LiveView  # noqa: E402
+
+IMAGE, ODOM = 'sensor_msgs/msg/Image', 'nav_msgs/msg/Odometry'
+_WAIT_S = 10.0
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until something holds."""
+    end_s = time.monotonic() + _WAIT_S
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def test_bytes_arrive() -> None:
+    """Topics are offered with their definitions; what is watched arrives, with its time."""
+    begun: list[str] = []
+    port = free_port()
+    with LiveView(port, begun.append) as view:
+        assert view.offer('/odom', ODOM) and view.offer('/left', IMAGE)
+        assert not view.offer('/other', 'my_msgs/msg/Unknown')
+        assert view.watched() == set()
+        with client(port) as one:
+            channel = one.find('/odom')
+            assert (channel['encoding'], channel['schemaEncoding']) == ('cdr', 'ros2msg')
+            assert channel['schemaName'] == ODOM
+            assert 'geometry_msgs/PoseWithCovariance pose' in channel['schema']
+            one.subscribe('/odom')
+            wait_for(lambda: view.watched() == {'/odom'})
+            assert begun == ['/odom']
+            view.send('/left', 5, b'nobody wants it')
+            view.send('/odom', 123456789, b'\x00\x01\x00\x00 and so on')
+            assert one.message() == (7, 123456789, b'\x00\x01\x00\x00 and so on')
+        wait_for(lambda: not view.watched())
+
+
+def test_slow_client() -> None:
+    """A client that does not read holds nobody up: what it misses is dropped."""
+    port = free_port()
+    with LiveView(port) as view:
+        view.offer('/left', IMAGE)
+        with client(port) as lazy, client(port) as busy:
+            lazy.subscribe('/left')
+            busy.subscribe('/left')
+            wait_for(lambda: view.watched() == {'/left'})
+            time.sleep(0.2)
+            image = bytes(1_000_000)
+            start_s = time.process_time()
+            for k in range(300):
+                view.send('/left', k, image)
+            # 300 MB do not fit into the buffers of a socket: it must have dropped some.
+            assert time.process_time() - start_s < 5.0
+            newest = -1
+            while newest < 299:
+                newest = busy.message()[1]
+
+
+def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A port that is taken and a missing package are told in one line, before anything runs."""
+    with socket.socket() as taken:
+        taken.bind(('127.0.0.1', 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match=f'port: {port} cannot be served'):
+            LiveView(port)
+    monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
+    with pytest.raises(ConfigError, match=r"pip install 'lunar_rover_sim\[view\]'"):
+        LiveView(free_port())

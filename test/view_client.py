@@ -1,0 +1,72 @@
+"""A client of the websocket that `run --view` serves: the protocol of Foxglove, by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import json
+import socket
+import struct
+import time
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+_LIMIT_S = 20.0
+_MESSAGE = 1
+
+
+def free_port() -> int:
+    """Return a port that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])
+
+
+class Client:
+    """One connection; channels by their topics, as the server has advertised them."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self._connection = connection
+        self.channels: dict[str, dict[str, Any]] = {}
+
+    def find(self, topic: str) -> dict[str, Any]:
+        """Return the channel of a topic, as soon as it is advertised."""
+        end_s = time.monotonic() + _LIMIT_S
+        while topic not in self.channels:
+            text = self._connection.recv(timeout=end_s - time.monotonic())
+            if isinstance(text, str):
+                for channel in json.loads(text).get('channels', ()):
+                    self.channels[channel['topic']] = channel
+        return self.channels[topic]
+
+    def subscribe(self, topic: str, number: int = 7) -> None:
+        """Ask for a topic; number: of the subscription."""
+        self._connection.send(json.dumps({'op': 'subscribe', 'subscriptions': [
+            {'id': number, 'channelId': self.find(topic)['id']}]}))
+
+    def message(self) -> tuple[int, int, bytes]:
+        """Return number, time [ns] and content of the next message."""
+        end_s = time.monotonic() + _LIMIT_S
+        while True:
+            data = self._connection.recv(timeout=end_s - time.monotonic())
+            if isinstance(data, bytes) and data[0] == _MESSAGE:
+                number, time_ns = struct.unpack_from('<IQ', data, 1)
+                return number, time_ns, data[13:]
+
+
+@contextlib.contextmanager
+def client(port: int) -> Iterator[Client]:
+    """Connect, as soon as there is a server."""
+    end_s = time.monotonic() + 2.0 * _LIMIT_S
+    while True:
+        try:
+            connection = connect(f'ws://127.0.0.1:{port}', subprotocols=['foxglove.sdk.v1'],
+                                 max_size=None, close_timeout=1.0, open_timeout=5.0)
+            break
+        except OSError:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.1)
+    with connection:
+        yield Client(connection)
