@@ -34,11 +34,16 @@ class Client:
         """Return the channel of a topic, as soon as it is advertised."""
         end_s = time.monotonic() + _LIMIT_S
         while topic not in self.channels:
-            text = self._connection.recv(timeout=end_s - time.monotonic())
-            if isinstance(text, str):
-                for channel in json.loads(text).get('channels', ()):
-                    self.channels[channel['topic']] = channel
+            self._receive(end_s)
         return self.channels[topic]
+
+    def _receive(self, end_s: float) -> str | bytes:
+        """Return what comes next; remember the channels that it advertises."""
+        data = self._connection.recv(timeout=end_s - time.monotonic())
+        if isinstance(data, str):
+            for channel in json.loads(data).get('channels', ()):
+                self.channels[channel['topic']] = channel
+        return data
 
     def subscribe(self, topic: str, number: int = 7) -> None:
         """Ask for a topic; number: of the subscription."""
@@ -49,7 +54,7 @@ class Client:
         """Return number, time [ns] and content of the next message."""
         end_s = time.monotonic() + _LIMIT_S
         while True:
-            data = self._connection.recv(timeout=end_s - time.monotonic())
+            data = self._receive(end_s)
             if isinstance(data, bytes) and data[0] == _MESSAGE:
                 number, time_ns = struct.unpack_from('<IQ', data, 1)
                 return number, time_ns, data[13:]
