@@ -29,7 +29,8 @@ class ChasePublisher:
         self._period_ns, self._frame_period_ns = config.chase_period_ns, config.frame_period_ns
         self._mount = ChaseMount(config.chase, config.sun.azimuth_deg, renderer.world)
         self._camera = renderer.add_camera(config.chase, self._mount)
-        self._period: int | None = None
+        # The first one is that of the first whole period, as with frames.
+        self._period: int | None = 0 if config.lockstep else None
         self._world_frame = topics.CHASE_POSE.frame(config.separate_truth)
         events = PublisherEventCallbacks(matched=lambda _: on_reader())
         self._image, self._info, self._pose = self.publishers = [
