@@ -12,7 +12,8 @@ from lunar_rover_sim.camera.mount import BodyMount, MovingMount
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.frame import LABEL_ROVER, StereoFrame
+from lunar_rover_sim.rendering.frame import StereoFrame
+from lunar_rover_sim.rendering.labels import rover_links
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 
@@ -78,9 +79,9 @@ def test_it_shows_the_whole_rover(world) -> None:
         mount.follow(state)
         frame = renderer.add_camera(CHASE, mount).render(state, 0, LAYERS)
     assert frame.label is not None
-    rows, columns = np.nonzero(frame.label == LABEL_ROVER)
+    rows, columns = np.nonzero(rover_links(frame.label))
     assert 0 < rows.min() and rows.max() < 107 and 0 < columns.min() and columns.max() < 191
-    assert 0.02 < (frame.label == LABEL_ROVER).mean() < 0.5
+    assert 0.02 < rover_links(frame.label).mean() < 0.5
     assert abs(columns.mean() - 95.5) < 15 and abs(rows.mean() - 53.5) < 15
 
 
@@ -100,7 +101,7 @@ def test_motion_blur(moving: bool) -> None:
         mount.place(chase.T_world_camera, velocity)
         frame = further.render(of, 0, LAYERS)
         assert frame.left is not None and frame.label is not None
-        return frame.left.astype(float), frame.label == LABEL_ROVER
+        return frame.left.astype(float), rover_links(frame.label)
 
     with Renderer(scene.plane(), scene.ROVER, RenderConfig(camera=SMALL)) as renderer:
         further = renderer.add_camera(config, mount)
