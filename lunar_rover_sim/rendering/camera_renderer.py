@@ -67,8 +67,7 @@ class CameraRenderer:
     def _build(self, shared: WorldPasses, mount: Mount, camera: PinholeCamera,
                seen: tuple[int, ...], seed: int) -> None:
         context, config = self._context, self._config
-        self._passes = ScenePasses(context, shared, mount, config, self._projection,
-                                   sees_rover=bool(seen))
+        self._passes = ScenePasses(context, shared, mount, config, self._projection)
         self._owned.callback(self._passes.release)
         self._motion = MotionPass(context, shared.rover, config, self._projection, mount, seen)
         self._owned.callback(self._motion.release)
@@ -149,7 +148,8 @@ class CameraRenderer:
             if self._auto is not None:
                 self._auto.follow(raw['pixels'][request.sides[0]])
         if 'depth' in raw:
-            depth_m = np.where(raw['depth'] == 0.0, np.float32(np.inf), raw['depth'])
+            depth_m = np.abs(raw['depth'])
+            depth_m[depth_m == 0.0] = np.inf
             if 'depth' in request.layers:
                 out['depth_m'] = depth_m
             if request.flow:

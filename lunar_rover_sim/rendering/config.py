@@ -35,8 +35,7 @@ class DetailConfig(Parameters):
         300.0, 'beyond the fine ground, rocks are drawn up to this distance from the origin in x '
         'or y, from 0.3 m; 0: none', unit='m', low=0.0, high=2000.0)
     smooth_outlines: bool = param(
-        False, 'outlines of rocks and rover are drawn without steps; takes 4 to 9 % of the time '
-        'of a frame without a GPU')
+        True, 'edges of ground, rocks, rover and shadows are drawn without steps')
     bounce: bool = param(True, 'indirect light: lit ground scatters light into shadows')
 
 

@@ -20,7 +20,8 @@ from lunar_rover_sim.rendering.view import View
 class LitTargets:
     """What all frames are lit into.
 
-    radiance, depth: textures of float32 [W m-2 sr-1], [m]; framebuffer: both of them
+    radiance, depth: textures of float32 [W m-2 sr-1], [m]; framebuffer: both of them. Depth is that
+        along the optical axis, 0 for the sky, and negative for rocks and the rover
     """
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:

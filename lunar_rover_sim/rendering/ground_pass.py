@@ -23,8 +23,8 @@ from lunar_rover_sim.world.model import World
 
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 _SHADERS: dict[str, dict[str, int]] = {
-    'lit': {'ROVER_SHADOW': 1, 'SKYLINE': 1},
-    'lit refined': {'ROVER_SHADOW': 1, 'SKYLINE': 1, 'REFINE': 1},
+    'lit': {'ROVER_SHADOW': 1},
+    'lit refined': {'ROVER_SHADOW': 1, 'REFINE': 1},
     'unlit': {'UNLIT': 1},
     'unlit refined': {'UNLIT': 1, 'REFINE': 1},
     'truth': {'TRUTH': 1, 'ROVER_SHADOW': 1}}
@@ -74,6 +74,7 @@ class GroundPass:
         """Make meshes and programs; surface: textures to light with; lamp: whether there is one.
         """
         self._context, self._detail, self._surface = context, detail, surface
+        self._lamp = lamp
         self._levels: list[GridTexture] = []
         inner = 0.0
         for grid in world.levels:
@@ -91,13 +92,18 @@ class GroundPass:
         self._programs = {
             name: load_program(context, 'screen', _FRAGMENT[name], LEVELS=len(world.levels),
                                RELIEF_LEVELS=LEVELS, ZONE=ZONE, CRATER_ROW=float(ROW),
-                               **flags, **({'LAMP': 1} if lamp and 'lit' in name.split() else {}))
-            for name, flags in _SHADERS.items()}
+                               **self._defines(name))
+            for name in _SHADERS}
         self.programs = tuple(self._programs.values())
         self._screens = {name: context.vertex_array(program, [])
                          for name, program in self._programs.items()}
-        self._lamp = lamp
         self._tracks: TrackPass | None = None
+
+    def _defines(self, name: str) -> dict[str, int]:
+        """Return what the shader of the light or truth of pixels is compiled with."""
+        lit = 'lit' in name.split()
+        return {**_SHADERS[name], **({'LAMP': 1} if lit and self._lamp else {}),
+                **({'SMOOTH': 1} if lit and self._detail.smooth_outlines else {})}
 
     def follow(self, tracks: TrackMap) -> None:
         """Draw tracks from now on; `programs` are more then."""
@@ -111,8 +117,7 @@ class GroundPass:
         for name in _WITH_TRACKS:
             program = load_program(
                 context, 'screen', _FRAGMENT[name], LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS,
-                ZONE=ZONE, CRATER_ROW=float(ROW), TRACKS=1, **DEFINES, **_SHADERS[name],
-                **({'LAMP': 1} if self._lamp and 'unlit' not in name and 'lit' in name else {}))
+                ZONE=ZONE, CRATER_ROW=float(ROW), TRACKS=1, **DEFINES, **self._defines(name))
             self._programs[f'{name} tracks'] = program
             self._screens[f'{name} tracks'] = context.vertex_array(program, [])
         self.programs = tuple(self._programs.values())

@@ -15,9 +15,9 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 F32 = NDArray[np.float32]
 
-_INSTANCE = '3f 3f 3f 3f 4f 3f /i'
+_INSTANCE = '3f 3f 3f 3f 4f 4f /i'
 _NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
-_FLOATS = 19
+_FLOATS = 20
 # Rocks that look smaller than so many pixels are hulls of so few vertices, and still smaller ones
 # octahedra.
 _COARSE_PX, _COARSE_VERTICES = 14.0, 10
@@ -32,14 +32,13 @@ class RockPass:
     """
 
     def __init__(self, context: moderngl.Context, rocks: Rocks, shapes: tuple[RockShape, ...],
-                 light: F32, surface: Surface, lamp: bool,
-                 smooth: bool = False) -> None:
+                 light: F32, ground_m: Array, surface: Surface, lamp: bool) -> None:
         """Make meshes and programs.
 
-        light: (m, 5) as `Sunlight.rock_light`; surface: textures to light with; lamp: whether
-        there is one; smooth: whether radiance is marked for `EdgePass`, see shaders/edges.frag
+        light: (m, 5) as `Sunlight.rock_light`; ground_m: (m,) height of the ground under each
+        rock; surface: textures to light with; lamp: whether there is one
         """
-        self._context, self._surface, self._smooth = context, surface, smooth
+        self._context, self._surface = context, surface
         lit = {'ROVER_SHADOW': 1, **({'LAMP': 1} if lamp else {})}
         self._lit = load_program(context, 'rock', 'rock', **lit)
         self._truth = load_program(context, 'rock', 'rock', TRUTH=1, ROVER_SHADOW=1)
@@ -49,7 +48,7 @@ class RockPass:
         columns = rotation * rocks.diameter_m[:, None, None]
         self._data = np.concatenate(
             [rocks.position_m, columns[:, :, 0], columns[:, :, 1], columns[:, :, 2], light,
-             rocks.albedo[:, None], np.arange(len(rocks))[:, None]], axis=1).astype(np.float32)
+             rocks.albedo[:, None], np.arange(len(rocks))[:, None], ground_m[:, None]], axis=1).astype(np.float32)
         self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
         self._diameter = rocks.diameter_m.astype(np.float32)
         self._axes = np.stack([octahedron_axes(shape) for shape in shapes]).astype(np.float32)
@@ -59,24 +58,17 @@ class RockPass:
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
         self._vertices: list[moderngl.Buffer] = []
-        self._reach = np.zeros(len(shapes))     # of a shape's farthest vertex, diameter 1
-        for k, shape in enumerate(shapes):
+        for shape in shapes:
             for mesh in (shape, coarse(shape, _COARSE_VERTICES)):
                 self._vertices.append(context.buffer(facets(mesh).tobytes()))
-                self._reach[k] = max(self._reach[k],
-                                     np.linalg.norm(mesh.vertices, axis=1).max())
         self._vertices.append(context.buffer(facets(OCTAHEDRON).tobytes()))
 
     def relight(self, light: F32) -> None:
         """Take the light under another sun, (m, 5) as `Sunlight.rock_light`."""
         self._data[:, 12:17] = light
 
-    def choose(self, volume: ViewVolume, focal_px: float, least_px: float) -> Array:
-        """Choose what `draw` draws: rocks that are in view and look larger than `least_px`.
-
-        Returns (m, 4) centres and radii of balls around those that are more than octahedra: their
-        outlines are smoothed [m].
-        """
+    def choose(self, volume: ViewVolume, focal_px: float, least_px: float) -> None:
+        """Choose what `draw` draws: rocks that are in view and look larger than `least_px`."""
         visible, distance = self._visible(volume, focal_px, least_px)
         size = self._diameter[visible] * np.float32(focal_px)
         shape = self.rocks.shape[visible]
@@ -92,10 +84,6 @@ class RockPass:
                 axes = self._axes[shape[order[start:start + count]]]
                 part[:, 3:12] *= np.repeat(axes, 3, axis=1)
             self._write(kind, part)
-        large = visible[kind_of != self._tiny]
-        reach = self._reach[self.rocks.shape[large]]
-        return np.column_stack([self.rocks.position_m[large],
-                                reach * self.rocks.diameter_m[large]])
 
     def _write(self, kind: int, data: F32) -> None:
         """Write the instances of one kind."""
@@ -129,7 +117,6 @@ class RockPass:
                 self._arrays[key] = self._context.vertex_array(
                     program, [(self._vertices[kind], '3f 3f', 'a_position', 'a_normal'),
                               (self._instances[kind], _INSTANCE, *_NAMES)], skip_errors=True)
-            set_uniform(program, u_mark=-1.0 if self._smooth and kind != self._tiny else 1.0)
             self._arrays[key].render(instances=count)
 
     def _visible(self, volume: ViewVolume, focal_px: float,

@@ -50,13 +50,6 @@ class RoverPass:
         local = link_poses(self._rover, joint_angle_rad)
         return np.stack([T_world_base @ local[link] for link in self._links])
 
-    def balls(self, T_world_links: Array) -> Array:
-        """Return (links, 4) centres and radii of balls around the links, world frame [m]."""
-        middle = self._boxes.mean(axis=1)
-        radius = np.linalg.norm(self._boxes - middle[:, None], axis=2).max(axis=1)
-        centre = (T_world_links[:, :3, :3] @ middle[..., None])[..., 0] + T_world_links[:, :3, 3]
-        return np.column_stack([centre, radius])
-
     def is_in_view(self, T_world_links: Array, volume: ViewVolume) -> bool:
         """Return whether the box around any link may reach into the view volume."""
         corners = self._boxes @ T_world_links[:, :3, :3].transpose(0, 2, 1) \
@@ -84,11 +77,10 @@ class RoverPass:
         return False
 
     def light(self, T_world_links: Array, radius_m: float, sunlight: Sunlight,
-              irradiance: float, mark: float) -> Uniforms:
+              irradiance: float) -> Uniforms:
         """Return the light on the rover.
 
         radius_m: reach of the rover from its base; irradiance: of the sun, normal [W/m2]
-        mark: -1 if outlines will be smoothed, else 1
         """
         base = T_world_links[0]
         span = base[2, 3] + radius_m * np.array([-0.5, 0.8])
@@ -97,7 +89,7 @@ class RoverPass:
         surroundings = float(sunlight.surroundings_at(base[:2, 3]))
         return {'u_body_span': tuple(span),
                 'u_body_light': (clearance[0], occluder[0], clearance[1], occluder[1]),
-                'u_ground_light': irradiance * surroundings, 'u_mark': mark}
+                'u_ground_light': irradiance * surroundings}
 
     def draw(self, T_world_links: Array, light: Uniforms, *, truth: bool = False) -> None:
         """Draw the rover, lit or as normals and labels, into the framebuffer in use."""

@@ -102,7 +102,6 @@ class Scene:
     shadow: uniforms of the rover's shadow; body: of the light on the rover, None if it is out of
         view
     sun: what the cameras see of the sun, None if it cannot reach their lenses
-    outlined_m: (m, 4) centres and radii of balls around objects whose outlines are smoothed
     """
 
     request: Request
@@ -115,4 +114,3 @@ class Scene:
     shadow: Uniforms = dataclasses.field(default_factory=dict)
     body: Uniforms | None = None
     sun: SeenSun | None = None
-    outlined_m: Array = dataclasses.field(default_factory=lambda: np.empty((0, 4)))

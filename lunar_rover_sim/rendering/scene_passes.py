@@ -36,14 +36,13 @@ class ScenePasses:
     """
 
     def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: Mount,
-                 config: RenderConfig, projection: Projection, *, sees_rover: bool) -> None:
+                 config: RenderConfig, projection: Projection) -> None:
         """Make targets and passes of these cameras.
 
-        shared: what draws the world; mount: carries the cameras; projection: of both;
-        sees_rover: whether the rover may show in the images
+        shared: what draws the world; mount: carries the cameras; projection: of both
         """
         self._context, self._config, self._shared = context, config, shared
-        self._mount, self._projection, self._sees_rover = mount, projection, sees_rover
+        self._mount, self._projection = mount, projection
         self._owned = contextlib.ExitStack()
         try:
             self._build()
@@ -57,7 +56,7 @@ class ScenePasses:
                                                   2 * self._projection.height)))
         self._targets = [self._own(FrameTargets(context, self.lit))
                          for _ in range(FRAMES_UNDER_WAY)]
-        self._edges = (self._own(EdgePass(context, self.lit, self._projection))
+        self._edges = (self._own(EdgePass(context, self.lit))
                        if config.detail.smooth_outlines else None)
         self._sun = self._own(SunPass(context, self.lit, self._projection, config))
 
@@ -99,16 +98,10 @@ class ScenePasses:
             clear_window(targets.ground[side], windows[side])
             if side == request.sides[-1]:   # meanwhile the driver draws the other side
                 scene.shadow = shared.rover_shadow.cast(links, shared.sun_axes, volume)
-                outlined = shared.rocks.choose(volume, projection.focal_px,
-                                               self._config.detail.rock_min_px)
-                smooth = self._sees_rover and self._edges is not None
+                shared.rocks.choose(volume, projection.focal_px, self._config.detail.rock_min_px)
                 if shared.body.is_in_view(links, volume):
                     scene.body = shared.body.light(links, shared.rover_shadow.radius_m,
-                                                   shared.sunlight, self._config.sun.irradiance,
-                                                   -1.0 if smooth else 1.0)
-                    if smooth:
-                        outlined = np.concatenate([outlined, shared.body.balls(links)])
-                scene.outlined_m = outlined
+                                                   shared.sunlight, self._config.sun.irradiance)
                 scene.rows = shared.ground.rows(chosen, projection, cameras[LEFT])
             shared.ground.draw_depth(chosen)
         return scene
@@ -126,8 +119,8 @@ class ScenePasses:
             self._look_from(scene, side)
             self._draw_objects(scene, targets.objects[side], side)
         if request.lit and self._edges is not None:
-            self._edges.draw({side: scene.T_world_cameras[side] for side in request.sides},
-                             scene.outlined_m)
+            self._edges.draw([(targets.views[side], scene.windows[side])
+                              for side in request.sides])
         if request.lit:
             self._sun.draw(scene)
         if request.truth:

@@ -64,8 +64,9 @@ class WorldPasses:
         lamp = config.lamp.power_w > 0.0
         self.ground = self._own(GroundPass(context, world, config.detail, self._surface, lamp))
         self.rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
-                                        sunlight.rock_light(), self._surface, lamp,
-                                        config.detail.smooth_outlines))
+                                        sunlight.rock_light(),
+                                        world.height_at(sunlight.rocks.position_m[:, :2]),
+                                        self._surface, lamp))
         self.body = self._own(RoverPass(context, self.rover))
         self.rover_shadow = self._own(RoverShadow(context, self.rover))
         self.lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None

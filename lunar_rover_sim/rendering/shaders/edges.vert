@@ -1,6 +1,6 @@
-// A rectangle of the pair of images.
-in vec4 i_box;                  // opposite corners, in clip space
+// A triangle that covers the viewport, at a depth in clip space.
 uniform float u_z;
+
 void main() {
-    gl_Position = vec4(mix(i_box.xy, i_box.zw, vec2(gl_VertexID & 1, gl_VertexID >> 1)), u_z, 1.0);
+    gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, u_z, 1.0);
 }

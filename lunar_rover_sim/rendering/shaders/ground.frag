@@ -65,54 +65,15 @@ float mip(float level) {
     return max(whole + clamp((level - whole - 0.35) * (1.0 / 0.3), 0.0, 1.0), 0.0);
 }
 
-#ifdef SKYLINE
-// Share of a pixel at the skyline that the ground covers, from the steps of the skyline around it
-// (Reshetov, Morphological antialiasing, 2009). edge: the uppermost pixel of ground in the column.
-const int FARTHEST_STEP = 24;
-float covered_share(vec2 edge, bool is_sky) {
-    vec2 rise = vec2(0.0);          // of the skyline beyond its run to the left and to the right
-    vec2 run = vec2(0.0);
-    for (int side = 0; side < 2; side++) {
-        vec2 q = edge;
-        for (int k = 0; k < FARTHEST_STEP && rise[side] == 0.0; k++) {
-            q.x += side == 0 ? -1.0 : 1.0;
-            if (q.x < 0.0 || q.x * u_texel.x > 1.0) break;
-            if (depth_at(q - vec2(0.0, 1.0)) > 0.0) rise[side] = 1.0;
-            else if (depth_at(q) == 0.0) rise[side] = -1.0;
-            else run[side]++;
-        }
-    }
-    float t = (2.0 * run.x + 1.0) / (run.x + run.y + 1.0) - 1.0;    // -1 to 1
-    float height = 0.5 * (rise.x * max(-t, 0.0) + rise.y * max(t, 0.0));
-    return is_sky ? max(height, 0.0) : 1.0 + min(height, 0.0);
-}
-#endif
-
 void main() {
     float depth = depth_at(gl_FragCoord.xy);
-#ifdef SKYLINE
-    float covered = 1.0;
-    bool is_sky = depth == 0.0;
-    vec2 edge = gl_FragCoord.xy;
-    if (is_sky) {
-        edge.y = min(edge.y + 1.0, u_last_row + 0.5);
-        depth = depth_at(edge);
-    }
-    // Most blocks of pixels skip this.
-    if (depth > 0.0 && edge.y > u_first_row + 1.0 && depth_at(edge - vec2(0.0, 1.0)) == 0.0)
-        covered = covered_share(edge, is_sky);
-#endif
     // Recent llvmpipe skips branches that no pixel of a block takes.
     if (depth > 0.0) {
         vec3 ray = pixel_ray(pixel());
 #ifdef REFINE
         depth = refined(depth, ray);
 #endif
-#ifdef SKYLINE
-        o_depth = is_sky ? 0.0 : depth;
-#else
         o_depth = depth;
-#endif
         vec3 relative = ray * depth;
         vec2 xy = relative.xy + u_camera.xy;
         float reach = max(abs(xy.x), abs(xy.y));
@@ -164,7 +125,15 @@ void main() {
         float width = u_sun_radius * (1.0 + tangent * tangent);
         // Clearances make a crisp edge, but their mean is none: coarser mip levels of the finest
         // grid are of visibility.
-        float lit = disc(ground.z / ground.w, u_sun_radius);
+        float angle = ground.z / ground.w, half_width = u_sun_radius;
+#ifdef SMOOTH
+        // A pixel shows the mean of its light. Angles may jump from one occluder to the next, but
+        // not between those where light changes; very near ones are part of the relief.
+        float most = ground.w > 4.0 * footprint ? footprint / ground.w : 0.0;
+        angle = clamp(angle, -u_sun_radius - most, u_sun_radius + most);
+        half_width += 0.5 * min(length(vec2(dFdx(angle), dFdy(angle))), most);
+#endif
+        float lit = disc(angle, half_width);
         lit = layer > 0.0 ? lit * (1.0 - matter.a) : mix(lit, matter.a, min(coarse, 1.0));
         float drawn = disc(tangent - relief.horizon.x, width + scales.y)
             * disc(tangent - dot(relief.slope_a, heading) - relief.horizon.y, width + scales.z);
@@ -192,9 +161,6 @@ void main() {
         float scattered = matter.g * matter.g + matter.b * matter.b * 0.5 * (1.0 - normal.z);
         o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered)
             + lamp_radiance;
-#ifdef SKYLINE
-        o_radiance *= covered;
-#endif
 #endif
     } else discard;
 }

@@ -1,7 +1,7 @@
 // Mean radiance over the exposure: each pixel gathers along the path on which its point crosses
 // the image while the camera turns and moves at constant velocity.
 uniform sampler2D u_radiance;   // at the stamp; sampled linearly
-uniform sampler2D u_depth;      // along the optical axis [m], 0 for the sky
+uniform sampler2D u_depth;      // see LitTargets
 uniform vec4 u_pinhole;         // focal lengths and centre [px]
 uniform vec2 u_rows;            // first row of the image within the attachments, its last row
 uniform vec2 u_texel;           // 1 / size of the attachments
@@ -18,7 +18,7 @@ vec2 texture_at(vec2 q) {
 }
 float radiance_at(vec2 q) { return textureLod(u_radiance, texture_at(q), 0.0).r; }
 float inverse_depth(vec2 q) {
-    float depth = textureLod(u_depth, texture_at(floor(q + 0.5)), 0.0).r;
+    float depth = abs(textureLod(u_depth, texture_at(floor(q + 0.5)), 0.0).r);
     return depth > 0.0 ? 1.0 / depth : 0.0;
 }
 

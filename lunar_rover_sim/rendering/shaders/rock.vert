@@ -2,13 +2,14 @@
 in vec3 a_position, a_normal;
 in vec3 i_position, i_x, i_y, i_z;
 in vec4 i_light;
-in vec3 i_matter;               // exitance of the ground around, albedo factor, index
+in vec4 i_matter;               // exitance of the ground around, albedo factor, index, height of the ground [m]
 #include "view.glsl"
 out vec3 v_relative, v_normal, v_local;
 out vec3 v_matter;              // clearance, occluder distance, albedo
 flat out float v_around;
 flat out float v_index;
 flat out float v_diameter;
+out float v_height;             // above the ground [m]
 
 void main() {
     mat3 turn = mat3(i_x, i_y, i_z);
@@ -23,5 +24,6 @@ void main() {
     v_around = i_matter.x;
     v_index = i_matter.z;
     v_diameter = length(i_x);
+    v_height = i_position.z + arm.z - i_matter.w;
     gl_Position = u_clip * vec4(v_relative, 1.0);
 }

@@ -10,7 +10,6 @@ layout(location = 1) out float o_depth;
 #endif
 uniform vec4 u_body_light;      // clearance and occluder distance at the foot and at the top
 uniform vec2 u_body_span;       // world height of foot and top [m]
-uniform float u_mark;           // as in rock.frag
 uniform float u_ground_light;   // exitance of the lit ground around the rover [W/m2]
 
 void main() {
@@ -26,7 +25,6 @@ void main() {
     float irradiance = u_irradiance * lit * max(dot(normal, u_sun), 0.0)
         + u_ground_light * 0.5 * (1.0 - normal.z);
     o_radiance = 0.318309886 * v_albedo * irradiance;
-    o_radiance = u_mark * max(o_radiance, 1e-30);
-    o_depth = dot(v_relative, u_axis);
+    o_depth = -dot(v_relative, u_axis);
 #endif
 }

@@ -50,13 +50,13 @@ uniform sampler2D u_charge;     // electrons of each pixel, after blooming
 #ifdef MOVING
 // Paths during the exposure that are hardly longer than a pixel. The variance of light along them,
 // a twelfth of their square, adds to that of the point spread; see motion.frag.
-uniform sampler2D u_depth;      // along the optical axis [m], 0 for the sky
+uniform sampler2D u_depth;      // see LitTargets
 uniform vec4 u_pinhole;         // focal lengths and centre [px]
 uniform float u_exposure;       // [s]
 uniform vec3 u_rate[2], u_velocity[2];  // of each camera relative to the world [rad/s], [m/s]
 
 vec2 path_of(vec2 p, vec2 at) {
-    float depth = textureLod(u_depth, at, 0.0).r;
+    float depth = abs(textureLod(u_depth, at, 0.0).r);
     bool left = gl_FragCoord.y < u_height;
     vec3 ray = vec3((p - u_pinhole.zw) / u_pinhole.xy, 1.0);
     vec3 speed = cross(left ? u_rate[0] : u_rate[1], ray);
