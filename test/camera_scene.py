@@ -15,7 +15,8 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 ROVER = RoverDescription()
 IDEAL = SensorConfig(shot_noise=False, read_noise=False, fixed_pattern=False, psf_sigma_px=0.0,
                      vignetting=0.0, black_level=0.0, dark_current_e_s=0.0)
-SMOOTH = DetailConfig(relief_rms_slope=0.0, pebble_cover=0.0, pit_cover=0.0, bounce=False)
+SMOOTH = DetailConfig(relief_rms_slope=0.0, pebble_cover=0.0, pit_cover=0.0, bounce=False,
+                      smooth_outlines=False)
 
 
 def block(name='pole', half=(0.5, 0.5, 0.5)):

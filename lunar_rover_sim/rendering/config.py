@@ -24,7 +24,8 @@ class DetailConfig(Parameters):
         64.0, 'farther away, the cell of the mesh is the distance divided by this', low=5.0,
         high=1000.0)
     relief_rms_slope: float = param(
-        0.11, 'RMS slope of each of the two tiles of relief below the grid', low=0.0, high=0.6)
+        0.11, 'RMS slope of each of the two tiles of relief below the grid; facets of rocks and '
+        'the soil on them are in proportion', low=0.0, high=0.6)
     pebble_cover: float = param(0.035, 'share of the ground under pebbles below the grid',
                                 low=0.0, high=0.4)
     pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,

@@ -20,7 +20,7 @@ from lunar_rover_sim.rendering.view import View
 class LitTargets:
     """What all frames are lit into.
 
-    radiance, depth: textures of float32 [W m-2 sr-1], [m]; framebuffer: both of them. Depth is that
+    radiance, depth: textures of float32 [W m-2 sr-1], [m]; framebuffer: both of them. Depth is
         along the optical axis, 0 for the sky, and negative for rocks and the rover
     """
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
-from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
 
 
 def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, Any]:
@@ -21,6 +21,7 @@ def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, 
         'u_heading': tuple(sun_direction / horizontal),
         'u_irradiance': config.sun.irradiance,
         'u_sun_radius': math.radians(0.5 * config.sun.angular_diameter_deg),
+        'u_rough': config.detail.relief_rms_slope / DetailConfig().relief_rms_slope,
         'u_rock_theta': math.tan(math.radians(rocks.theta_deg)),
         'u_diffuse': (hapke.hemispherical_albedo(ground) * scale / math.pi,
                       hapke.hemispherical_albedo(rocks) / math.pi),

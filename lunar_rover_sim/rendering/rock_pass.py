@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
-from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.context import load_program, release_all
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.rock_meshes import coarse, facets, OCTAHEDRON, octahedron_axes
 from lunar_rover_sim.rendering.surface import Surface
@@ -48,7 +48,8 @@ class RockPass:
         columns = rotation * rocks.diameter_m[:, None, None]
         self._data = np.concatenate(
             [rocks.position_m, columns[:, :, 0], columns[:, :, 1], columns[:, :, 2], light,
-             rocks.albedo[:, None], np.arange(len(rocks))[:, None], ground_m[:, None]], axis=1).astype(np.float32)
+             rocks.albedo[:, None], np.arange(len(rocks))[:, None], ground_m[:, None]],
+            axis=1).astype(np.float32)
         self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
         self._diameter = rocks.diameter_m.astype(np.float32)
         self._axes = np.stack([octahedron_axes(shape) for shape in shapes]).astype(np.float32)

@@ -7,8 +7,6 @@ from collections.abc import Collection
 import dataclasses
 from typing import Any
 
-import numpy as np
-
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 
-RECIPE = 1              # rises with every change of what `relief` returns
+RECIPE = 2              # rises with every change of what `relief` returns
 SPREAD = 1.8            # a uniform distribution has 3**0.5
 _SALIENCE_TEXELS = 5    # over which salience is smoothed
 
@@ -259,20 +259,23 @@ def _pit(height: F32, texel: float, x: float, y: float, diameter: float, fresh: 
 
 def _pebble(top: F32, texel: float, x: float, y: float, diameter: float,
             rng: np.random.Generator) -> None:
-    """Add a pebble: a stone cut by planes in random directions, partly buried."""
+    """Add a pebble: a rounded stone, partly buried, from which planes have cut flakes."""
     radius = 0.5 * diameter
     at, dx, dy = _window(top.shape[0], texel, x, y, radius)
     turn = rng.uniform(0.0, 2.0 * np.pi)
-    flat = rng.uniform(0.55, 1.0)
-    u = np.cos(turn) * dx + np.sin(turn) * dy
-    v = (-np.sin(turn) * dx + np.cos(turn) * dy) / flat
-    sides = int(rng.integers(4, 8))
-    angle = 2.0 * np.pi * (np.arange(sides) + rng.uniform(-0.3, 0.3, sides)) / sides
-    steep = rng.uniform(0.9, 3.0, sides)
-    edge = radius * rng.uniform(0.75, 1.0, sides)
-    height = rng.uniform(0.25, 0.65) * diameter * flat**0.5 \
-        + rng.normal(0.0, 0.2) * u + rng.normal(0.0, 0.2) * v
+    flat = rng.uniform(0.6, 1.0)
+    u = (np.cos(turn) * dx + np.sin(turn) * dy) / radius
+    v = (-np.sin(turn) * dx + np.cos(turn) * dy) / (flat * radius)
+    # A superellipsoid has steep flanks and a broad top: its shadow is as broad as itself.
+    power = rng.uniform(2.0, 3.2)
+    inside = np.maximum(1.0 - np.abs(u)**power - np.abs(v)**power, 0.0)
+    crown = rng.uniform(0.3, 0.65) * diameter * flat**0.5
+    height = crown * inside**(1.0 / power)
+    sides = int(rng.integers(3, 7))
+    angle = 2.0 * np.pi * (np.arange(sides) + rng.uniform(-0.4, 0.4, sides)) / sides
+    steep = crown * rng.uniform(0.3, 2.5, sides)
+    edge = crown * rng.uniform(0.85, 1.15, sides) + steep * rng.uniform(0.1, 0.5, sides)
     angle, steep, edge = (side[:, None, None] for side in (angle, steep, edge))
-    cuts = steep * (edge - np.cos(angle) * u - np.sin(angle) * v)
+    cuts = edge - steep * (np.cos(angle) * u + np.sin(angle) * v)
     height = np.minimum(height, cuts.min(axis=0))
     top[at] = np.maximum(top[at], height)

@@ -88,7 +88,6 @@ def test_ridges_before_other_ground_are_as_bright_as_their_share():
     (stepped, smooth), count = errors(ridge(), [2.0, -9.0],
                                       lambda radiance, label, depth: depth < 2.4,
                                       sun_deg=(25.0, 0.0), view_deg=20.0)
-    print(count, smooth / stepped)
     assert count > 150
     assert smooth < 0.45 * stepped
 
@@ -105,7 +104,6 @@ def test_edges_of_shadows_are_as_bright_as_their_share(elevation_deg):
         world, [2.0, -9.0],
         lambda radiance, label, depth: (label == 1) & (radiance < 0.4 * np.median(radiance)),
         sun_deg=(elevation_deg, 75.0), view_deg=20.0)
-    print(count, smooth / stepped)
     assert smooth < 0.45 * stepped
 
 

@@ -1,5 +1,7 @@
 """The skyline: its pixels are as bright as the share of them that is ground."""
 
+import dataclasses
+
 import camera_scene as scene
 import numpy as np
 import pytest
@@ -24,7 +26,9 @@ def rolled(roll_deg):
 def draw(world, pose, finer=1):
     """Return left radiance and depth, with so many pixels per pixel of 160 x 120."""
     camera = CameraConfig(width=160 * finer, height=120 * finer)
-    with Renderer(world, scene.ROVER, scene.config(40.0, 180.0, camera=camera)) as renderer:
+    with Renderer(world, scene.ROVER, scene.config(
+            40.0, 180.0, camera=camera,
+            detail=dataclasses.replace(scene.SMOOTH, smooth_outlines=True))) as renderer:
         frame = renderer.render(RoverPose(pose), layers=('radiance', 'depth'))
     return frame.radiance.astype(float), frame.depth_m
 

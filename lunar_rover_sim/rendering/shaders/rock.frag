@@ -16,9 +16,10 @@ uniform vec4 u_grain;           // 1 / period and strength of grain; periods and
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 uniform float u_rock_theta;
 uniform Hapke u_rock, u_regolith;
+uniform float u_rough;          // how rough rocks are, and how much soil lies on them; 1 is usual
 
 const float CELLS = 5.5;        // facets along the diameter of a rock
-const float FACET = 0.75;       // tilt of a facet against the face that it lies on
+const float FACET = 0.75;       // usual tilt of a facet against the face that it lies on
 const float FACETS_PX = 12.0;   // rocks that look smaller have none
 
 vec3 random_in(vec3 cell) {
@@ -68,11 +69,13 @@ void main() {
     // Rocks are broken: faces have facets of their own. Soil lies banked up at the foot, and thinly
     // on what faces up.
     float seen = v_diameter / (dot(v_relative, u_axis) * u_pixel * FACETS_PX) - 1.0;
-    vec3 rough = FACET * clamp(seen, 0.0, 1.0)
-        * facet(CELLS * v_local / v_diameter + 17.0 * fract(v_index * vec3(0.618034, 0.754878, 0.569840)));
+    vec3 own = 17.0 * fract(v_index * vec3(0.618034, 0.754878, 0.569840));
+    vec3 rough = u_rough * FACET * clamp(seen, 0.0, 1.0)
+        * facet(CELLS * v_local / v_diameter + own);
     float bank = v_diameter * (0.1 + 0.25 * (lumps.x - 0.35));
     float soil = 1.0 - smoothstep(0.4 * bank, bank, v_height);
     soil = max(soil, 0.5 * smoothstep(0.7, 0.95, normal.z + 0.6 * (lumps.y - 0.5)));
+    soil *= min(u_rough, 1.0);
     normal = normalize(normal + (1.0 - soil) * rough);
     normal = normalize(mix(normal, vec3(0.5 * normal.xy, 0.87), soil));
     vec3 side = normalize(cross(normal, vec3(0.37, 0.71, 0.6)));

@@ -16,5 +16,5 @@ void main() {
 #ifdef CUT
     if (textureLod(u_cut, (v_relative.xy + u_camera.xy) * u_cut_scale, 0.0).r > 0.5) discard;
 #endif
-    o_depth = dot(v_relative, u_axis);
+    o_depth = 1.0 / gl_FragCoord.w;     // of clip space, which is along the optical axis
 }
