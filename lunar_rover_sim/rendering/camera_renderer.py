@@ -67,7 +67,8 @@ class CameraRenderer:
     def _build(self, shared: WorldPasses, mount: Mount, camera: PinholeCamera,
                seen: tuple[int, ...], seed: int) -> None:
         context, config = self._context, self._config
-        self._passes = ScenePasses(context, shared, mount, config, self._projection)
+        self._passes = ScenePasses(context, shared, mount, config, self._projection,
+                                   sees_rover=bool(seen))
         self._owned.callback(self._passes.release)
         self._motion = MotionPass(context, shared.rover, config, self._projection, mount, seen)
         self._owned.callback(self._motion.release)

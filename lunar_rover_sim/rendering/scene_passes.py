@@ -36,13 +36,14 @@ class ScenePasses:
     """
 
     def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: Mount,
-                 config: RenderConfig, projection: Projection) -> None:
+                 config: RenderConfig, projection: Projection, *, sees_rover: bool) -> None:
         """Make targets and passes of these cameras.
 
-        shared: what draws the world; mount: carries the cameras; projection: of both
+        shared: what draws the world; mount: carries the cameras; projection: of both;
+        sees_rover: whether the rover may show in the images
         """
         self._context, self._config, self._shared = context, config, shared
-        self._mount, self._projection = mount, projection
+        self._mount, self._projection, self._sees_rover = mount, projection, sees_rover
         self._owned = contextlib.ExitStack()
         try:
             self._build()
