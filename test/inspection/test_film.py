@@ -138,8 +138,10 @@ def test_refused(recorded: Recorded, options: dict, words: str) -> None:
         Film(recorded.bag, FilmOptions(**options), recorded.world)
 
 
-def test_bags_without_a_film(recorded: Recorded, tmp_path: Path) -> None:
+def test_bags_without_a_film(recorded: Recorded, tmp_path: Path,
+                             monkeypatch: pytest.MonkeyPatch) -> None:
     """A bag without images, or whose world is gone, is refused with what to do."""
+    monkeypatch.setenv('LUNAR_ROVER_SIM_CACHE', str(tmp_path / 'cache'))    # without worlds
     with pytest.raises(BagError, match='name its folder with --world'):
         Film(recorded.bag)
     blind = synthetic.write(tmp_path / 'blind', [
