@@ -23,7 +23,7 @@ from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.visual import link_poses
-from lunar_rover_sim.run.node_config import PoseBridgeNodeConfig, SET_ENTITY_STATE
+from lunar_rover_sim.run.companion_config import PoseBridgeNodeConfig, SET_ENTITY_STATE
 
 # Joint states may come a little before the odometry of their stamp, or after.
 _KEPT_JOINTS = 100

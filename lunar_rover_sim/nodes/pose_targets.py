@@ -20,7 +20,7 @@ from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.nodes.pose_stream import BridgedState, PoseTarget
-from lunar_rover_sim.run.node_config import PoseBridgeNodeConfig, TELEPORT
+from lunar_rover_sim.run.companion_config import PoseBridgeNodeConfig, TELEPORT
 
 SERVICE = 'set_entity_state'
 WORLD_FRAME = 'world'       # the global frame of simulation_interfaces

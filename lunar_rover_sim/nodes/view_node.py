@@ -13,8 +13,8 @@ from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.run.companion_config import ViewNodeConfig
 from lunar_rover_sim.run.live_view import HOST, LiveView
-from lunar_rover_sim.run.node_config import ViewNodeConfig
 
 _POLL_S = 0.2
 _HISTORY = 5

@@ -16,7 +16,6 @@ from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.physics.config import (ImuConfig, PhysicsConfig, PowerMonitorConfig,
                                             WheelOdometryConfig)
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.stereo.config import SgmConfig
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
@@ -282,75 +281,6 @@ class SlamNodeConfig(NodeConfig):
         return self.sensor.endswith('inertial')
 
 
-@dataclasses.dataclass(frozen=True)
-class TrajectoryRecorderNodeConfig(NodeConfig):
-    """Parameters of trajectory_recorder_node, which runs beside a graph and in no scenario."""
-
-    output: str = param('', 'TUM file to write; it must not exist')
-    type: str = param('', 'message type of the topic `pose`; empty: that of its publisher',
-                      choices=('', 'geometry_msgs/msg/PoseStamped',
-                               'geometry_msgs/msg/PoseWithCovarianceStamped',
-                               'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path'))
-
-
-@dataclasses.dataclass(frozen=True)
-class FrameOffsetConfig(Parameters):
-    """The pose of `odom` in the world of another simulator."""
-
-    x_m: float = param(0.0, 'east', unit='m', low=-1e6, high=1e6)
-    y_m: float = param(0.0, 'north', unit='m', low=-1e6, high=1e6)
-    z_m: float = param(0.0, 'up', unit='m', low=-1e6, high=1e6)
-    roll_deg: float = param(0.0, 'about x, fixed axes', unit='deg', low=-360.0, high=360.0)
-    pitch_deg: float = param(0.0, 'about y, fixed axes', unit='deg', low=-360.0, high=360.0)
-    yaw_deg: float = param(0.0, 'about z, fixed axes', unit='deg', low=-360.0, high=360.0)
-
-
-SET_ENTITY_STATE, TELEPORT = 'set_entity_state', 'teleport'
-
-
-@dataclasses.dataclass(frozen=True)
-class PoseBridgeNodeConfig(NodeConfig):
-    """Parameters of pose_bridge_node, which runs beside a graph and in no scenario."""
-
-    interface: str = param(
-        SET_ENTITY_STATE, 'set_entity_state calls that service of simulation_interfaces, as Isaac '
-        'Sim and Gazebo offer it; teleport publishes PoseStamped, as OmniLRS reads it',
-        choices=(SET_ENTITY_STATE, TELEPORT))
-    rate_hz: int = param(10, 'states per second of simulated time; those that the other simulator '
-                         'has no time for are left out', unit='Hz', low=1, high=200)
-    entity: str = param('/World/Rover/base_link', 'name of base_link over there: a path of USD in '
-                        'Isaac Sim, the name of the robot in OmniLRS')
-    send_legs: bool = param(True, 'with set_entity_state: set the legs too; false where the '
-                            'entity is the whole rover')
-    leg_entities: tuple[str, ...] = param(
-        tuple(f'/World/Rover/{leg}' for leg in LEG_NAMES), 'names of the legs over there: front '
-        'left, front right, rear left, rear right', length=len(LEG_NAMES))
-    frame_id: str = param('', 'frame of the poses in their headers; empty: world, and with '
-                          'teleport the entity, as OmniLRS wants it')
-    offset: FrameOffsetConfig = group(FrameOffsetConfig)
-    send_twist: bool = param(False, 'with set_entity_state: send the velocity of base_link too; '
-                             'simulators refuse it for a body without physics')
-    answer_s: float = param(5.0, 'wall time after which a call without an answer is made again',
-                            unit='s', low=0.1, high=600.0)
-
-    def validate(self) -> None:
-        """Raise ConfigError unless the entities have names, and each one its own."""
-        names = (self.entity, *self.leg_entities) if self.send_legs else (self.entity,)
-        if not all(names):
-            raise ConfigError("entity, leg_entities: '' is not valid; valid is a name in the "
-                              'other simulator')
-        if len(set(names)) < len(names):
-            raise ConfigError(f'leg_entities: {names[1:]} is not valid for entity {names[0]!r}; '
-                              'valid are names that differ')
-
-
-@dataclasses.dataclass(frozen=True)
-class ViewNodeConfig(NodeConfig):
-    """Parameters of view_node, which runs beside a graph and in no scenario."""
-
-    port: int = param(8765, 'port of the websocket, on this machine only', low=1024, high=65535)
-
-
 NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'physics_node': PhysicsNodeConfig,
     'gait_controller_node': GaitNodeConfig,
@@ -361,9 +291,3 @@ NODE_CONFIGS: dict[str, type[NodeConfig]] = {
 }
 # Those that every run starts; slam_node needs a program.
 DEFAULT_NODES = tuple(name for name in NODE_CONFIGS if name != 'slam_node')
-# Nodes that run beside a graph and in no scenario.
-COMPANION_CONFIGS: dict[str, type[NodeConfig]] = {
-    'trajectory_recorder_node': TrajectoryRecorderNodeConfig,
-    'pose_bridge_node': PoseBridgeNodeConfig,
-    'view_node': ViewNodeConfig,
-}

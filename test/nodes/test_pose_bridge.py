@@ -27,7 +27,7 @@ from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy  # noqa:
 from lunar_rover_sim.nodes.pose_stream import (BridgedState, FAILED, LossLog,  # noqa: E402
                                                OVERTAKEN, PoseStream, UNANSWERED)
 from lunar_rover_sim.nodes.pose_targets import EntityStates  # noqa: E402
-from lunar_rover_sim.run.node_config import PoseBridgeNodeConfig  # noqa: E402
+from lunar_rover_sim.run.companion_config import PoseBridgeNodeConfig  # noqa: E402
 
 BASE, LEG = '/World/Rover/base_link', '/World/Rover/front_left'
 OK, NOT_FOUND = 1, 2
