@@ -94,8 +94,10 @@ void main() {
         // Far rocks' shadows are as narrow as a pixel: they are not blurred along the view.
         vec4 matter = textureLod(u_matter, uv, layer > 0.0 ? max(log2(size) + grid.z, 0.0)
                                                            : coarse);
-        // Relief below the grid has the most contrast: little of it may be left out along the view.
-        float footprint = min(size / max(abs(view.z), 0.02), 12.0 * size);
+        // Relief below the grid has the most contrast: little of it may be left out along the view,
+        // on slopes that turn away from the camera either.
+        float facing = dot(normalize(vec3(-ground.xy, 1.0)), view);
+        float footprint = min(size / max(facing, 0.02), 12.0 * size);
         float detail = min(mip(log2(footprint) + u_tile.w), float(RELIEF_LEVELS - 1));
         vec4 scales = relief_scales(detail);
         Relief relief = relief_at(xy, detail);
