@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
     parser.description = ("Walk in MuJoCo's viewer: physics and gait controller, no images, no "
                           'ROS. Its window shows contacts, forces and joints.')
-    parser.add_argument('scenario', nargs='?', default='baseline',
-                        help='name of a packaged scenario, or a YAML file (default: baseline)')
+    parser.add_argument('scenario', nargs='?', default='flat',
+                        help='name of a packaged scenario, or a YAML file (default: flat)')
     parser.add_argument('--speed', type=float, default=0.12, metavar='M/S',
                         help='commanded speed ahead (default: 0.12)')
     parser.add_argument('--turn', type=float, default=0.0, metavar='RAD/S',
