@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import contextlib
 import dataclasses
 import math
 from typing import Any
@@ -23,6 +22,7 @@ from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.frame_targets import read_image
+from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.motion_pass import MotionPass
 from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.projection import Projection
@@ -33,7 +33,7 @@ from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 
 
-class CameraRenderer:
+class CameraRenderer(GlOwner):
     """Draws what the cameras on one mount see. The caller makes the GL context current.
 
     exposure_s: exposure time of the last frame, or of the first one before it [s]
@@ -47,6 +47,7 @@ class CameraRenderer:
         config: of these cameras; seen: links of the rover that may show, as `seen_links`
         Raises RenderError if the device cannot draw this image size.
         """
+        super().__init__()
         self._context, self._config = context, config
         self.sensor = SensorModel(config.camera, config.sensor)
         self._auto = (AutoExposure(self.sensor) if config.sensor.exposure_mode == 'auto'
@@ -57,28 +58,21 @@ class CameraRenderer:
         self._projection = padded_projection(camera, config)
         check_size(context, self._projection)
         self._begun: collections.deque[Scene] = collections.deque()
-        self._owned = contextlib.ExitStack()
-        try:
+        with self._making():
             self._build(shared, mount, camera, seen, seed)
-        except Exception:
-            self.release()
-            raise
 
     def _build(self, shared: WorldPasses, mount: Mount, camera: PinholeCamera,
                seen: tuple[int, ...], seed: int) -> None:
         context, config = self._context, self._config
-        self._passes = ScenePasses(context, shared, mount, config, self._projection,
-                                   sees_rover=bool(seen))
-        self._owned.callback(self._passes.release)
-        self._motion = MotionPass(context, shared.rover, config, self._projection, mount, seen)
-        self._owned.callback(self._motion.release)
+        self._passes = self._own(ScenePasses(context, shared, mount, config, self._projection,
+                                             sees_rover=bool(seen)))
+        self._motion = self._own(MotionPass(context, shared.rover, config, self._projection,
+                                            mount, seen))
         # No ground and no lamp is brighter than a white surface under the sun, but the sun is.
         most = config.sun.irradiance or math.inf
-        self._optics = OpticsPass(context, Lens(config.lens, config.camera), self._projection,
-                                  most)
-        self._owned.callback(self._optics.release)
-        self._sensor_pass = SensorPass(context, camera, self.sensor, seed, self._pad)
-        self._owned.callback(self._sensor_pass.release)
+        self._optics = self._own(OpticsPass(context, Lens(config.lens, config.camera),
+                                            self._projection, most))
+        self._sensor_pass = self._own(SensorPass(context, camera, self.sensor, seed, self._pad))
 
     @property
     def under_way(self) -> int:
@@ -164,7 +158,7 @@ class CameraRenderer:
     def release(self) -> None:
         """Release the GL objects."""
         self._begun.clear()
-        self._owned.close()
+        super().release()
 
 
 def padded_projection(camera: PinholeCamera, config: RenderConfig) -> Projection:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from typing import Any, TypeVar
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -17,6 +16,7 @@ from lunar_rover_sim.rendering.context import clear_window
 from lunar_rover_sim.rendering.edge_pass import EdgePass
 from lunar_rover_sim.rendering.frame import FLOWS
 from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
+from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.labels import link_label
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
@@ -26,10 +26,8 @@ from lunar_rover_sim.rover.pose import RoverPose
 
 FRAMES_UNDER_WAY = 2    # one is lit while the geometry of the next one is drawn
 
-Owned = TypeVar('Owned')
 
-
-class ScenePasses:
+class ScenePasses(GlOwner):
     """Draws the world, as a pair of cameras sees it, into radiance, depth and truth.
 
     lit: what frames are lit into
@@ -42,14 +40,11 @@ class ScenePasses:
         shared: what draws the world; mount: carries the cameras; projection: of both;
         sees_rover: whether the rover may show in the images
         """
+        super().__init__()
         self._context, self._config, self._shared = context, config, shared
         self._mount, self._projection, self._sees_rover = mount, projection, sees_rover
-        self._owned = contextlib.ExitStack()
-        try:
+        with self._making():
             self._build()
-        except Exception:
-            self.release()
-            raise
 
     def _build(self) -> None:
         context, config = self._context, self._config
@@ -60,11 +55,6 @@ class ScenePasses:
         self._edges = (self._own(EdgePass(context, self.lit))
                        if config.detail.smooth_outlines else None)
         self._sun = self._own(SunPass(context, self.lit, self._projection, config))
-
-    def _own(self, item: Owned) -> Owned:
-        """Have an object released with the passes, the last one first."""
-        self._owned.callback(item.release)      # type: ignore[attr-defined]
-        return item
 
     def relight(self, config: RenderConfig) -> None:
         """Move the sun in the sky; config: differs in the sun only."""
@@ -172,7 +162,3 @@ class ScenePasses:
                                  links[link]) for link in seen])
         flows = {'optical_flow': model.optical_flow, 'scene_flow': model.scene_flow}
         return {name: flows[name]() for name in scene.request.layers.intersection(FLOWS)}
-
-    def release(self) -> None:
-        """Release the GL objects."""
-        self._owned.close()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from typing import Any, TypeVar
+from typing import Any
 
 import moderngl
 
@@ -15,6 +14,7 @@ from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import set_uniform
 from lunar_rover_sim.rendering.crater_map import CraterMap
+from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.ground_pass import GroundPass
 from lunar_rover_sim.rendering.lamp_shadow import LampShadow
 from lunar_rover_sim.rendering.lighting import lighting_constants
@@ -30,10 +30,8 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World
 
-Owned = TypeVar('Owned')
 
-
-class WorldPasses:
+class WorldPasses(GlOwner):
     """The passes that draw the world, for whichever camera is bound.
 
     What they have chosen for a camera holds from the geometry of a frame to its light.
@@ -47,14 +45,11 @@ class WorldPasses:
     def __init__(self, context: moderngl.Context, world: World, rover: RoverDescription,
                  config: RenderConfig, seed: int) -> None:
         """Make all passes; seed: of the relief below the grid."""
+        super().__init__()
         self._context = context
         self.world, self.rover, self.config, self.seed = world, rover, config, seed
-        self._owned = contextlib.ExitStack()
-        try:
+        with self._making():
             self._build()
-        except Exception:
-            self.release()
-            raise
 
     def _build(self) -> None:
         context, config, world = self._context, self.config, self.world
@@ -89,11 +84,6 @@ class WorldPasses:
         sun = self.config.sun
         return TrackSun.of(sun_direction(sun.azimuth_deg, sun.elevation_deg),
                            math.radians(0.5 * sun.angular_diameter_deg))
-
-    def _own(self, item: Owned) -> Owned:
-        """Have an object released with the passes, the last one first."""
-        self._owned.callback(item.release)      # type: ignore[attr-defined]
-        return item
 
     def crater_map(self) -> CraterMap:
         """Return where craters are; it is made for the first frame that asks for it."""
@@ -131,7 +121,3 @@ class WorldPasses:
         """Set uniforms of all programs that have them."""
         for program in self.programs:
             set_uniform(program, **values)
-
-    def release(self) -> None:
-        """Release the GL objects."""
-        self._owned.close()
