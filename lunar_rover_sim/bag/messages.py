@@ -7,8 +7,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
+from lunar_rover_sim.rover.description import JOINT_NAMES
 
 
 def time_ns(stamp: Any) -> int:
@@ -55,3 +58,17 @@ def odometry_row(odometry: Any) -> tuple[float, ...]:
 def imu_row(imu: Any) -> tuple[float, ...]:
     """Return the 6 numbers of a sensor_msgs/Imu: angular velocity, then specific force."""
     return *xyz(imu.angular_velocity), *xyz(imu.linear_acceleration)
+
+
+def joint_order(message: Any, where: object, error: type[LunarRoverSimError]) -> list[int]:
+    """Return where each joint of the legs stands in a sensor_msgs/JointState.
+
+    where: what the message belongs to, for the text of an error
+    Raises `error` if a joint is missing.
+    """
+    names = list(message.name)
+    missing = sorted(set(JOINT_NAMES) - set(names))
+    if missing:
+        raise error(f'{where}: {topics.JOINT_STATES.name} lacks {missing[0]}; valid are the '
+                    f'joints {", ".join(JOINT_NAMES)}')
+    return [names.index(name) for name in JOINT_NAMES]

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.messages import header_ns, odometry_row, xyz
+from lunar_rover_sim.bag.messages import header_ns, joint_order, odometry_row, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.physics.foot_motion import FootObserver
 from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.rover.description import JOINT_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.grid import HeightGrid
 
@@ -115,11 +115,7 @@ def read_drive(bag: Bag, start_ns: int | None = None, end_ns: int | None = None)
 
 def _legs(bag: Bag, message: Any) -> Array:
     """Return (2, 4) angles and velocities in our order; legs without velocities are at rest."""
-    names = list(message.name)
-    missing = sorted(set(JOINT_NAMES) - set(names))
-    if missing:
-        raise BagError(f'{bag.path}: {topics.JOINT_STATES.name} lacks {missing[0]}')
-    order = [names.index(name) for name in JOINT_NAMES]
+    order = joint_order(message, bag.path, BagError)
     angles = np.asarray(message.position, float)[order]
     speeds = (np.asarray(message.velocity, float)[order] if len(message.velocity)
               else np.zeros(len(order)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.messages import header_ns, imu_row, odometry_row, xyz
+from lunar_rover_sim.bag.messages import header_ns, imu_row, joint_order, odometry_row, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.series import Odometry
 from lunar_rover_sim.bag.stamps import NS_PER_S
@@ -54,7 +54,8 @@ def read_motion(bag: Bag) -> Motion:
     rows: dict[str, Callable[[Any], Any]] = {
         bag.truth: odometry_row,
         topics.JOINT_STATES.name: lambda m: _joint_row(bag, m),
-        topics.JOINT_COMMANDS.name: lambda m: _values(m.velocity, _order(bag, m)),
+        topics.JOINT_COMMANDS.name:
+            lambda m: _values(m.velocity, joint_order(m, bag.path, UsdError)),
         topics.IMU_RAW.name: imu_row,
         **{topic.name: lambda m: xyz(m.wrench.force) for topic in topics.CONTACTS},
         topics.LEFT_INFO.name: lambda m: ()}
@@ -104,19 +105,9 @@ def continuous(orientations_wxyz: Array) -> Array:
     return orientations_wxyz * sign[:, None]
 
 
-def _order(bag: Bag, message: Any) -> list[int]:
-    """Return where each of our joints stands in a message."""
-    names = list(message.name)
-    missing = sorted(set(JOINT_NAMES) - set(names))
-    if missing:
-        raise UsdError(f'{bag.path}: {topics.JOINT_STATES.name} lacks {missing[0]}; valid are the '
-                       f'joints {", ".join(JOINT_NAMES)}')
-    return [names.index(name) for name in JOINT_NAMES]
-
-
 def _joint_row(bag: Bag, message: Any) -> Array:
     """Return angles, velocities and torques, in our order."""
-    order = _order(bag, message)
+    order = joint_order(message, bag.path, UsdError)
     return np.concatenate([_values(v, order) for v in (message.position, message.velocity,
                                                        message.effort)])
 
