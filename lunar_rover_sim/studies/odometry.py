@@ -88,7 +88,7 @@ def judge(walks: Sequence[Walk], rover: RoverDescription,
           config: WheelOdometryConfig) -> OdometryStudy:
     """Return what recorded walks say of the odometry of a configuration."""
     rolled = [_rolled(each, rover, config) for each in walks]
-    true = [_true(each) for each in walks]
+    true = [each.steps() for each in walks]
     period = round(COMMAND_S / STATE_PERIOD_S)
     ways, steps = (np.concatenate([_sums(each, period) for each in kind])
                    for kind in (rolled, true))
@@ -115,15 +115,6 @@ def _rolled(recorded: Walk, rover: RoverDescription, config: WheelOdometryConfig
     feet = RollingFeet(rover, config.counts_per_turn)
     return np.array([dataclasses.astuple(feet.add(angles))
                      for angles in recorded.joint_angle_rad][1:])
-
-
-def _true(recorded: Walk) -> Array:
-    """Return (n - 1, 3) true ways along and across the heading [m], and turns [rad]."""
-    step = np.diff(recorded.position_m[:, :2], axis=0)
-    yaw = recorded.rpy_rad[:, 2]
-    c, s = np.cos(0.5 * (yaw[1:] + yaw[:-1])), np.sin(0.5 * (yaw[1:] + yaw[:-1]))
-    return np.column_stack([step[:, 0] * c + step[:, 1] * s, step[:, 1] * c - step[:, 0] * s,
-                            np.diff(yaw)])
 
 
 def _sums(values: Array, length: int) -> Array:

@@ -40,14 +40,21 @@ class Walk:
     reference_rad: NDArray[np.float64]
     phase: NDArray[np.float64]
 
+    def steps(self) -> NDArray[np.float64]:
+        """Return (n - 1, 3) ways along and across the mean heading [m] and turns [rad]."""
+        step, yaw = np.diff(self.position_m[:, :2], axis=0), self.rpy_rad[:, 2]
+        heading = 0.5 * (yaw[1:] + yaw[:-1])
+        c, s = np.cos(heading), np.sin(heading)
+        return np.column_stack([step[:, 0] * c + step[:, 1] * s, step[:, 1] * c - step[:, 0] * s,
+                                np.diff(yaw)])
+
     def mean_velocity(self, from_s: float, to_s: float) -> tuple[float, float]:
         """Return the mean forward speed [m/s] and yaw rate [rad/s] between two times."""
-        chosen = (self.time_s >= from_s - 1e-9) & (self.time_s <= to_s + 1e-9)
-        xy, yaw = self.position_m[chosen, :2], self.rpy_rad[chosen, 2]
-        duration = np.ptp(self.time_s[chosen])
-        step, heading = np.diff(xy, axis=0), 0.5 * (yaw[1:] + yaw[:-1])
-        forward = np.sum(step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading))
-        return float(forward / duration), float((yaw[-1] - yaw[0]) / duration)
+        chosen = np.flatnonzero((self.time_s >= from_s - 1e-9) & (self.time_s <= to_s + 1e-9))
+        first, last = chosen[[0, -1]]
+        duration, yaw = self.time_s[last] - self.time_s[first], self.rpy_rad[:, 2]
+        forward = np.sum(self.steps()[first:last, 0])
+        return float(forward / duration), float((yaw[last] - yaw[first]) / duration)
 
 
 def flat_world(half_extent_m: float = 15.0, cell_m: float = 0.025) -> World:
