@@ -15,7 +15,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.inspection.summary import summarise
-from lunar_rover_sim.run.live_view import check_view, PORT, ViewProcess
+from lunar_rover_sim.run.companion_config import VIEW_PORT
+from lunar_rover_sim.run.live_view import check_view, ViewProcess
 from lunar_rover_sim.run.node_config import REAL_TIME
 from lunar_rover_sim.run.plan import with_slam
 from lunar_rover_sim.run.recording import record, Recording
@@ -40,9 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--slam', metavar='COMMAND', default='',
                         help='SLAM program to feed, with its arguments; it speaks the protocol of '
                              'docs/reference/slam_protocol.md')
-    parser.add_argument('--view', type=int, nargs='?', const=PORT, metavar='PORT',
+    parser.add_argument('--view', type=int, nargs='?', const=VIEW_PORT, metavar='PORT',
                         help='serve the topics to Foxglove or Lichtblick in a browser while the '
-                        f'run goes on, at this port of this machine (default: {PORT})')
+                        f'run goes on, at this port of this machine (default: {VIEW_PORT})')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
     parser.set_defaults(run=run, check_output=check_new_folder)

@@ -125,7 +125,7 @@ def run_program(command: Sequence[str | Path], log: Path, timeout_s: float, *,
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(_POLL_S)
         finally:
-            _end(process, grace_s)
+            end_group(process, grace_s)
             reader.join(_READER_S)
     return Ended(process.returncode, time.monotonic() - start, tuple(tail), timed_out, interrupted)
 
@@ -162,8 +162,11 @@ def _copy_output(process: subprocess.Popen[bytes], file: BinaryIO, tail: deque[s
                 echo(line)
 
 
-def _end(process: subprocess.Popen[bytes], grace_s: float) -> None:
-    """End the program and everything that it started."""
+def end_group(process: subprocess.Popen[bytes], grace_s: float) -> None:
+    """End a program that leads a process group, and everything that it started.
+
+    grace_s: time between SIGTERM and SIGKILL [s]
+    """
     # Descendants in sessions of their own can be found only while their parents live.
     family = _descendants(process.pid) if process.poll() is None else []
     _signal_group(process.pid, signal.SIGTERM)

@@ -10,6 +10,7 @@ from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.run.node_config import NodeConfig
 
 SET_ENTITY_STATE, TELEPORT = 'set_entity_state', 'teleport'
+VIEW_PORT = 8765
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +76,8 @@ class PoseBridgeNodeConfig(NodeConfig):
 class ViewNodeConfig(NodeConfig):
     """Parameters of view_node."""
 
-    port: int = param(8765, 'port of the websocket, on this machine only', low=1024, high=65535)
+    port: int = param(VIEW_PORT, 'port of the websocket, on this machine only', low=1024,
+                      high=65535)
 
 
 COMPANION_CONFIGS: dict[str, type[NodeConfig]] = {

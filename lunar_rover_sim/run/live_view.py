@@ -17,11 +17,10 @@ from typing import Any
 from rosbags.typesys import get_typestore, Stores
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.child_process import dies_with_parent
+from lunar_rover_sim.run.child_process import dies_with_parent, end_group
 from lunar_rover_sim.run.node_processes import ros_environment
 
 HOST = '127.0.0.1'
-PORT = 8765
 _BACKLOG = 32       # messages kept for a slow client
 _END_S = 5.0
 
@@ -114,9 +113,4 @@ class ViewProcess:
     def stop(self) -> None:
         """End it."""
         if self._process is not None:
-            self._process.terminate()
-            try:
-                self._process.wait(_END_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait(_END_S)
+            end_group(self._process, _END_S)
