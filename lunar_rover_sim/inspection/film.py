@@ -44,7 +44,6 @@ class FilmOptions:
     rate_hz: frames per second of the film; speed: simulated seconds per second of the film
     start_s, end_s: simulated times [s]; None: those of the bag
     bare: only the view from outside, without images and plots
-    smooth: draw outlines without steps
     Raises ConfigError for values that make no film.
     """
 
@@ -54,7 +53,6 @@ class FilmOptions:
     start_s: float | None = None
     end_s: float | None = None
     bare: bool = False
-    smooth: bool = True
 
     def __post_init__(self) -> None:
         low, high = WIDTHS
@@ -123,10 +121,9 @@ class Film:
             self.chase.camera, width=width, height=height))
         render = self._nodes.render
         sun = sun_of_date(render.sun, reported_site(self._world.report))
-        detail = render.detail
-        if options.smooth:
-            detail = dataclasses.replace(detail, smooth_outlines=True)
-        config = dataclasses.replace(render, sun=sun, detail=detail)
+        # Older recordings state that they were drawn with steps.
+        config = dataclasses.replace(render, sun=sun, detail=dataclasses.replace(
+            render.detail, smooth_outlines=True))
         captions = Captions(width)
         with open_bag(self._path) as bag, \
                 Renderer(self._world, self._nodes.rover, config, config.seed) as renderer:
