@@ -19,9 +19,6 @@ from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import brief, nearest
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.regolith.config import RIGID
-from lunar_rover_sim.rover.description import RoverDescription
 
 Array = NDArray[np.float64]
 
@@ -47,7 +44,7 @@ class GaitCalibration:
     forward_mps, yaw_rate_radps: (n, m) measured mean velocities, turning left
     duty_factor, foot_width_deg: of the measured gait; another gait is scaled by the ratio of its
         advance per cycle, 2 l sin(width / 2) / duty
-    conditions: the other conditions of the measurement, for the reader
+    conditions: the other conditions of the measurement, see `gait.conditions`
 
     Right turns mirror left turns, and backward motion mirrors forward motion. Between the rows and
     columns, with r the half track, a velocity (v, w) has the course c = atan2(w r, v) and the
@@ -167,29 +164,6 @@ class GaitCalibration:
         except ConfigError as error:
             raise ConfigError(f'calibration: {path}: {error}') from None
 
-    def differences(self, rover: RoverDescription | None = None,
-                    physics: PhysicsConfig | None = None) -> list[str]:
-        """Return how the conditions of the measurement differ from those of a rover or ground.
-
-        Each line names a quantity with both values. Speeds are less exact then.
-        """
-        now: dict[str, float | str] = {}
-        if rover is not None:
-            now.update(rover_mass_kg=rover.total_mass_kg, spoke_length_m=rover.legs.spoke_length_m)
-        if physics is not None:
-            now.update(gravity_mps2=physics.gravity_mps2, **ground_conditions(physics))
-        result = []
-        for name, value in now.items():
-            # Tables without conditions are analytic; those without a ground are of rigid ground.
-            then = self.conditions.get(name, RIGID if name == 'ground' and 'gravity_mps2'
-                                       in self.conditions else None)
-            if isinstance(value, str):
-                if then is not None and then != value:
-                    result.append(f'{name} {then}, here {value}')
-            elif isinstance(then, (int, float)) and not math.isclose(then, value, rel_tol=0.01):
-                result.append(f'{name} {then:g}, here {value:g}')
-        return result
-
     def save(self, path: str | Path) -> None:
         """Write the table as YAML, whole or not at all; an existing file is replaced.
 
@@ -264,17 +238,6 @@ class GaitCalibration:
     def _advance_ratio(self, config: GaitConfig) -> float:
         now = math.sin(math.radians(config.foot_width_deg) / 2.0) / config.duty_factor
         return now * self.duty_factor / math.sin(math.radians(self.foot_width_deg) / 2.0)
-
-
-def ground_conditions(physics: PhysicsConfig) -> dict[str, float | str]:
-    """Return what a table depends on of the ground: its name, and its strength or its contact."""
-    ground = physics.ground
-    if not ground.deforms:
-        return {'ground': ground.name, 'sliding_friction': physics.contact.sliding_friction,
-                'stiffness_npm': physics.contact.stiffness_npm}
-    soil = ground.soil(physics.gravity_mps2)
-    return {'ground': ground.name, 'bearing_mnpm3': round(1e-6 * soil.zeta_npm3, 9),
-            'soil_friction': soil.friction}
 
 
 def _table(name: str, rows: Sequence[Sequence[float]], shape: tuple[int, int]) -> Array:

@@ -11,6 +11,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.errors import GaitError
 from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.conditions import differences, rover_conditions
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
@@ -35,7 +36,7 @@ class GaitControllerNode(node_main.GraphNode):
         rover = load_rover(config.rover or None)
         self._config = config = config.for_rover(rover)
         calibration = GaitCalibration.of(config)
-        for difference in calibration.differences(rover):
+        for difference in differences(calibration.conditions, rover_conditions(rover)):
             self.get_logger().warning(f'calibration: measured with {difference}')
         self._controller = GaitController(config, calibration)
         self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics

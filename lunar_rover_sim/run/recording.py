@@ -13,6 +13,7 @@ from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import did_you_mean, GraphError
 from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.conditions import differences, ground_conditions
 from lunar_rover_sim.run.clock_reader import check_domain, ClockReader
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.node_logs import NodeLogs
@@ -93,7 +94,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     if 'gait_controller_node' in scenario.run.nodes:
         # The gait node compares the rover; it does not know the ground.
         calibration = GaitCalibration.of(scenario.gait_controller_node)
-        for difference in calibration.differences(physics=scenario.physics_node):
+        for difference in differences(calibration.conditions,
+                                      ground_conditions(scenario.physics_node)):
             logger.warning('gait calibration: measured with %s', difference)
     folder = Path(folder).resolve()
     now_ns = 0

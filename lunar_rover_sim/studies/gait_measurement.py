@@ -9,7 +9,8 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.gait.calibration import GaitCalibration, ground_conditions
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.conditions import ground_conditions, rover_conditions
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.stride import Stride
@@ -93,14 +94,12 @@ def measure(settings: WalkSettings, rates_hz: Sequence[float] = FINE[0],
             forward[i, k] = 0.5 * (left[0] + right[0])
             yaw_rate[i, k] = 0.5 * (left[1] - right[1])
     rover, physics, gait = settings.rover, settings.physics, settings.gait
-    contact = ground_conditions(physics)
     return GaitCalibration(
         tuple(rates_hz), tuple(turns), tuple(tuple(row) for row in forward.tolist()),
         tuple(tuple(row) for row in yaw_rate.tolist()), gait.duty_factor, gait.foot_width_deg,
         {'gait': gait.gait, 'stance_smoothing': gait.stance_smoothing,
-         'flight_smoothing': gait.flight_smoothing, 'gravity_mps2': physics.gravity_mps2,
-         **contact, 'rover_mass_kg': round(rover.total_mass_kg, 6),
-         'spoke_length_m': rover.legs.spoke_length_m})
+         'flight_smoothing': gait.flight_smoothing, **ground_conditions(physics),
+         **rover_conditions(rover)})
 
 
 def _measure_one(settings: WalkSettings, stride: Stride) -> tuple[float, float]:

@@ -1,6 +1,5 @@
 """The map from velocity to stride: inverse, scaled, saturated, read and written."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -8,12 +7,9 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.resources import config_folder
-from lunar_rover_sim.gait.calibration import GaitCalibration, ground_conditions
+from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
-from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
-from lunar_rover_sim.regolith.config import GroundConfig
-from lunar_rover_sim.rover.description import Chassis, RoverDescription
 
 PACKAGED = config_folder() / 'gait_calibration.yaml'
 
@@ -166,31 +162,6 @@ def test_files_that_are_no_table_are_refused_by_name(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message) as caught:
         GaitCalibration.load(path)
     assert str(path) in str(caught.value) and '\n' not in str(caught.value)
-
-
-def test_other_conditions_are_named():
-    table = GaitCalibration.load(config_folder() / 'gait_calibration.yaml')
-    assert table.differences(RoverDescription(), PhysicsConfig()) == []
-    heavy = RoverDescription(chassis=Chassis(mass_kg=4.0))
-    assert table.differences(heavy) == ['rover_mass_kg 2.24, here 4.24']
-    assert table.differences(physics=PhysicsConfig(gravity_mps2=9.81)) == \
-        ['gravity_mps2 1.62, here 9.81']
-    assert GaitCalibration.default().differences(heavy, PhysicsConfig()) == []
-
-
-def test_a_table_of_another_ground_is_named():
-    """The packaged one is of rigid ground; one of soft ground names soil, not contact."""
-    soft = PhysicsConfig(ground=GroundConfig(model='regolith', preset='highland_loose'),
-                         contact=ContactConfig(stiffness_npm=9000.0))
-    table = GaitCalibration.load(config_folder() / 'gait_calibration.yaml')
-    assert table.differences(physics=soft) == ['ground rigid, here highland_loose']
-    table = dataclasses.replace(table, conditions={'gravity_mps2': 1.62,
-                                                   **ground_conditions(soft)})
-    assert table.differences(physics=soft) == []
-    firmer = dataclasses.replace(soft, ground=dataclasses.replace(soft.ground, bearing_mnpm3=0.6))
-    assert table.differences(physics=firmer) == ['bearing_mnpm3 0.3, here 0.6']
-    assert table.differences(physics=PhysicsConfig()) == ['ground highland_loose, here rigid']
-    assert GaitCalibration.default().differences(physics=soft) == []
 
 
 def test_a_missing_file_is_named_with_the_remedy(tmp_path):
