@@ -22,8 +22,9 @@ from lunar_rover_sim.cli.main import parser
 from lunar_rover_sim.parameters import Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.companion_config import COMPANION_CONFIGS
-from lunar_rover_sim.run.node_config import NODE_CONFIGS, NodeConfig
+from lunar_rover_sim.run.node_config import NODE_CONFIGS
 from lunar_rover_sim.run.scenario import RunConfig, Scenario, SHARED
+from lunar_rover_sim.run.shared_config import NodeConfig
 from lunar_rover_sim.world.config import WorldConfig
 
 SECTIONS: dict[str, type[Parameters]] = {

@@ -10,8 +10,9 @@ from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.run.node_config import NODE_CONFIGS, NodeConfig
+from lunar_rover_sim.run.node_config import NODE_CONFIGS
 from lunar_rover_sim.run.scenario import RunConfig, SHARED
+from lunar_rover_sim.run.shared_config import NodeConfig
 from lunar_rover_sim.world.config import WorldConfig
 
 

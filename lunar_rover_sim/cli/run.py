@@ -17,11 +17,11 @@ from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.inspection.summary import summarise
 from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_view import check_view, ViewProcess
-from lunar_rover_sim.run.node_config import REAL_TIME
 from lunar_rover_sim.run.plan import with_slam
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.shared_config import REAL_TIME
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,7 +16,7 @@ from lunar_rover_sim.nodes.diagnostics import Drops
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.run.lockstep import StampGate
-from lunar_rover_sim.run.node_config import WaitConfig
+from lunar_rover_sim.run.shared_config import WaitConfig
 from lunar_rover_sim.topics import Topic
 
 # An answer may refer to a state that has not reached this node yet, but not to a later one.

@@ -24,8 +24,8 @@ from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos_overrides
 from lunar_rover_sim.nodes.type_watch import TypeWatch
-from lunar_rover_sim.run.node_config import NodeConfig
 from lunar_rover_sim.run.params_files import arguments_of_program
+from lunar_rover_sim.run.shared_config import NodeConfig
 
 _SOURCE_LINES = re.compile(r', at /\S+:\d+')      # in messages of rcl
 _SPIN_S = 0.1   # the longest time until an idle node notices a signal

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.nodes import qos_overrides
 from lunar_rover_sim.parameters import nearest, ParamInfo
-from lunar_rover_sim.run.node_config import NodeConfig
+from lunar_rover_sim.run.shared_config import NodeConfig
 
 C = TypeVar('C', bound=NodeConfig)
 

@@ -7,7 +7,7 @@ import dataclasses
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import group, param, Parameters
 from lunar_rover_sim.rover.description import LEG_NAMES
-from lunar_rover_sim.run.node_config import NodeConfig
+from lunar_rover_sim.run.shared_config import NodeConfig
 
 SET_ENTITY_STATE, TELEPORT = 'set_entity_state', 'teleport'
 VIEW_PORT = 8765

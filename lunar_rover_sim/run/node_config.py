@@ -16,69 +16,11 @@ from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.physics.config import (ImuConfig, PhysicsConfig, PowerMonitorConfig,
                                             WheelOdometryConfig)
 from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.run.shared_config import MAX_DURATION_S, NodeConfig, WaitConfig
 from lunar_rover_sim.stereo.config import SgmConfig
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
                      and t.rate in (topics.FRAME, topics.DEPTH_FRAME))
-
-LOCKSTEP, REAL_TIME = 'lockstep', 'real_time'
-
-MAX_DURATION_S = 2e9    # the seconds of builtin_interfaces/Time have 32 bits
-
-
-@dataclasses.dataclass(frozen=True)
-class NodeConfig(Parameters):
-    """Parameters that all nodes share."""
-
-    seed: int = param(1, 'seed of everything random', low=0, high=2**31 - 1)
-    world: str = param('', 'folder of a world made by `lunar_rover_sim world build`')
-    rover: str = param('', 'rover description, YAML; empty for the packaged one')
-    time_mode: str = param(REAL_TIME, 'lockstep waits for answers, real_time follows the wall '
-                           'clock', choices=(LOCKSTEP, REAL_TIME))
-    participants: tuple[str, ...] = param(
-        (), 'topics by whose publishers the participants of a run are recognised; a run names '
-        'all awaited ones; in lockstep no node sends before they are discovered and matched')
-
-    separate_truth: bool = param(
-        False, 'the true odometry is ground_truth/odom, in frames ground_truth/odom and '
-        'ground_truth/base_link, so that odom and its frames are free for an estimator; the '
-        'nodes of this package read the true one')
-
-    @property
-    def truth(self) -> topics.Topic:
-        """The topic of the true odometry."""
-        return topics.TRUE_ODOM if self.separate_truth else topics.ODOM
-
-    @property
-    def lockstep(self) -> bool:
-        """Whether simulated time waits for the answers of other nodes."""
-        return self.time_mode == LOCKSTEP
-
-
-@dataclasses.dataclass(frozen=True)
-class WaitConfig(Parameters):
-    """Topics whose answers time awaits in lockstep.
-
-    In real time, time starts when each of them has a publisher.
-    """
-
-    topics: tuple[str, ...] = param((), 'topics whose stamps are awaited, besides those of the '
-                                    'nodes of a run')
-    lags_s: tuple[float, ...] = param((), 'largest lag of each of these topics', unit='s', low=0.0)
-    silence_s: float = param(6.5, 'wall time after which a silent participant is an error',
-                             unit='s', low=0.1)
-    start_s: float = param(60.0, 'wall time before the first answer after which a missing '
-                           'participant is an error', unit='s', low=0.1)
-
-    def validate(self) -> None:
-        """Raise ConfigError unless each topic has one lag."""
-        if len(self.topics) != len(self.lags_s):
-            raise ConfigError(f'lags_s: {len(self.lags_s)} elements given for {len(self.topics)} '
-                              'topics; valid is one lag per topic')
-
-    def lag_ns_by_topic(self) -> dict[str, int]:
-        """Return topic → lag [ns]."""
-        return {t: round(s * 1e9) for t, s in zip(self.topics, self.lags_s)}
 
 
 @dataclasses.dataclass(frozen=True)

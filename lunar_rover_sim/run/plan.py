@@ -14,8 +14,9 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.rover.rover_file import save_rover
-from lunar_rover_sim.run.node_config import FRAME_TOPICS, NODE_CONFIGS, WaitConfig
+from lunar_rover_sim.run.node_config import FRAME_TOPICS, NODE_CONFIGS
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.shared_config import WaitConfig
 
 SCENARIO_FILE = 'scenario.yaml'
 ROVER_FILE = 'rover.yaml'

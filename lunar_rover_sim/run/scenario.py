@@ -25,10 +25,10 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.dated_scenario import dated_sun
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
-                                             LOCKSTEP, MAX_DURATION_S, NODE_CONFIGS, NodeConfig,
-                                             PhysicsNodeConfig, RecorderNodeConfig,
+                                             NODE_CONFIGS, PhysicsNodeConfig, RecorderNodeConfig,
                                              RenderNodeConfig, SlamNodeConfig)
 from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
+from lunar_rover_sim.run.shared_config import LOCKSTEP, MAX_DURATION_S, NodeConfig
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.model import World

@@ -18,7 +18,8 @@ from lunar_rover_sim.nodes.diagnostics import (Diagnostics, Drops, ERROR, OK, Ra
                                                WARN)
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics  # noqa: E402
 from lunar_rover_sim.run.lockstep import StampGate  # noqa: E402
-from lunar_rover_sim.run.node_config import PhysicsNodeConfig, WaitConfig  # noqa: E402
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig  # noqa: E402
+from lunar_rover_sim.run.shared_config import WaitConfig  # noqa: E402
 
 
 class FakeNode:
