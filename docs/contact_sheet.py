@@ -1,10 +1,13 @@
-"""One sheet of pictures: scenarios x heights of the sun x directions x near and far.
+"""Sheets of pictures: scenarios x heights of the sun x directions x near and far.
 
-    python docs/contact_sheet.py sheet.png [--scenarios baseline flat] [--width 240]
+    python docs/contact_sheet.py FOLDER [--scenarios baseline highland] [--width 320]
 
-Each row is a scenario at one elevation of the sun. Its six pictures look towards the sun, across
-and away from it, first from the rover's own cameras (near), then from 3 m above the ground (far).
-Exposure follows each picture. It is what to look at after a change of the world or of the light.
+Writes FOLDER/SCENARIO.webp. Each row is an elevation of the sun. Its six pictures look towards the
+sun, across and away from it, first from the rover's own cameras (near), then from 3 m above the
+ground (far). Exposure follows each picture. They are what to look at after a change of the world
+or of the light; those of the documentation are made by
+
+    python docs/contact_sheet.py resource/pictures/sheets
 """
 
 from __future__ import annotations
@@ -23,7 +26,10 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.world_folder import load_world
 
-SCENARIOS = ('baseline', 'feature_sparse', 'low_albedo', 'flat')
+# Scenarios, and what is set besides; `highland` is as steep as an average one.
+SCENARIOS: dict[str, tuple[str, ...]] = {
+    'baseline': (), 'feature_sparse': (), 'low_albedo': (),
+    'highland': ('world.relief.far_rms_slope_deg=6.5',)}
 ELEVATIONS_DEG = (2.0, 6.0, 15.0)
 DIRECTIONS = (('towards', 0.0), ('across', 90.0), ('away', 180.0))
 PLACES = (('near', HEIGHT_M), ('far', 3.0))
@@ -31,7 +37,8 @@ PLACES = (('near', HEIGHT_M), ('far', 3.0))
 
 def pictures(name: str, width: int) -> list[tuple[str, NDArray[np.generic]]]:
     """Return titles and pictures of one scenario, row by row of the sheet."""
-    scenario = Scenario.load(name, [f'render_node.camera.width={width}',
+    base = 'baseline' if name == 'highland' else name
+    scenario = Scenario.load(base, [*SCENARIOS.get(name, ()), f'render_node.camera.width={width}',
                                     f'render_node.camera.height={width * 3 // 4}',
                                     'render_node.sensor.exposure_mode=auto'])
     world = load_world(cached(scenario.world, scenario.shared.seed))
@@ -47,7 +54,7 @@ def pictures(name: str, width: int) -> list[tuple[str, NDArray[np.generic]]]:
                     settle(renderer, state)
                     left = renderer.render(state, 0, ('left',)).left
                     assert left is not None
-                    shown.append((f'{name}, {elevation:g} deg, {direction}, {place}', left))
+                    shown.append((f'{elevation:g} deg, {direction}, {place}', left))
     return shown
 
 
@@ -64,14 +71,17 @@ def sheet(shown: list[tuple[str, NDArray[np.generic]]]) -> NDArray[np.uint8]:
 
 
 def main() -> None:
-    """Draw the sheet."""
+    """Draw the sheets."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('output', type=Path)
     parser.add_argument('--scenarios', nargs='+', default=SCENARIOS, metavar='NAME')
     parser.add_argument('--width', type=int, default=320, help='of each picture [px]')
+    parser.add_argument('--quality', type=int, default=60, help='of the compression, to 100')
     args = parser.parse_args()
-    shown = [item for name in args.scenarios for item in pictures(name, args.width)]
-    cv2.imwrite(str(args.output), sheet(shown))
+    args.output.mkdir(parents=True, exist_ok=True)
+    for name in args.scenarios:
+        cv2.imwrite(str(args.output / f'{name}.webp'), sheet(pictures(name, args.width)),
+                    [cv2.IMWRITE_WEBP_QUALITY, args.quality])
 
 
 if __name__ == '__main__':

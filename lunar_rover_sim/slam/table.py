@@ -55,6 +55,17 @@ class Mean:
             return f'{self.value:.{digits}f}'
         return f'{self.value:.{digits}f} {plus_minus} {self.half_width:.{digits}f}'
 
+    def p_against(self, other: Mean) -> float:
+        """Return the p-value of Welch's test for equal means; 1 for fewer than two values each."""
+        if min(self.count, other.count) < 2:
+            return 1.0
+        if not self.half_width and not other.half_width:    # no scatter
+            return float(self.value == other.value)
+        first, second = ((mean.value, mean.half_width * mean.count**0.5 / float(
+            stats.t.ppf(0.5 + 0.5 * CONFIDENCE, mean.count - 1)), mean.count)
+            for mean in (self, other))
+        return float(stats.ttest_ind_from_stats(*first, *second, equal_var=False).pvalue)
+
 
 @dataclasses.dataclass(frozen=True)
 class Row:
@@ -168,7 +179,9 @@ def csv_text(rows: Sequence[Row]) -> str:
 def findings(rows: Sequence[Row], parameter: str = '') -> list[str]:
     """Return sentences that say whether the results are `as expected` of the scenarios or `not`.
 
-    For a sweep over `parameter` they say at which of its values tracks were lost.
+    `open` says that the scatter of the drives leaves it undecided at 95 %: means differ by Welch's
+    test or they do not, and an interval lies on one side of a bound or it does not. For a sweep
+    over `parameter` they say at which of its values tracks were lost.
     """
     if parameter:
         return _losses(rows, parameter)
@@ -178,16 +191,36 @@ def findings(rows: Sequence[Row], parameter: str = '') -> list[str]:
         sparse = by.get(('feature_sparse', sensor))
         others = [r for s in ('baseline', 'low_albedo') if (r := by.get((s, sensor)))]
         if sparse is not None and others:
-            worst = all(_badness(sparse) > _badness(other) for other in others)
-            sentences.append(f'{"as expected" if worst else "not"}: feature_sparse is worst '
-                             f'({sensor})')
+            signs = [_worse(sparse, other) for other in others]
+            said = 'not' if min(signs) < 0 else 'as expected' if min(signs) > 0 else 'open'
+            sentences.append(f'{said}: feature_sparse is worst ({sensor})')
     for scenario in ('baseline', 'low_albedo'):
         row = by.get((scenario, 'stereo'))
         if row is not None:
-            near = abs(row.scale.value - 1.0) <= _NEAR_ONE
-            sentences.append(f'{"as expected" if near else "not"}: the scale of stereo is within '
+            sentences.append(f'{_near_one(row.scale)}: the scale of stereo is within '
                              f'{100 * _NEAR_ONE:g} % of 1 on {scenario}')
     return sentences
+
+
+def _worse(row: Row, other: Row) -> int:
+    """Return 1 if the drives of a row are worse than those of another, -1 if better, 0 if open.
+
+    What decides is first the share of frames that are tracked, then the error.
+    """
+    for mean, against, bad in ((row.tracked, other.tracked, -1.0), (row.ate_m, other.ate_m, 1.0)):
+        if mean.p_against(against) < 1.0 - CONFIDENCE:
+            return int(np.sign(bad * (mean.value - against.value)))
+    return 0
+
+
+def _near_one(scale: Mean) -> str:
+    """Return what the interval of a scale says: all of it is near 1, none of it, or some."""
+    if not np.isfinite(scale.half_width):
+        return 'open'
+    away = abs(scale.value - 1.0)
+    if away + scale.half_width <= _NEAR_ONE:
+        return 'as expected'
+    return 'not' if away - scale.half_width > _NEAR_ONE else 'open'
 
 
 def _losses(rows: Sequence[Row], parameter: str) -> list[str]:
@@ -200,12 +233,6 @@ def _losses(rows: Sequence[Row], parameter: str) -> list[str]:
                   for r in own if r.reasons]
         sentences.append(f'{scenario}, {sensor}, {parameter}: {"; ".join(parts)}')
     return sentences
-
-
-def _badness(row: Row) -> tuple[float, float]:
-    """Return the order of results: first by frames lost (to 1 %), then by the error."""
-    lost = 100.0 - (row.tracked.value if row.tracked.count else 0.0)
-    return round(lost), row.ate_m.value if row.ate_m.count else float('inf')
 
 
 def text_cells(rows: Sequence[Row], paper: Paper, parameter: str = '',

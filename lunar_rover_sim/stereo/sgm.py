@@ -24,6 +24,9 @@ _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
           'hh4': cv2.STEREO_SGBM_MODE_HH4, '3way': cv2.STEREO_SGBM_MODE_SGBM_3WAY}
 
 
+_MARGIN_OVERLAP_PX = 32     # of the left margin with the rest: paths of the aggregation begin there
+
+
 class MatchedScenario(Protocol):
     """What `SgmMatcher.from_scenario` needs of a scenario."""
 
@@ -55,14 +58,14 @@ class SgmMatcher:
         """Make the matcher; rig: the cameras, for `DisparityMap.depth_m`."""
         self.config = config
         self._geometry = (None, None) if rig is None else (rig.focal_px, rig.baseline_m)
-        area = config.block_size**2
-        self._matcher = cv2.StereoSGBM_create(  # type: ignore[attr-defined]
-            minDisparity=config.min_disparity, numDisparities=config.num_disparities,
-            blockSize=config.block_size, P1=config.p1 or 8 * area, P2=config.p2 or 32 * area,
-            disp12MaxDiff=config.left_right_max_px, preFilterCap=config.pre_filter_cap,
-            uniquenessRatio=config.uniqueness_percent,
-            speckleWindowSize=config.speckle_window_px, speckleRange=config.speckle_range_px,
-            mode=_MODES[config.mode])
+        self._matcher = _sgbm(config, config.min_disparity, config.num_disparities,
+                              config.block_size)
+        # Of the left margin, at half the resolution.
+        least = config.min_disparity // 2
+        most = -(-(config.min_disparity + config.num_disparities) // 2)
+        self._half_reach = least + 16 * -(-(most - least) // 16)
+        self._half_matcher = _sgbm(config, least, self._half_reach - least,
+                                   max(config.block_size - 2, 1))
 
     @classmethod
     def from_scenario(cls, scenario: MatchedScenario) -> SgmMatcher:
@@ -122,16 +125,35 @@ class SgmMatcher:
                      right: NDArray[np.uint8]) -> NDArray[np.int16]:
         """Return 16 times the disparity, by OpenCV.
 
-        It matches only columns whose whole search range lies in the image. Padding puts it there
-        for all columns; matches in the padding are for the caller to drop.
+        It matches only columns whose whole search range lies in the image. To the right of it,
+        where disparities are negative, padding puts it there. The columns to the left of it are
+        matched at half the resolution, which takes an eighth of the time; `refined` makes up for
+        what that costs in accuracy.
         """
         config = self.config
         before = max(config.min_disparity + config.num_disparities, 0)
         after = max(-config.min_disparity, 0)
-        padded = (cv2.copyMakeBorder(image, 0, 0, before, after, cv2.BORDER_REPLICATE)
-                  for image in (left, right))
-        fixed = self._matcher.compute(*padded)
-        return np.asarray(fixed[:, before:before + left.shape[1]], np.int16)
+        fixed = self._matcher.compute(*(
+            cv2.copyMakeBorder(image, 0, 0, 0, after, cv2.BORDER_REPLICATE)
+            for image in (left, right)))[:, :left.shape[1]]
+        if before:
+            fixed[:, :before] = self._margin(left, right, before)
+        return np.asarray(fixed, np.int16)
+
+    def _margin(self, left: NDArray[np.uint8], right: NDArray[np.uint8],
+                width: int) -> NDArray[np.int16]:
+        """Return 16 times the disparity of the left columns, (h, width)."""
+        config = self.config
+        height, pad = left.shape[0], 2 * max(self._half_reach, 0)
+        strip = min(width + _MARGIN_OVERLAP_PX, left.shape[1])
+        half = ((pad + strip + 1) // 2, (height + 1) // 2)
+        fixed = self._half_matcher.compute(*(
+            cv2.resize(cv2.copyMakeBorder(image[:, :strip], 0, height % 2, pad, strip % 2,
+                                          cv2.BORDER_REPLICATE), half,
+                       interpolation=cv2.INTER_AREA) for image in (left, right)))
+        whole = np.repeat(np.repeat(fixed[:, pad // 2:], 2, axis=0), 2, axis=1)[:height, :width]
+        found = whole >= 16 * (config.min_disparity // 2)
+        return np.where(found, 2 * whole, 16 * (config.min_disparity - 1)).astype(np.int16)
 
     def _first_row(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> int:
         """Return the first row to match: a block above the first row that is not black."""
@@ -142,6 +164,17 @@ class SgmMatcher:
         if not bright.any():
             return left.shape[0]
         return max(int(np.argmax(bright)) - self.config.block_size, 0)
+
+
+def _sgbm(config: SgmConfig, least: int, count: int, block: int) -> Any:
+    """Return OpenCV's matcher of so many disparities from `least` on, by blocks of a size."""
+    area = block**2
+    return cv2.StereoSGBM_create(  # type: ignore[attr-defined]
+        minDisparity=least, numDisparities=count, blockSize=block,
+        P1=config.p1 or 8 * area, P2=config.p2 or 32 * area,
+        disp12MaxDiff=config.left_right_max_px, preFilterCap=config.pre_filter_cap,
+        uniquenessRatio=config.uniqueness_percent, speckleWindowSize=config.speckle_window_px,
+        speckleRange=config.speckle_range_px, mode=_MODES[config.mode])
 
 
 def _variance(image: NDArray[np.uint8], block: int) -> NDArray[np.float32]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 
-RECIPE = 2              # rises with every change of what `relief` returns
+RECIPE = 3              # rises with every change of what `relief` returns
 SPREAD = 1.8            # a uniform distribution has 3**0.5
 _SALIENCE_TEXELS = 5    # over which salience is smoothed
 
@@ -267,14 +267,15 @@ def _pebble(top: F32, texel: float, x: float, y: float, diameter: float,
     u = (np.cos(turn) * dx + np.sin(turn) * dy) / radius
     v = (-np.sin(turn) * dx + np.cos(turn) * dy) / (flat * radius)
     # A superellipsoid has steep flanks and a broad top: its shadow is as broad as itself.
-    power = rng.uniform(2.0, 3.2)
+    power = rng.uniform(2.4, 4.0)
     inside = np.maximum(1.0 - np.abs(u)**power - np.abs(v)**power, 0.0)
     crown = rng.uniform(0.3, 0.65) * diameter * flat**0.5
     height = crown * inside**(1.0 / power)
     sides = int(rng.integers(3, 7))
     angle = 2.0 * np.pi * (np.arange(sides) + rng.uniform(-0.4, 0.4, sides)) / sides
-    steep = crown * rng.uniform(0.3, 2.5, sides)
-    edge = crown * rng.uniform(0.85, 1.15, sides) + steep * rng.uniform(0.1, 0.5, sides)
+    # Cuts begin far enough out to leave a blunt top, whose shadow is blunt too.
+    steep = crown * rng.uniform(0.2, 3.0, sides)
+    edge = crown * rng.uniform(0.85, 1.0, sides) + steep * rng.uniform(0.35, 0.8, sides)
     angle, steep, edge = (side[:, None, None] for side in (angle, steep, edge))
     cuts = edge - steep * (np.cos(angle) * u + np.sin(angle) * v)
     height = np.minimum(height, cuts.min(axis=0))

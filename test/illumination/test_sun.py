@@ -219,21 +219,6 @@ def test_full_shadow_is_black():
     assert frame.left.max() == 0
 
 
-def test_relief_below_the_grid_casts_shadows():
-    def lit_share(**values):
-        cfg = scene.config(4.0, camera=SMALL, detail=scene.DetailConfig(
-            **{'relief_rms_slope': 0.0, 'pebble_cover': 0.0, 'pit_cover': 0.0, 'bounce': False,
-               **values}))
-        with Renderer(scene.plane(257, far=False), scene.ROVER, cfg) as renderer:
-            frame = renderer.render(RoverPose(scene.pose()), 0, ('left', 'radiance', 'depth'))
-        near = np.isfinite(frame.depth_m) & (frame.depth_m < 1.0)
-        return float((frame.radiance[near] > 0.02).mean())
-    assert lit_share() == 1.0
-    assert lit_share(pebble_cover=0.05) < 0.95
-    assert lit_share(relief_rms_slope=0.16) < 0.8
-    assert lit_share(pit_cover=0.3) < 0.9
-
-
 def test_tile_horizon_of_a_ridge():
     n, texel, height = 256, 0.002, 0.01
     z = np.zeros((n, n), np.float32)

@@ -203,13 +203,30 @@ def test_means_and_intervals() -> None:
 def test_findings() -> None:
     """More lost frames are worse; if none are lost, the error decides."""
     said = table.findings(table.rows_of(cells_of(RESULTS)))
-    assert 'as expected: feature_sparse is worst (stereo)' in said
+    assert 'open: feature_sparse is worst (stereo)' in said     # one drive of two lost its track
     assert 'as expected: feature_sparse is worst (mono)' in said
     assert 'as expected: the scale of stereo is within 5 % of 1 on baseline' in said
-    turned = {(s, k): [result(k, 0.001 if s == 'feature_sparse' else 0.1, 1.2)]
+    turned = {(s, k): [result(k, factor * (0.001 if s == 'feature_sparse' else 0.1), 1.2)
+                       for factor in (0.9, 1.0, 1.1)]
               for s in ('baseline', 'feature_sparse') for k in ('mono', 'stereo')}
     assert all(line.startswith('not: ') for line in table.findings(
         table.rows_of(cells_of(turned))))
+
+
+def test_findings_are_open_within_the_scatter() -> None:
+    """Three drives each, of 121 and 258 mm in the mean: p = 0.34, and scales from 0.8 to 1.1."""
+    rows = table.rows_of(cells_of({
+        ('baseline', 'stereo'): [result('stereo', a, s) for a, s in ((0.05, 0.91), (0.14, 1.03),
+                                                                     (0.17, 0.98))],
+        ('feature_sparse', 'stereo'): [result('stereo', a) for a in (0.06, 0.27, 0.45)]}))
+    by = {row.scenario: row.ate_m for row in rows}
+    p = stats.ttest_ind([0.05, 0.14, 0.17], [0.06, 0.27, 0.45], equal_var=False).pvalue
+    assert by['baseline'].p_against(by['feature_sparse']) == pytest.approx(p) and p > 0.3
+    assert table.findings(rows) == ['open: feature_sparse is worst (stereo)',
+                                    'open: the scale of stereo is within 5 % of 1 on baseline']
+    assert table.Mean.of([1.0]).p_against(table.Mean.of([2.0, 3.0])) == 1.0
+    same, other = table.Mean.of([1.0, 1.0]), table.Mean.of([2.0, 2.0])
+    assert same.p_against(same) == 1.0 and same.p_against(other) == 0.0
 
 
 def test_findings_of_a_sweep() -> None:

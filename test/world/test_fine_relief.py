@@ -120,6 +120,42 @@ def test_pebbles_cover_their_share_and_stand_on_the_ground(cover):
     assert 0.25 * 0.01 < above.max() < 0.04 * (0.65 + 3.0 * 0.2)
 
 
+def a_pebble(seed, n=400, period=0.2, diameter=0.02):
+    """Return the (n, n) heights of level ground with one pebble, and the side of a texel [m]."""
+    alone = recipe(n=n, period_m=period, rms_slope=1e-9, pebble_cover=1.2 * 0.25 * np.pi
+                   * (diameter / period)**2, pebble_m=(0.99 * diameter, diameter))
+    height = fine_relief.relief(alone, np.random.default_rng(seed))
+    height = height - np.median(height)
+    # In the middle, so that nothing wraps around.
+    row, column = np.unravel_index(np.argmax(height), height.shape)
+    return np.roll(height, (n // 2 - row, n // 2 - column), (0, 1)), period / n
+
+
+def test_shadows_of_pebbles_have_the_shape_of_pebbles():
+    """Half way to its end a shadow is nearly as broad as the stone; that of a cone is half.
+
+    Each row of it is as long as the stone is high there.
+    """
+    tangent = np.tan(np.radians(10.0))
+    breadth, near_tip = [], []
+    for seed in range(12):
+        height, texel = a_pebble(seed)
+        stone = height > 1e-4
+        assert 0.3 * 0.02**2 < np.count_nonzero(stone) * texel**2 < 0.02**2
+        horizon = fine_relief.horizon(height, texel, 0.0, np.linspace(0.0, 0.6, 25))
+        dark = (horizon > tangent) & ~stone
+        silhouette = height.max(axis=1)
+        tall = silhouette > 0.5 * silhouette.max()
+        reach = (np.argmax(height, axis=1) - np.argmax(dark, axis=1)) * texel
+        assert np.median(reach[tall] / silhouette[tall]) * tangent == pytest.approx(1.0, abs=0.1)
+        width = np.count_nonzero(stone.any(axis=1))
+        last = np.nonzero(stone.any(axis=0))[0][0]      # the sun stands at +x
+        length = last - np.nonzero(dark.any(axis=0))[0][0]
+        for share, widths in ((0.5, breadth), (0.8, near_tip)):
+            widths.append(np.count_nonzero(dark[:, last - round(share * length)]) / width)
+    assert np.mean(breadth) > 0.78 and np.mean(near_tip) > 0.58, (breadth, near_tip)
+
+
 def test_pits_are_bowls_with_rims():
     plain = recipe(n=512, rms_slope=1e-6, pit_cover=0.05, pit_m=(0.02, 0.06))
     height = fine_relief.relief(plain, np.random.default_rng(0))

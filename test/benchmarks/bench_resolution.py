@@ -1,0 +1,70 @@
+"""Radiance and share of shadow by distance, against images of 4 x 4 times the pixels.
+
+    python test/benchmarks/bench_resolution.py [--scenarios flat baseline] [--elevations 2 6 15]
+        [--width 640] [--times 4] [--places 3]
+
+Prints a table in Markdown; asserts nothing. Each row is a scenario, an elevation of the sun and a
+direction of the view from it, over several places. Bands that hold no ground are left empty.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+
+import numpy as np
+
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.studies.brightness import DIRECTIONS_DEG, views
+from lunar_rover_sim.studies.resolution import against_finer
+from lunar_rover_sim.world.cache import cached
+from lunar_rover_sim.world.world_folder import load_world
+
+EDGES_M = (0.4, 0.7, 1.2, 2.0, 3.5, 7.0, 20.0)
+
+
+def renderers(name, width, times):
+    """Return a renderer of a scenario, and one of so many times its pixels."""
+    scenario = Scenario.load(name, [f'render_node.camera.width={width}',
+                                    f'render_node.camera.height={width * 3 // 4}'])
+    world = load_world(cached(scenario.world, scenario.shared.seed))
+    config = scenario.render_node
+    camera = dataclasses.replace(config.camera, width=width * times,
+                                 height=width * 3 // 4 * times)
+    return tuple(Renderer(world, scenario.rover, each, scenario.shared.seed)
+                 for each in (config, dataclasses.replace(config, camera=camera)))
+
+
+def cells(values, digits):
+    """Return the cells of a row of a table."""
+    return ' | '.join('' if np.isnan(value) else f'{value:{digits}}' for value in values)
+
+
+def main():
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--scenarios', nargs='+', default=('flat', 'baseline', 'feature_sparse'))
+    parser.add_argument('--elevations', nargs='+', type=float, default=(2.0, 6.0, 15.0))
+    parser.add_argument('--width', type=int, default=640, help='of the coarser image [px]')
+    parser.add_argument('--times', type=int, default=4, help='pixels along a side for one')
+    parser.add_argument('--places', type=int, default=3)
+    args = parser.parse_args()
+    bands = [f'{a:g} to {b:g} m' for a, b in zip(EDGES_M, EDGES_M[1:])]
+    print('| scenario | sun | view | ' + ' | '.join(bands) + ' | ' + ' | '.join(bands) + ' |')
+    print('|---' * (3 + 2 * len(bands)) + '|')
+    for name in args.scenarios:
+        coarse, fine = renderers(name, args.width, args.times)
+        with coarse, fine:
+            for elevation in args.elevations:
+                for each in (coarse, fine):
+                    each.set_sun(coarse.config.sun.azimuth_deg, elevation)
+                for direction in DIRECTIONS_DEG:
+                    curve = against_finer(coarse, fine, views(coarse, direction, args.places),
+                                          EDGES_M)
+                    print(f'| {name} | {elevation:g}° | {direction} | {cells(curve.ratio, ".2f")}'
+                          f' | {cells(100 * curve.shadow_difference, "+.1f")} |', flush=True)
+
+
+if __name__ == '__main__':
+    main()
