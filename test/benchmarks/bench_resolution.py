@@ -10,30 +10,21 @@ direction of the view from it, over several places. Bands that hold no ground ar
 from __future__ import annotations
 
 import argparse
-import dataclasses
 
 import numpy as np
 
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.brightness import DIRECTIONS_DEG, views
-from lunar_rover_sim.studies.resolution import against_finer
-from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.world_folder import load_world
+from lunar_rover_sim.studies.resolution import against_finer, finer_camera
 
 EDGES_M = (0.4, 0.7, 1.2, 2.0, 3.5, 7.0, 20.0)
 
 
-def renderers(name, width, times):
-    """Return a renderer of a scenario, and one of so many times its pixels."""
-    scenario = Scenario.load(name, [f'render_node.camera.width={width}',
-                                    f'render_node.camera.height={width * 3 // 4}'])
-    world = load_world(cached(scenario.world, scenario.shared.seed))
-    config = scenario.render_node
-    camera = dataclasses.replace(config.camera, width=width * times,
-                                 height=width * 3 // 4 * times)
-    return tuple(Renderer(world, scenario.rover, each, scenario.shared.seed)
-                 for each in (config, dataclasses.replace(config, camera=camera)))
+def renderer_of(name, width):
+    """Return a renderer of a scenario."""
+    return Renderer.from_scenario(Scenario.load(name, [
+        f'render_node.camera.width={width}', f'render_node.camera.height={width * 3 // 4}']))
 
 
 def cells(values, digits):
@@ -54,14 +45,13 @@ def main():
     print('| scenario | sun | view | ' + ' | '.join(bands) + ' | ' + ' | '.join(bands) + ' |')
     print('|---' * (3 + 2 * len(bands)) + '|')
     for name in args.scenarios:
-        coarse, fine = renderers(name, args.width, args.times)
-        with coarse, fine:
+        with renderer_of(name, args.width) as renderer:
+            finer = finer_camera(renderer, args.times)
             for elevation in args.elevations:
-                for each in (coarse, fine):
-                    each.set_sun(coarse.config.sun.azimuth_deg, elevation)
+                renderer.set_sun(renderer.config.sun.azimuth_deg, elevation)
                 for direction in DIRECTIONS_DEG:
-                    curve = against_finer(coarse, fine, views(coarse, direction, args.places),
-                                          EDGES_M)
+                    curve = against_finer(renderer, finer,
+                                          views(renderer, direction, args.places), EDGES_M)
                     print(f'| {name} | {elevation:g}° | {direction} | {cells(curve.ratio, ".2f")}'
                           f' | {cells(100 * curve.shadow_difference, "+.1f")} |', flush=True)
 
