@@ -24,7 +24,7 @@ _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
           'hh4': cv2.STEREO_SGBM_MODE_HH4, '3way': cv2.STEREO_SGBM_MODE_SGBM_3WAY}
 
 
-_MARGIN_OVERLAP_PX = 32     # of the left margin with the rest: paths of the aggregation begin there
+_MARGIN_OVERLAP_PX = 32     # of the left margin with the rest; paths begin there
 
 
 class MatchedScenario(Protocol):
