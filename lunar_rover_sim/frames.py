@@ -130,7 +130,7 @@ def path_length(points_m: ArrayLike) -> float:
 
 
 def sun_direction(azimuth_deg: float, elevation_deg: float) -> Array:
-    """Return the (3,) unit vector to the sun, world frame.
+    """Return the (3,) unit vector to the sun or another body in the sky, world frame.
 
     Azimuth is counted from x (east) towards y (north), as yaw is; elevation from the horizontal.
     """

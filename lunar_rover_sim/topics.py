@@ -90,6 +90,13 @@ POWER = tuple(
           f'voltage and current in the supply line of {of}, as a power monitor shows them; '
           'negative where power is drawn [V, A]', on_request=True)
     for line, of in (*((leg, 'that motor') for leg in LEGS), ('bus', 'all motors')))
+SUN_SENSOR = Topic('sun_sensor/direction', 'geometry_msgs/msg/Vector3Stamped', EVENT,
+                   'physics_node', frames.BASE_FRAME, 'measured unit vector to the sun, at '
+                   'sun_sensor.rate_hz; silent in shadow', on_request=True)
+STAR_TRACKER = Topic('star_tracker/attitude', 'sensor_msgs/msg/Imu', EVENT, 'physics_node',
+                     frames.BASE_FRAME, 'measured orientation of base_link in the world with its '
+                     'covariance, at star_tracker.rate_hz; silent while stars cannot be seen',
+                     on_request=True)
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
                        'velocity command [rad/s], reference angle [rad]; stamp = state answered')
@@ -185,9 +192,10 @@ SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_no
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
-    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE,
-    RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH, DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED,
-    RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW, NORMALS, OPTICAL_FLOW, SCENE_FLOW,
-    LABEL_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO,
-    TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER,
+    JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
+    DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
+    NORMALS, OPTICAL_FLOW, SCENE_FLOW, LABEL_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, SUN,
+    WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE,
+    SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)

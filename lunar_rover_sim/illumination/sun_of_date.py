@@ -1,4 +1,4 @@
-"""The sun of a date as the parameters of the light hold it: azimuth and elevation."""
+"""Sun and Earth of a date: the sun as the parameters of the light hold it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import Array, sun_direction
 from lunar_rover_sim.illumination.config import GIVEN, OF_WORLD, SunConfig, SunSiteConfig
 from lunar_rover_sim.illumination.dates import parse_date
 from lunar_rover_sim.illumination.sky import sky
@@ -47,3 +48,16 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
         raise ConfigError(f'sun.date: {sun.date} at longitude {site.lon_deg:.4f}, latitude '
                           f'{site.lat_deg:.4f}: {error}; `lunar_rover_sim world sun` lists when '
                           'it is up') from None
+
+
+def earth_of_date(sun: SunConfig) -> Array | None:
+    """Return the (3,) unit vector to the middle of the Earth, world frame.
+
+    sun: as `sun_of_date` returned it. None without a date, or if the Earth is below the horizontal
+    """
+    site = given_site(sun.site)
+    if not sun.date or site is None:
+        return None
+    earth = sky(site, np.asarray(parse_date('sun.date', sun.date))).earth
+    azimuth, elevation = float(earth.azimuth_deg), float(earth.elevation_deg)
+    return sun_direction(azimuth, elevation) if elevation > 0.0 else None

@@ -53,7 +53,7 @@ class PhysicsNode(node_main.GraphNode):
             self, self._simulation.overlay, world.ground, config.ground_period_ns,
             topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
-        self._requested = RequestedSensors(self, self._simulation, rover, config)
+        self._requested = RequestedSensors(self, self._simulation, world, rover, config)
         self._matching = Matching(self, [*self._publisher.publishers,
                                          *self._requested.publishers, *changes],
                                   tuple(dict.fromkeys([*config.wait.topics,

@@ -11,6 +11,9 @@ from lunar_rover_sim.camera.compression import CompressionConfig
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.illumination.star_tracker import StarTrackerConfig
+from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
 from lunar_rover_sim.parameters import group, param, Parameters
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.physics.config import (ImuConfig, PhysicsConfig, PowerMonitorConfig,
@@ -48,6 +51,9 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     odometry: OdometryConfig = group(OdometryConfig)
     wheel_odometry: WheelOdometryConfig = group(WheelOdometryConfig)
     power_monitor: PowerMonitorConfig = group(PowerMonitorConfig)
+    sun_sensor: SunSensorConfig = group(SunSensorConfig)
+    star_tracker: StarTrackerConfig = group(StarTrackerConfig)
+    sun: SunConfig = group(SunConfig)
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
                                'steps', unit='Hz', low=1, high=1000)
@@ -80,7 +86,7 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
         return 1_000_000_000 // self.ground_rate_hz
 
     def validate(self) -> None:
-        """Raise ConfigError unless state messages fall on steps, and changes on states."""
+        """Raise ConfigError unless state messages fall on steps, and what is slower on states."""
         super().validate()
         if 1_000_000_000 % self.state_rate_hz or self.state_period_ns % self.step_ns:
             raise ConfigError(f'state_rate_hz: {self.state_rate_hz} is not valid; valid is a rate '
@@ -88,6 +94,11 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
         if self.ground.deforms and self.state_rate_hz % self.ground_rate_hz:
             raise ConfigError(f'ground_rate_hz: {self.ground_rate_hz} is not valid; valid is a '
                               f'divisor of state_rate_hz = {self.state_rate_hz}')
+        for name in ('sun_sensor', 'star_tracker'):
+            rate_hz = getattr(self, name).rate_hz
+            if self.state_rate_hz % rate_hz:
+                raise ConfigError(f'{name}.rate_hz: {rate_hz} is not valid; valid is a divisor of '
+                                  f'state_rate_hz = {self.state_rate_hz}')
 
 
 @dataclasses.dataclass(frozen=True)

@@ -75,7 +75,7 @@ def resolve(scenario: Scenario) -> Scenario:
     duration_s = round(duration_s, 9)
     physics, gait = scenario.physics_node, scenario.gait_controller_node
     recorder, render = scenario.recorder_node, scenario.render_node
-    physics = dataclasses.replace(physics, ground_rate_hz=render.frame_rate_hz)
+    physics = dataclasses.replace(physics, ground_rate_hz=render.frame_rate_hz, sun=render.sun)
     render = dataclasses.replace(render, await_ground=render.await_ground or (
         physics.ground.deforms and 'physics_node' in nodes))
     # In real time nothing is awaited, but time starts only when these topics have publishers.

@@ -8,11 +8,13 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from physics_scene import make_world
 import pytest
 
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import AccelStamped, WrenchStamped  # noqa: E402  (needs rclpy)
+from geometry_msgs.msg import AccelStamped, Vector3Stamped  # noqa: E402  (needs rclpy)
+from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
@@ -22,10 +24,12 @@ from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
+from lunar_rover_sim.nodes.heading_publisher import HeadingPublisher  # noqa: E402
 from lunar_rover_sim.nodes.power_publisher import PowerPublisher  # noqa: E402
 from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher  # noqa: E402
 from lunar_rover_sim.physics.config import ImuConfig, WheelOdometryConfig  # noqa: E402
 from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
+from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.physics.wheel_odometry import WheelOdometry  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
@@ -355,6 +359,30 @@ def test_power_is_made_for_readers(state: RoverState) -> None:
     assert max(currents) < -0.05 and currents[4] == pytest.approx(sum(currents[:4]), abs=1e-3)
     assert [m.voltage for m in node.sent] == [pytest.approx(12.0, abs=0.02)] * 5
     assert all(np.isnan([m.charge, m.percentage, m.temperature]).all() for m in node.sent)
+
+
+def test_sun_sensor_and_star_tracker_are_made_for_readers_when_due() -> None:
+    node, config = Reader(), PhysicsNodeConfig()
+    with Simulation(make_world(), RoverDescription(), config) as simulation:
+        heading = HeadingPublisher(node, simulation, make_world(), config)  # type: ignore
+        heading.publish(simulation.state, 0)
+        assert not node.sent
+        node.readers = 1
+        for stamp_ns in (1_000_000_000, 1_005_000_000, 1_200_000_000):
+            heading.publish(simulation.state, stamp_ns)
+        R = simulation.state.T_world_base[:3, :3]
+    sent = [m for m in node.sent if isinstance(m, Vector3Stamped)]
+    assert [time_ns(m.header.stamp) for m in sent] == [1_000_000_000, 1_200_000_000]
+    sun = frames.sun_direction(config.sun.azimuth_deg, config.sun.elevation_deg)
+    for m in sent:
+        assert m.header.frame_id == 'base_link'
+        assert R @ [m.vector.x, m.vector.y, m.vector.z] == pytest.approx(sun, abs=0.01)
+    attitude, = (m for m in node.sent if isinstance(m, Imu))
+    q = attitude.orientation
+    assert frames.matrix_from_wxyz([q.w, q.x, q.y, q.z]) == pytest.approx(R, abs=2e-3)
+    assert np.linalg.eigvalsh(attitude.orientation_covariance.reshape(3, 3)).min() > 0.0
+    assert attitude.angular_velocity_covariance[0] == -1.0
+    assert attitude.linear_acceleration_covariance[0] == -1.0
 
 
 def test_wheel_odometry_is_made_for_readers_and_begins_with_them(state: RoverState) -> None:

@@ -1,0 +1,184 @@
+"""What a place sees of the sun, and what sun sensor and star tracker make of it."""
+
+import dataclasses
+
+import numpy as np
+from physics_scene import make_world, ROVER
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.illumination.config import SunConfig, SunSiteConfig
+from lunar_rover_sim.illumination.star_tracker import StarTracker, StarTrackerConfig
+from lunar_rover_sim.illumination.sun_of_date import earth_of_date
+from lunar_rover_sim.illumination.sun_sensor import SunSensor, SunSensorConfig
+from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
+from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.physics.ray_cast import reaches_sky
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.world.grid import HeightGrid
+
+EVERYTHING_CLEAR = (lambda point, rays: np.ones(len(rays), bool))
+ALL = SunSensorConfig()
+
+
+def seen(azimuth_deg, elevation_deg):
+    return SeenSun(sun_direction(azimuth_deg, elevation_deg), 1.0)
+
+
+def angle_deg(a, b):
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def wall_world(height_m):
+    """A flat square of 10 m; 50 m east begins a plateau."""
+    near, far = np.zeros((401, 401)), np.zeros((201, 201))
+    far[:, 150:] = height_m
+    world = make_world(near)
+    return dataclasses.replace(world, levels=(world.ground,
+                                              HeightGrid(far.astype(np.float32), 1.0)))
+
+
+@pytest.mark.parametrize('offset, share', [(-0.6, 1.0), (0.0, 0.5), (0.6, 0.0), (0.2019, 0.25)])
+def test_the_horizon_cuts_the_disc(offset, share):
+    """Shares of a disc of 0.5 deg: a quarter lies beyond 0.404 of its radius from the middle."""
+    elevation = np.degrees(np.arctan(5.0 / 50.0)) - 0.5 * 0.5 * offset / 0.5
+    view = SunView(wall_world(5.0), SunConfig(azimuth_deg=0.0, elevation_deg=elevation,
+                                              angular_diameter_deg=0.5))
+    sun = view.seen_from(np.zeros(3), EVERYTHING_CLEAR)
+    assert (sun.share if sun else 0.0) == pytest.approx(share, abs=0.08)
+    if 0.0 < share < 1.0:
+        assert np.degrees(np.arcsin(sun.direction[2])) > elevation + 0.02
+
+
+def test_other_directions_are_free():
+    view = SunView(wall_world(50.0), SunConfig(azimuth_deg=180.0, elevation_deg=3.0))
+    assert view.seen_from(np.zeros(3), EVERYTHING_CLEAR).share == 1.0
+    view = SunView(wall_world(50.0), SunConfig(elevation_deg=3.0, irradiance=0.0))
+    assert view.seen_from(np.zeros(3), EVERYTHING_CLEAR) is None
+
+
+def test_ground_and_rover_cast_their_shadows():
+    """A step of 1 m, 2 m east of the rover, hides a sun below 26 deg; the mast hides it ahead."""
+    heights = np.zeros((401, 401))
+    heights[:, 200 + 80:] = 1.0
+    world = make_world(heights)
+    with Simulation(world, ROVER, PhysicsConfig(start=StartPose(yaw_deg=180.0))) as simulation:
+        T = simulation.state.T_world_base
+
+        def share(azimuth_deg, elevation_deg, position_m):
+            view = SunView(world, SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg))
+            sun = view.seen_from(T[:3, :3] @ position_m + T[:3, 3],
+                                 lambda point, rays: reaches_sky(simulation, point, rays))
+            return sun.share if sun else 0.0
+
+        deck, behind_mast = np.array([-0.1, 0.0, 0.06]), np.array([0.08, 0.0, 0.1])
+        assert share(0.0, 20.0, deck) == 0.0 and share(0.0, 28.0, deck) == 1.0
+        assert share(90.0, 10.0, deck) == 1.0
+        assert share(180.0, 3.0, behind_mast) == 0.0
+        # Inside the chassis nothing is seen.
+        assert share(90.0, 10.0, np.zeros(3)) == 0.0
+
+
+def test_a_true_sensor_measures_the_truth():
+    turned = Rotation.from_euler('ZYX', [130.0, -10.0, 5.0], degrees=True).as_matrix()
+    sensor = SunSensor(SunSensorConfig(enabled=False), np.random.default_rng(1))
+    for azimuth in range(0, 360, 15):
+        measured = sensor.measure(seen(azimuth, 6.0), turned)
+        assert turned @ measured == pytest.approx(sun_direction(azimuth, 6.0), abs=1e-12)
+
+
+def test_errors_of_the_sun_sensor_are_those_that_are_stated():
+    """Over 600 parts, the sun before the head that looks ahead; half of the variance stays."""
+    sun, errors = seen(0.0, ALL.heads_elevation_deg), []
+    right, up = np.array([0.0, -1.0, 0.0]), sun_direction(0.0, ALL.heads_elevation_deg + 90.0)
+    for seed in range(600):
+        sensor = SunSensor(ALL, np.random.default_rng(seed))
+        errors.append([np.array([right, up]) @ sensor.measure(sun, np.eye(3)) for _ in range(2)])
+    errors = np.degrees(np.array(errors))
+    np.testing.assert_allclose(errors[:, 0].std(axis=0), ALL.stddev_deg, rtol=0.12)
+    assert np.abs(errors.mean(axis=(0, 1))).max() < 4.0 * ALL.stddev_deg / np.sqrt(600)
+    assert np.corrcoef(errors[:, 0, 1], errors[:, 1, 1])[0, 1] == pytest.approx(0.5, abs=0.13)
+
+
+def test_the_field_of_view_and_shadow_silence_the_sun_sensor():
+    one = SunSensor(SunSensorConfig(heads_yaw_deg=(0.0,), heads_elevation_deg=0.0,
+                                    field_of_view_deg=90.0), np.random.default_rng(1))
+    assert one.measure(seen(44.0, 0.0), np.eye(3)) is not None
+    assert one.measure(seen(46.0, 0.0), np.eye(3)) is None
+    assert one.measure(None, np.eye(3)) is None
+    assert one.measure(dataclasses.replace(seen(0.0, 0.0), share=0.4), np.eye(3)) is None
+
+
+@pytest.mark.parametrize('elevation', [0.0, 6.0, 15.0, 60.0])
+def test_the_heads_cover_the_sky_also_on_slopes(elevation):
+    sensor = SunSensor(ALL, np.random.default_rng(1))
+    for roll in (-20.0, 0.0, 20.0):
+        turned = Rotation.from_euler('X', roll, degrees=True).as_matrix()
+        for azimuth in range(0, 360, 30):
+            assert sensor.measure(seen(azimuth, elevation), turned) is not None
+
+
+def tracker(**values):
+    return StarTracker(StarTrackerConfig(**values), np.random.default_rng(5))
+
+
+STILL = np.zeros(3)
+
+
+def test_errors_of_the_star_tracker_are_those_that_are_stated():
+    """Over 1500 attitudes: the covariance is that of the errors, about the axes of the world."""
+    truth = Rotation.from_euler('ZYX', [70.0, 8.0, -3.0], degrees=True).as_matrix()
+    part = tracker(yaw_deg=30.0, elevation_deg=60.0)
+    errors = np.array([Rotation.from_matrix(part.measure(truth, STILL, None, None)
+                                            @ truth.T).as_rotvec() for _ in range(1500)])
+    stated = part.covariance_rad2(truth)
+    arcsec = np.pi / 180.0 / 3600.0
+    assert np.sqrt(np.linalg.eigvalsh(stated)) / arcsec == pytest.approx([5.0, 5.0, 55.0])
+    consistency = np.einsum('ni,ij,nj->n', errors, np.linalg.inv(stated), errors).mean() / 3.0
+    assert consistency == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 3.0 / 1500))
+    sight = truth @ sun_direction(30.0, 60.0)
+    assert (errors @ sight).std() / arcsec == pytest.approx(55.0, rel=0.08)
+
+
+@pytest.mark.parametrize('rate_degps, sun, earth, tilt_deg, blind', [
+    (0.0, None, None, 0.0, False),
+    (2.9, None, None, 0.0, False),
+    (3.1, None, None, 0.0, True),       # the stars smear
+    (0.0, (0.0, 55.0), None, 0.0, False),   # 35 deg from the zenith
+    (0.0, (0.0, 57.0), None, 0.0, True),
+    (0.0, None, (90.0, 64.0), 0.0, False),
+    (0.0, None, (90.0, 66.0), 0.0, True),
+    (0.0, None, None, 64.0, False),
+    (0.0, None, None, 66.0, True),      # the ground is bright
+])
+def test_where_the_star_tracker_is_blind(rate_degps, sun, earth, tilt_deg, blind):
+    turned = Rotation.from_euler('X', tilt_deg, degrees=True).as_matrix()
+    measured = tracker(elevation_deg=90.0).measure(
+        turned, np.array([0.0, np.radians(rate_degps), 0.0]), seen(*sun) if sun else None,
+        sun_direction(*earth) if earth else None)
+    assert (measured is None) == blind
+
+
+def test_a_true_star_tracker():
+    truth = Rotation.from_euler('Z', 40.0, degrees=True).as_matrix()
+    part = tracker(enabled=False)
+    assert part.measure(truth, STILL, None, None).tolist() == truth.tolist()
+    assert not part.covariance_rad2(truth).any()
+
+
+def test_the_earth_of_a_date():
+    """Near the middle of the near side it stands near the zenith, on the far side nowhere."""
+    near, far = (earth_of_date(SunConfig(date='2026-11-22T06:00:00Z', site=SunSiteConfig(
+        source='given', lon_deg=lon, lat_deg=0.5))) for lon in (0.5, 180.0))
+    assert angle_deg(near, np.array([0.0, 0.0, 1.0])) < 12.0
+    assert far is None and earth_of_date(SunConfig()) is None
+
+
+def test_rates_must_divide_those_of_the_states():
+    with pytest.raises(ConfigError, match='sun_sensor.rate_hz: 7 is not valid; .* 200'):
+        PhysicsNodeConfig(sun_sensor=SunSensorConfig(rate_hz=7))
+    with pytest.raises(ConfigError, match='star_tracker.rate_hz: 3 is not valid; .* 200'):
+        PhysicsNodeConfig(star_tracker=StarTrackerConfig(rate_hz=3))
