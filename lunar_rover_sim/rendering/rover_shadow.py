@@ -7,6 +7,7 @@ sharp at the feet and wide far away.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import cv2
@@ -48,9 +49,7 @@ class RoverShadow:
         self._context = context
         rest = link_poses(rover, np.zeros(4))
         links = list(rest)
-        pieces = _protruding([piece for part in visual_parts(rover)
-                              for piece in _pieces(part, links.index(part.link))])
-        pieces.sort(key=lambda piece: piece.link)
+        pieces = _pieces(rover)
         # Corners of all pieces, by link; where each piece begins; how many corners a link has.
         self._corners = np.concatenate([piece.vertices for piece in pieces])
         self._starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
@@ -134,7 +133,16 @@ class RoverShadow:
             self._map.release()
 
 
-def _pieces(part: VisualPart, link: int) -> list[_Piece]:
+@functools.lru_cache(maxsize=2)     # for the next renderer of the same rover
+def _pieces(rover: RoverDescription) -> tuple[_Piece, ...]:
+    """Return the pieces that cast the shadow, link by link."""
+    links = list(link_poses(rover, np.zeros(4)))
+    pieces = _protruding([piece for part in visual_parts(rover)
+                          for piece in _split(part, links.index(part.link))])
+    return tuple(sorted(pieces, key=lambda piece: piece.link))
+
+
+def _split(part: VisualPart, link: int) -> list[_Piece]:
     """Split a mesh into pieces whose faces hang together by their sides.
 
     Vertices at one place count as one. Spokes that meet in a point are pieces of their own.

@@ -9,6 +9,7 @@ import numpy as np
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.primitives import merge
 from lunar_rover_sim.rover.visual import link_poses, visual_parts
 
 _ANGLES = 36            # of a leg that turns once
@@ -22,21 +23,22 @@ def seen_links(rover: RoverDescription, T_base_cameras: Iterable[Array],
     A link counts if a camera sees one of its triangles at any leg angle, or nearly so.
     T_base_cameras: (4, 4) poses of the optical frames
     """
-    parts, links = visual_parts(rover), list(link_poses(rover, np.zeros(4)))
+    links = list(link_poses(rover, np.zeros(4)))
+    meshes = [merge([(part.vertices.astype(float), part.faces.astype(np.int64))
+                     for part in visual_parts(rover) if part.link == link]) for link in links]
     cameras = [inverse(T) for T in T_base_cameras]
     planes = _planes(projection)
     seen = set()
     for angle in np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False):
         poses = link_poses(rover, np.full(4, angle))
-        for part in parts:
-            index = links.index(part.link)
+        for index, (link, (vertices, faces)) in enumerate(zip(links, meshes)):
             if index in seen or (index == 0 and angle > 0.0):
                 continue
             for T_camera_base in cameras:
-                T = T_camera_base @ poses[part.link]
-                within = (part.vertices @ T[:3, :3].T + T[:3, 3]) @ planes.T
+                T = T_camera_base @ poses[link]
+                within = (vertices @ T[:3, :3].T + T[:3, 3]) @ planes.T
                 within[:, -1] -= projection.near_m
-                if np.any(np.all(np.any(within[part.faces] > 0.0, axis=1), axis=1)):
+                if np.any(np.all(np.any(within[faces] > 0.0, axis=1), axis=1)):
                     seen.add(index)
     return tuple(sorted(seen))
 

@@ -7,6 +7,7 @@ description: legs and tips are drawn where they collide.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -41,12 +42,13 @@ class VisualPart(NamedTuple):
     albedo: tuple[float, float, float]
 
 
-def visual_parts(rover: RoverDescription) -> list[VisualPart]:
+@functools.lru_cache(maxsize=2)     # each renderer asks three times
+def visual_parts(rover: RoverDescription) -> tuple[VisualPart, ...]:
     """Return the rover's parts; about 5,500 triangles."""
     parts = [_part(BASE_FRAME, mesh, albedo) for mesh, albedo in _base(rover)]
     for leg, (_, y, _) in zip(LEG_NAMES, rover.legs.axle_positions_m()):
         parts += [_part(leg, mesh, albedo) for mesh, albedo in _leg(rover, math.copysign(1, y))]
-    return parts
+    return tuple(parts)
 
 
 def link_poses(rover: RoverDescription, joint_angle_rad: ArrayLike) -> dict[str, Array]:
@@ -138,5 +140,7 @@ def _leg(rover: RoverDescription, side: float) -> list[tuple[Mesh, tuple[float, 
 
 
 def _part(link: str, mesh: Mesh, albedo: tuple[float, float, float]) -> VisualPart:
-    vertices, faces = mesh
-    return VisualPart(link, vertices.astype(np.float32), faces.astype(np.int32), albedo)
+    vertices, faces = mesh[0].astype(np.float32), mesh[1].astype(np.int32)
+    vertices.setflags(write=False)
+    faces.setflags(write=False)
+    return VisualPart(link, vertices, faces, albedo)

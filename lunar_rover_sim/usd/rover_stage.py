@@ -8,6 +8,7 @@ shapes are those of `rover.mjcf`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 from pathlib import Path
 
@@ -187,7 +188,8 @@ def _add_joints(stage: Usd.Stage, top: Sdf.Path, rover: RoverDescription) -> Non
                     math.radians(motor.viscous_friction_nms))
 
 
-def _add_visuals(stage: Usd.Stage, top: Sdf.Path, parts: list[VisualPart]) -> dict[Sdf.Path, Look]:
+def _add_visuals(stage: Usd.Stage, top: Sdf.Path,
+                 parts: Sequence[VisualPart]) -> dict[Sdf.Path, Look]:
     """Add the meshes, with one material for each colour; return the looks of the materials."""
     group = UsdGeom.Scope.Define(stage, top.AppendChild('looks')).GetPath()
     materials: dict[tuple[float, float, float], UsdShade.Material] = {}
