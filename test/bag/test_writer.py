@@ -84,6 +84,8 @@ def test_latched_topics_are_offered_transient_local():
     assert contract_qos('/rover1/world_hash').durability.name == 'TRANSIENT_LOCAL'
     assert contract_qos('/tf_static').durability.name == 'TRANSIENT_LOCAL'
     assert contract_qos('/rover1/odom').durability.name == 'VOLATILE'
+    # Else a replay would publish where no node of ROS listens.
+    assert not contract_qos('/rover1/odom').avoid_ros_namespace_conventions
 
 
 def test_profiles_of_rclpy_are_taken():

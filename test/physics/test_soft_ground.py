@@ -6,6 +6,7 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import StartPose
+from lunar_rover_sim.physics.soft_tip import SoftTip
 from lunar_rover_sim.regolith.ball import bearing_n, depth_m
 from lunar_rover_sim.regolith.config import GroundConfig
 from lunar_rover_sim.regolith.soil import PRESETS
@@ -166,6 +167,36 @@ def test_a_leg_stands_higher_in_its_own_print_than_it_would_sink_anew():
         simulation.data.qvel[:] = 0.0
         simulation.advance(1000)
         assert simulation.state.position_m[2] == pytest.approx(first, abs=0.0015)
+
+
+def test_a_walk_north_goes_as_far_as_one_east_and_as_straight():
+    """Feet step into older prints. The friction of MuJoCo's contacts is a pyramid: 1 to 2 %."""
+    ways, depths = [], []
+    for yaw_deg in (0.0, 90.0):
+        with simulate(ground=soft(), start=StartPose(yaw_deg=yaw_deg)) as simulation:
+            before = simulation.state.position_m
+            way = trot(simulation, 3.0).position_m - before
+            depths.append(simulation.overlay.snapshot().height_m.min())
+        turn = np.radians(yaw_deg)
+        ways.append(way[:2] @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    (east, aside_east), (north, aside_north) = ways
+    assert east == pytest.approx(north, rel=0.01) and east > 0.3
+    assert max(abs(aside_east), abs(aside_north)) < 0.02 * east
+    assert depths[0] == pytest.approx(depths[1], rel=0.1)
+
+
+def test_a_rod_leans_by_the_angle_to_the_normal_of_the_ground():
+    row = np.zeros(4)
+    tip = SoftTip(0, 0, row, row, row, row)
+    for slope_deg, rod_deg in ((0.0, 0.0), (0.0, 30.0), (20.0, 30.0), (20.0, -15.0)):
+        slope, rod = np.radians([slope_deg, rod_deg])
+        tip.nx, tip.nz = float(np.sin(slope)), float(np.cos(slope))
+        centre = np.array([3.0, -2.0, -7.0])
+        axle = centre + 0.08 * np.array([np.sin(rod), 0.0, np.cos(rod)])
+        assert tip.lean(tuple(axle), tuple(centre)) == pytest.approx(
+            np.tan(abs(rod - slope)), abs=1e-6)
+    tip.nx, tip.nz = 0.0, 1.0
+    assert tip.lean((1.0, 0.0, 0.1), (0.0, 0.0, 0.0)) == 2.0     # all but flat
 
 
 def test_cohesion_bears():

@@ -56,4 +56,5 @@ def test_a_seed_is_a_whole_number_from_0_on(seed, message):
 
 def test_the_seed_of_the_recipe_wins():
     assert preset('flat').with_seed(7).seed == 7
+    assert preset('flat').with_seed(0).seed == 0
     assert WorldConfig(seed=3).with_seed(7).seed == 3

@@ -11,7 +11,7 @@ import worlds
 
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world.build import build_world
-from lunar_rover_sim.world.config import preset, WorldConfig
+from lunar_rover_sim.world.config import LEVEL_RATIO, preset, WorldConfig
 from lunar_rover_sim.world.curvature import drop_m
 from lunar_rover_sim.world.grid import HeightGrid
 
@@ -102,6 +102,17 @@ def test_levels_cover_a_horizon_and_nest():
         inside = np.abs(axis) < inner.half_extent_m - 0.5 * outer.cell_m
         xy = np.stack(np.meshgrid(axis[inside], axis[inside]), axis=-1)
         assert np.allclose(outer.heights_m[np.ix_(inside, inside)], inner.height_at(xy), atol=1e-6)
+
+
+@pytest.mark.parametrize('samples', range(257, 275))
+def test_coarse_levels_have_the_samples_asked_for_and_some_on_the_corners_within(samples):
+    levels = nest.plan(WorldConfig.from_mapping({'size_m': 12.8, 'surroundings.samples': samples}))
+    for (n, cell_m), (outer_n, outer_cell_m) in zip(levels, levels[1:]):
+        assert samples <= outer_n < samples + 2 * LEVEL_RATIO
+        assert (outer_n - 1) * outer_cell_m >= 2.0 * (n - 1) * cell_m
+        corner = 0.5 * (n - 1) * cell_m
+        axis = nest.axis_m(outer_n, outer_cell_m)
+        assert np.abs(axis - corner).min() < 1e-9
 
 
 def test_origin_is_at_height_zero():

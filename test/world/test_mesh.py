@@ -130,6 +130,14 @@ def test_overhangs(tmp_path, caplog):
     assert level > 1.0
 
 
+def test_the_window_may_touch_the_edge_of_the_mesh(tmp_path):
+    mesh, _ = bumps()
+    mesh.export(tmp_path / 'bumps.stl')
+    MeshSource(config(tmp_path / 'bumps.stl', mesh={'center': [-3.6, 3.6]})).close()
+    for center in ([3.7, 0.0], [-3.7, 0.0], [0.0, 3.7], [0.0, -3.7]):
+        refused(tmp_path / 'bumps.stl', r'reaches 0\.1 m beyond the mesh', mesh={'center': center})
+
+
 def test_faces_turned_down(tmp_path):
     mesh, grid = bumps()
     mesh.invert()

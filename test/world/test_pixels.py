@@ -154,6 +154,17 @@ def test_gaps_are_left_out_of_means_and_filled_between_their_neighbours(tmp_path
 
 
 @KINDS
+def test_a_gap_changes_no_mean_of_level_ground(tmp_path, kind):
+    heights = np.full((ROWS, COLUMNS), 500.0, np.float32)
+    heights[10:12, 10:12] = np.nan
+    raster = opened(write(tmp_path / 'level', kind, False, heights))
+    for cell_m in (6.5, 9.0):
+        tile = raster.tile(38.0, cell_m)
+        np.testing.assert_allclose(tile.heights_m + raster.reference_m, 500.0, atol=1e-3)
+    raster.close()
+
+
+@KINDS
 def test_an_absurd_height_is_a_gap(tmp_path, kind):
     heights = plane(False)
     heights[25, 20] = -1.2e5
