@@ -4,12 +4,15 @@ import errno
 import json
 from pathlib import Path
 
+import camera_scene as scene
+from conftest import PLAIN
 import cv2
 import numpy as np
 import pytest
 import worlds
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.cli import world as cli_world
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.rendering.config import RenderConfig
@@ -23,6 +26,7 @@ LAYERS = ('left.png', 'right.png', 'preview.png', 'depth_m.npy', 'normal.npy', '
           'radiance.npy', 'disparity_px.npy')
 SMALL = ('--set', 'render_node.camera.width=320', '--set', 'render_node.camera.height=240')
 TINY = ('--set', 'render_node.camera.width=160', '--set', 'render_node.camera.height=120')
+BARE = tuple(word for setting in PLAIN for word in ('--set', setting))
 
 
 @pytest.fixture(scope='module')
@@ -35,8 +39,8 @@ def folder(tmp_path_factory):
 
 def test_render_writes_all_layers(folder, tmp_path, capsys):
     out = tmp_path / 'frames'
-    assert main(['render', 'baseline', '--world', str(folder), *SMALL, '--pose', '-1,0.5,-120',
-                 '--pose', '1,1,0,3', '-o', str(out)]) == 0
+    assert main(['render', 'baseline', '--world', str(folder), *SMALL, *BARE, '--pose',
+                 '-1,0.5,-120', '--pose', '1,1,0,3', '-o', str(out)]) == 0
     for k in range(2):
         for name in LAYERS:
             assert (out / f'{k:03d}_{name}').is_file()
@@ -51,7 +55,8 @@ def test_render_writes_all_layers(folder, tmp_path, capsys):
 
 
 def test_a_twist_blurs_the_images_and_nothing_else(folder, tmp_path):
-    options = ['render', 'flat', '--world', str(folder), *TINY]
+    # With the relief of the next test, which is made once.
+    options = ['render', 'baseline', '--world', str(folder), *TINY]
     assert main([*options, '-o', str(tmp_path / 'still')]) == 0
     assert main([*options, '--twist', '-0.1,0,0,0,0,10', '-o', str(tmp_path / 'turning')]) == 0
     images, depths = ([read(str(tmp_path / name / f'000_{layer}')) for name in
@@ -61,60 +66,6 @@ def test_a_twist_blurs_the_images_and_nothing_else(folder, tmp_path):
                       for image in images)
     assert turning < 0.8 * still
     np.testing.assert_array_equal(*depths)
-
-
-@pytest.mark.parametrize('arguments,message', [
-    (['--pose', '1e6,0,0'], 'pose: (1e+06, 0) lies outside the world; valid are x and y within'),
-    (['--set', 'render_node.sun.elevation_deg=-4'], 'sun.elevation_deg: -4.0 is not valid; valid'),
-    (['--set', 'render_node.sensor.exposure_s=0'], 'exposure_s: 0.0 is not valid; valid is > 0'),
-    (['--set', 'render_node.reflectance.ground=mars'], "reflectance.ground: 'mars' is not valid"),
-    (['--set', 'render_node.camera.distortion=[-1.5, 0, 0, 0, 0]'], 'distortion: [-1.5, 0.0,'),
-    (['--set', 'render_node.camera.width=9000'], 'camera.width: 9000 is not valid; valid is'),
-])
-def test_render_refuses(folder, tmp_path, capsys, arguments, message):
-    out = tmp_path / 'frames'
-    assert main(['render', 'baseline', '--world', str(folder), '-o', str(out), *arguments]) == 1
-    said = capsys.readouterr().err.strip()
-    assert message in said and '\n' not in said
-    assert not out.exists() or not list(out.iterdir())
-
-
-def test_exposure_of_a_still_is_at_rest():
-    world = worlds.small()
-    config = RenderConfig(camera=CameraConfig(width=160, height=120),
-                          sensor=SensorConfig(exposure_mode='auto'))
-    with Renderer(world, RoverDescription(), config) as renderer:
-        at, away = standing(world, 0.0, 0.0, 60.0), standing(world, 0.0, 0.0, 240.0)
-        renderer.render(RoverPose(at), 0, ('left',))
-        settle(renderer, RoverPose(away))
-        one, two = (renderer.render(RoverPose(away), k, ('left',)) for k in (0, 1))
-    assert one.exposure_s == pytest.approx(two.exposure_s, rel=0.02)
-    assert np.mean(one.left == 255) < 0.1
-
-
-def test_standing_is_square_to_the_slope():
-    world = worlds.small()
-    pose = standing(world, 1.0, -1.0, 30.0, 0.1)
-    np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
-    ground = float(world.height_at((1.0, -1.0)))
-    assert np.linalg.norm(pose[:3, 3] - [1.0, -1.0, ground]) == pytest.approx(0.1)
-    assert pose[2, 2] > 0.8
-    with pytest.raises(ConfigError, match='outside the world'):
-        standing(world, np.inf, 0.0, 0.0)
-
-
-def test_views_without_sun_are_lit_by_the_lamp():
-    views = four_views(worlds.small(), 60.0, -1.0)
-    assert len(views) == 4
-    for title, image in views[:3]:
-        assert image.shape == (480, 640) and image.max() > 100, title
-
-
-def test_preview_has_the_views(folder, tmp_path):
-    with_views, without = tmp_path / 'a.png', tmp_path / 'b.png'
-    assert main(['world', 'preview', str(folder), '-o', str(with_views)]) == 0
-    assert main(['world', 'preview', str(folder), '-o', str(without), '--no-views']) == 0
-    assert cv2.imread(str(with_views)).shape[0] > cv2.imread(str(without)).shape[0]
 
 
 def test_validate_stereo(tmp_path, capsys):
@@ -137,12 +88,69 @@ def test_validate_stereo(tmp_path, capsys):
     assert 'frames: 0 is not valid; valid is >= 1' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('arguments,message', [
+    (['--pose', '1e6,0,0'], 'pose: (1e+06, 0) lies outside the world; valid are x and y within'),
+    (['--set', 'render_node.sun.elevation_deg=-4'], 'sun.elevation_deg: -4.0 is not valid; valid'),
+    (['--set', 'render_node.sensor.exposure_s=0'], 'exposure_s: 0.0 is not valid; valid is > 0'),
+    (['--set', 'render_node.reflectance.ground=mars'], "reflectance.ground: 'mars' is not valid"),
+    (['--set', 'render_node.camera.distortion=[-1.5, 0, 0, 0, 0]'], 'distortion: [-1.5, 0.0,'),
+    (['--set', 'render_node.camera.width=9000'], 'camera.width: 9000 is not valid; valid is'),
+])
+def test_render_refuses(folder, tmp_path, capsys, arguments, message):
+    out = tmp_path / 'frames'
+    assert main(['render', 'baseline', '--world', str(folder), '-o', str(out), *arguments]) == 1
+    said = capsys.readouterr().err.strip()
+    assert message in said and '\n' not in said
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_exposure_of_a_still_is_at_rest():
+    world = worlds.small()
+    config = RenderConfig(camera=CameraConfig(width=160, height=120), detail=scene.SMOOTH,
+                          sensor=SensorConfig(exposure_mode='auto'))
+    with Renderer(world, RoverDescription(), config) as renderer:
+        at, away = standing(world, 0.0, 0.0, 60.0), standing(world, 0.0, 0.0, 240.0)
+        renderer.render(RoverPose(at), 0, ('left',))
+        settle(renderer, RoverPose(away))
+        one, two = (renderer.render(RoverPose(away), k, ('left',)) for k in (0, 1))
+    assert one.exposure_s == pytest.approx(two.exposure_s, rel=0.02)
+    assert np.mean(one.left == 255) < 0.1
+
+
+def test_standing_is_square_to_the_slope():
+    world = worlds.small()
+    pose = standing(world, 1.0, -1.0, 30.0, 0.1)
+    np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
+    ground = float(world.height_at((1.0, -1.0)))
+    assert np.linalg.norm(pose[:3, 3] - [1.0, -1.0, ground]) == pytest.approx(0.1)
+    assert pose[2, 2] > 0.8
+    with pytest.raises(ConfigError, match='outside the world'):
+        standing(world, np.inf, 0.0, 0.0)
+
+
+def test_preview_has_the_views_which_the_lamp_lights_without_sun(folder, tmp_path, monkeypatch):
+    views = []
+
+    def watched(*arguments):
+        views.extend(four_views(*arguments))
+        return views
+
+    monkeypatch.setattr(cli_world, 'four_views', watched)
+    with_views, without = tmp_path / 'a.png', tmp_path / 'b.png'
+    assert main(['world', 'preview', str(folder), '-o', str(with_views), '--sun', '60', '-1']) == 0
+    assert len(views) == 4
+    for title, image in views[:3]:
+        assert image.shape == (480, 640) and image.max() > 100, title
+    assert main(['world', 'preview', str(folder), '-o', str(without), '--no-views']) == 0
+    assert cv2.imread(str(with_views)).shape[0] > cv2.imread(str(without)).shape[0]
+
+
 def test_a_picture_that_cannot_be_written_is_an_error(folder, tmp_path, monkeypatch, capsys):
     def full(self, data):
         raise OSError(errno.ENOSPC, 'No space left on device', str(self))
 
     monkeypatch.setattr(Path, 'write_bytes', full)
-    assert main(['render', 'flat', '--world', str(folder), *TINY, '-o',
+    assert main(['render', 'flat', '--world', str(folder), *TINY, *BARE, '-o',
                  str(tmp_path / 'frames')]) == 1
     said = capsys.readouterr().err.strip()
     assert 'No space left on device' in said and '\n' not in said

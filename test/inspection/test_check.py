@@ -27,7 +27,7 @@ rover:
   ros__parameters: {imu: {position_m: [0.0, 0.0, 0.0], rpy_deg: [0.0, 0.0, 0.0]},
                     stereo: {baseline_m: 0.1}}
 physics_node:
-  ros__parameters: {state_rate_hz: 200, gravity_mps2: 1.62, ground: {model: regolith}}
+  ros__parameters: {state_rate_hz: 100, gravity_mps2: 1.62, ground: {model: regolith}}
 render_node:
   ros__parameters: {frame_rate_hz: 10}
 recorder_node:
@@ -37,7 +37,7 @@ recorder_node:
 
 @pytest.fixture(scope='module')
 def good() -> list[Item]:
-    items = synthetic.drive(0.6)
+    items = synthetic.drive(0.6, state_hz=100)
     next(i for i in items if i.topic == 'scenario').message.data = \
         SCENARIO.replace('MODE', 'lockstep')
     return items + synthetic.ground_items(0.6)
@@ -126,7 +126,7 @@ def at(value: float) -> Callable[[np.ndarray], np.ndarray]:
 FORCE = 'linear_acceleration'
 DAMAGES: dict[str, tuple[Callable[[list[Item]], list[Item]], str, str]] = {
     'odometry message lost': (
-        lambda b: edited(b, 'odom', drop, 0.5), 'state counts', 'odom: 1 of 120 missing'),
+        lambda b: edited(b, 'odom', drop, 0.5), 'state counts', 'odom: 1 of 60 missing'),
     'joint command twice': (
         lambda b: b + [i for i in b if i.topic == 'joint_commands'][:1], 'stamps increase',
         'joint_commands'),
@@ -274,7 +274,7 @@ def every_second(items: list[Item], depth_every: int = 2) -> list[Item]:
 
 def test_depth_may_come_with_every_second_frame(tmp_path):
     """It is counted, and it belongs to images; an image belongs to no depth."""
-    items = every_second(synthetic.drive(0.6, depth_every=2))
+    items = every_second(synthetic.drive(0.6, state_hz=100, depth_every=2))
     report = check(synthetic.write(tmp_path / 'bag', items))
     assert {f.status for f in report.findings} == {Status.PASS}
     found = {f.check: f.detail for f in report.findings}
@@ -303,7 +303,7 @@ def test_drops_in_real_time_are_warnings(tmp_path, good):
              if i.topic == 'scenario' else i for i in good]
     next(i for i in items if i.topic == 'scenario').message.data = \
         SCENARIO.replace('MODE', 'real_time')
-    report = check(synthetic.write(tmp_path / 'bag', edited(items, 'odom', drop, 0.405)))
+    report = check(synthetic.write(tmp_path / 'bag', edited(items, 'odom', drop, 0.41)))
     assert report.ok
     assert [f.check for f in report.findings if f.status is Status.WARN] == ['state counts']
 

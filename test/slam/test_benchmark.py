@@ -274,7 +274,8 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     monkeypatch.setattr(benchmark, 'run', functools.partial(benchmark.run, recorder=recorder))
     words = ['benchmark', '-o', str(tmp_path / 'out'), '--scenarios', 'flat', '--seeds', '2',
              '--duration', '2', '--sweep', 'render_node.sun.elevation_deg=2,10', '--system',
-             'command', '--run', fake[0].command, '--estimate-frame', 'imu']
+             'command', '--run', fake[0].command, '--estimate-frame', 'imu',
+             '--sensors', 'mono']
     args = parse(words)
     assert args.run(args) == 0
     assert len(recorder.drives) == 4
