@@ -173,8 +173,9 @@ TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', LATCHED, 'physics_node'
 RECORDED = Topic('recorder/written', 'std_msgs/msg/Header', EVENT, 'recorder_node', '',
                  'stamp up to which everything is written')
 DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT, 'physics_node',
-                    '', 'once per second of wall time, by render_node and recorder_node too; the '
-                    'name is absolute, /diagnostics, as diagnostic_updater has it',
+                    '', 'once per second of wall time, by render_node, recorder_node, slam_node '
+                    'and pose_bridge_node too; the name is absolute, /diagnostics, as '
+                    'diagnostic_updater has it',
                     on_request=True)
 SLAM_POSE = Topic('slam/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'slam_node', '',
                   'of the left camera in the map of the program, for every tracked frame')

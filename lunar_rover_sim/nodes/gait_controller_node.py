@@ -51,7 +51,8 @@ class GaitControllerNode(node_main.GraphNode):
                                                 qos.offered(topics.JOINT_COMMANDS))
         # In lockstep the first answer is held until everybody reads it.
         self._matching = Matching(self, [self._publisher],
-                                  config.participants if config.lockstep else ())
+                                  tuple(dict.fromkeys([*config.wait.topics, *config.participants]))
+                                  if config.lockstep else ())
         self._listener = LockstepListener(self, config.wait, config.lockstep, self._newest_ns,
                                           self._answer_while_open,
                                           {topics.CMD_VEL: self._velocities.append}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 import time
 from typing import Any
 
@@ -15,7 +15,7 @@ from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.diagnostics import Drops
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.run.lockstep import StampGate
+from lunar_rover_sim.run.lockstep import STARTED_NS, StampGate
 from lunar_rover_sim.run.shared_config import WaitConfig
 from lunar_rover_sim.topics import Topic
 
@@ -38,11 +38,14 @@ class LockstepListener:
     drops: answers that were lost or refused
     handlers: topic → callback that gets each message before the gate learns its stamp; the type
         of these topics has a header
+    relays: topics whose publishers wait for somebody else's first answer in turn; in the first
+        simulated second they may take as long as a first answer
     """
 
     def __init__(self, node: GraphNode, wait: WaitConfig, lockstep: bool,
                  now_ns: Callable[[], int | None], on_answer: Callable[[], None],
-                 handlers: Mapping[Topic, Callable[[Any], None]] | None = None) -> None:
+                 handlers: Mapping[Topic, Callable[[Any], None]] | None = None,
+                 relays: Collection[str] = ()) -> None:
         self.gate = StampGate(wait.lag_ns_by_topic())
         self._node = node
         self._wait = wait
@@ -55,7 +58,8 @@ class LockstepListener:
         self._lag_ns = wait.lag_ns_by_topic()
         self._before_restart: set[str] = set()
         self.drops = Drops()
-        self._refused = 0
+        self._relays = frozenset(relays)
+        self._refused: dict[str, int] = {}      # topic → stamps refused so far
         self._last_progress_s = time.monotonic()
         for topic in self._types:
             if topic in self._without_publisher:
@@ -94,12 +98,17 @@ class LockstepListener:
         missing = self.gate.missing(now_ns) or self.gate.behind(now_ns)
         if not missing:
             return
-        started = all(self.gate.has_answered(topic) for topic in missing)
+        # Who answers with wrong stamps has started, too.
+        started = all(self.gate.has_answered(topic) or topic in self._refused
+                      for topic in missing)
+        if now_ns <= STARTED_NS and not self._relays.isdisjoint(missing):
+            started = False
         limit_s = self._wait.silence_s if started else self._wait.start_s
         if time.monotonic() - self._last_progress_s < limit_s:
             return
-        silent = '; '.join(f'{topic} (from {self._publishers(topic)}, last stamp {ns / 1e9:.3f} s)'
-                           for topic, ns in missing.items())
+        silent = '; '.join(f'{topic} (from {self._publishers(topic)}, last stamp {ns / 1e9:.3f} s'
+                           + (f', {self._refused[topic]} refused)' if topic in self._refused
+                              else ')') for topic, ns in missing.items())
         raise GraphError(f'no answer for {limit_s:g} s at {now_ns / 1e9:.3f} s of simulated time '
                          f'on {silent}')
 
@@ -172,9 +181,9 @@ class LockstepListener:
         self._on_answer()
 
     def _refuse(self, topic: str, stamp: int, now_ns: int) -> None:
-        self._refused += 1
+        self._refused[topic] = self._refused.get(topic, 0) + 1
         self.drops.add(f'Refused stamps of {topic}')
         self._node.get_logger().warning(
-            f'{topic}: stamp {stamp / 1e9:.3f} s refused ({self._refused} so far); valid is at '
+            f'{topic}: stamp {stamp / 1e9:.3f} s refused ({self._refused[topic]} so far); valid is at '
             f'most {_MAX_AHEAD_NS / 1e9:g} s after the simulated time, {now_ns / 1e9:.3f} s '
             '(does its publisher use /clock?)', throttle_duration_sec=1.0)

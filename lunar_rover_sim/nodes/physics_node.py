@@ -61,9 +61,12 @@ class PhysicsNode(node_main.GraphNode):
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
                                     self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
 
+        # Where others wait for somebody too, the gait controller does, for cmd_vel.
+        relays = ([topics.JOINT_COMMANDS.name]
+                  if set(config.participants).difference(config.wait.topics) else [])
         self._listener = LockstepListener(self, config.wait, config.lockstep, lambda: self._now_ns,
                                           self._advance_while_open,
-                                          {topics.JOINT_COMMANDS: self._command_callback})
+                                          {topics.JOINT_COMMANDS: self._command_callback}, relays)
         if topics.JOINT_COMMANDS.name not in config.wait.topics:
             self.create_subscription(
                 JointState, topics.JOINT_COMMANDS.name, self._command_callback,

@@ -8,10 +8,12 @@ from pathlib import Path
 import tempfile
 from types import TracebackType
 
-from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.errors import ConfigError, GraphError
 
 # Domains whose ports stay clear of the ephemeral range on Linux.
 _FIRST, _LAST = 1, 101
+# Ports of DDS are 7400 + 250 per domain (RTPS specification 2.5, 9.6.2), and end at 65535.
+_MOST = 232
 
 
 class OwnDomain:
@@ -24,7 +26,13 @@ class OwnDomain:
     """
 
     def __init__(self, domain: int | None = None) -> None:
-        """Take `domain`, or any free one; raise GraphError if a run of this package holds it."""
+        """Take `domain`, or any free one.
+
+        Raises ConfigError for a number that is no domain, GraphError if a run of this package
+        holds it.
+        """
+        if domain is not None and not 0 <= domain <= _MOST:
+            raise ConfigError(f'--domain {domain}: is not valid; valid is 0 to {_MOST}')
         folder = Path(tempfile.gettempdir()) / f'lunar_rover_sim_domains_{os.getuid()}'
         folder.mkdir(mode=0o700, exist_ok=True)
         # Runs of two users, who do not share the folder, seldom start at the same domain.

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+# Longer than the lag of any participant: after this simulated time all have answered.
+STARTED_NS = 1_000_000_000
+
 
 class StampGate:
     """The newest stamp of each awaited topic, and the lag that each may have.

@@ -35,6 +35,9 @@ _ENVIRONMENT = {
     'MALLOC_MMAP_THRESHOLD_': str(32 << 20),
     'MALLOC_TRIM_THRESHOLD_': str(64 << 20),
     'MALLOC_TOP_PAD_': str(4 << 20),
+    # `node_logs` reads the lines of rclpy's logger, which a shell may have told to look otherwise.
+    'RCUTILS_COLORIZED_OUTPUT': '0',
+    'RCUTILS_CONSOLE_OUTPUT_FORMAT': '[{severity}] [{time}] [{name}]: {message}',
 }
 
 

@@ -31,8 +31,8 @@ STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node
 _RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
-# The gait controller reports a silent drive_node after this share of the time that physics allows.
-# Otherwise physics would report the gait controller.
+# The gait controller reports who is silent on cmd_vel after this share of the time that physics
+# allows. Otherwise physics would report the gait controller.
 _GAIT_SILENCE_SHARE = 0.8
 
 
@@ -84,11 +84,12 @@ def resolve(scenario: Scenario) -> Scenario:
     if scenario.shared.lockstep:
         drive = scenario.drive_node
         if 'drive_node' in nodes and drive.mode != 'none' and drive.enable_stamped_cmd_vel:
-            wait = _extended(
-                gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz})
-            limit_s = round(physics.wait.silence_s * _GAIT_SILENCE_SHARE, 3)
+            gait = dataclasses.replace(gait, wait=_extended(
+                gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz}))
+        if gait.wait.topics:
             gait = dataclasses.replace(gait, wait=dataclasses.replace(
-                wait, silence_s=max(0.1, min(wait.silence_s, limit_s))))
+                gait.wait, silence_s=_share(gait.wait.silence_s, physics.wait.silence_s),
+                start_s=_share(gait.wait.start_s, physics.wait.start_s)))
         if not recorder.acknowledge:
             recorder = dataclasses.replace(recorder, acknowledge=_acknowledged(scenario))
         if 'render_node' in nodes and not render.await_readers:
@@ -140,6 +141,11 @@ def _extended(wait: WaitConfig, lag_s_by_topic: dict[str, float]) -> WaitConfig:
     new = {t: lag for t, lag in lag_s_by_topic.items() if t not in wait.topics}
     return dataclasses.replace(wait, topics=(*wait.topics, *new),
                                lags_s=(*wait.lags_s, *new.values()))
+
+
+def _share(limit_s: float, physics_s: float) -> float:
+    """Return a limit of the gait controller, below that of physics [s]."""
+    return max(0.1, min(limit_s, round(physics_s * _GAIT_SILENCE_SHARE, 3)))
 
 
 def _acknowledged(scenario: Scenario) -> tuple[str, ...]:

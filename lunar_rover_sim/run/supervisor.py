@@ -8,6 +8,7 @@ import time
 
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.clock_reader import ClockReader
+from lunar_rover_sim.run.lockstep import STARTED_NS
 from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -15,8 +16,6 @@ _POLL_S = 0.1
 # physics_node names the participant that it waits for before the supervisor names physics_node. It
 # begins to wait once it has started itself, which takes seconds.
 _SILENCE_MARGIN_S, _START_MARGIN_S = 1.0, 30.0
-# Longer than the lag of any participant: after this simulated time all nodes have started.
-_STARTED_NS = 1_000_000_000
 # Time that physics has to leave after its last state.
 _LEAVE_S = 15.0
 
@@ -47,7 +46,7 @@ class Limits:
 
     def silence_limit_s(self, now_ns: int, suspended: bool) -> float | None:
         """Return how long the clock may stand still at `now_ns`; None for ever."""
-        starting = now_ns <= _STARTED_NS and not suspended
+        starting = now_ns <= STARTED_NS and not suspended
         limit_s = self.start_s if starting else self.silence_s
         if limit_s is not None and 0 < self.end_ns <= now_ns:
             limit_s += _LEAVE_S

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+import subprocess
+import sys
 import time
 
 import pytest
 
 from lunar_rover_sim.run.clock_reader import ClockReader
+from lunar_rover_sim.run.node_logs import NodeLogs
 from lunar_rover_sim.run.node_processes import ros_environment
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -32,3 +35,17 @@ def test_what_fast_dds_prints_is_no_time(domain: int, monkeypatch: pytest.Monkey
         while time.monotonic() < until:
             assert clock.now_ns() == 0
             time.sleep(0.1)
+
+
+@pytest.mark.ros
+def test_warnings_are_found_however_the_shell_wants_its_log(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Colours and formats of the user are for the user's own nodes."""
+    monkeypatch.setenv('RCUTILS_COLORIZED_OUTPUT', '1')
+    monkeypatch.setenv('RCUTILS_CONSOLE_OUTPUT_FORMAT', '{name}: {message}')
+    log = tmp_path / 'x.log'
+    with log.open('wb') as file:
+        subprocess.run([sys.executable, '-c', 'import rclpy.logging; '
+                        'rclpy.logging.get_logger("x").warning("stuck")'],
+                       env=ros_environment(7), stdout=file, stderr=file, check=True, timeout=30)
+    assert [warning.text for warning in NodeLogs({'x': log}).new_warnings()] == ['stuck']

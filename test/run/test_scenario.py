@@ -171,6 +171,17 @@ def test_a_users_own_participant_is_awaited_too() -> None:
     assert 'recorder/written' in lags_ns
 
 
+def test_the_gait_controller_names_a_silent_controller_before_physics_names_it() -> None:
+    """Whoever it waits for, drive_node or a user's own program, from the first answer on."""
+    own = ('run.nodes=[physics_node, gait_controller_node]',
+           'gait_controller_node.wait.topics=[cmd_vel]', 'gait_controller_node.wait.lags_s=[0.05]')
+    for overrides in (own, ()):
+        scenario = resolve(Scenario.load('flat', overrides))
+        gait, physics = scenario.gait_controller_node.wait, scenario.physics_node.wait
+        assert gait.silence_s < physics.silence_s
+        assert gait.start_s < physics.start_s
+
+
 def test_a_scenario_refuses_another_world_than_it_names() -> None:
     small = {'world.size_m': 6.4, 'world.surroundings.samples': 65}
     hash_here = Scenario.load('flat', small).load_world().hash
