@@ -15,7 +15,7 @@ from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.diagnostics import Drops
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.run.lockstep import STARTED_NS, StampGate
+from lunar_rover_sim.run.lockstep import StampGate, STARTED_NS
 from lunar_rover_sim.run.shared_config import WaitConfig
 from lunar_rover_sim.topics import Topic
 
