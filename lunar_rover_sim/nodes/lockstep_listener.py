@@ -181,9 +181,9 @@ class LockstepListener:
         self._on_answer()
 
     def _refuse(self, topic: str, stamp: int, now_ns: int) -> None:
-        self._refused[topic] = self._refused.get(topic, 0) + 1
+        count = self._refused[topic] = self._refused.get(topic, 0) + 1
         self.drops.add(f'Refused stamps of {topic}')
         self._node.get_logger().warning(
-            f'{topic}: stamp {stamp / 1e9:.3f} s refused ({self._refused[topic]} so far); valid is at '
+            f'{topic}: stamp {stamp / 1e9:.3f} s refused ({count} so far); valid is at '
             f'most {_MAX_AHEAD_NS / 1e9:g} s after the simulated time, {now_ns / 1e9:.3f} s '
             '(does its publisher use /clock?)', throttle_duration_sec=1.0)
