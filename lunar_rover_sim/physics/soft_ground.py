@@ -161,11 +161,12 @@ class SoftGround:
         """Take the changed ground below a tip in the air for a plane."""
         change, compaction = self.overlay.at(x, y)
         former = self.soil.former_depth_m(change, compaction)
-        tip.offset, tip.plastic = change + former, former
+        tip.offset = change + former
         reach, height = self._radius, self.overlay.height_at_point
         tip.tilt_x = (height(x + reach, y) - height(x - reach, y)) / (2.0 * reach)
         tip.tilt_y = (height(x, y + reach) - height(x, y - reach)) / (2.0 * reach)
         self._lie(tip, x, y)
+        tip.plastic = former * tip.nz     # the plane goes through the changed ground at (x, y)
 
     def _follow(self, tip: SoftTip, x: float, y: float) -> None:
         """Let a tip that moves on in the ground meet the surface ahead of it."""
@@ -177,10 +178,10 @@ class SoftGround:
         former = self.soil.former_depth_m(change, compaction)
         part = min(1.0, way / (2.0 * inner))
         tip.offset += part * (change + former - tip.offset)
-        tip.plastic += part * max(0.0, former - tip.plastic)
         tip.tilt_x *= 1.0 - part
         tip.tilt_y *= 1.0 - part
         self._lie(tip, x, y)
+        tip.plastic += part * max(0.0, former * tip.nz - tip.plastic)
         tip.place()
 
     def _lie(self, tip: SoftTip, x: float, y: float) -> None:

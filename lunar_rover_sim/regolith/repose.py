@@ -8,6 +8,7 @@ untouched ground is as steep as that, everything holds: what falls there would r
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -36,13 +37,14 @@ def relax(overlay: Overlay, ground: FineGround, ix: int, iy: int, nx: int, ny: i
     total = begin.copy()
     # All rows in one line: neighbours of any direction are pairs at one distance in it.
     line = total.ravel()
-    pairs = [(offset, held, more * way) for offset, held, way in _held(base, slope)]
-    step, size = np.empty(line.size), np.empty(line.size)
+    edge, neighbours = _window(ny, nx)
+    edge_before = line[edge]
+    pairs = _pairs(line, base.ravel(), neighbours, slope, more)
     moved = False
     for sweep in range(1, _SWEEPS + 1):
-        calm = not any([_slide(line, *pair, step, size) for pair in pairs])
+        calm = not any([_slide(*pair) for pair in pairs])
         moved = moved or not calm
-        if (calm or sweep % _LOOK == 0) and moved and _differ_at_edge(total, begin):
+        if (calm or sweep % _LOOK == 0) and moved and np.count_nonzero(line[edge] != edge_before):
             _put(overlay, ix, iy, change, compaction, total - begin)
             relax(overlay, ground, ix - _GROW, iy - _GROW, nx + 2 * _GROW, ny + 2 * _GROW,
                   repose_deg)
@@ -53,37 +55,51 @@ def relax(overlay: Overlay, ground: FineGround, ix: int, iy: int, nx: int, ny: i
         _put(overlay, ix, iy, change, compaction, total - begin)
 
 
-def _held(base: Array, slope: float) -> list[tuple[int, Array, float]]:
-    """Return for each of four directions the pairs of samples, and what they hold.
+_Neighbours = tuple[int, Array, float]
+_Pairs = tuple[Array, Array, Array, float, Array, Array]
 
-    That is their distance in a line of all rows, the (n,) difference of height [m] that stands
-    between them, very large where nothing slides, and their distance on the ground [m].
+
+@functools.lru_cache(maxsize=256)
+def _window(ny: int, nx: int) -> tuple[Array, list[_Neighbours]]:
+    """Return the samples at the edge of a window, and the four directions of neighbours.
+
+    A direction: the distance of neighbours in a line of all rows, the (n,) pairs in that line
+    that are neighbours, and their distance on the ground [m].
     """
-    ny, nx = base.shape
-    full = np.arange(nx)
-    result = []
+    samples = np.arange(ny * nx).reshape(ny, nx)
+    edge = np.concatenate([samples[0], samples[-1], samples[1:-1, 0], samples[1:-1, -1]])
+    columns = np.tile(np.arange(nx), ny)
+    diagonal = CELL_M * math.sqrt(2.0)
     # Towards east, north, north-east and north-west.
-    for offset, columns, way in ((1, full < nx - 1, CELL_M), (nx, full >= 0, CELL_M),
-                                 (nx + 1, full < nx - 1, CELL_M * math.sqrt(2.0)),
-                                 (nx - 1, full > 0, CELL_M * math.sqrt(2.0))):
-        flat = base.ravel()
+    return edge, [(offset, there[:-offset], way) for offset, there, way in (
+        (1, columns < nx - 1, CELL_M), (nx, columns >= 0, CELL_M),
+        (nx + 1, columns < nx - 1, diagonal), (nx - 1, columns > 0, diagonal))]
+
+
+def _pairs(line: Array, base: Array, neighbours: list[_Neighbours], slope: float,
+           more: float) -> list[_Pairs]:
+    """Return for each direction what `_slide` takes."""
+    result = []
+    step, size = np.empty(line.size), np.empty(line.size)
+    for offset, there, way in neighbours:
         # Beyond the ground heights are NaN, and no comparison with them holds.
-        slides = np.abs(flat[offset:] - flat[:-offset]) < slope * way
-        slides &= np.tile(columns, ny)[:-offset]
-        result.append((offset, np.where(slides, slope * way, _ALL_HOLDS_M), way))
+        slides = np.abs(base[offset:] - base[:-offset]) < slope * way
+        slides &= there
+        # The difference of height that stands between a pair.
+        held = np.where(slides, slope * way, _ALL_HOLDS_M)
+        result.append((line[:-offset], line[offset:], held, more * way, step[:-offset],
+                       size[:-offset]))
     return result
 
 
-def _slide(line: Array, offset: int, held: Array, tolerance: float, step: Array,
+def _slide(low: Array, high: Array, held: Array, tolerance: float, step: Array,
            size: Array) -> bool:
     """Let pairs slide once, in place; return whether any was steeper than the tolerance."""
-    low, high = line[:-offset], line[offset:]
-    step, size = step[:-offset], size[:-offset]
     np.subtract(high, low, out=step)
     np.abs(step, out=size)
     size -= held
     too_steep = size > tolerance
-    if not too_steep.any():
+    if not np.count_nonzero(too_steep):
         return False
     size *= _PART
     size *= too_steep
@@ -91,11 +107,6 @@ def _slide(line: Array, offset: int, held: Array, tolerance: float, step: Array,
     high -= step
     low += step
     return True
-
-
-def _differ_at_edge(one: Array, two: Array) -> bool:
-    return any(not np.array_equal(one[side], two[side])
-               for side in (0, -1, (slice(None), 0), (slice(None), -1)))
 
 
 def _put(overlay: Overlay, ix: int, iy: int, change: Array, compaction: Array,
