@@ -9,6 +9,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array, wxyz_from_matrix
 from lunar_rover_sim.physics.config import StartPose
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.mjcf import BASE_BODY
 from lunar_rover_sim.world.grid import HeightGrid
 
 CLEARANCE_M = 0.001
@@ -33,8 +34,9 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover:
     data.qpos[7:11] = start.joint_angle_rad
     data.qvel[:] = 0.0
     mujoco.mj_kinematics(model, data)
-    geoms = np.flatnonzero(model.geom_bodyid > 0)
-    spheres = geoms[model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_SPHERE]
+    # The tips; soft ground has balls on the chassis, too.
+    legs = model.geom_bodyid > mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
+    spheres = np.flatnonzero(legs & (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE))
     centres = data.geom_xpos[spheres]
     lowest = centres[:, 2] - model.geom_size[spheres, 0]
     # Steep ground touches a sphere beside its lowest point: look at a disc below each.

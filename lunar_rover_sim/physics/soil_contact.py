@@ -2,7 +2,9 @@
 
 MuJoCo's contact of tip and plane is the elastic part of the soil. `physics/soft_ground.py` moves
 the plane, which is the plastic part. Tips no longer touch the height field; they touch rocks as
-before, and the chassis touches both.
+before. The chassis touches rocks as a box, and the ground with balls along its bottom and at its
+upper corners: a box that hangs low over a height field costs as much as the rest of a step, also
+where it touches nothing, since MuJoCo looks at each prism below it.
 
 With a constant impedance d the row f = (-b v - k r - a) / R, R = A (1 - d) / d, of a contact (see
 `physics/contact.py`) is a spring K and a damper C for `solref` = (-K A (1 - d), -C A (1 - d)).
@@ -19,11 +21,15 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import ContactConfig
 from lunar_rover_sim.regolith.soil import Soil
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
-from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM, ROCK_BIT, tip_geom
+from lunar_rover_sim.rover.mjcf import (CHASSIS_GEOM, GROUND_BIT, ROCK_BIT, ROVER_PRIORITY,
+                                        tip_geom)
 
 IMPEDANCE = 0.5
 YIELDING_DAMPING = 0.01   # of the damping: what is left while the soil yields, which dissipates
 PARKED_M = -1e4           # height of the plane of a tip that is in the air
+# Of the chassis. A ball whose centre is in the ground is lost in it: the stiffness of its contact
+# grows without bound from one tip radius on, before that.
+BALL_RADIUS_M, BALL_SPACING_M = 0.014, 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,10 +51,10 @@ class SoilRows:
 def add_soil(spec: mujoco.MjSpec, rover: RoverDescription) -> None:
     """Give each tip of a rover's model a plane, which only this tip touches.
 
-    A chassis that scrapes over soft ground touches it at twenty points and more. Friction against
-    rolling and twisting is left out there: the points hold it anyway, in half of the time.
+    Its chassis gets balls that touch the ground, without friction against rolling and twisting,
+    since several of them touch at once.
     """
-    spec.geom(CHASSIS_GEOM).condim = 3
+    _add_balls(spec)
     for leg in LEG_NAMES:
         for spoke in range(rover.legs.spokes):
             tip = tip_geom(leg, spoke)
@@ -57,6 +63,22 @@ def add_soil(spec: mujoco.MjSpec, rover: RoverDescription) -> None:
             body.add_geom(name=_soil(tip), type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.1, 0.1, 0.1],
                           contype=0, conaffinity=0)
             spec.add_pair(name=_soil(tip), geomname1=tip, geomname2=_soil(tip), condim=6)
+
+
+def _add_balls(spec: mujoco.MjSpec) -> None:
+    box = spec.geom(CHASSIS_GEOM)
+    box.conaffinity = ROCK_BIT
+    half = np.array(box.size)
+    radius = min(BALL_RADIUS_M, *half)
+    counts = np.ceil(2.0 * half[:2] / BALL_SPACING_M).astype(int) + 1
+    x, y = (np.linspace(-1.0, 1.0, count) for count in counts)
+    places = [(a, b, -1.0) for a in x for b in y] + [(a, b, 1.0) for a in x[[0, -1]]
+                                                    for b in y[[0, -1]]]
+    for k, place in enumerate(places):
+        box.parent.add_geom(
+            name=f'{CHASSIS_GEOM}_ball_{k}', type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0.0, 0.0], pos=np.array(place) * (half - radius), contype=0,
+            conaffinity=GROUND_BIT, condim=3, priority=ROVER_PRIORITY, group=1)
 
 
 def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,

@@ -11,6 +11,7 @@ from lunar_rover_sim.regolith.repose import relax
 
 SLIDE_S = 0.1   # time in which walls slide, for all prints of a leg at once
 WIDEST = 40     # samples of such prints, along one side
+SPREAD = 4      # samples around them to which their walls mostly slide
 
 
 class WallSlides:
@@ -56,5 +57,7 @@ class WallSlides:
     def _slide(self, overlay: Overlay, leg: int) -> None:
         window = self._waiting[leg]
         if window is not None:
-            relax(overlay, self._ground, *window, self._repose_deg)
+            ix, iy, nx, ny = window
+            relax(overlay, self._ground, ix - SPREAD, iy - SPREAD, nx + 2 * SPREAD,
+                  ny + 2 * SPREAD, self._repose_deg)
             self._waiting[leg] = None

@@ -13,7 +13,7 @@ from lunar_rover_sim.regolith.ball import (bearing_n, bearing_slope_npm, contact
                                            silhouette_m3)
 from lunar_rover_sim.regolith.soil import Soil
 
-_MOST_STEPS, _EXACT_M = 3, 1e-7   # to the plastic depth
+_MOST_STEPS, _EXACT_M = 3, 1e-7   # to the plastic depth; in elastic depth
 
 
 class SpokeInSoil:
@@ -53,15 +53,15 @@ class SpokeInSoil:
         `depth` has. Newton's steps from a plastic depth that bears less.
         """
         bears = part * self.bears_n(plastic, lean)
+        exact = _EXACT_M * elastic_npm
         for _ in range(_MOST_STEPS):
-            more = ((elastic_npm * (depth - plastic) - bears)
-                    / (elastic_npm + part * self.slope_npm(plastic, lean)))
-            plastic += more
+            more = elastic_npm * (depth - plastic) - bears
+            if -exact < more < exact:
+                break
+            plastic += more / (elastic_npm + part * self.slope_npm(plastic, lean))
             if plastic > depth:
                 plastic = depth
             bears = part * self.bears_n(plastic, lean)
-            if -_EXACT_M < more < _EXACT_M:
-                break
         return plastic, bears
 
     def ploughs_n(self, depth: float, reserve: float) -> float:
