@@ -21,14 +21,13 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import ContactConfig
 from lunar_rover_sim.regolith.soil import Soil
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
-from lunar_rover_sim.rover.mjcf import (CHASSIS_GEOM, GROUND_BIT, ROCK_BIT, ROVER_PRIORITY,
-                                        tip_geom)
+from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM, GROUND_BIT, ROCK_BIT, ROVER_PRIORITY, tip_geom
 
 IMPEDANCE = 0.5
 YIELDING_DAMPING = 0.01   # of the damping: what is left while the soil yields, which dissipates
 PARKED_M = -1e4           # height of the plane of a tip that is in the air
-# Of the chassis. A ball whose centre is in the ground is lost in it: the stiffness of its contact
-# grows without bound from one tip radius on, before that.
+# Of the chassis. A ball whose centre is in the ground is pushed sideways, as in `contact.py`. Its
+# contact becomes nearly rigid one tip radius deep, well before that.
 BALL_RADIUS_M, BALL_SPACING_M = 0.014, 0.1
 
 
