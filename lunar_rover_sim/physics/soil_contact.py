@@ -71,8 +71,8 @@ def _add_balls(spec: mujoco.MjSpec) -> None:
     radius = min(BALL_RADIUS_M, *half)
     counts = np.ceil(2.0 * half[:2] / BALL_SPACING_M).astype(int) + 1
     x, y = (np.linspace(-1.0, 1.0, count) for count in counts)
-    places = [(a, b, -1.0) for a in x for b in y] + [(a, b, 1.0) for a in x[[0, -1]]
-                                                    for b in y[[0, -1]]]
+    places = [(a, b, -1.0) for a in x for b in y]
+    places += [(a, b, 1.0) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
     for k, place in enumerate(places):
         box.parent.add_geom(
             name=f'{CHASSIS_GEOM}_ball_{k}', type=mujoco.mjtGeom.mjGEOM_SPHERE,
