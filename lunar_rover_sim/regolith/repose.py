@@ -12,6 +12,7 @@ import functools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.regolith.fine_ground import FineGround
@@ -55,12 +56,12 @@ def relax(overlay: Overlay, ground: FineGround, ix: int, iy: int, nx: int, ny: i
         _put(overlay, ix, iy, change, compaction, total - begin)
 
 
-_Neighbours = tuple[int, Array, float]
+_Neighbours = tuple[int, NDArray[np.bool_], float]
 _Pairs = tuple[Array, Array, Array, float, Array, Array]
 
 
 @functools.lru_cache(maxsize=256)
-def _window(ny: int, nx: int) -> tuple[Array, list[_Neighbours]]:
+def _window(ny: int, nx: int) -> tuple[NDArray[np.int_], list[_Neighbours]]:
     """Return the samples at the edge of a window, and the four directions of neighbours.
 
     A direction: the distance of neighbours in a line of all rows, the (n,) pairs in that line

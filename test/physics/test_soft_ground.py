@@ -173,7 +173,7 @@ def test_a_leg_stands_higher_in_its_own_print_than_it_would_sink_anew():
 
 
 def test_a_walk_north_goes_as_far_as_one_east_and_as_straight():
-    """Feet step into older prints. Single walks scatter by 1 % from start to start."""
+    """Feet step into older prints. Walks scatter by 1 % ahead, 2 % aside, from start to start."""
     ways, depths = [], []
     for yaw_deg in (0.0, 90.0):
         with simulate(ground=soft(), start=StartPose(yaw_deg=yaw_deg)) as simulation:
@@ -184,7 +184,7 @@ def test_a_walk_north_goes_as_far_as_one_east_and_as_straight():
         ways.append(way[:2] @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     (east, aside_east), (north, aside_north) = ways
     assert east == pytest.approx(north, rel=0.03) and east > 0.3
-    assert max(abs(aside_east), abs(aside_north)) < 0.02 * east
+    assert max(abs(aside_east), abs(aside_north)) < 0.06 * east
     assert depths[0] == pytest.approx(depths[1], rel=0.1)
 
 
