@@ -12,16 +12,17 @@ import numpy as np
 
 from lunar_rover_sim.files.templates import data_uri, template
 from lunar_rover_sim.slam.benchmark import Cell, cell_folder
-from lunar_rover_sim.slam.table import findings, Paper, Row, row_of, text_cells
+from lunar_rover_sim.slam.table import is_success, Paper, Row, row_of, text_cells
 
 _MEASURES = {'ate_percent': 'ATE [% of distance]', 'scale': 'scale', 'tracked': 'tracked [%]'}
 
 
 def html_report(title: str, statement: Sequence[str], rows: Sequence[Row], cells: Sequence[Cell],
-                folder: Path, parameter: str = '', paper: Paper | None = None) -> str:
+                findings: Sequence[str], folder: Path, parameter: str = '',
+                paper: Paper | None = None) -> str:
     """Return the report as HTML.
 
-    statement: sentences about the drives
+    statement, findings: sentences about the drives and what they show
     folder: that of the benchmark; the paths are read from the folders of its cells
     parameter: what a sweep changes
     """
@@ -29,9 +30,8 @@ def html_report(title: str, statement: Sequence[str], rows: Sequence[Row], cells
     errors = _curves(rows, cells, parameter) if parameter else _bars(rows, cells)
     return template('lunar_rover_sim.slam', 'benchmark.html').render(
         title=title, statement=statement, columns=columns, rows=lines,
-        findings=findings(rows, parameter),
-        failures=[f'{cell.name}: {cell.result.reason}' for cell in cells
-                  if cell.result and cell.result.reason],
+        findings=findings, failures=[f'{" ".join(filter(None, row.key))}, {reason}'
+                                     for row in rows for reason in row.reasons],
         errors_png=_png(errors), paths_png=_png(_paths(rows, cells, folder)))
 
 
@@ -70,28 +70,25 @@ def _curves(rows: Sequence[Row], cells: Sequence[Cell], parameter: str) -> Figur
 
 def _draw_values(axis: Axes, places: Sequence[float], rows: Sequence[Row], cells: Sequence[Cell],
                  name: str, style: str, label: str = '') -> None:
-    """Draw means with their intervals, and every drive as a point."""
-    means = [getattr(row, name) for row in rows]
-    drawn = axis.errorbar(places, [m.value for m in means],
-                          yerr=np.nan_to_num([m.half_width for m in means]), fmt=style, capsize=4,
-                          label=label)
+    """Draw medians with their intervals, every success as a cross, every failure as a circle."""
+    medians = [getattr(row, name) for row in rows]
+    middle = np.array([m.value for m in medians])
+    reach = np.nan_to_num([[m.value - m.low, m.high - m.value] for m in medians])
+    drawn = axis.errorbar(places, middle, yerr=reach.T, fmt=style, capsize=4, label=label)
     colour = drawn.lines[0].get_color()
     for place, row in zip(places, rows):
-        results = [c.result for c in cells if c.result is not None and row_of(c) == row.key]
-        of_drives = np.array([100.0 * r.tracked_share if name == 'tracked' else getattr(r, name)
-                              for r in results])
-        axis.plot(np.full(len(results), place), of_drives, 'x', color=colour, alpha=0.6)
+        own = [c for c in cells if c.result is not None and row_of(c) == row.key]
+        for good, marker in ((True, 'x'), (False, 'o')):
+            of_drives = [100.0 * c.result.tracked_share if name == 'tracked'
+                         else getattr(c.result, name)
+                         for c in own if c.result is not None and is_success(c) == good]
+            axis.plot(np.full(len(of_drives), place), of_drives, marker, color=colour, alpha=0.6,
+                      markerfacecolor='none')
 
 
 def _scale_axis(axis: Axes, title: str) -> None:
-    axis.set_title(f'{title}: mean, 95 %, drives', fontsize=10)
+    axis.set_title(f'{title}: median, 95 %, drives (o: failed)', fontsize=10)
     axis.grid(alpha=0.3)
-    # The axes hold what was measured; the interval of two drives may go far beyond.
-    points = np.concatenate([line.get_ydata() for line in axis.lines if line.get_marker() == 'x'])
-    points = points[np.isfinite(points)]
-    if len(points):
-        margin = 0.15 * max(float(np.ptp(points)), 0.02 * float(np.abs(points).max()), 1e-6)
-        axis.set_ylim(points.min() - margin, points.max() + margin)
 
 
 def _paths(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> Figure:

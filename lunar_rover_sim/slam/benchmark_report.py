@@ -11,6 +11,7 @@ from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.slam import table
 from lunar_rover_sim.slam.benchmark import Cell
 from lunar_rover_sim.slam.benchmark_page import html_report
+from lunar_rover_sim.slam.findings import findings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,17 +32,18 @@ def write_report(cells: Sequence[Cell], folder: Path, parameter: str = '',
     """
     rows = table.rows_of(cells)
     system = cells[0].estimator.system
-    text, findings = table.markdown(rows, paper, parameter), table.findings(rows, parameter)
+    text, found = table.markdown(rows, paper, parameter), findings(cells, parameter)
     statement = _statement(cells)
     title = 'Benchmark' + (f' over {parameter}' if parameter else '')
     contents = {
-        f'{system}.md': '\n\n'.join([*statement, text, *findings]).rstrip() + '\n',
+        f'{system}.md': '\n\n'.join([*statement, text, *found]).rstrip() + '\n',
         f'{system}.csv': table.csv_text(rows),
         f'{system}.tex': table.latex(rows, paper, parameter),
-        f'{system}.html': html_report(title, statement, rows, cells, folder, parameter, paper)}
+        f'{system}.html': html_report(title, statement, rows, cells, found, folder, parameter,
+                                      paper)}
     for name, content in contents.items():
         atomic_write(folder / name, content, SlamError)
-    return Report(text, findings, [folder / name for name in contents])
+    return Report(text, found, [folder / name for name in contents])
 
 
 def _statement(cells: Sequence[Cell]) -> list[str]:
@@ -52,6 +54,8 @@ def _statement(cells: Sequence[Cell]) -> list[str]:
         f'{seeds} drives of {drive.duration_s:g} s per line, seeds 1 to {seeds}, '
         f'{scenario.render_node.frame_rate_hz:g} frames/s, commanded speed '
         f'{scenario.drive_node.speed_mps:g} m/s; system {cells[0].estimator.system}.',
-        'Mean ± 95 % interval over seeds (Student). Mono is aligned by Sim(3), the others by '
-        'SE(3); scale is true over estimated size of the path, by Sim(3). Distance is horizontal, '
-        'in steps of 0.1 s.']
+        f'A drive is a success if {100 * table.SUCCESS_SHARE:g} % of its frames are tracked, in '
+        'one map. Medians over the successes with 95 % intervals of the bootstrap; tracked and '
+        'distance over all drives. Mono is aligned by Sim(3), the others by SE(3); scale is true '
+        'over estimated size of the path, by Sim(3); RPE is over pieces of 1 m. Distance is '
+        'horizontal, in steps of 0.1 s.']
