@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SUN, TRIPOD
+from lunar_rover_sim.cli.number_lists import numbers
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.film import check_suffix, SUFFIXES, U8, write_film
 from lunar_rover_sim.files.outputs import check_path
@@ -34,9 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--behind', action='store_true', help='from behind the rover; by default '
                         'from where the sun lights it from the side')
     parser.add_argument('--from', metavar='DISTANCE,AZIMUTH,ELEVATION', dest='place',
-                        help='where the camera is [m, deg, deg], by default 1.5,-112,17; the '
-                        'azimuth counts from the sun, with --behind from the heading')
-    parser.add_argument('--tripod', metavar='X,Y,HEIGHT',
+                        type=numbers(3), help='where the camera is [m, deg, deg], by default '
+                        '1.5,-112,17; the azimuth counts from the sun, with --behind from the '
+                        'heading')
+    parser.add_argument('--tripod', metavar='X,Y,HEIGHT', type=numbers(3),
                         help='the camera stands there and turns after the rover [m]')
     parser.add_argument('--quality', type=int, default=70, metavar='N',
                         help='of a .webp, 1 to 100 (default: 70)')
@@ -83,19 +85,10 @@ def _camera(film: Film, args: argparse.Namespace) -> ChaseConfig:
     if args.behind:
         chase = dataclasses.replace(chase, reference=HEADING, azimuth_deg=180.0)
     if args.place is not None:
-        distance_m, azimuth_deg, elevation_deg = _three('--from', args.place)
+        distance_m, azimuth_deg, elevation_deg = args.place
         chase = dataclasses.replace(chase, distance_m=distance_m, azimuth_deg=azimuth_deg,
                                     elevation_deg=elevation_deg,
                                     reference=HEADING if args.behind else SUN)
     if args.tripod is not None:
-        chase = dataclasses.replace(chase, mode=TRIPOD,
-                                    position_m=_three('--tripod', args.tripod))
+        chase = dataclasses.replace(chase, mode=TRIPOD, position_m=args.tripod)
     return chase
-
-
-def _three(name: str, text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(','))
-    except ValueError:
-        raise ConfigError(f'{name}: {text!r} is not three numbers') from None
-    return x, y, z

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from pathlib import Path
-import re
 
 import numpy as np
 from rich.console import Console
 
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
+from lunar_rover_sim.cli.number_lists import numbers
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.files.images import write_png
@@ -34,17 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '[m], normals, labels, craters, shadow and ideal radiance (NPY), disparity, and a '
         'preview of all.')
     parser.add_argument('scenario', help='name of a packaged scenario, or a YAML file')
-    parser.add_argument('--pose', action='append', metavar='X,Y,YAW[,Z]', type=_pose,
+    parser.add_argument('--pose', action='append', metavar='X,Y,YAW[,Z]', type=numbers(3, 4),
                         help='where the rover stands [m, m, deg]; Z is the height of base_link '
                         'above the ground, 0.09 by default; may be repeated')
-    parser.add_argument('--joints', metavar='A,B,C,D', type=_numbers(4), default=[0.0] * 4,
+    parser.add_argument('--joints', metavar='A,B,C,D', type=numbers(4), default=[0.0] * 4,
                         help='leg angles [deg]')
-    parser.add_argument('--twist', metavar='VX,VY,VZ,WX,WY,WZ', type=_numbers(6),
+    parser.add_argument('--twist', metavar='VX,VY,VZ,WX,WY,WZ', type=numbers(6),
                         default=[0.0] * 6, help='velocity of the rover in axes of base_link '
                         '[m/s, rad/s], which blurs the images over the exposure; zero by default')
     parser.add_argument('--chase', action='store_true', help='also draw the rover from outside '
                         '(PNG); render_node.chase.* are the parameters of that camera')
-    parser.add_argument('--chase-from', metavar='DISTANCE,AZIMUTH,ELEVATION', type=_numbers(3),
+    parser.add_argument('--chase-from', metavar='DISTANCE,AZIMUTH,ELEVATION', type=numbers(3),
                         help='where that camera is [m, deg, deg], by default 1.5,-112,17; the '
                         'azimuth counts from the sun, or as chase.reference says')
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
@@ -116,26 +116,3 @@ def _chase(args: argparse.Namespace, config: ChaseConfig) -> ChaseConfig | None:
     distance_m, azimuth_deg, elevation_deg = args.chase_from
     return dataclasses.replace(config, distance_m=distance_m, azimuth_deg=azimuth_deg,
                                elevation_deg=elevation_deg)
-
-
-def _pose(text: str) -> tuple[float, ...]:
-    numbers = _split(text)
-    if len(numbers) not in (3, 4):
-        raise argparse.ArgumentTypeError(f'{text!r} is not X,Y,YAW or X,Y,YAW,Z')
-    return tuple(numbers)
-
-
-def _numbers(count: int):
-    def convert(text: str) -> list[float]:
-        numbers = _split(text)
-        if len(numbers) != count:
-            raise argparse.ArgumentTypeError(f'{text!r} is not {count} numbers')
-        return numbers
-    return convert
-
-
-def _split(text: str) -> list[float]:
-    try:
-        return [float(part) for part in re.split(r'[,\s]+', text.strip())]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a list of numbers') from None

@@ -46,8 +46,21 @@ def test_lists_may_begin_with_a_negative_number() -> None:
     args = parse(['render', 'flat', '--pose', '-2,3,240', '--pose=-.5,1,2', '--joints',
                   '-1,2,-3,4', '-o', 'out'])
     assert args.pose == [(-2.0, 3.0, 240.0), (-0.5, 1.0, 2.0)]
-    assert args.joints == [-1.0, 2.0, -3.0, 4.0]
+    assert args.joints == (-1.0, 2.0, -3.0, 4.0)
     assert parse(['world', 'preview', 'folder', '--sun', '-60', '6']).sun == [-60.0, 6.0]
+
+
+@pytest.mark.parametrize(('words', 'message'), [
+    (['render', 'flat', '-o', 'out', '--pose', '1,2'], "'1,2' is not 3 or 4 numbers"),
+    (['render', 'flat', '-o', 'out', '--chase-from', '1,2,x'], "'1,2,x' is not a list of numbers"),
+    (['bag', 'video', 'x', '-o', 'y.mp4', '--from', '1,2'], "'1,2' is not 3 numbers"),
+    (['bag', 'video', 'x', '-o', 'y.mp4', '--tripod', '1,nan,2'], 'valid is finite numbers'),
+])
+def test_lists_of_numbers_are_checked(words: list[str], message: str,
+                                      capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parse(words)
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('words', 'hint'), [
