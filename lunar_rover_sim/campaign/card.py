@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim import __version__
+from lunar_rover_sim.campaign.croissant import croissant
 from lunar_rover_sim.campaign.dataset import failures, manifests
-from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, CARD_FILE, README_FILE
-from lunar_rover_sim.campaign.manifest import read_json, write_json
+from lunar_rover_sim.campaign.episode_table import episode_table
+from lunar_rover_sim.campaign.front_matter import front_matter
+from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, CARD_FILE, CROISSANT_FILE,
+                                             EPISODE_TABLE, README_FILE)
+from lunar_rover_sim.campaign.manifest import json_text, read_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
@@ -66,17 +70,29 @@ def make_card(dataset: Path) -> dict[str, Any]:
 
 
 def write_card(dataset: Path) -> dict[str, Any]:
-    """Write card.json and README.md into the folder of a data set; return the card.
+    """Write the data card into the folder of a data set, in four files; return it.
 
-    Raises CampaignError if the folder is not a data set, or they cannot be written.
+    card.json, README.md, episodes.csv and croissant.json. Raises CampaignError if the folder is
+    not a data set, or they cannot be written.
     """
     card = make_card(dataset)
     try:
-        write_json(dataset / CARD_FILE, card)
-    except (OSError, ValueError) as error:      # NaN is no JSON
+        described = {CARD_FILE: json_text(card).encode(),
+                     EPISODE_TABLE: episode_table(card).encode()}
+        files = {**described, README_FILE: markdown(card).encode(),
+                 CROISSANT_FILE: json_text(croissant(card, described, _kept(card))).encode()}
+    except ValueError as error:     # NaN is no JSON
         raise CampaignError(f'{dataset / CARD_FILE}: cannot be written: {error}') from None
-    atomic_write(dataset / README_FILE, markdown(card), CampaignError)
+    for name, content in files.items():
+        atomic_write(dataset / name, content, CampaignError)
     return card
+
+
+def _kept(card: dict[str, Any]) -> dict[str, str]:
+    """Return the folders that each episode holds, with what is in them."""
+    campaign = card['campaign']
+    kinds = [*(['bag'] if campaign.get('keep_bag', True) else []), *campaign.get('formats', ())]
+    return {kind: _FORMATS[kind] for kind in kinds if kind in _FORMATS}
 
 
 def _summary(name: str, episodes: Sequence[dict[str, Any]]) -> dict[str, float] | None:
@@ -92,9 +108,8 @@ def _summary(name: str, episodes: Sequence[dict[str, Any]]) -> dict[str, float] 
 
 
 def markdown(card: dict[str, Any]) -> str:
-    """Return the data card as Markdown."""
+    """Return the data card as Markdown, with the head that Hugging Face's hub reads."""
     campaign = card['campaign']
-    kept = [*(['bag'] if campaign.get('keep_bag', True) else []), *campaign.get('formats', ())]
     lines = [f'# {card["name"]}', '', card['description'] or 'Simulated stereo, depth and inertial'
              ' data of a rover on the Moon.', '',
              f'- licence: {card["license"]}',
@@ -109,7 +124,7 @@ def markdown(card: dict[str, Any]) -> str:
              'scenario.yaml -o DIR` records the same bag, byte for byte on one kind of machine; '
              '`manifest.json` with the sizes and SHA-256 of all files, the result of the bag '
              'check and the statistics; and:', '',
-             *(f'- `{kind}`: {_FORMATS[kind]}' for kind in kept if kind in _FORMATS), '',
+             *(f'- `{kind}`: {what}' for kind, what in _kept(card).items()), '',
              '## Statistics', '', '| | mean | min | max | total | meaning |', '|---|---|---|---|'
              '---|---|']
     for name, summary in card['statistics'].items():
@@ -125,7 +140,7 @@ def markdown(card: dict[str, Any]) -> str:
     if card['failed']:
         lines += ['## Failed episodes', '',
                   *(f'- {name}: {_cell(error)}' for name, error in card['failed'].items()), '']
-    return '\n'.join(lines)
+    return front_matter(card) + '\n'.join(lines)
 
 
 def number(value: object) -> str:

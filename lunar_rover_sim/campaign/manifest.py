@@ -29,7 +29,12 @@ def write_json(path: Path, content: Any) -> None:
 
     Raises ValueError if the content is not JSON (such as NaN), OSError if it cannot be written.
     """
-    atomic_write(path, json.dumps(content, indent=1, allow_nan=False) + '\n')
+    atomic_write(path, json_text(content))
+
+
+def json_text(content: Any) -> str:
+    """Return the text of a JSON file; raise ValueError if the content is not JSON, such as NaN."""
+    return json.dumps(content, indent=1, allow_nan=False) + '\n'
 
 
 def read_json(path: Path, most_bytes: int = _MOST_BYTES) -> dict[str, Any]:

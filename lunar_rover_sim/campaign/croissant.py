@@ -1,0 +1,81 @@
+"""The data card in Croissant, the vocabulary of MLCommons for data sets (version 1.0).
+
+Croissant (Akhtar et al., NeurIPS 2024) describes files and records in JSON-LD, so that search
+engines find a data set and loaders read it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import hashlib
+from typing import Any
+
+from lunar_rover_sim.campaign.episode_table import FIRST_COLUMNS
+from lunar_rover_sim.campaign.layout import CARD_FILE, EPISODE_TABLE, EPISODES
+from lunar_rover_sim.campaign.statistics import MEANINGS
+
+_CONFORMS_TO = 'http://mlcommons.org/croissant/1.0'
+_INTEGERS = ('frames', 'bytes')
+# Of the specification.
+_CONTEXT: dict[str, Any] = {
+    '@language': 'en', '@vocab': 'https://schema.org/',
+    'citeAs': 'cr:citeAs', 'column': 'cr:column', 'conformsTo': 'dct:conformsTo',
+    'cr': 'http://mlcommons.org/croissant/', 'rai': 'http://mlcommons.org/croissant/RAI/',
+    'data': {'@id': 'cr:data', '@type': '@json'},
+    'dataType': {'@id': 'cr:dataType', '@type': '@vocab'},
+    'dct': 'http://purl.org/dc/terms/', 'equivalentProperty': 'cr:equivalentProperty',
+    'examples': {'@id': 'cr:examples', '@type': '@json'},
+    'extract': 'cr:extract', 'field': 'cr:field', 'fileProperty': 'cr:fileProperty',
+    'fileObject': 'cr:fileObject', 'fileSet': 'cr:fileSet', 'format': 'cr:format',
+    'includes': 'cr:includes', 'isLiveDataset': 'cr:isLiveDataset',
+    'jsonPath': 'cr:jsonPath', 'key': 'cr:key', 'md5': 'cr:md5',
+    'parentField': 'cr:parentField', 'path': 'cr:path', 'recordSet': 'cr:recordSet',
+    'references': 'cr:references', 'regex': 'cr:regex', 'repeated': 'cr:repeated',
+    'replace': 'cr:replace', 'samplingRate': 'cr:samplingRate', 'sc': 'https://schema.org/',
+    'separator': 'cr:separator', 'source': 'cr:source', 'subField': 'cr:subField',
+    'transform': 'cr:transform',
+}
+
+
+def croissant(card: Mapping[str, Any], contents: Mapping[str, bytes],
+              kept: Mapping[str, str]) -> dict[str, Any]:
+    """Return the description of a data set as JSON-LD.
+
+    card: see `card.make_card`; contents: those of CARD_FILE and EPISODE_TABLE
+    kept: folders that each episode holds, with what is in them
+    """
+    return {
+        '@context': _CONTEXT, '@type': 'sc:Dataset', 'conformsTo': _CONFORMS_TO,
+        'name': str(card['name']),
+        'description': card['description'] or 'Simulated stereo, depth and inertial data of a '
+                                              'rover on the Moon.',
+        'license': f'https://spdx.org/licenses/{card["license"]}.html',
+        'version': '1.0.0',
+        'distribution': [_file(CARD_FILE, 'application/json', contents),
+                         _file(EPISODE_TABLE, 'text/csv', contents),
+                         *(_file_set(*item) for item in kept.items())],
+        'recordSet': [_records()],
+    }
+
+
+def _file(name: str, media: str, contents: Mapping[str, bytes]) -> dict[str, Any]:
+    return {'@type': 'cr:FileObject', '@id': name, 'name': name, 'contentUrl': name,
+            'encodingFormat': media, 'contentSize': f'{len(contents[name])} B',
+            'sha256': hashlib.sha256(contents[name]).hexdigest()}
+
+
+def _file_set(kind: str, description: str) -> dict[str, Any]:
+    return {'@type': 'cr:FileSet', '@id': kind, 'name': kind, 'description': description,
+            'encodingFormat': 'application/octet-stream', 'includes': f'{EPISODES}/*/{kind}/**'}
+
+
+def _records() -> dict[str, Any]:
+    types = {**dict.fromkeys(FIRST_COLUMNS, 'sc:Text'), **dict.fromkeys(MEANINGS, 'sc:Float'),
+             **dict.fromkeys(_INTEGERS, 'sc:Integer')}
+    meanings = {**FIRST_COLUMNS, **MEANINGS}
+    return {'@type': 'cr:RecordSet', '@id': 'episodes', 'name': 'episodes',
+            'key': {'@id': 'episodes/folder'},
+            'field': [{'@type': 'cr:Field', '@id': f'episodes/{name}', 'name': name,
+                       'description': meanings[name], 'dataType': types[name],
+                       'source': {'fileObject': {'@id': EPISODE_TABLE},
+                                  'extract': {'column': name}}} for name in meanings]}

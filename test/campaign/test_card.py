@@ -1,0 +1,86 @@
+"""The data card for other programs: Croissant, by the library of MLCommons, and Hugging Face."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import mlcroissant
+import pytest
+import yaml
+
+from lunar_rover_sim.campaign.card import write_card
+from lunar_rover_sim.campaign.front_matter import front_matter
+from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
+from lunar_rover_sim.campaign.manifest import MANIFEST, write_json
+
+STATISTICS = {'duration_s': 20.0, 'frames': 400, 'sgm_error_px': None, 'bytes': 3_000_000_000}
+
+
+@pytest.fixture(scope='module')
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three episodes without bags."""
+    folder = tmp_path_factory.mktemp('data')
+    write_json(folder / CAMPAIGN_FILE, {'campaign': {
+        'name': 'polar suns', 'license': 'CC-BY-4.0', 'formats': ['coco'], 'base': 'baseline'}})
+    for name in ('0000', '0001', '0002'):
+        (folder / EPISODES / name).mkdir(parents=True)
+        write_json(folder / EPISODES / name / MANIFEST, {
+            'name': name, 'bag_hash': f'ab{name}',
+            'statistics': {**STATISTICS, 'frames': 400 + int(name)}})
+    write_card(folder)
+    return folder
+
+
+def test_croissant_is_valid_and_its_records_are_read(dataset: Path) -> None:
+    described = mlcroissant.Dataset(dataset / 'croissant.json')
+    assert not described.metadata.issues.errors
+    warned = ' '.join(described.metadata.issues.warnings)
+    assert warned.count('is recommended') == len(described.metadata.issues.warnings) == 2
+    records = list(described.records('episodes'))
+    assert [r['episodes/folder'] for r in records] == [
+        b'episodes/0000', b'episodes/0001', b'episodes/0002']
+    assert [r['episodes/frames'] for r in records] == [400, 401, 402]
+    assert records[0]['episodes/bytes'] == 3_000_000_000
+    assert records[0]['episodes/sgm_error_px'] is None
+    sets = {item.id for item in described.metadata.distribution}
+    assert sets == {'card.json', 'episodes.csv', 'bag', 'coco'}
+
+
+def test_the_table_names_folders_that_are_there(dataset: Path) -> None:
+    rows = list(csv.DictReader((dataset / 'episodes.csv').open()))
+    assert all((dataset / row['folder']).is_dir() for row in rows)
+    assert rows[2]['bag_hash'] == 'ab0002' and rows[2]['sgm_error_px'] == ''
+
+
+def head_of(text: str) -> dict[str, Any]:
+    start, head, _ = text.split('---\n', 2)
+    assert not start
+    return yaml.safe_load(head)
+
+
+def test_the_readme_begins_with_the_head_of_the_hub(dataset: Path) -> None:
+    text = (dataset / 'README.md').read_text()
+    head = head_of(text)
+    assert head['license'] == 'cc-by-4.0' and head['size_categories'] == ['1K<n<10K']
+    assert (dataset / head['configs'][0]['data_files']).is_file()
+    assert text.split('---\n', 2)[2].startswith('\n# polar suns\n')
+
+
+@pytest.mark.parametrize('frames, size', [(0, 'n<1K'), (999, 'n<1K'), (1000, '1K<n<10K'),
+                                          (2_000_000, 'n>1M')])
+def test_sizes_and_other_licences(frames: int, size: str) -> None:
+    head = head_of(front_matter({'license': 'Our terms: see "x"', 'name': 'a: b',
+                                 'statistics': {'frames': {'total': frames}}}))
+    assert head['license'] == 'other' and head['license_name'] == 'Our terms: see "x"'
+    assert head['pretty_name'] == 'a: b' and head['size_categories'] == [size]
+
+
+def test_the_same_data_set_has_the_same_card(dataset: Path) -> None:
+    names = ('card.json', 'croissant.json', 'episodes.csv', 'README.md')
+    before = [(dataset / name).read_bytes() for name in names]
+    write_card(dataset)
+    assert [(dataset / name).read_bytes() for name in names] == before
+    assert json.loads(before[1])['name'] == 'polar suns'
