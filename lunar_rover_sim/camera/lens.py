@@ -35,6 +35,11 @@ class Lens:
     camera: CameraConfig
 
     @property
+    def reach(self) -> float:
+        """Distance up to which light is scattered; direction cosines do not differ by more."""
+        return 1.0
+
+    @property
     def perfect(self) -> bool:
         """Whether all light goes where it belongs."""
         return self.config.scatter_share == 0.0 and self.config.veil_share == 0.0
@@ -48,14 +53,14 @@ class Lens:
     def scatter_peak(self) -> float:
         """Scattered share per steradian at its source, b0 [1/sr].
 
-        All directions up to a distance of 1 share what is scattered.
+        All directions within `reach` share what is scattered.
         """
         square = math.radians(self.config.scatter_core_deg)**2
         power = 1.0 - 0.5 * self.config.scatter_exponent
         if abs(power) < 1e-6:
-            integral = math.log1p(1.0 / square)
+            integral = math.log1p(self.reach**2 / square)
         else:
-            integral = ((1.0 + 1.0 / square)**power - 1.0) / power
+            integral = ((1.0 + self.reach**2 / square)**power - 1.0) / power
         return self.config.scatter_share / (math.pi * square * integral)
 
     def scatter(self, distance: ArrayLike) -> Array:
@@ -63,7 +68,7 @@ class Lens:
         core = math.radians(self.config.scatter_core_deg)
         d = np.asarray(distance, dtype=float)
         value = (1.0 + (d / core)**2)**(-0.5 * self.config.scatter_exponent)
-        return np.where(d <= 1.0, self.scatter_peak * value, 0.0)
+        return np.where(d <= self.reach, self.scatter_peak * value, 0.0)
 
     @property
     def corner_rad(self) -> float:
@@ -76,10 +81,19 @@ class Lens:
 
         It is 1 up to the corner of the image and falls smoothly to 0 at the hood's angle.
         """
+        return self._past_hood(angle_rad) if angle_rad < 0.5 * math.pi else 0.0
+
+    def strays(self, direction: Array) -> bool:
+        """Return whether light from a (3,) unit vector, camera axes, strays in the lens."""
+        angle_rad = math.acos(min(max(float(direction[2]), -1.0), 1.0))
+        return not self.perfect and self.hood(angle_rad) > 0.0
+
+    def _past_hood(self, angle_rad: float) -> float:
+        """Return the share that the hood lets through, of light from in front of the lens."""
         width = math.radians(self.config.hood_deg)
         beyond = angle_rad - self.corner_rad
-        if beyond <= 0.0 or angle_rad >= 0.5 * math.pi:
-            return float(angle_rad < 0.5 * math.pi)
+        if beyond <= 0.0:
+            return 1.0
         if beyond >= width:
             return 0.0
         x = 1.0 - beyond / width

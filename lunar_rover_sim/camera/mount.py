@@ -7,21 +7,24 @@ from typing import Protocol
 import numpy as np
 
 from lunar_rover_sim.camera.motion import CameraTwist, ground_twist, leg_twists, twist_beside
-from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import Array, se3
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import Posed
 
 
-class Mount(Protocol):
-    """What carries a pair of cameras; a single camera counts as two in one place."""
+class CameraPoses(Protocol):
+    """Where a pair of cameras is; a single camera counts as two in one place."""
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses T_world_camera of both optical frames."""
+
+
+class Mount(CameraPoses, Protocol):
+    """What carries a pair of cameras, and how it moves."""
 
     @property
     def on_body(self) -> bool:
         """Whether the rover's body stands still in the images."""
-
-    def poses(self, state: Posed) -> list[Array]:
-        """Return the (4, 4) poses T_world_camera of both optical frames."""
 
     def ground_twist(self, state: Posed, side: int) -> CameraTwist:
         """Return the motion of a camera (0 left, 1 right) relative to the world."""
@@ -30,12 +33,24 @@ class Mount(Protocol):
         """Return its motion relative to the links of the rover, the body first."""
 
 
+class MountedPair(Protocol):
+    """A pair of cameras on the rover, such as `StereoRig`."""
+
+    @property
+    def T_base_left(self) -> Array:
+        """(4, 4) optical frame in base_link."""
+
+    @property
+    def T_base_right(self) -> Array:
+        """(4, 4) optical frame in base_link."""
+
+
 class BodyMount:
     """Cameras that are fixed to base_link."""
 
     on_body = True
 
-    def __init__(self, rig: StereoRig) -> None:
+    def __init__(self, rig: MountedPair) -> None:
         self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
 
     def poses(self, state: Posed) -> list[Array]:
@@ -84,3 +99,15 @@ class MovingMount:
         """Return its motion relative to the links of the rover, the body first."""
         return twist_beside(state, self.T_world_camera, self._velocity_mps, self._rate_radps,
                             rover)
+
+
+class TurnedMount:
+    """Cameras in the same places as those on another mount that look elsewhere."""
+
+    def __init__(self, mount: CameraPoses, R_camera_turned: Array) -> None:
+        """R_camera_turned: (3, 3) axes of these cameras in those of the others."""
+        self._mount, self._turn = mount, se3(R_camera_turned, np.zeros(3))
+
+    def poses(self, state: Posed) -> list[Array]:
+        """Return the (4, 4) poses T_world_camera of both optical frames."""
+        return [T @ self._turn for T in self._mount.poses(state)]

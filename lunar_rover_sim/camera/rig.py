@@ -20,7 +20,10 @@ class PinholeCamera:
     D: (5,) Brown-Conrady distortion k1, k2, p1, p2, k3 (`plumb_bob`) of the raw images
     R: (3, 3) rectification, the identity: the cameras are mounted rectified
     P_left: (3, 4) projection of its optical frame; that of the left one of a pair
+    distortion_model: as CameraInfo names it
     """
+
+    distortion_model = 'plumb_bob'
 
     def __init__(self, camera: CameraConfig) -> None:
         self.width, self.height = camera.width, camera.height
@@ -37,11 +40,24 @@ class PinholeCamera:
         """Focal length [px]."""
         return float(self.K[0, 0])
 
+    def falloff(self, places_px: ArrayLike) -> Array:
+        """Return the irradiance of (..., 2) pixels under even radiance, over that on the axis.
+
+        It is cos^4 of the angle to the axis.
+        """
+        return cosine_fourth(places_px, self.K)
+
     def rays(self) -> Array:
         """Return the (height, width, 3) ray of each rectified pixel, optical frame, with z = 1."""
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
         return np.stack([(u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1],
                          np.ones(u.shape)], axis=-1)
+
+
+def cosine_fourth(places_px: ArrayLike, K: Array) -> Array:
+    """Return cos^4 of the angle to the axis of (..., 2) pixels; K: (3, 3) intrinsics [px]."""
+    tangents = (np.asarray(places_px, dtype=float) - K[:2, 2]) / K[0, 0]
+    return (1.0 + (tangents**2).sum(axis=-1))**-2
 
 
 class StereoRig(PinholeCamera):

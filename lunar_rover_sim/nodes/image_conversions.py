@@ -17,16 +17,17 @@ from lunar_rover_sim.camera.compression import encoding_of
 from lunar_rover_sim.frames import Array
 
 if TYPE_CHECKING:
+    from lunar_rover_sim.camera.fisheye import FisheyeCamera
     from lunar_rover_sim.camera.rig import PinholeCamera
     from lunar_rover_sim.stereo.depth import DisparityMap
 
 
-def camera_info(rig: PinholeCamera, frame_id: str, projection: Array,
+def camera_info(rig: PinholeCamera | FisheyeCamera, frame_id: str, projection: Array,
                 stamp: Time) -> CameraInfo:
     """Return intrinsics, distortion and projection of one camera (REP-104)."""
     msg = CameraInfo(header=Header(stamp=stamp, frame_id=frame_id))
     msg.width, msg.height = rig.width, rig.height
-    msg.distortion_model = 'plumb_bob'
+    msg.distortion_model = rig.distortion_model
     msg.d = [float(d) for d in rig.D]
     msg.k = rig.K.ravel().tolist()
     msg.r = rig.R.ravel().tolist()

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import math
-from typing import Any
+from typing import Any, Protocol
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.distorted_image import padding
-from lunar_rover_sim.camera.exposure import AutoExposure, first_exposure_s
 from lunar_rover_sim.camera.lens import Lens
 from lunar_rover_sim.camera.mount import Mount
 from lunar_rover_sim.camera.rig import PinholeCamera
@@ -20,24 +18,21 @@ from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.development import Development
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.frame_targets import read_image
 from lunar_rover_sim.rendering.gl_owner import GlOwner
+from lunar_rover_sim.rendering.image_geometry import PinholeImage
 from lunar_rover_sim.rendering.motion_pass import MotionPass
-from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
 from lunar_rover_sim.rendering.scene_passes import ScenePasses
-from lunar_rover_sim.rendering.sensor_pass import SensorPass
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 
 
 class CameraRenderer(GlOwner):
-    """Draws what the cameras on one mount see. The caller makes the GL context current.
-
-    exposure_s: exposure time of the last frame, or of the first one before it [s]
-    """
+    """Draws what the cameras on one mount see. The caller makes the GL context current."""
 
     def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: Mount,
                  camera: PinholeCamera, config: RenderConfig, seen: tuple[int, ...],
@@ -49,11 +44,6 @@ class CameraRenderer(GlOwner):
         """
         super().__init__()
         self._context, self._config = context, config
-        self.sensor = SensorModel(config.camera, config.sensor)
-        self._auto = (AutoExposure(self.sensor) if config.sensor.exposure_mode == 'auto'
-                      else None)
-        self.exposure_s = first_exposure_s(self.sensor, config.sun, config.lamp,
-                                           config.reflectance)
         self._pad, self._K = padding(config.camera), camera.K
         self._projection = padded_projection(camera, config)
         check_size(context, self._projection)
@@ -64,15 +54,22 @@ class CameraRenderer(GlOwner):
     def _build(self, shared: WorldPasses, mount: Mount, camera: PinholeCamera,
                seen: tuple[int, ...], seed: int) -> None:
         context, config = self._context, self._config
+        lens, image = Lens(config.lens, config.camera), PinholeImage(self._projection)
         self._passes = self._own(ScenePasses(context, shared, mount, config, self._projection,
-                                             sees_rover=bool(seen)))
-        self._motion = self._own(MotionPass(context, shared.rover, config, self._projection,
-                                            mount, seen))
-        # No ground and no lamp is brighter than a white surface under the sun, but the sun is.
-        most = config.sun.irradiance or math.inf
-        self._optics = self._own(OpticsPass(context, Lens(config.lens, config.camera),
-                                            self._projection, most))
-        self._sensor_pass = self._own(SensorPass(context, camera, self.sensor, seed, self._pad))
+                                             sees_rover=bool(seen), strays=lens.strays))
+        motion = self._own(MotionPass(context, shared.rover, config, image, mount, seen))
+        self._development = self._own(Development(context, config, camera, image, motion, lens,
+                                                  seed, self._pad))
+
+    @property
+    def sensor(self) -> SensorModel:
+        """Image sensors."""
+        return self._development.sensor
+
+    @property
+    def exposure_s(self) -> float:
+        """Exposure time of the last frame, or of the first one before it [s]."""
+        return self._development.exposure_s
 
     @property
     def under_way(self) -> int:
@@ -83,9 +80,12 @@ class CameraRenderer(GlOwner):
         """Move the sun; the light of the world is moved by `WorldPasses.relight`."""
         self._config = dataclasses.replace(self._config, sun=sun)
         self._passes.relight(self._config)
-        if self._auto is None:
-            self.exposure_s = first_exposure_s(self.sensor, sun, self._config.lamp,
-                                               self._config.reflectance)
+        self._development.relight(sun)
+
+    def draw(self, state: RoverPose, request: Request) -> StereoFrame:
+        """Return a frame; none may be under way."""
+        self.begin(state, request)
+        return self.finish()
 
     def begin(self, state: RoverPose, request: Request) -> None:
         """Begin to draw a frame; at most `FRAMES_UNDER_WAY` may be under way."""
@@ -115,15 +115,8 @@ class CameraRenderer(GlOwner):
             if name in request.layers or (name == 'depth' and request.flow):
                 raw[name] = read_image(lit.framebuffer, index, LEFT, size, self._pad)
         if request.developed:
-            if self._auto is not None:
-                if not self._auto.started:
-                    self._auto.start(read_image(lit.framebuffer, 0, request.sides[0], size,
-                                                self._pad))
-                self.exposure_s = self._auto.exposure_s
-            radiance, smear = self._motion.draw(self._passes, scene, self.exposure_s)
-            self._optics.draw(radiance, request.sides, scene.sun)
-            raw['pixels'] = self._sensor_pass.draw(radiance, request.sides, self.exposure_s,
-                                                   request.frame_index, smear)
+            raw['pixels'] = self._development.take(self._passes, scene, lambda: read_image(
+                lit.framebuffer, 0, request.sides[0], size, self._pad))
         if request.truth:
             wanted = request.layers | ({'label'} if request.flow else set())
             raw |= scene.targets.truth.read(wanted, size, self._pad)
@@ -134,14 +127,7 @@ class CameraRenderer(GlOwner):
         request, out = scene.request, dict[str, NDArray[Any]]()
         exposure_s = self.exposure_s
         if request.developed:
-            for side, name in enumerate(('left', 'right')):
-                if name in request.layers:
-                    image = raw['pixels'][side]
-                    if self._config.sensor.encoding == 'rgb8':
-                        image = np.repeat(image[..., None], 3, axis=2)
-                    out[name] = image
-            if self._auto is not None:
-                self._auto.follow(raw['pixels'][request.sides[0]])
+            out |= self._development.images(raw['pixels'], request)
         if 'depth' in raw:
             depth_m = np.abs(raw['depth'])
             depth_m[depth_m == 0.0] = np.inf
@@ -173,9 +159,21 @@ def padded_projection(camera: PinholeCamera, config: RenderConfig) -> Projection
                       config.camera.near_m, config.camera.far_m)
 
 
-def check_size(context: moderngl.Context, projection: Projection) -> None:
+class Sized(Protocol):
+    """What has the size of an image [px]."""
+
+    @property
+    def width(self) -> int:
+        """Its columns."""
+
+    @property
+    def height(self) -> int:
+        """Its rows."""
+
+
+def check_size(context: moderngl.Context, image: Sized) -> None:
     """Raise RenderError if the device cannot draw a pair of images of this size."""
-    width, height = projection.width, projection.height
+    width, height = image.width, image.height
     limit = context.info['GL_MAX_TEXTURE_SIZE']
     if max(width, 2 * height) > limit:
         raise RenderError(f'camera size {width} x {height}: this device draws at most '

@@ -7,7 +7,7 @@ two `FrameTargets`, which take turns, and one `LitTargets`.
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
+from typing import Any, Protocol
 
 import moderngl
 import numpy as np
@@ -15,6 +15,13 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.rendering.context import release_all
 from lunar_rover_sim.rendering.view import View
+
+
+class LitImages(Protocol):
+    """Radiance and depth of a lit pair of images, as `LitTargets`."""
+
+    radiance: moderngl.Texture
+    depth: moderngl.Texture
 
 
 class LitTargets:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import moderngl
 import numpy as np
@@ -14,10 +14,9 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
-from lunar_rover_sim.rendering.frame_targets import attachment
-from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.frame_targets import attachment, LitImages
+from lunar_rover_sim.rendering.image_geometry import ImageGeometry
 from lunar_rover_sim.rendering.scene import Scene, Uniforms
-from lunar_rover_sim.rendering.scene_passes import ScenePasses
 from lunar_rover_sim.rover.description import RoverDescription
 
 _STILL_PX = 0.2         # a picture in which nothing moves farther stays as it is: at an edge,
@@ -40,6 +39,17 @@ class Blurred(NamedTuple):
     smear: Uniforms | None = None
 
 
+class LitPasses(Protocol):
+    """What has lit a scene, as `ScenePasses`."""
+
+    @property
+    def lit(self) -> LitImages:
+        """What it is lit into."""
+
+    def mark_rover(self, scene: Scene, target: moderngl.Framebuffer) -> None:
+        """Draw which link of the rover each pixel of a lit scene shows, as `RoverPass.mark`."""
+
+
 class MotionPass:
     """Blurs pairs of radiance images by the motion during the exposure, and rolls the shutter.
 
@@ -50,41 +60,42 @@ class MotionPass:
     """
 
     def __init__(self, context: moderngl.Context, rover: RoverDescription, config: RenderConfig,
-                 projection: Projection, mount: Mount, seen: tuple[int, ...]) -> None:
-        """Compile the programs; projection: of both cameras; seen: as `seen_links`."""
-        self._context, self._rover, self._projection = context, rover, projection
+                 image: ImageGeometry, mount: Mount, seen: tuple[int, ...]) -> None:
+        """Compile the programs; image: either of both; seen: as `seen_links`."""
+        self._context, self._rover, self._image = context, rover, image
         self._mount = mount
         self._blur, self._line_time_s = config.sensor.motion_blur, config.sensor.line_time_s
         self._roll_s = config.camera.height * self._line_time_s
         # The sensor smears pixels as they lie in the pinhole image, before charge blooms.
         self._smears = not (config.camera.distorted or config.sensor.blooming
-                            or self._line_time_s)
+                            or self._line_time_s or image.defines)
         self._sees_rover = bool(seen)
         # Links that move in the images.
         self._links = [link for link in seen if link > 0 or not mount.on_body]
-        size = (projection.width, 2 * projection.height)
-        self._image = attachment(context, size)
-        self._target = context.framebuffer([self._image])
+        size = (image.width, 2 * image.height)
+        self._mean = attachment(context, size)
+        self._target = context.framebuffer([self._mean])
         self._sampler = context.sampler(repeat_x=False, repeat_y=False,
                                         filter=(context.LINEAR, context.LINEAR))
         rolling: dict[str, int] = {}
         rover_moves = {'ROVER': 1, **({'ON_BODY': 1} if mount.on_body else {})}
         if self._line_time_s > 0.0:
             rolling = {'ROLLING': 1, **({'DISTORTED': 1} if config.camera.distorted else {})}
-        self._programs = [load_program(context, 'screen', 'motion', BODIES=1, SHORT=1),
-                          load_program(context, 'screen', 'motion', BODIES=1 + len(self._links),
-                                       **(rover_moves if self._sees_rover else {}), **rolling)]
-        K = projection.K
+        whole = load_program(context, 'screen', 'motion', BODIES=1 + len(self._links),
+                             **(rover_moves if self._sees_rover else {}), **rolling,
+                             **image.defines)
+        self._programs = [whole] if image.defines else [
+            load_program(context, 'screen', 'motion', BODIES=1, SHORT=1), whole]
         for program in self._programs:
             set_uniform(program, u_radiance=_RADIANCE, u_depth=_DEPTH, u_link=_LINK,
-                        u_pinhole=(K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
+                        **image.uniforms,
                         u_texel=(1.0 / size[0], 1.0 / size[1]), u_line_time=self._line_time_s,
                         u_distortion=config.camera.distortion,
                         u_leg=np.array([0, *(1 + link for link in self._links)], np.float32))
         self._screens = [context.vertex_array(program, []) for program in self._programs]
         self._marked = LinkTargets(context, size) if self._sees_rover else None
 
-    def draw(self, passes: ScenePasses, scene: Scene, exposure_s: float) -> Blurred:
+    def draw(self, passes: LitPasses, scene: Scene, exposure_s: float) -> Blurred:
         """Return the mean radiance over an exposure [s] of a scene that has just been lit.
 
         Where nothing moves far enough to be seen, this is the lit picture itself. Where paths
@@ -101,14 +112,15 @@ class MotionPass:
             passes.lit.depth.use(texture_units.GROUND_DEPTH)
             return Blurred(passes.lit.radiance, self._smear(twists, exposure_s))
         samples = 2 * math.ceil(0.5 * longest / _STEP_PX)
-        short = samples == 2 and not sees_rover and not self._line_time_s
+        short = (samples == 2 and not sees_rover and not self._line_time_s
+                 and len(self._programs) > 1)
         values: dict[str, Any] = {'u_exposure': exposure_s,
                                   'u_samples': min(samples, _MOST_SAMPLES) if self._blur else 1}
         if self._marked is not None and not short:
             passes.mark_rover(scene, self._marked.framebuffer)
             self._marked.link.use(_LINK)
-        program, screen = ((self._programs[0], self._screens[0]) if short
-                           else (self._programs[1], self._screens[1]))
+        kind = 0 if short else -1
+        program, screen = self._programs[kind], self._screens[kind]
         self._target.use()
         self._context.enable_only(self._context.NOTHING)
         passes.lit.radiance.use(_RADIANCE)
@@ -126,15 +138,13 @@ class MotionPass:
             screen.render(vertices=3)
         for unit in (_RADIANCE, _LINK):
             self._sampler.clear(unit)
-        return Blurred(self._image)
+        return Blurred(self._mean)
 
     def _smear(self, twists: dict[int, list[CameraTwist]], exposure_s: float) -> Uniforms:
         """Return the uniforms that tell the sensor how both cameras move."""
-        K = self._projection.K
         both = [twists.get(side, next(iter(twists.values())))[0] for side in (0, 1)]
         return {'u_depth': texture_units.GROUND_DEPTH,
-                'u_pinhole': (K[0, 0], K[1, 1], K[0, 2], K[1, 2]),
-                'u_exposure': exposure_s,
+                'u_exposure': exposure_s, **self._image.uniforms,
                 'u_rate': _packed([twist.angular_velocity_radps for twist in both]),
                 'u_velocity': _packed([twist.linear_velocity_mps for twist in both])}
 
@@ -146,9 +156,9 @@ class MotionPass:
     def _leg_nearness(self, scene: Scene, side: int) -> Array:
         """Return the inverse depths of the origins of these links, after a 0 [1/m]."""
         camera = scene.T_world_cameras[side]
-        axles = scene.T_world_links[self._links, :3, 3] - camera[:3, 3]
-        depth = np.maximum(axles @ camera[:3, 2], _NEAREST_M)
-        return np.concatenate([[0.0], 1.0 / depth]).astype(np.float32)
+        axles = (scene.T_world_links[self._links, :3, 3] - camera[:3, 3]) @ camera[:3, :3]
+        nearness = np.minimum(self._image.nearness(axles), 1.0 / _NEAREST_M)
+        return np.concatenate([[0.0], nearness]).astype(np.float32)
 
     def _longest_path(self, scene: Scene, side: int, twists: list[CameraTwist],
                       time_s: float) -> float:
@@ -156,24 +166,24 @@ class MotionPass:
 
         It is measured at 25 places, where the ground is taken to be level under the rover's feet.
         """
-        K, camera = self._projection.K, scene.T_world_cameras[side]
-        u, v = np.meshgrid(_GRID * (self._projection.width - 1),
-                           _GRID * (self._projection.height - 1))
-        rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)],
-                        axis=-1).reshape(-1, 3)
+        camera = scene.T_world_cameras[side]
+        rays = self._image.rays(np.stack(np.meshgrid(
+            _GRID * (self._image.width - 1), _GRID * (self._image.height - 1)),
+            axis=-1).reshape(-1, 2))
         fall = -(rays @ camera[2, :3])
         height = max(camera[2, 3] - scene.T_world_links[1:, 2, 3].mean()
                      + self._rover.legs.spoke_length_m, _NEAREST_M)
         ground = np.minimum(np.maximum(fall, 0.0) / height, 1.0 / _NEAREST_M)
         nearness = [ground, *(np.full(len(rays), n) for n in self._leg_nearness(scene, side)[1:])]
-        speeds = [twist.image_speed(rays, near) for twist, near in zip(twists, nearness)]
-        return float(np.max(speeds)) * time_s * self._projection.focal_px
+        speeds = [self._image.image_speed(twist, rays, near)
+                  for twist, near in zip(twists, nearness)]
+        return float(np.max(speeds)) * time_s
 
     def release(self) -> None:
         """Release the GL objects."""
         if self._marked is not None:
             self._marked.release()
-        release_all(*self._screens, *self._programs, self._sampler, self._target, self._image)
+        release_all(*self._screens, *self._programs, self._sampler, self._target, self._mean)
 
 
 class LinkTargets:

@@ -17,7 +17,7 @@ from lunar_rover_sim.camera.lens import Glare, Lens
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.frame_targets import attachment
-from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.image_geometry import ImageGeometry
 from lunar_rover_sim.rendering.scene import SeenSun
 
 _CELL = 24                  # pixels along a side of a cell
@@ -38,23 +38,22 @@ class _Sun(NamedTuple):
 class OpticsPass:
     """Turns pairs of radiance images, the left above the right, into what the lens passes on."""
 
-    def __init__(self, context: moderngl.Context, lens: Lens, projection: Projection,
+    def __init__(self, context: moderngl.Context, lens: Lens, image: ImageGeometry,
                  most_radiance: float) -> None:
         """Compile the programs.
 
-        projection: of both images, padding included; most_radiance: of all but the sun itself,
+        image: either of both, padding included; most_radiance: of all but the sun itself,
         whose glare follows from `SeenSun` [W m-2 sr-1]
         """
-        self._context, self._lens, self._projection = context, lens, projection
-        w, h, K = projection.width, projection.height, projection.K
+        self._context, self._lens, self._image = context, lens, image
+        w, h = image.width, image.height
         rows, columns = self._cells = -(-h // _CELL), -(-w // _CELL)
         self._glare = Glare(lens, self._cells, _CELL, w * h)
-        middle = ((np.indices(self._cells)[::-1] + 0.5).transpose(1, 2, 0)) * _CELL - 0.5
-        self._cos4 = (1.0 + (((middle - K[:2, 2]) / projection.focal_px)**2).sum(axis=2))**-2
-        corners = np.indices((rows + 1, columns + 1))[::-1].transpose(1, 2, 0) * _CELL - 0.5
+        middle = (np.indices(self._cells, float)[::-1].transpose(1, 2, 0) + 0.5) * _CELL - 0.5
+        self._falloff = image.falloff(middle)
+        corners = np.indices((rows + 1, columns + 1), float)[::-1].transpose(1, 2, 0) * _CELL - 0.5
         self._corners_px = corners
-        self._tangents = (corners - K[:2, 2]) / projection.focal_px
-        self._square = 1.0 + (self._tangents**2).sum(axis=2)
+        self._amplified = 1.0 / image.falloff(corners)  # radiance of an irradiance of one
 
         self._mean = attachment(context, (columns, 2 * rows))
         self._means = context.framebuffer([self._mean])
@@ -63,12 +62,12 @@ class OpticsPass:
                     u_rows=float(rows))
         self._mesh = load_program(context, 'stray', 'stray')
         set_uniform(self._mesh, u_direct=lens.direct_share)
-        self._scatter = load_program(context, 'screen', 'scatter')
-        set_uniform(self._scatter, u_power=-0.5 * lens.config.scatter_exponent)
+        self._scatter = load_program(context, 'screen', 'scatter', **image.defines)
+        set_uniform(self._scatter, u_power=-0.5 * lens.config.scatter_exponent, **image.uniforms)
         self._ghost = load_program(context, 'screen', 'ghost')
         self._places = context.buffer(((corners + 0.5) / (w, h)).astype(np.float32).tobytes())
         self._indices = context.buffer(_triangles(rows, columns).tobytes())
-        self._stray = [context.buffer(reserve=4 * self._square.size, dynamic=True)
+        self._stray = [context.buffer(reserve=4 * self._amplified.size, dynamic=True)
                        for _ in range(2)]
         self._meshes = [context.vertex_array(
             self._mesh, [(self._places, '2f', 'a_place'), (stray, '1f', 'a_stray')],
@@ -92,9 +91,9 @@ class OpticsPass:
             self._radiance, self._target = radiance, self._context.framebuffer([radiance])
         assert self._target is not None
         seen = None if sun is None else self._seen(sun)
-        stray = self._stray_irradiance(radiance, sides, seen) * self._square**2
+        stray = self._stray_irradiance(radiance, sides, seen) * self._amplified
         self._context.enable_only(self._context.BLEND)
-        w, h = self._projection.width, self._projection.height
+        w, h = self._image.width, self._image.height
         self._target.use()
         for side in sides:
             if seen is not None:
@@ -111,10 +110,9 @@ class OpticsPass:
                     self._draw_ghosts(seen, side)
 
     def _seen(self, sun: SeenSun) -> _Sun:
-        cosine = max(float(sun.direction[2]), 1e-6)
-        place = (self._projection.K @ sun.direction)[:2] / cosine
-        return _Sun(sun.direction, place,
-                    sun.irradiance * self._lens.hood(math.acos(min(cosine, 1.0))) * cosine)
+        hood = self._lens.hood(math.acos(min(max(float(sun.direction[2]), -1.0), 1.0)))
+        return _Sun(sun.direction, self._image.place(sun.direction),
+                    sun.irradiance * hood * self._image.pupil(sun.direction))
 
     def _stray_irradiance(self, radiance: moderngl.Texture, sides: Sequence[int],
                           sun: _Sun | None) -> Array:
@@ -130,31 +128,30 @@ class OpticsPass:
                                 dtype='f4')
         means = np.frombuffer(data, np.float32).reshape(2, rows, columns)[list(sides)]
         stray = np.zeros((2, rows + 1, columns + 1))
-        stray[list(sides)] = self._glare.of(means * self._cos4)
+        stray[list(sides)] = self._glare.of(means * self._falloff)
         if sun is not None:
-            config, area = self._lens.config, self._projection.width * self._projection.height
+            config, area = self._lens.config, self._image.width * self._image.height
             veil = config.veil_share * (1.0 - config.ghost_share) / area
-            stray += (sun.flux * veil * self._projection.focal_px**2)[:, None, None]
+            stray += (sun.flux * veil * self._image.focal_px**2)[:, None, None]
         return stray
 
     def _far_scatter(self, sun: _Sun, side: int) -> Array:
         """Return (rows + 1, columns + 1) radiance of scattered sunlight, but that near the sun."""
-        apart = self._tangents / np.sqrt(self._square)[..., None] - sun.direction[:2]
+        apart, radiance = self._image.scatter(self._corners_px, sun.direction)
         low, high = _NEAR_PX
         x = np.linalg.norm(self._corners_px - sun.place, axis=2)
         x = np.clip((x - low) / (high - low), 0.0, 1.0)
-        return (x * x * (3.0 - 2.0 * x) * sun.flux[side]
-                * self._lens.scatter(np.linalg.norm(apart, axis=2)))
+        return (x * x * (3.0 - 2.0 * x) * sun.flux[side] * self._lens.scatter(apart) * radiance)
 
     def _draw_near(self, sun: _Sun, side: int) -> None:
         """Draw what `_far_scatter` leaves out."""
         if not self._frame(sun.place, _NEAR_PX[1], side):
             return
-        down = side * self._projection.height
-        centre = self._projection.K[:2, 2] + 0.5
+        down = side * self._image.height
+        centre = self._image.K[:2, 2] + 0.5
         core = math.radians(self._lens.config.scatter_core_deg)
         set_uniform(self._scatter,
-                    u_axis=(centre[0], centre[1] + down, 1.0 / self._projection.focal_px),
+                    u_axis=(centre[0], centre[1] + down, 1.0 / self._image.focal_px),
                     u_sun=(sun.direction[0], sun.direction[1],
                            sun.flux[side] * self._lens.scatter_peak, core**-2),
                     u_near=(sun.place[0] + 0.5, sun.place[1] + 0.5 + down, *_NEAR_PX))
@@ -162,23 +159,23 @@ class OpticsPass:
 
     def _draw_ghosts(self, sun: _Sun, side: int) -> None:
         """Draw the ghosts of the sun, each as bright all over as in its middle."""
-        focal, config = self._projection.focal_px, self._lens.config
-        centre = self._projection.K[:2, 2]
+        focal, config = self._image.focal_px, self._lens.config
+        centre = self._image.K[:2, 2]
         share = config.veil_share * config.ghost_share / len(_GHOSTS)
         for ratio, radius in _GHOSTS:
             place = centre + ratio * (sun.place - centre)
             if not self._frame(place, radius * focal + 1.0, side):
                 continue
-            square = 1.0 + (((place - centre) / focal)**2).sum()
+            falloff = float(self._image.falloff(place))
             set_uniform(self._ghost,
-                        u_ghost=(place[0] + 0.5, place[1] + 0.5 + side * self._projection.height,
+                        u_ghost=(place[0] + 0.5, place[1] + 0.5 + side * self._image.height,
                                  radius * focal),
-                        u_radiance=sun.flux[side] * share * square**2 / (math.pi * radius**2))
+                        u_radiance=sun.flux[side] * share / (falloff * math.pi * radius**2))
             self._screens[self._ghost.glo].render(vertices=3)
 
     def _frame(self, place: Array, radius_px: float, side: int) -> bool:
         """Draw within a square around a place of an image; return whether it is in the image."""
-        size = np.array([self._projection.width, self._projection.height])
+        size = np.array([self._image.width, self._image.height])
         low = np.clip(np.floor(place - radius_px), 0, size).astype(int)
         high = np.clip(np.ceil(place + radius_px) + 1, 0, size).astype(int)
         if np.any(low >= high) or self._target is None:

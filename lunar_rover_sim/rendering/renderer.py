@@ -8,6 +8,8 @@ import dataclasses
 from types import TracebackType
 
 from lunar_rover_sim.camera.config import FurtherCameraConfig
+from lunar_rover_sim.camera.fisheye import FisheyeCamera
+from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.camera.rig import PinholeCamera, StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
@@ -18,6 +20,7 @@ from lunar_rover_sim.rendering.camera_renderer import CameraRenderer, check_size
 from lunar_rover_sim.rendering.checked_state import checked_state
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
+from lunar_rover_sim.rendering.fisheye_renderer import FisheyeRenderer
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.rendered_scenario import RenderedScenario
 from lunar_rover_sim.rendering.scene import Request
@@ -87,15 +90,24 @@ class Renderer:
     def add_camera(self, config: FurtherCameraConfig, mount: Mount) -> FurtherCamera:
         """Return a further camera in the same world, which the renderer owns.
 
+        config: a `ChaseConfig`, a `HazardConfig` with a `HazardMount`, or the plain one
         Raises RenderError if the device cannot draw its image size.
         """
         self._check_idle('add_camera')
+        own = dataclasses.replace(self.config, camera=config.camera, lens=config.lens,
+                                  sensor=config.sensor)
+        seed = self.seed + len(self._further) + 1
+        camera: PinholeCamera | FisheyeCamera
+        drawn: CameraRenderer | FisheyeRenderer
         with self._drawing():
-            camera = PinholeCamera(config.camera)
-            own = dataclasses.replace(self.config, camera=config.camera, lens=config.lens,
-                                      sensor=config.sensor)
-            drawn = CameraRenderer(self._context, self._shared, mount, camera, own, _ALL_LINKS,
-                                   self.seed + len(self._further) + 1)
+            if config.camera.is_fisheye:
+                assert isinstance(config.camera, HazardCameraConfig)
+                camera = FisheyeCamera(config.camera)
+                drawn = FisheyeRenderer(self._context, self._shared, mount, camera, own, seed)
+            else:
+                camera = PinholeCamera(config.camera)
+                drawn = CameraRenderer(self._context, self._shared, mount, camera, own,
+                                       _ALL_LINKS, seed)
             self._owned.callback(drawn.release)
         self._further.append(FurtherCamera(self, drawn, camera))
         return self._further[-1]
@@ -185,8 +197,8 @@ class Renderer:
         with self._drawing():
             return self._pair.finish()
 
-    def render_further(self, camera: CameraRenderer, state: Posed, frame_index: int,
-                       layers: Collection[str]) -> StereoFrame:
+    def render_further(self, camera: CameraRenderer | FisheyeRenderer, state: Posed,
+                       frame_index: int, layers: Collection[str]) -> StereoFrame:
         """Draw a frame of a camera made by `add_camera`; `FurtherCamera.render` calls it."""
         request = Request.of(layers, frame_index)
         checked = checked_state(state)
@@ -194,8 +206,7 @@ class Renderer:
         if self._pair.under_way > 1:    # the second one has not been lit
             raise RenderError('render: two frames are under way; finish one first')
         with self._drawing():
-            camera.begin(checked, request)
-            return camera.finish()
+            return camera.draw(checked, request)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -245,12 +256,16 @@ class FurtherCamera:
     camera: its intrinsics; drawn: what draws it
     """
 
-    def __init__(self, renderer: Renderer, drawn: CameraRenderer, camera: PinholeCamera) -> None:
+    def __init__(self, renderer: Renderer, drawn: CameraRenderer | FisheyeRenderer,
+                 camera: PinholeCamera | FisheyeCamera) -> None:
         self._renderer, self.drawn, self.camera = renderer, drawn, camera
 
     def render(self, state: Posed, frame_index: int = 0,
                layers: Collection[str] = ('left',)) -> StereoFrame:
         """Draw a frame; its image is the layer 'left'. Arguments as those of `Renderer.render`.
+
+        A pair has the layer 'right', too. The depth of a fisheye is the distance from it, and all
+        layers of a fisheye are those of its image.
 
         At most one frame of the pair may be under way. Raises RenderError.
         """

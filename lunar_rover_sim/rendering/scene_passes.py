@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import moderngl
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.flow import FlowModel, Moved
-from lunar_rover_sim.camera.mount import Mount
+from lunar_rover_sim.camera.mount import CameraPoses
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window
@@ -33,16 +34,18 @@ class ScenePasses(GlOwner):
     lit: what frames are lit into
     """
 
-    def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: Mount,
-                 config: RenderConfig, projection: Projection, *, sees_rover: bool) -> None:
+    def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: CameraPoses,
+                 config: RenderConfig, projection: Projection, *, sees_rover: bool,
+                 strays: Callable[[Array], bool]) -> None:
         """Make targets and passes of these cameras.
 
         shared: what draws the world; mount: carries the cameras; projection: of both;
-        sees_rover: whether the rover may show in the images
+        sees_rover: whether the rover may show in the images; strays: as for `SunPass`
         """
         super().__init__()
         self._context, self._config, self._shared = context, config, shared
         self._mount, self._projection, self._sees_rover = mount, projection, sees_rover
+        self._strays = strays
         with self._making():
             self._build()
 
@@ -54,7 +57,7 @@ class ScenePasses(GlOwner):
                          for _ in range(FRAMES_UNDER_WAY)]
         self._edges = (self._own(EdgePass(context, self.lit))
                        if config.detail.smooth_outlines else None)
-        self._sun = self._own(SunPass(context, self.lit, self._projection, config))
+        self._sun = self._own(SunPass(context, self.lit, self._projection, config, self._strays))
 
     def relight(self, config: RenderConfig) -> None:
         """Move the sun in the sky; config: differs in the sun only."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import moderngl
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.blooming import bloom
 from lunar_rover_sim.camera.distorted_image import source_pixels
-from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
@@ -19,10 +18,20 @@ from lunar_rover_sim.rendering.frame_targets import attachment
 from lunar_rover_sim.rendering.scene import Uniforms
 
 
+class DevelopedCamera(Protocol):
+    """A camera as its sensor knows it: a `PinholeCamera` or a `FisheyeCamera`."""
+
+    width: int
+    height: int
+
+    def falloff(self, places_px: Array) -> Array:
+        """Return the irradiance of (..., 2) pixels under even light, over that on the axis."""
+
+
 class SensorPass:
     """Turns pairs of radiance images, the left above the right, into pixels of the sensors."""
 
-    def __init__(self, context: moderngl.Context, rig: PinholeCamera, sensor: SensorModel,
+    def __init__(self, context: moderngl.Context, rig: DevelopedCamera, sensor: SensorModel,
                  seed: int, padding: tuple[int, int] = (0, 0)) -> None:
         """Draw the fixed patterns and compile the program.
 
@@ -75,10 +84,10 @@ class SensorPass:
 
     def _patterns(self, seed: int) -> tuple[Array, Array]:
         """Return vignetting times gain of each pixel, and its offset [e-]; both (2 h, w)."""
-        c, K = self._sensor.config, self._rig.K
+        c = self._sensor.config
         v, u = np.indices((self._rig.height, self._rig.width))
-        tangent2 = ((u - K[0, 2])**2 + (v - K[1, 2])**2) / K[0, 0]**2
-        gain = np.tile((1.0 + tangent2)**(-2.0 * c.vignetting), (2, 1))
+        falloff = self._rig.falloff(np.stack([u, v], axis=-1))
+        gain = np.tile(falloff**c.vignetting, (2, 1))
         offset = np.zeros_like(gain)
         if c.fixed_pattern:
             rng = np.random.default_rng([seed, 4141])

@@ -8,6 +8,7 @@ elsewhere, too. Mostly nothing is in that view, and nothing is drawn.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import dataclasses
 import math
 from typing import NamedTuple
@@ -16,7 +17,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.camera.lens import Lens
 from lunar_rover_sim.frames import Array, se3, sun_direction
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.sun_disc import disc_radiance, limb_darkening
@@ -50,10 +50,13 @@ class SunPass:
     """Draws the disc of the sun into the radiance, and tells what the cameras see of it."""
 
     def __init__(self, context: moderngl.Context, lit: LitTargets, projection: Projection,
-                 config: RenderConfig) -> None:
-        """Make targets; projection: of both cameras."""
-        self._context, self._projection = context, projection
-        self._lens = Lens(config.lens, config.camera)
+                 config: RenderConfig, strays: Callable[[Array], bool]) -> None:
+        """Make targets.
+
+        projection: of both cameras; strays: whether sunlight from a (3,) direction, in axes of
+        the cameras, strays in their lenses
+        """
+        self._context, self._projection, self._strays = context, projection, strays
         radius = self._radius = math.radians(0.5 * config.sun.angular_diameter_deg)
         across = 2.0 * projection.focal_px * math.tan(radius)
         n = self._n = int(np.clip(4 * math.ceil(across), _LEAST, _MOST))
@@ -131,9 +134,7 @@ class SunPass:
         """Return whether light from a direction, in axes of the cameras, reaches their lenses."""
         if direction[2] <= 0.0:
             return False
-        if not self._lens.perfect and self._lens.hood(math.acos(min(direction[2], 1.0))) > 0.0:
-            return True
-        return self._window(direction) is not None
+        return self._strays(direction) or self._window(direction) is not None
 
     def _window(self, direction: Array) -> tuple[Array, Array] | None:
         """Return first pixel and end of what is inside the image of a square around the disc."""

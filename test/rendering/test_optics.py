@@ -11,6 +11,7 @@ from lunar_rover_sim.camera.config import CameraConfig, LensConfig
 from lunar_rover_sim.camera.lens import Lens
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.rendering.context import create_context
+from lunar_rover_sim.rendering.image_geometry import PinholeImage
 from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import SeenSun
@@ -35,7 +36,7 @@ def passed(context, config, images, sun=None):
     projection = Projection(RIG.K, w, h, 0.02, 1e4)
     texture = context.texture((w, 2 * h), 1, np.asarray(images, np.float32).tobytes(), dtype='f4')
     texture.filter = (context.NEAREST, context.NEAREST)
-    optics = OpticsPass(context, Lens(config, CAMERA), projection, E)
+    optics = OpticsPass(context, Lens(config, CAMERA), PinholeImage(projection), E)
     try:
         optics.draw(texture, (0, 1), sun)
         return np.frombuffer(texture.read(), np.float32).reshape(2, h, w).astype(float)

@@ -377,7 +377,7 @@ def test_no_pinholes_where_meshes_meet():
     with created_context() as context:
         shared = WorldPasses(context, built, scene.ROVER, config, 0)
         passes = ScenePasses(context, shared, BodyMount(rig), config, projection,
-                             sees_rover=False)
+                             sees_rover=False, strays=lambda direction: False)
         for _ in range(40):
             pose = pose_on(built, *rng.uniform(-4.0, 4.0, 2), rng.uniform(0.0, 360.0))
             drawn = passes.draw_geometry(Request.of(('left', 'right'), 0), RoverPose(pose))

@@ -1,8 +1,8 @@
 // Mean radiance over the exposure: each pixel gathers along the path on which its point crosses
 // the image while the camera turns and moves at constant velocity.
+#include "image.glsl"
 uniform sampler2D u_radiance;   // at the stamp; sampled linearly
-uniform sampler2D u_depth;      // see LitTargets
-uniform vec4 u_pinhole;         // focal lengths and centre [px]
+uniform sampler2D u_depth;      // see LitTargets; of a fisheye, distance
 uniform vec2 u_rows;            // first row of the image within the attachments, its last row
 uniform vec2 u_texel;           // 1 / size of the attachments
 uniform float u_exposure;       // [s]
@@ -30,8 +30,12 @@ vec2 source_at(int body, vec3 ray, float t, float nearness) {
     vec3 g = ray + t * (1.0 - x * (1.0 / 6.0 - x * (1.0 / 120.0))) * swing
         + t * t * (0.5 - x * (1.0 / 24.0 - x * (1.0 / 720.0))) * cross(rate, swing);
     vec3 shift = t * v + 0.5 * t * t * cross(rate, v);
+#ifdef EQUIDISTANT
+    return place_of(g + shift * nearness);
+#else
     vec2 q = g.xy / g.z * (1.0 - shift.z * nearness) + shift.xy * nearness;
     return q * u_pinhole.xy + u_pinhole.zw;
+#endif
 }
 
 #ifdef ROLLING
@@ -41,6 +45,9 @@ uniform float u_line_time;      // [s]
 uniform float u_distortion[5];
 #endif
 float row_time(vec3 ray) {
+#ifdef EQUIDISTANT
+    return (place_of(ray).y - u_pinhole.w) * u_line_time;
+#else
     float y = ray.y;
 #ifdef DISTORTED
     float r = dot(ray.xy, ray.xy);
@@ -48,6 +55,7 @@ float row_time(vec3 ray) {
         + u_distortion[2] * (r + 2.0 * ray.y * ray.y) + 2.0 * u_distortion[3] * ray.x * ray.y;
 #endif
     return y * u_pinhole.y * u_line_time;
+#endif
 }
 #endif
 
@@ -84,7 +92,15 @@ vec2 seen_at(vec3 ray, vec2 p, float t, float nearness) {
 
 void main() {
     vec2 p = gl_FragCoord.xy - vec2(0.5, 0.5 + u_rows.x);
+#ifdef EQUIDISTANT
+    if (!shows(p)) {
+        o_radiance = 0.0;
+        return;
+    }
+    vec3 ray = ray_of(p);
+#else
     vec3 ray = vec3((p - u_pinhole.zw) / u_pinhole.xy, 1.0);
+#endif
     float nearness = inverse_depth(p);
 #ifdef SHORT
     // Paths of up to two pixels: the mean of two samples is that of the linearly interpolated
