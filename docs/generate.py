@@ -91,7 +91,7 @@ def parameter_tables() -> str:
         title = 'Shared by all nodes: `/**`' if section == SHARED else f'`{section}`'
         parts += [f'## {title}', '', '| parameter | default | valid | meaning |',
                   '|---|---|---|---|']
-        for name, value, info, _ in cls().flatten():
+        for name, value, info, _ in cls().flatten(documented=True):
             if name in shared and issubclass(cls, NodeConfig) and section != SHARED:
                 continue
             live = ' (live)' if info.live else ''

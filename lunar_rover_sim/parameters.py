@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lunar_rover_sim.errors import ConfigError, did_you_mean
+from lunar_rover_sim.named_sets import checked_name, NAME, Named
 
 T = TypeVar('T', bound='Parameters')
 
@@ -87,6 +88,11 @@ def group(cls: type) -> Any:
     return dataclasses.field(default_factory=cls)
 
 
+def named(cls: type) -> Any:
+    """Declare a field `Named[cls]`, by default empty: sets that a user adds by their names."""
+    return dataclasses.field(default_factory=Named, metadata={'named': cls})
+
+
 class Parameters:
     """Base of every frozen parameter set; checks each field against its declaration."""
 
@@ -121,6 +127,8 @@ class Parameters:
                 raise ConfigError(f'{_shown(name)}: no such parameter; {nearest(key, fields)}')
             if 'info' in fields[key].metadata:
                 values[key] = check(name, value, hints[key], fields[key].metadata['info'])
+            elif 'named' in fields[key].metadata:
+                values[key] = _named_sets(fields[key].metadata['named'], value, name)
             else:
                 values[key] = hints[key].from_mapping(value, name)
         try:
@@ -133,22 +141,43 @@ class Parameters:
         result: dict[str, Any] = {}
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
-            if isinstance(value, Parameters):
+            if isinstance(value, Named):
+                if not value:
+                    continue        # ROS 2 has no empty groups
+                value = {name: one.to_mapping() for name, one in value.items()}
+            elif isinstance(value, Parameters):
                 value = value.to_mapping()
             elif isinstance(value, tuple):
                 value = list(value)
             result[field.name] = value
         return result
 
-    def flatten(self, prefix: str = '') -> Iterator[tuple[str, Any, ParamInfo, Any]]:
-        """Yield (dotted name, value, info, type) of every parameter."""
+    def flatten(self, prefix: str = '',
+                documented: bool = False) -> Iterator[tuple[str, Any, ParamInfo, Any]]:
+        """Yield (dotted name, value, info, type) of every parameter.
+
+        documented: for each `Named` field, yield one set with its defaults, called NAME
+        """
         hints = _hints(type(self))
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
-            if isinstance(value, Parameters):
-                yield from value.flatten(f'{prefix}{field.name}.')
+            if isinstance(value, Named):
+                if documented:
+                    value = Named({NAME: field.metadata['named']()})
+                for name, one in value.items():
+                    yield from one.flatten(f'{prefix}{field.name}.{name}.', documented)
+            elif isinstance(value, Parameters):
+                yield from value.flatten(f'{prefix}{field.name}.', documented)
             else:
                 yield prefix + field.name, value, field.metadata['info'], hints[field.name]
+
+
+def _named_sets(cls: type[T], value: Any, where: str) -> Named[T]:
+    """Return parameter sets by their names; `where` prefixes names in errors."""
+    if not isinstance(value, Mapping):
+        raise ConfigError(f'{where}: {brief(value)} is not a mapping of names to parameters')
+    return Named({name: cls.from_mapping(one, f'{where}.{checked_name(name, where)}')
+                  for name, one in nest(value, where).items()})
 
 
 def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:

@@ -7,8 +7,10 @@ namespaces and remappings apply.
 from __future__ import annotations
 
 import dataclasses
+import re
 
 from lunar_rover_sim import frames
+from lunar_rover_sim.named_sets import NAME
 
 LEGS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 
@@ -137,6 +139,12 @@ CHASE_INFO = Topic('chase/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT, 're
                    frames.CHASE_OPTICAL_FRAME, 'that of the chase camera', on_request=True)
 CHASE_POSE = Topic('chase/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'render_node',
                    frames.ODOM_FRAME, 'of its optical frame, which moves', on_request=True)
+HAZARD_IMAGE = Topic(f'hazard/{NAME}/image_raw', 'sensor_msgs/msg/Image', EVENT, 'render_node',
+                     f'hazard_{NAME}_optical_frame', 'of each camera in hazard, at its rate_hz; '
+                     f'of a pair, hazard/{NAME}/left/image_raw and right', on_request=True)
+HAZARD_INFO = Topic(f'hazard/{NAME}/camera_info', 'sensor_msgs/msg/CameraInfo', EVENT,
+                    'render_node', f'hazard_{NAME}_optical_frame', 'equidistant or plumb_bob; of '
+                    'a pair, also left and right', on_request=True)
 LABELS = Topic('ground_truth/labels', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                frames.LEFT_OPTICAL_FRAME, 'mono16: what each pixel shows, see '
                '`ground_truth/label_info`', on_request=True)
@@ -196,7 +204,23 @@ CONTRACT: tuple[Topic, ...] = (
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER,
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
     DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
-    NORMALS, OPTICAL_FLOW, SCENE_FLOW, LABEL_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, SUN,
-    WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE,
-    SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+    NORMALS, OPTICAL_FLOW, SCENE_FLOW, LABEL_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE,
+    HAZARD_IMAGE, HAZARD_INFO, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
+    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)
+
+_HAZARD = re.compile(r'hazard/([a-z0-9_]+(?:/left|/right)?)/(image_raw|camera_info)')
+
+
+def hazard(camera: str) -> tuple[Topic, Topic]:
+    """Return image and CameraInfo of a hazard camera; of a pair, its name with /left or /right."""
+    frame_id = HAZARD_IMAGE.frame_id.replace(NAME, camera.replace('/', '_'))
+    image, info = (dataclasses.replace(topic, name=topic.name.replace(NAME, camera),
+                                       frame_id=frame_id) for topic in (HAZARD_IMAGE, HAZARD_INFO))
+    return image, info
+
+
+def of_hazard(name: str) -> Topic | None:
+    """Return the topic of a hazard camera by its relative name; None if it is no such name."""
+    match = _HAZARD.fullmatch(name)
+    return None if match is None else hazard(match[1])[match[2] == 'camera_info']

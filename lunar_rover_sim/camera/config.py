@@ -30,11 +30,6 @@ class CameraConfig(Parameters):
         return 0.5 * self.width / math.tan(0.5 * math.radians(self.horizontal_fov_deg))
 
     @property
-    def is_fisheye(self) -> bool:
-        """Whether it is a fisheye; only a `HazardCameraConfig` may be one."""
-        return False
-
-    @property
     def distorted(self) -> bool:
         """Whether the images are distorted."""
         return any(self.distortion)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from lunar_rover_sim import frames
-from lunar_rover_sim.camera.hazard_config import HazardConfig
+from lunar_rover_sim import frames, topics
+from lunar_rover_sim.camera.config import FurtherCameraConfig
+from lunar_rover_sim.camera.fisheye import FisheyeCamera
+from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
 from lunar_rover_sim.camera.mount import BodyMount
+from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
 
 
@@ -37,14 +40,11 @@ class HazardMount(BodyMount):
         super().__init__(HazardRig(config))
 
 
-def link_frame(name: str) -> str:
-    """Return the frame of a hazard camera with x along its axis; name: of topics, see `sides`."""
-    return f'hazard_{name.replace("/", "_")}_link'
-
-
-def optical_frame(name: str) -> str:
-    """Return the optical frame of a hazard camera; name: of topics, see `sides`."""
-    return f'hazard_{name.replace("/", "_")}_optical_frame'
+def geometry_of(config: FurtherCameraConfig) -> PinholeCamera | FisheyeCamera:
+    """Return where a camera images what."""
+    camera = config.camera
+    return (FisheyeCamera(camera) if isinstance(camera, HazardCameraConfig) and camera.is_fisheye
+            else PinholeCamera(camera))
 
 
 def sides(name: str, config: HazardConfig) -> tuple[str, ...]:
@@ -57,6 +57,7 @@ def fixed_frames(name: str, config: HazardConfig) -> tuple[tuple[str, str, Array
     turn = se3(R_BODY_OPTICAL, np.zeros(3))
     result: list[tuple[str, str, Array]] = []
     for camera, T_base_link in zip(sides(name, config), HazardRig(config).link_poses()):
-        result += [(frames.BASE_FRAME, link_frame(camera), T_base_link),
-                   (link_frame(camera), optical_frame(camera), turn)]
+        optical = topics.hazard(camera)[0].frame_id
+        link = optical.replace('_optical_frame', '_link')
+        result += [(frames.BASE_FRAME, link, T_base_link), (link, optical, turn)]
     return tuple(result)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 
 from lunar_rover_sim.camera import equidistant
 from lunar_rover_sim.camera.config import CameraConfig, FurtherCameraConfig
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import brief, group, param
+from lunar_rover_sim.parameters import group, param
 
 PINHOLE, EQUIDISTANT = 'pinhole', 'equidistant'
-_NAME = re.compile(r'[a-z][a-z0-9_]*')
 _MOST_PINHOLE_DEG = 150.0
 
 
@@ -96,10 +94,3 @@ class HazardConfig(FurtherCameraConfig):
     def stereo(self) -> bool:
         """Whether it is a pair."""
         return self.stereo_baseline_m > 0.0
-
-
-def check_name(name: str) -> None:
-    """Raise ConfigError unless a name of a camera can be part of topics and frames."""
-    if not _NAME.fullmatch(name) or len(name) > 40:
-        raise ConfigError(f'hazard: {brief(name)} is not a valid name of a camera; valid are '
-                          'small letters, digits and _, with a letter first, at most 40')

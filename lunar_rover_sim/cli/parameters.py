@@ -95,7 +95,7 @@ def _sections() -> Sections:
     result = {}
     for section, cls in classes.items():
         rows = []
-        for name, value, info, _ in cls().flatten():
+        for name, value, info, _ in cls().flatten(documented=True):
             if section != SHARED and name in shared and section in NODE_CONFIGS:
                 continue
             live = ' (live)' if info.live else ''

@@ -97,7 +97,8 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
     """Read the contract's topics under `namespace` once; `progress` is called once per message."""
     result = Scan(namespace)
     by_topic: dict[str, TopicScan] = {}
-    for known in topics.CONTRACT:
+    hazards = (topics.of_hazard(name.removeprefix(f'{namespace}/')) for name in bag.types)
+    for known in (*topics.CONTRACT, *(topic for topic in hazards if topic is not None)):
         for name in (f'{namespace}/{known.name}', f'/{known.name}'):
             if name in bag.types:
                 by_topic[name] = result.topics[known.name] = TopicScan(known, name,

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.named_sets import NAME
 from lunar_rover_sim.nodes import qos_overrides
 from lunar_rover_sim.parameters import nearest, ParamInfo
 from lunar_rover_sim.run.shared_config import NodeConfig
@@ -38,14 +39,18 @@ def declare(node: Node, cls: type[C]) -> C:
     overrides = {name: parameter for name, parameter in declared.items()
                  if not name.startswith(_RESERVED)}
     names = [name for name, *_ in defaults.flatten()]
+    # Those that users name themselves; `from_mapping` checks the rest of their names.
+    named = tuple({name.partition(f'{NAME}.')[0] for name, *_ in defaults.flatten(documented=True)
+                   if f'.{NAME}.' in name}) or ('\0',)
     shared = {name for name, *_ in NodeConfig().flatten()}
     for name in overrides:
-        if name not in names and name not in shared:
+        if name not in names and name not in shared and not name.startswith(named):
             raise ConfigError(f'{name}: no such parameter of {node.get_name()}; '
                               f'{nearest(name, names)}')
         # It is declared again below, with its descriptor.
         node.undeclare_parameter(name)
-    values = {name: _plain(overrides[name].value) for name in names if name in overrides}
+    values = {name: _plain(parameter.value) for name, parameter in overrides.items()
+              if name in names or name.startswith(named)}
     config = cls.from_mapping(values)
     for name, value, info, kind in config.flatten():
         parameter = _parameter(name, value, kind)

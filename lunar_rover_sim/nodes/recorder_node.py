@@ -113,6 +113,8 @@ class RecorderNode(node_main.GraphNode):
         own = self.get_namespace().rstrip('/') + '/'
         if not name.startswith(own) and name not in self._contract:
             return False
+        if topics.of_hazard(name.removeprefix(own)) is not None:
+            return False
         return (name not in self._excluded and name not in self._not_in_all
                 and name.rsplit('/', 1)[-1] not in _NOT_RECORDED)
 

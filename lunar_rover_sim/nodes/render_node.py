@@ -17,9 +17,9 @@ from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
-from lunar_rover_sim.nodes.chase_publisher import ChasePublisher
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.frame_publisher import FramePublisher
+from lunar_rover_sim.nodes.further_cameras import FurtherCameras
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.label_publisher import LabelPublisher
 from lunar_rover_sim.nodes.matching import Matching
@@ -100,10 +100,8 @@ class RenderNode(node_main.GraphNode):
 
         self._publisher = FramePublisher(self, config, self._renderer.rig, self._wake_if_idle,
                                          self._wake_later)
-        self._chase = (ChasePublisher(self, config, self._renderer, self._wake_if_idle)
-                       if config.chase.enabled else None)
-        others = [] if self._chase is None else self._chase.publishers
-        self._readers = Matching(self, [*self._publisher.publishers, *others],
+        self._further = FurtherCameras(self, config, self._renderer, self._wake_if_idle)
+        self._readers = Matching(self, [*self._publisher.publishers, *self._further.publishers],
                                  config.participants if config.lockstep else ())
         self._publish_sun()
         LabelPublisher(self, self._renderer.rocks, world.craters, world.hash)
@@ -260,8 +258,7 @@ class RenderNode(node_main.GraphNode):
         if self._ground.is_known and not self._begun and not self._renderer.follows:
             self._renderer.follow(self._ground.overlay)
         self._ground.advance(frame.stamp_ns)
-        if self._chase is not None:
-            self._chase.draw(frame.stamp_ns, frame.state)
+        self._further.draw(frame.stamp_ns, frame.state)
         self._renderer.begin(frame.state, frame.stamp_ns // self._config.frame_period_ns, layers,
                              frame.before)
         self._begun.append(_Begun(frame, names, layers))

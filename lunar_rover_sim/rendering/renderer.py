@@ -9,7 +9,7 @@ from types import TracebackType
 
 from lunar_rover_sim.camera.config import FurtherCameraConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
+from lunar_rover_sim.camera.hazard import geometry_of
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.camera.rig import PinholeCamera, StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
@@ -87,25 +87,28 @@ class Renderer:
         """Exposure time of the last pair, or of the first one before it [s]."""
         return self._pair.exposure_s
 
-    def add_camera(self, config: FurtherCameraConfig, mount: Mount) -> FurtherCamera:
+    def add_camera(self, config: FurtherCameraConfig, mount: Mount,
+                   seed: int | None = None) -> FurtherCamera:
         """Return a further camera in the same world, which the renderer owns.
 
         config: a `ChaseConfig`, a `HazardConfig` with a `HazardMount`, or the plain one
-        Raises RenderError if the device cannot draw its image size.
+        seed: of its noise; by default it follows from that of the renderer and the number of
+            cameras
+
+        At most one frame of the pair may be under way. Raises RenderError if the device cannot
+        draw its image size.
         """
-        self._check_idle('add_camera')
+        self._check_open()
+        self._check_one_under_way('add_camera')
         own = dataclasses.replace(self.config, camera=config.camera, lens=config.lens,
                                   sensor=config.sensor)
-        seed = self.seed + len(self._further) + 1
-        camera: PinholeCamera | FisheyeCamera
+        seed = self.seed + len(self._further) + 1 if seed is None else seed
+        camera = geometry_of(config)
         drawn: CameraRenderer | FisheyeRenderer
         with self._drawing():
-            if config.camera.is_fisheye:
-                assert isinstance(config.camera, HazardCameraConfig)
-                camera = FisheyeCamera(config.camera)
+            if isinstance(camera, FisheyeCamera):
                 drawn = FisheyeRenderer(self._context, self._shared, mount, camera, own, seed)
             else:
-                camera = PinholeCamera(config.camera)
                 drawn = CameraRenderer(self._context, self._shared, mount, camera, own,
                                        _ALL_LINKS, seed)
             self._owned.callback(drawn.release)
@@ -203,14 +206,17 @@ class Renderer:
         request = Request.of(layers, frame_index)
         checked = checked_state(state)
         self._check_open()
-        if self._pair.under_way > 1:    # the second one has not been lit
-            raise RenderError('render: two frames are under way; finish one first')
+        self._check_one_under_way('render')
         with self._drawing():
             return camera.draw(checked, request)
 
     def _check_open(self) -> None:
         if self._closed:
             raise RenderError('the renderer is closed')
+
+    def _check_one_under_way(self, name: str) -> None:
+        if self._pair.under_way > 1:    # the second one has not been lit
+            raise RenderError(f'{name}: two frames are under way; finish one first')
 
     def _check_idle(self, name: str) -> None:
         if self._pair.under_way:

@@ -9,12 +9,15 @@ from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.camera.chase import ChaseConfig
 from lunar_rover_sim.camera.compression import CompressionConfig
 from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.hazard import fixed_frames
+from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.star_tracker import StarTrackerConfig
 from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
-from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.named_sets import Named
+from lunar_rover_sim.parameters import group, named, param, Parameters
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.physics.config import (ImuConfig, PhysicsConfig, PowerMonitorConfig,
                                             WheelOdometryConfig)
@@ -156,6 +159,7 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     sgm: SgmConfig = group(SgmConfig)
     stereo: StereoTopicsConfig = group(StereoTopicsConfig)
     chase: ChaseConfig = group(ChaseConfig)
+    hazard: Named[HazardConfig] = named(HazardConfig)
     frame_rate_hz: int = param(20, 'stereo pairs per second; its period is a whole number of '
                                'state periods. A walking body pitches: at 10 Hz trackers lose it',
                                unit='Hz', low=1, high=200)
@@ -184,11 +188,21 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
         return 1_000_000_000 // self.chase.rate_hz
 
     def validate(self) -> None:
-        """Raise ConfigError unless images of the chase camera fall on stereo pairs."""
+        """Raise ConfigError unless images of further cameras fall on stereo pairs."""
         super().validate()
         if self.chase.enabled and self.frame_rate_hz % self.chase.rate_hz:
             raise ConfigError(f'chase.rate_hz: {self.chase.rate_hz} is not valid; valid is a '
                               f'divisor of frame_rate_hz = {self.frame_rate_hz}')
+        names = [frame for name, hazard in self.hazard.items()
+                 for _, frame, _ in fixed_frames(name, hazard)]
+        twice = sorted({frame for frame in names if names.count(frame) > 1})
+        if twice:
+            raise ConfigError(f'hazard: {", ".join(self.hazard)} is not valid: two cameras have '
+                              f'the frame {twice[0]}; valid are names that differ')
+        for name, hazard in self.hazard.items():
+            if self.frame_rate_hz % hazard.rate_hz:
+                raise ConfigError(f'hazard.{name}.rate_hz: {hazard.rate_hz} is not valid; valid '
+                                  f'is a divisor of frame_rate_hz = {self.frame_rate_hz}')
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
+from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import FRAME_TOPICS, NODE_CONFIGS
@@ -180,7 +181,18 @@ def _participants(scenario: Scenario) -> tuple[str, ...]:
     awaited = [*scenario.physics_node.wait.topics, *scenario.gait_controller_node.wait.topics]
     if 'drive_node' in scenario.run.nodes:
         awaited.append(topics.CMD_VEL.name)
+    # Recorded ones are waited for, so that the bag has them from the first frame on.
+    awaited += _recorded_hazards(scenario)
     return tuple(dict.fromkeys([*scenario.shared.participants, *awaited]))
+
+
+def _recorded_hazards(scenario: Scenario) -> list[str]:
+    """Return the topics of hazard cameras that are offered and recorded."""
+    if not {'render_node', 'recorder_node'} <= set(scenario.run.nodes):
+        return []
+    offered = [topic.name for name, hazard in scenario.render_node.hazard.items()
+               for camera in sides(name, hazard) for topic in topics.hazard(camera)]
+    return [name for name in offered if name in scenario.recorder_node.topics]
 
 
 def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:

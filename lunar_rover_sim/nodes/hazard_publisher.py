@@ -1,0 +1,106 @@
+"""The pictures of a hazard camera, drawn while somebody reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.camera.hazard import fixed_frames, geometry_of, HazardMount, sides
+from lunar_rover_sim.camera.hazard_config import HazardConfig
+from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.nodes import conversions, image_conversions, qos
+from lunar_rover_sim.nodes.message_types import message_class
+from lunar_rover_sim.rendering.frame import StereoFrame
+from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
+from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.node_config import RenderNodeConfig
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:
+    TFMessage = None
+
+_LAYERS = ('left', 'right')
+
+
+class HazardPublisher:
+    """Draws and publishes a hazard camera, or a pair. It is made when it is first read.
+
+    publishers: those of images and CameraInfos
+    on_reader: called when the readers of a topic change
+    """
+
+    def __init__(self, node: Node, name: str, config: RenderNodeConfig, renderer: Renderer,
+                 on_reader: Callable[[], None]) -> None:
+        self._name, self._config, self._renderer = name, config.hazard[name], renderer
+        self._period_ns = 1_000_000_000 // self._config.rate_hz
+        self._frame_period_ns = config.frame_period_ns
+        # Its noise does not depend on which camera is read first.
+        self._seed = int(np.random.SeedSequence(
+            [config.seed, *name.encode()]).generate_state(1)[0]) >> 1
+        self._geometry = geometry_of(self._config)
+        self._camera: FurtherCamera | None = None
+        # The first one is that of the first whole period, as with frames.
+        self._period: int | None = 0 if config.lockstep else None
+        events = PublisherEventCallbacks(matched=lambda _: on_reader())
+        self._topics = [topics.hazard(camera) for camera in sides(name, self._config)]
+        self._images, self._infos = (
+            [node.create_publisher(message_class(topic.type), topic.name, qos.offered(topic),
+                                   event_callbacks=events) for topic in kind]
+            for kind in zip(*self._topics))
+
+    @property
+    def publishers(self) -> list[Publisher]:
+        """All of them."""
+        return [*self._images, *self._infos]
+
+    def draw(self, stamp_ns: int, state: RoverPose) -> None:
+        """Draw and publish a frame, if one is due and read.
+
+        Call it before the frame is begun in the renderer, with the ground as it is at the stamp.
+        Raises RenderError, which names the camera.
+        """
+        period = stamp_ns // self._period_ns
+        if period == self._period or not any(p.get_subscription_count() for p in self.publishers):
+            return
+        self._period = period
+        stamp = conversions.time_msg(stamp_ns)
+        layers = [layer for layer, image in zip(_LAYERS, self._images)
+                  if image.get_subscription_count()]
+        if layers:
+            frame = self._render(state, stamp_ns // self._frame_period_ns, layers)
+        for side, (image, info) in enumerate(zip(self._images, self._infos)):
+            frame_id = self._topics[side][0].frame_id
+            if _LAYERS[side] in layers:
+                image.publish(image_conversions.image(frame.layer(_LAYERS[side]), frame_id, stamp))
+            P = self._geometry.P_left.copy()
+            P[0, 3] = -side * self._geometry.focal_px * self._config.stereo_baseline_m
+            info.publish(image_conversions.camera_info(self._geometry, frame_id, P, stamp))
+
+    def _render(self, state: RoverPose, frame_index: int, layers: list[str]) -> StereoFrame:
+        try:
+            if self._camera is None:
+                self._camera = self._renderer.add_camera(self._config, HazardMount(self._config),
+                                                         self._seed)
+            return self._camera.render(state, frame_index, layers)
+        except RenderError as error:
+            raise RenderError(f'hazard.{self._name}: {error}') from error
+
+
+class HazardFrames:
+    """Publishes the frames of all hazard cameras on tf_static, where tf2_msgs is installed."""
+
+    def __init__(self, node: Node, hazards: dict[str, HazardConfig]) -> None:
+        if TFMessage is None or not hazards:
+            return
+        zero = conversions.time_msg(0)
+        self._publisher = node.create_publisher(TFMessage, topics.TF_STATIC.name,
+                                                qos.offered(topics.TF_STATIC))
+        self._publisher.publish(TFMessage(transforms=[
+            conversions.transform(parent, child, pose, zero) for name, config in hazards.items()
+            for parent, child, pose in fixed_frames(name, config)]))
