@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from lunar_rover_sim.nodes.chase_publisher import ChasePublisher
-from lunar_rover_sim.nodes.hazard_publisher import HazardFrames, HazardPublisher
+from lunar_rover_sim.nodes.hazard_publisher import HazardPublisher, publish_frames
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
@@ -24,7 +24,7 @@ class FurtherCameras:
             HazardPublisher(node, name, config, renderer, on_reader) for name in config.hazard]
         if config.chase.enabled:
             self._cameras.append(ChasePublisher(node, config, renderer, on_reader))
-        self._frames = HazardFrames(node, dict(config.hazard))
+        publish_frames(node, config.hazard)
 
     @property
     def publishers(self) -> list[Publisher]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from rclpy.event_handler import PublisherEventCallbacks
@@ -92,15 +92,12 @@ class HazardPublisher:
             raise RenderError(f'hazard.{self._name}: {error}') from error
 
 
-class HazardFrames:
-    """Publishes the frames of all hazard cameras on tf_static, where tf2_msgs is installed."""
-
-    def __init__(self, node: Node, hazards: dict[str, HazardConfig]) -> None:
-        if TFMessage is None or not hazards:
-            return
-        zero = conversions.time_msg(0)
-        self._publisher = node.create_publisher(TFMessage, topics.TF_STATIC.name,
-                                                qos.offered(topics.TF_STATIC))
-        self._publisher.publish(TFMessage(transforms=[
+def publish_frames(node: Node, hazards: Mapping[str, HazardConfig]) -> None:
+    """Publish the frames of hazard cameras on tf_static, where tf2_msgs is installed."""
+    if TFMessage is None or not hazards:
+        return
+    zero = conversions.time_msg(0)
+    node.create_publisher(TFMessage, topics.TF_STATIC.name, qos.offered(topics.TF_STATIC)).publish(
+        TFMessage(transforms=[
             conversions.transform(parent, child, pose, zero) for name, config in hazards.items()
             for parent, child, pose in fixed_frames(name, config)]))
