@@ -162,9 +162,8 @@ class Parameters:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             if isinstance(value, Named):
-                if documented:
-                    value = Named({NAME: field.metadata['named']()})
-                for name, one in value.items():
+                sets = {NAME: field.metadata['named']()} if documented else value
+                for name, one in sets.items():
                     yield from one.flatten(f'{prefix}{field.name}.{name}.', documented)
             elif isinstance(value, Parameters):
                 yield from value.flatten(f'{prefix}{field.name}.', documented)

@@ -77,9 +77,10 @@ class FisheyeCamera:
 
         It is the solid angle that a pixel covers, sin(theta) / (rho rho'), sin(theta) / theta for
         the ideal equidistant lens: 0.64 at 90 deg. The cos^4 law does not hold for a fisheye: its
-        front element tilts and magnifies the entrance pupil towards the side (Slussareff, 1941,
-        J. Phys. USSR 4, 537), without which nothing could be seen at 90 deg; the area of the pupil
-        square to the ray is taken as the same for all rays. Beyond the limit it stays.
+        entrance pupil tilts and stretches towards the side (pupil coma; Johnson & Sasian, 2020,
+        Appl. Opt. 59, G19), without which nothing could be seen at 90 deg. The area of the pupil
+        square to the ray is taken as the same for all rays, which is a choice. Beyond the limit
+        the value stays.
         """
         theta = np.maximum(self.angles(places_px), 1e-6)
         return np.sin(theta) / (equidistant.radius(theta, self.D)

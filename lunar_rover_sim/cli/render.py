@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 import dataclasses
 from pathlib import Path
 
@@ -10,11 +11,14 @@ import numpy as np
 from rich.console import Console
 
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
+from lunar_rover_sim.camera.hazard import HazardMount, sides
+from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.cli.number_lists import numbers
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.files.outputs import check_new_folder
+from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -47,6 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--chase-from', metavar='DISTANCE,AZIMUTH,ELEVATION', type=numbers(3),
                         help='where that camera is [m, deg, deg], by default 1.5,-112,17; the '
                         'azimuth counts from the sun, or as chase.reference says')
+    parser.add_argument('--camera', action='append', default=[], metavar='NAME', dest='cameras',
+                        help='also draw the hazard camera render_node.hazard.NAME (PNG), or a '
+                        'pair; may be repeated')
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
                         help='folder for the pictures; must not exist')
     parser.add_argument('--world', type=Path, metavar='DIR', help='a world made by `world build`')
@@ -66,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
     if args.time is not None and args.at is None:
         raise ConfigError('--time: needs --at BAG')
     chase = _chase(args, scenario.render_node.chase)
+    hazards = _hazards(args.cameras, scenario.render_node.hazard)
     console = Console()
     with console.status('building the world'):
         overlay = None
@@ -82,6 +90,8 @@ def run(args: argparse.Namespace) -> int:
         if chase is not None:
             mount = ChaseMount(chase, renderer.config.sun.azimuth_deg, world)
             camera = renderer.add_camera(chase, mount)
+        further = {name: renderer.add_camera(config, HazardMount(config))
+                   for name, config in hazards.items()}
         matcher = SgmMatcher.from_scenario(scenario)
         make_new(args.output)
         for k, T in enumerate(poses):
@@ -104,6 +114,13 @@ def run(args: argparse.Namespace) -> int:
                 outside = settled(camera, state).left
                 assert outside is not None
                 write_png(out / f'{name}_chase.png', outside)
+            for hazard, taken in further.items():
+                settled(taken, state)
+                layers = ('left', 'right')[:1 + hazards[hazard].stereo]
+                pictures = taken.render(state, k, layers)
+                for layer, camera_name in zip(layers, sides(hazard, hazards[hazard])):
+                    write_png(out / f'{name}_hazard_{camera_name.replace("/", "_")}.png',
+                              pictures.layer(layer))
             console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                           f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0
@@ -116,3 +133,13 @@ def _chase(args: argparse.Namespace, config: ChaseConfig) -> ChaseConfig | None:
     distance_m, azimuth_deg, elevation_deg = args.chase_from
     return dataclasses.replace(config, distance_m=distance_m, azimuth_deg=azimuth_deg,
                                elevation_deg=elevation_deg)
+
+
+def _hazards(names: list[str], offered: Mapping[str, HazardConfig]) -> dict[str, HazardConfig]:
+    """Return the hazard cameras that are asked for."""
+    for name in names:
+        if name not in offered:
+            raise ConfigError(f'--camera {name}: no such camera; ' + (
+                nearest(name, offered) if offered else 'the scenario has none; set '
+                f'render_node.hazard.{name}.rate_hz=5, for example'))
+    return {name: offered[name] for name in names}

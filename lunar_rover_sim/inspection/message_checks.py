@@ -67,7 +67,7 @@ def counts(rover: RoverData, report: Report) -> None:
                                 for t in found if len(set(t.stamps_ns)) < len(expected)})
         else:
             problems = grouped({t.name: p for t in found
-                                if (p := _count_problem(t, expected))})
+                                if (p := count_problem(t, expected))})
         fine = f'{len(found)} topics x {len(expected)} at {NS_PER_S / period:g} Hz'
         report.verdict(f'{rate} counts', problems, fine,
                        Status.WARN if rover.real_time else Status.FAIL)
@@ -181,13 +181,19 @@ def _unpublished(rover: RoverData) -> set[str]:
     return names
 
 
+def recorded_names(rover: RoverData) -> set[str]:
+    """Return the names, as in the contract, of the topics that the scenario names to record."""
+    return _names(rover, rover.scenario.get('recorder_node', 'topics', ['all']))
+
+
 def _names(rover: RoverData, listed: object) -> set[str]:
     """Return names as in the contract of topics that a scenario lists."""
     names = listed if isinstance(listed, list) else []
     return {str(name).removeprefix(rover.namespace).lstrip('/') for name in names}
 
 
-def _count_problem(topic: TopicScan, expected: np.ndarray) -> str:
+def count_problem(topic: TopicScan, expected: np.ndarray) -> str:
+    """Return how the stamps of a topic differ from those expected [ns], or ''."""
     have = np.unique(topic.stamps_ns)
     missing = np.setdiff1d(expected, have)
     extra = np.setdiff1d(have, expected)

@@ -130,6 +130,12 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
     return result
 
 
+def _like(name: str) -> str:
+    """Return the topic whose contents one is like."""
+    hazard = topics.of_hazard(name)
+    return topics.LEFT_IMAGE.name if hazard and hazard.type == topics.LEFT_IMAGE.type else name
+
+
 def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validity.FiniteCheck,
           result: Scan, pair: _DepthPair) -> None:
     name = topic.topic.name
@@ -139,8 +145,8 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validit
         topic.frame_ids.add(header.frame_id)
     problem = ''
     if message.__msgtype__ == topic.topic.type:
-        problem = next((found for check in _CONTENT.get(name, ()) if (found := check(message))),
-                       '')
+        problem = next((found for check in _CONTENT.get(_like(name), ())
+                        if (found := check(message))), '')
     if not problem:
         problem = finite.problem(topic.msgtype, message)
     if problem:

@@ -38,15 +38,19 @@ class ChasePublisher:
             for kind, topic in ((Image, topics.CHASE_IMAGE), (CameraInfo, topics.CHASE_INFO),
                                 (PoseStamped, topics.CHASE_POSE))]
 
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether `draw` has something to do for a stamp."""
+        return stamp_ns // self._period_ns != self._period and any(
+            publisher.get_subscription_count() for publisher in self.publishers)
+
     def draw(self, stamp_ns: int, state: RoverPose) -> None:
         """Draw and publish a frame, if one is due and read.
 
         Call it before the frame is begun in the renderer, with the ground as it is at the stamp.
         """
-        period = stamp_ns // self._period_ns
-        if period == self._period or not any(p.get_subscription_count() for p in self.publishers):
+        if not self.is_due(stamp_ns):
             return
-        self._period = period
+        self._period = stamp_ns // self._period_ns
         self._mount.follow(state, stamp_ns)
         stamp = conversions.time_msg(stamp_ns)
         if self._image.get_subscription_count():

@@ -31,6 +31,10 @@ class FurtherCameras:
         """Those of all cameras."""
         return [publisher for camera in self._cameras for publisher in camera.publishers]
 
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether `draw` has something to do for a stamp."""
+        return any(camera.is_due(stamp_ns) for camera in self._cameras)
+
     def draw(self, stamp_ns: int, state: RoverPose) -> None:
         """Draw and publish what is due and read, before a frame is begun in the renderer."""
         for camera in self._cameras:

@@ -45,8 +45,9 @@ class HazardPublisher:
             [config.seed, *name.encode()]).generate_state(1)[0]) >> 1
         self._geometry = geometry_of(self._config)
         self._camera: FurtherCamera | None = None
-        # The first one is that of the first whole period, as with frames.
-        self._period: int | None = 0 if config.lockstep else None
+        # In lockstep the first one is that of the first whole period, as with frames.
+        self._stamp_ns = 0 if config.lockstep else -self._period_ns
+        self._published: set[Publisher] = set()
         events = PublisherEventCallbacks(matched=lambda _: on_reader())
         self._topics = [topics.hazard(camera) for camera in sides(name, self._config)]
         self._images, self._infos = (
@@ -59,28 +60,45 @@ class HazardPublisher:
         """All of them."""
         return [*self._images, *self._infos]
 
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether `draw` has something to do for a stamp."""
+        return bool(self._wanted(stamp_ns))
+
     def draw(self, stamp_ns: int, state: RoverPose) -> None:
         """Draw and publish a frame, if one is due and read.
 
         Call it before the frame is begun in the renderer, with the ground as it is at the stamp.
         Raises RenderError, which names the camera.
         """
-        period = stamp_ns // self._period_ns
-        if period == self._period or not any(p.get_subscription_count() for p in self.publishers):
+        wanted = self._wanted(stamp_ns)
+        if not wanted:
             return
-        self._period = period
+        if stamp_ns != self._stamp_ns:
+            self._stamp_ns = stamp_ns
+            self._published.clear()
+        self._published.update(wanted)
         stamp = conversions.time_msg(stamp_ns)
-        layers = [layer for layer, image in zip(_LAYERS, self._images)
-                  if image.get_subscription_count()]
+        layers = [layer for layer, image in zip(_LAYERS, self._images) if image in wanted]
         if layers:
             frame = self._render(state, stamp_ns // self._frame_period_ns, layers)
         for side, (image, info) in enumerate(zip(self._images, self._infos)):
             frame_id = self._topics[side][0].frame_id
-            if _LAYERS[side] in layers:
+            if image in wanted:
                 image.publish(image_conversions.image(frame.layer(_LAYERS[side]), frame_id, stamp))
-            P = self._geometry.P_left.copy()
-            P[0, 3] = -side * self._geometry.focal_px * self._config.stereo_baseline_m
-            info.publish(image_conversions.camera_info(self._geometry, frame_id, P, stamp))
+            if info in wanted:
+                P = self._geometry.P_left.copy()
+                P[0, 3] = -side * self._geometry.focal_px * self._config.stereo_baseline_m
+                info.publish(image_conversions.camera_info(self._geometry, frame_id, P, stamp))
+
+    def _wanted(self, stamp_ns: int) -> list[Publisher]:
+        """Return the publishers of what is due, read, and not published yet of this stamp."""
+        published: set[Publisher] = set()
+        if stamp_ns == self._stamp_ns:      # somebody has come to read more of it
+            published = self._published
+        elif stamp_ns // self._period_ns == self._stamp_ns // self._period_ns:
+            return []
+        return [publisher for publisher in self.publishers
+                if publisher not in published and publisher.get_subscription_count()]
 
     def _render(self, state: RoverPose, frame_index: int, layers: list[str]) -> StereoFrame:
         try:

@@ -249,16 +249,17 @@ class RenderNode(node_main.GraphNode):
     def _begin(self, frame: _Frame) -> bool:
         """Begin what subscribers want of a frame and was not published yet; return if anything."""
         names = self._publisher.wanted(frame.published, frame.with_depth)
+        if names or self._further.is_due(frame.stamp_ns):
+            if self._ground.is_known and not self._begun and not self._renderer.follows:
+                self._renderer.follow(self._ground.overlay)
+            self._ground.advance(frame.stamp_ns)
+            self._further.draw(frame.stamp_ns, frame.state)
         if not names:
             return False
         layers = self._publisher.layers_of(names) - set(frame.layers)
         if frame.before is None:    # there is nothing to flow to
             frame.layers.update(unknown_flows(layers, self._renderer.rig))
             layers -= set(frame.layers)
-        if self._ground.is_known and not self._begun and not self._renderer.follows:
-            self._renderer.follow(self._ground.overlay)
-        self._ground.advance(frame.stamp_ns)
-        self._further.draw(frame.stamp_ns, frame.state)
         self._renderer.begin(frame.state, frame.stamp_ns // self._config.frame_period_ns, layers,
                              frame.before)
         self._begun.append(_Begun(frame, names, layers))

@@ -174,7 +174,9 @@ def test_tf_is_the_tree_of_the_urdf(state: RoverState, monkeypatch: pytest.Monke
         assert abs(np.dot([q.w, q.x, q.y, q.z], frames.wxyz_from_rpy(*rpy))) == pytest.approx(1.0)
     assert set(sent) == {'base_link', 'base_footprint'}     # they belong to no link
     # The chase camera has its pose as a topic; the wheel odometry has no place in the world.
-    apart = {'', topics.TRUE_ODOM.frame_id, frames.CHASE_OPTICAL_FRAME, frames.WHEEL_ODOM_FRAME}
+    # render_node publishes the frames of hazard cameras.
+    apart = {'', topics.TRUE_ODOM.frame_id, frames.CHASE_OPTICAL_FRAME, frames.WHEEL_ODOM_FRAME,
+             topics.HAZARD_IMAGE.frame_id}
     frame_ids = {topic.frame_id for topic in topics.CONTRACT} - apart
     tree = {t.header.frame_id for name in ('tf', 'tf_static')
             for t in node.sent[name][0].transforms} | {

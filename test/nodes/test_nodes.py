@@ -32,6 +32,14 @@ from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
 
+HAZARDS = [argument for name, value in (
+    ('front.camera.width', 64), ('front.camera.height', 48),
+    ('front.camera.fisheye_distortion', '[0.01, 0.0, 0.0, 0.0]'), ('rear.camera.model', 'pinhole'),
+    ('rear.camera.horizontal_fov_deg', 90.0), ('rear.stereo_baseline_m', 0.05),
+    ('rear.orientation_rpy_deg', '[0.0, 0.0, 180.0]'), ('rear.position_m', '[-0.17, 0.0, 0.05]'))
+    for argument in ('-p', f'hazard.{name}:={value}')]
+
+
 def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
     """Remapped commands from a script turn the legs; pause and step work; it says how it is."""
     told = peer.listen(DiagnosticArray, '/diagnostics')
@@ -128,14 +136,16 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
               'stereo/depth/camera_info': CameraInfo, 'stereo/points2': PointCloud2,
               'stereo/left/image_raw/compressed': CompressedImage,
               'chase/image_raw': Image, 'chase/camera_info': CameraInfo,
-              'chase/pose': PoseStamped}
+              'chase/pose': PoseStamped, 'hazard/front/image_raw': Image,
+              'hazard/front/camera_info': CameraInfo, 'hazard/rear/right/image_raw': Image,
+              'hazard/rear/right/camera_info': CameraInfo}
     received = {topic: peer.listen(kind, topic) for topic, kind in topics.items()}
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     odometry = at_rest_odometry()
     odometry.header.stamp.sec = 3
     with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
                  'stereo.left.image_raw.compressed.format:=png', '-p', 'chase.enabled:=true', '-p',
-                 'chase.camera.width:=128', '-p', 'chase.camera.height:=72'):
+                 'chase.camera.width:=128', '-p', 'chase.camera.height:=72', *HAZARDS):
         peer.spin_until(lambda: all(received.values()), limit_s=60.0,
                         meanwhile=lambda: poses.publish(odometry))
         answer = peer.call(SetParameters, 'render_node/set_parameters', SetParameters.Request(
@@ -169,8 +179,24 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     assert np.array_equal(cv2.imdecode(np.frombuffer(bytes(compressed.data), np.uint8),
                                        cv2.IMREAD_UNCHANGED), pixels)
     _check_chase(received)
+    _check_hazards(received)
     _check_cloud(received['stereo/points2'][0], received['stereo/depth/image'][0],
                  received['stereo/depth/camera_info'][0], pixels)
+
+
+def _check_hazards(received: dict[str, list[Any]]) -> None:
+    """A fisheye, and the right camera of a pinhole pair, with stamps of the stereo pair."""
+    image, info = (received[f'hazard/front/{name}'][0] for name in ('image_raw', 'camera_info'))
+    assert (image.width, image.height) == (info.width, info.height) == (64, 48)
+    assert info.header == image.header and image.header.frame_id == 'hazard_front_optical_frame'
+    assert info.header.stamp.sec == 3
+    assert info.distortion_model == 'equidistant' and list(info.d) == [0.01, 0.0, 0.0, 0.0]
+    assert np.ptp(np.frombuffer(bytes(image.data), np.uint8)) > 20
+    right = received['hazard/rear/right/camera_info'][0]
+    assert right.header.frame_id == 'hazard_rear_right_optical_frame'
+    assert right.distortion_model == 'plumb_bob' and right.k[0] == pytest.approx(160.0)
+    assert right.p[3] == pytest.approx(-160.0 * 0.05)
+    assert received['hazard/rear/right/image_raw'][0].header == right.header
 
 
 def _check_chase(received: dict[str, list[Any]]) -> None:
