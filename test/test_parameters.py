@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import group, merge, nest, param, Parameters
+from lunar_rover_sim.named_sets import Named
+from lunar_rover_sim.parameters import group, merge, named, nest, param, Parameters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Outer(Parameters):
     offsets: tuple[float, ...] = param((0.0, 0.5), 'offsets', low=0.0, high=1.0, length=2)
     names: tuple[str, ...] = param((), 'names')
     inner: Inner = group(Inner)
+    own: Named[Inner] = named(Inner)
 
     def validate(self) -> None:
         """Tie two fields together."""
@@ -48,7 +50,23 @@ def test_round_trip() -> None:
         'count', 'on', 'offsets', 'names', 'inner.size_m', 'inner.kind'}
 
 
+def test_sets_that_users_name() -> None:
+    """Each name adds a set with its own values; in documentation it stands for all of them."""
+    outer = Outer.from_mapping({'own.left.size_m': 2, 'own': {'right': {'kind': 'b'}}})
+    assert dict(outer.own) == {'left': Inner(2.0), 'right': Inner(kind='b')}
+    assert Outer.from_mapping(outer.to_mapping()) == outer
+    assert 'own' not in Outer().to_mapping()
+    assert [name for name, *_ in outer.flatten() if name.startswith('own')] == [
+        'own.left.size_m', 'own.left.kind', 'own.right.size_m', 'own.right.kind']
+    assert [name for name, *_ in outer.flatten(documented=True) if name.startswith('own')] == [
+        'own.NAME.size_m', 'own.NAME.kind']
+
+
 @pytest.mark.parametrize(('values', 'match'), [
+    ({'own': {'Left': {}}}, r"^o\.own: 'Left' is not a valid name; valid are small letters"),
+    ({'own': {'left': 3}}, r'^o\.own\.left: 3 is not a mapping'),
+    ({'own.left.sizem': 3}, r'^o\.own\.left\.sizem: no such parameter; did you mean size_m'),
+    ({'own': 3}, r'^o\.own: 3 is not a mapping of names'),
     ({'cuont': 1}, r'^o\.cuont: no such parameter; did you mean count'),
     ({'inner': {'sizem': 1}}, r'^o\.inner\.sizem: no such parameter; did you mean size_m'),
     ({'count': 11}, r'^o\.count: 11 is not valid; valid is >= 0 and <= 10'),

@@ -272,6 +272,33 @@ def every_second(items: list[Item], depth_every: int = 2) -> list[Item]:
     return edited(items, 'scenario', setter('data', text))
 
 
+def test_hazard_cameras_are_those_of_the_scenario(tmp_path, good):
+    """One that was to be recorded is there at its rate, and is the camera of the scenario."""
+    name = 'hazard/front/camera_info'
+    fov_deg = 2.0 * np.degrees(np.arctan(0.5 * synthetic.WIDTH / synthetic.FOCAL_PX))
+    hazard = (f'hazard: {{front: {{rate_hz: 5, camera: {{model: pinhole, width: {synthetic.WIDTH},'
+              f' height: {synthetic.HEIGHT}, horizontal_fov_deg: {fov_deg}}}}}}}')
+    items = copy.deepcopy([i for i in good if i.topic == 'scenario'])
+    text = items[0].message.data.replace('frame_rate_hz: 10', f'frame_rate_hz: 10, {hazard}')
+    items[0].message.data = text.replace('[all]', f'[all, {name}]')
+    items += [i for i in good if i.topic != 'scenario']
+    taken = [Item(name, 'sensor_msgs/msg/CameraInfo', synthetic.camera_info(
+        ns, 'hazard_front_optical_frame', 0.0)) for ns in (200_000_000, 400_000_000, 600_000_000)]
+
+    def failed(case: str, more: list[Item]) -> list[tuple[str, str]]:
+        report = check(synthetic.write(tmp_path / case, items + more))
+        assert 'hazard cameras' in {f.check for f in report.findings}
+        return [(f.check, f.detail) for f in report.failed]
+
+    assert failed('whole', taken) == []
+    assert failed('none', []) == [('hazard cameras', f'{name}: missing')]
+    assert failed('gap', taken[::2]) == [
+        ('hazard cameras', f'{name}: 1 of 3 missing, first at 0.400 s')]
+    other = edited(taken, name, setter('distortion_model', 'equidistant'))
+    assert failed('other', other) == [
+        ('hazard cameras', f'{name}: not the camera of the scenario')]
+
+
 def test_depth_may_come_with_every_second_frame(tmp_path):
     """It is counted, and it belongs to images; an image belongs to no depth."""
     items = every_second(synthetic.drive(0.6, state_hz=100, depth_every=2))

@@ -31,7 +31,6 @@ from stereo_msgs.msg import DisparityImage  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
-
 HAZARDS = [argument for name, value in (
     ('front.camera.width', 64), ('front.camera.height', 48),
     ('front.camera.fisheye_distortion', '[0.01, 0.0, 0.0, 0.0]'), ('rear.camera.model', 'pinhole'),

@@ -52,6 +52,7 @@ def test_overrides() -> None:
     ('sed=3', 'did you mean seed'),
     ('seed', 'valid is section.parameter=value'),
     ('render_node.frame_rate_hz=30', 'valid is a divisor of physics_node.state_rate_hz'),
+    ('render_node.hazard.front.rate_hz=7', r'hazard\.front\.rate_hz: 7 .* frame_rate_hz = 20'),
     ('physics_node.state_rate_hz=300', 'state_rate_hz: 300 is not valid'),
     ('run.nodes=[rviz]', "run.nodes: 'rviz' is not valid"),
     ('run.nodes=[physics_node, physics_node]', 'run.nodes: physics_node is given 2 times'),
@@ -192,3 +193,22 @@ def test_a_scenario_refuses_another_world_than_it_names() -> None:
         other.world_folder()
     with pytest.raises(ConfigError, match='world_hash: .*valid are 32 hexadecimal digits'):
         Scenario.load('flat', {'run.world_hash': 'abc'})
+
+
+def test_hazard_cameras_by_name(tmp_path) -> None:
+    """A file adds cameras; two of one name, or with one frame, are refused."""
+    text = ('render_node:\n  ros__parameters:\n    hazard:\n'
+            '      {}: {{rate_hz: 5}}\n      {}: {}\n')
+    path = tmp_path / 'own.yaml'
+    path.write_text(text.format('front', 'rear', '{stereo_baseline_m: 0.1}'))
+    scenario = Scenario.load(path)
+    assert list(scenario.render_node.hazard) == ['front', 'rear']
+    again = tmp_path / 'again.yaml'
+    again.write_text(scenario.to_yaml())
+    assert Scenario.load(again).render_node == scenario.render_node
+    path.write_text(text.format('front', 'front', '{}'))
+    with pytest.raises(ConfigError, match="'front' is given twice"):
+        Scenario.load(path)
+    path.write_text(text.format('front_left', 'front', '{stereo_baseline_m: 0.1}'))
+    with pytest.raises(ConfigError, match='two cameras have the frame hazard_front_left_link'):
+        Scenario.load(path)
