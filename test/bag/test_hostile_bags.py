@@ -12,6 +12,7 @@ import pytest
 import synthetic_bag as synthetic
 import yaml
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
@@ -22,7 +23,7 @@ from lunar_rover_sim.errors import BagError
 
 @pytest.fixture(scope='module')
 def items() -> list[synthetic.Item]:
-    return synthetic.drive(0.1, state_hz=50)
+    return synthetic.drive(0.1, state_hz=50, only=(topics.SCENARIO, topics.ODOM, topics.TF))
 
 
 @pytest.fixture(scope='module')

@@ -52,7 +52,7 @@ def noisy(truth: Trajectory, seed: int, scale: float = 1.0) -> Trajectory:
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory) -> Path:
     """Return a drive of 1.5 s; it is only read."""
-    return synthetic.write(tmp_path_factory.mktemp('bags') / 'bag', synthetic.drive(1.5))
+    return synthetic.write(tmp_path_factory.mktemp('bags') / 'bag', synthetic.drive(1.5, only=synthetic.FOR_ESTIMATORS))
 
 
 @pytest.mark.parametrize('mode', MODES)
@@ -313,6 +313,18 @@ def test_files_bags_and_trajectories_are_judged_alike(bag, tmp_path):
         with pytest.raises(dataclasses.FrozenInstanceError):
             result.scale = 2.0
     assert evaluate(bag, file, align='none').ate_m.mean > 0.1
+
+
+def test_two_files_are_judged_as_what_they_hold(tmp_path):
+    truth = wander(200, 13)
+    estimate = noisy(truth, 14)
+    for name, trajectory in (('truth.txt', truth), ('estimate.txt', estimate)):
+        trajectory_files.write_tum(tmp_path / name, trajectory)
+    of_files = evaluate(tmp_path / 'truth.txt', tmp_path / 'estimate.txt', truth_frame='imu',
+                        estimate_frame='left')
+    expected = evaluate(truth, estimate, truth_frame='imu', estimate_frame='left')
+    assert of_files.ate_m.rmse == pytest.approx(expected.ate_m.rmse, rel=1e-4)
+    assert of_files.tracked_share == pytest.approx(expected.tracked_share)
 
 
 def test_the_length_of_the_path_is_that_of_the_recording(bag):

@@ -13,7 +13,6 @@ import sys
 import pytest
 import synthetic_bag as synthetic
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import GraphError, SlamError
 from lunar_rover_sim.run.recording import Recording
@@ -23,11 +22,6 @@ from lunar_rover_sim.slam.benchmark import Cell, Drive, plan
 from lunar_rover_sim.slam.benchmark_page import html_report
 from lunar_rover_sim.slam.estimators import Estimator
 from lunar_rover_sim.slam.run_on_bag import SlamResult
-
-# What an estimator is given and judged by; rosbags reads a topic's QoS for 5 ms each time.
-NEEDED = {topic.name for topic in (
-    topics.LEFT_IMAGE, topics.LEFT_INFO, topics.RIGHT_IMAGE, topics.RIGHT_INFO, topics.ODOM,
-    topics.IMU_RAW, topics.IMU_BIAS, topics.TF_STATIC, topics.SCENARIO)}
 
 # The truth as exported, of the IMU, a little too small, and nothing in the dark.
 FAKE = """\
@@ -44,7 +38,7 @@ with out.open('w') as file:
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory) -> Path:
-    items = [item for item in synthetic.drive(1.2, state_hz=50) if item.topic in NEEDED]
+    items = synthetic.drive(1.2, state_hz=50, only=synthetic.FOR_ESTIMATORS)
     return synthetic.write(tmp_path_factory.mktemp('benchmark') / 'bag', items)
 
 

@@ -55,7 +55,7 @@ FAKE = """\
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
     return synthetic.write(tmp_path_factory.mktemp('slam') / 'bag',
-                           synthetic.drive(3.0, state_hz=50))
+                           synthetic.drive(3.0, state_hz=50, only=synthetic.FOR_ESTIMATORS))
 
 
 @pytest.fixture(scope='module')

@@ -1,5 +1,7 @@
 """Arrays beside the cache of worlds: computed once a recipe, whatever state their file is in."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,19 @@ def test_a_damaged_file_is_written_again(calls, tmp_path, caplog):
     assert 'computing it again' in caplog.text
     computed(calls, 2)
     assert calls == [2, 2]
+
+
+def test_a_file_that_would_run_code_is_written_again(calls, tmp_path):
+    """Unpickling it would make a folder."""
+    class Trap:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / 'trapped'),)
+
+    computed(calls, 2)
+    file, = (tmp_path / 'cache' / 'arrays').iterdir()
+    np.save(file, np.array([Trap()], dtype=object), allow_pickle=True)
+    assert computed(calls, 2)[1, 2] == 10.0
+    assert calls == [2, 2] and not (tmp_path / 'trapped').exists()
 
 
 def test_without_a_place_for_it_the_array_is_still_there(calls, tmp_path, caplog):
