@@ -62,7 +62,7 @@ def test_a_wrong_baseline_is_noticed(drive) -> None:
     """A rig that is 5 % off in its calibration shows in the scale."""
     frames, truth, camera = drive
     odometry = Odometry(dataclasses.replace(camera, baseline_m=1.05 * camera.baseline_m))
-    for frame in frames:
+    for frame in frames[:15]:
         odometry.add(frame)
     assert abs(evaluate(truth, odometry.trajectory()).scale - 1.0) > 0.03
 
