@@ -63,6 +63,14 @@ def test_bag_check_names_the_damage(bag, tmp_path):
     assert found.status is Status.FAIL and 'summary section' in found.detail
 
 
+@pytest.mark.parametrize('content', [b'', b'\x89MCAP', b'\x89MCAP0\r\n'])
+def test_a_file_too_short_for_an_end_has_none(tmp_path, content):
+    (tmp_path / 'bag.mcap').write_bytes(content)
+    assert not has_end(tmp_path / 'bag.mcap')
+    with pytest.raises(BagError, match='bag.mcap'):
+        open_bag(tmp_path / 'bag.mcap')
+
+
 def test_a_file_without_its_end_is_incomplete(bag, tmp_path):
     copy = tmp_path / 'bag'
     copy.mkdir()

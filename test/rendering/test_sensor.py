@@ -125,6 +125,23 @@ def test_vignetting_is_cos4(context):
     assert image[0, 0] / image[120, 160] == pytest.approx((1 + corner @ corner)**-2, rel=1e-3)
 
 
+def test_levels_are_the_share_of_full_scale_above_black():
+    model = SensorModel(CAMERA, SensorConfig(encoding='mono16', black_level=0.1))
+    levels = np.round([[6553.5, 36044.25, 65535.0]]).astype(np.uint16)
+    np.testing.assert_allclose(model.linear(levels), [[0.0, 0.5, 1.0]], atol=1e-4)
+    companded = SensorModel(CAMERA, SensorConfig(encoding='mono8', companding='sqrt'))
+    assert companded.linear(np.array([[0, 51, 255]], np.uint8)) == pytest.approx(
+        np.array([[0.0, 0.04, 1.0]]))
+
+
+def test_a_pixel_keeps_more_light_than_each_of_its_neighbours_gets():
+    """Wider than that, five taps have no point spread."""
+    widest = SensorModel(CAMERA, SensorConfig(psf_sigma_px=0.6))
+    assert 0.5 < widest.neighbour_weight < 1.0
+    with pytest.raises(ConfigError, match='psf_sigma_px: 0.64 is not valid'):
+        SensorConfig(psf_sigma_px=0.64)
+
+
 def test_point_spread_keeps_energy_and_width(context):
     config = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=16, psf_sigma_px=0.6)
     sensor = SensorModel(CAMERA, config)

@@ -1,5 +1,6 @@
 """World folders: what is written is read, damage is found, nothing half-written stays."""
 
+import dataclasses
 import errno
 import os
 import subprocess
@@ -50,6 +51,18 @@ def test_hash_depends_on_content_alone(folder, tmp_path):
     assert world_folder.content_hash(again) == again.hash
     copy = world_folder.save_world(again, tmp_path / 'copy')
     assert world_folder.load_world(copy).hash == again.hash
+
+
+@pytest.mark.parametrize('part', ['rocks', 'craters'])
+def test_every_number_of_rocks_and_craters_counts_in_the_hash(part):
+    world = worlds.world(**TINY)
+    catalogue = getattr(world, part)
+    for field in dataclasses.fields(catalogue):
+        values = getattr(catalogue, field.name).copy()
+        values.flat[0] += 1
+        changed = dataclasses.replace(catalogue, **{field.name: values})
+        other = dataclasses.replace(world, **{part: changed})
+        assert world_folder.content_hash(other) != world.hash, field.name
 
 
 def test_existing_folders_are_left_alone(folder, tmp_path):
@@ -111,6 +124,7 @@ def test_what_is_no_world(tmp_path, folder):
     ('[1, 2', 'world.yaml: '),
     ('just text', "format 'just text'"),
     ('format: 1\ncells_m: lots', "cells_m: 'lots' is not a list"),
+    ('format: 1\ncells_m: [0.05, -0.4]', 'is not a list of 1 to 8 cells'),
     ('format: 1\ncells_m: [0.05]\nworld: {sice_m: 3}', 'no such parameter'),
 ])
 def test_other_yaml(folder, text, message):
