@@ -52,7 +52,8 @@ def noisy(truth: Trajectory, seed: int, scale: float = 1.0) -> Trajectory:
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory) -> Path:
     """Return a drive of 1.5 s; it is only read."""
-    return synthetic.write(tmp_path_factory.mktemp('bags') / 'bag', synthetic.drive(1.5, only=synthetic.FOR_ESTIMATORS))
+    return synthetic.write(tmp_path_factory.mktemp('bags') / 'bag',
+                           synthetic.drive(1.5, only=synthetic.FOR_ESTIMATORS))
 
 
 @pytest.mark.parametrize('mode', MODES)

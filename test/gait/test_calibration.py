@@ -114,7 +114,6 @@ def test_written_and_read_again(tmp_path):
     assert GaitCalibration.load(None) == table
     again.save(tmp_path / 'table.yaml')
     assert GaitCalibration.load(tmp_path / 'table.yaml') == again
-    assert isinstance(hash((again.phase_rates_hz, again.forward_mps)), int)     # nothing can change
 
 
 def test_a_gait_names_its_map_or_has_the_packaged_one(tmp_path):

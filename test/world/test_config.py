@@ -14,7 +14,7 @@ from lunar_rover_sim.world.config import preset, PRESETS, WorldConfig
     ({'size_m': 51.3}, r'size_m: 51.3 .* nearest is 51.2$'),
     ({'sice_m': 51.2}, r'world.sice_m: no such parameter; did you mean size_m'),
     ({'relief': {'hurst': 1.5}}, r'world.relief.hurst: 1.5 is not valid; valid is >= 0.05'),
-    ({'relief': {'longest_wavelength_m': 0.0}}, 'longest_wavelength_m: 0.0 is not valid; valid is'),
+    ({'relief': {'longest_wavelength_m': 0.0}}, 'longest_wavelength_m: 0.0 is not valid'),
     ({'rocks': {'min_diameter_m': 2.0, 'max_diameter_m': 1.0}},
      'rocks.min_diameter_m: 2 is above'),
     ({'source': 'dem'}, 'world.path: empty; source dem needs a file'),

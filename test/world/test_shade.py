@@ -132,7 +132,8 @@ def test_patches_of_albedo_have_the_configured_rms(variation):
     inner = world.albedo[200:-200, 200:-200]
     assert np.std(inner) == pytest.approx(variation, rel=0.08)
     # They are patches: alike over 2 dm, and hardly over 3.2 m.
-    alike = [np.corrcoef(inner[:, lag:].ravel(), inner[:, :-lag].ravel())[0, 1] for lag in (8, 128)]
+    alike = [np.corrcoef(inner[:, lag:].ravel(), inner[:, :-lag].ravel())[0, 1]
+             for lag in (8, 128)]
     assert alike[0] > 0.8 and alike[1] < 0.4
 
 
