@@ -242,6 +242,8 @@ def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:
         for item in items:
             _bound(name, item, info)
         return items
+    if info.choices and not isinstance(value, str):
+        raise ConfigError(f'{name}: {brief(value)} is not valid; valid is {info.valid()}')
     value = _scalar(name, value, _SCALARS[kind_name])
     _bound(name, value, info)
     return value

@@ -70,6 +70,7 @@ def test_sets_that_users_name() -> None:
     ({'cuont': 1}, r'^o\.cuont: no such parameter; did you mean count'),
     ({'inner': {'sizem': 1}}, r'^o\.inner\.sizem: no such parameter; did you mean size_m'),
     ({'count': 11}, r'^o\.count: 11 is not valid; valid is >= 0 and <= 10'),
+    ({'inner.kind': 5}, r'^o\.inner\.kind: 5 is not valid; valid is one of a, b'),
     ({'count': 1.5}, r'^o\.count: 1\.5 is not a whole number'),
     ({'count': True}, r'^o\.count: True is not a whole number'),
     ({'on': 1}, r'^o\.on: 1 is not true or false'),

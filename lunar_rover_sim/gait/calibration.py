@@ -252,7 +252,7 @@ def _table(name: str, rows: Sequence[Sequence[float]], shape: tuple[int, int]) -
 
 
 def _check_range(name: str, table: Array, most: float) -> None:
-    largest = float(table.max())
+    largest = min(float(table.max()), most)
     for value in table.ravel().tolist():
         if not -_MAX_BACKWARD * largest <= value <= most:
             raise ConfigError(f'{name}: {value:g} is not valid; valid is >= '

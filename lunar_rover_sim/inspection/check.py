@@ -7,7 +7,7 @@ or measured where it has none.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import math
 from pathlib import Path
 
@@ -29,6 +29,7 @@ def check(path: Path | str, progress: Callable[[], None] | None = None) -> Repor
     """Check a bag; `progress` is called once per message. Raises BagError if it cannot be read."""
     report = Report()
     ends_ns: list[int] = []
+    read: dict[str, int] = {}
     with open_bag(path) as bag:
         if bag.incomplete:
             report.add('complete', Status.FAIL, bag.incomplete)
@@ -42,7 +43,9 @@ def check(path: Path | str, progress: Callable[[], None] | None = None) -> Repor
             rover = read_rover_data(bag, namespace, progress)
             several = len(bag.namespaces) > 1
             ends_ns.append(rover.end_ns)
+            read.update({t.name: len(t.stamps_ns) for t in rover.scan.topics.values()})
             _check(rover, report.of(f'{namespace.lstrip("/")} ' if several else ''))
+        readable(bag, read, report)
         one_clock(bag, max(ends_ns, default=0), report)
     return report
 
@@ -54,6 +57,20 @@ def checksums(bag: Bag, report: Report) -> None:
         return
     found = damage(bag.storage_path)
     report.verdict('checksums', [found] if found else [], 'fit')
+
+
+def readable(bag: Bag, read: Mapping[str, int], report: Report) -> None:
+    """As many messages are read as the bag counts.
+
+    read: topic → messages that were read already
+    """
+    found = {**dict.fromkeys(bag.types, 0), **read}
+    others = [topic for topic in bag.types if topic not in read]
+    for message in bag.raw(others) if others else ():
+        found[message.topic] += 1
+    problems = [f'{topic}: {found[topic]} of {count} messages are found'
+                for topic, count in bag.counts.items() if found[topic] != count]
+    report.verdict('readable', problems, 'as many messages as the bag counts')
 
 
 def one_clock(bag: Bag, end_ns: int, report: Report) -> None:

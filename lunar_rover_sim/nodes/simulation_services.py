@@ -214,6 +214,9 @@ class SimulationServices:
             pose = _xyz(state.pose.position), np.array([q.w, q.x, q.y, q.z])
         if getattr(request, 'set_twist', True):
             twist = _xyz(state.twist.linear), _xyz(state.twist.angular)
+        if pose[0] is None and twist[0] is None:
+            return self._result(response, self._msg.Result.RESULT_OK,
+                                'nothing is set: set_pose and set_twist are false')
         try:
             self._simulator.move(*pose, *twist)
         except PhysicsError as error:

@@ -113,11 +113,11 @@ class Raster(abc.ABC):
             if step.size and step.max() > most_m:
                 j, i = np.unravel_index(int(np.argmax(step)), step.shape)
                 pair = heights[j, i], heights[j + (axis == 0), i + (axis == 1)]
-                value = max(pair, key=abs)
                 raise WorldError(
-                    f'{self.path}: {value:g} m beside {min(pair, key=abs):g} m in the window; '
-                    f'valid are steps of at most {most_m:g} m between pixels; if {value:g} marks '
-                    'missing data, declare it (`gdal_edit.py -a_nodata`, or NaN in dem.npy)')
+                    f'{self.path}: {max(pair, key=abs):g} m beside {min(pair, key=abs):g} m in '
+                    f'the window; valid are steps of at most {most_m:g} m between pixels; if one '
+                    'of them marks missing data, declare it (`gdal_edit.py -a_nodata`, or NaN in '
+                    'dem.npy)')
         if heights[known].min() == heights[known].max():
             logger.warning('%s: all heights in the window are %g m', self.path,
                            heights[known].min())

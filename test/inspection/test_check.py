@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 import copy
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 import synthetic_bag as synthetic
 from synthetic_bag import Item
+import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
@@ -390,3 +392,17 @@ def test_padding_and_wall_time_do_not_count(tmp_path, good):
             two.write(f'/{item.topic}', item.msgtype, bytes(raw), 0)
     assert bag_hash(tmp_path / 'a') == bag_hash(tmp_path / 'b')
     assert '/rosout' not in topic_hashes(tmp_path / 'b')
+
+
+def test_messages_that_the_reader_does_not_find(good: list[Item], tmp_path: Path) -> None:
+    """metadata.yaml counts them, but lacks the QoS by which rosbags finds their topic."""
+    bag = synthetic.write(tmp_path / 'bag', good)
+    assert check(bag).ok
+    path = bag / marker.METADATA_NAME
+    metadata = yaml.safe_load(path.read_text())
+    for entry in metadata['rosbag2_bagfile_information']['topics_with_message_count']:
+        if entry['topic_metadata']['name'] == '/tf_static':
+            del entry['topic_metadata']['offered_qos_profiles']
+    path.write_text(yaml.safe_dump(metadata))
+    assert [(f.check, f.detail) for f in check(bag).failed] == [
+        ('readable', '/tf_static: 0 of 1 messages are found')]

@@ -184,9 +184,12 @@ def test_entities(services: SimulationServices) -> None:
 
 def test_the_state_of_the_entity(simulator: FakeSimulator, services: SimulationServices) -> None:
     """Read with its time, set in odom; nonsense, and lockstep under way, is refused."""
-    def set_state(state: Any, entity: str = 'lunar_rover', **flags: bool) -> int:
+    def answer(state: Any, entity: str = 'lunar_rover', **flags: bool) -> Any:
         request = SimpleNamespace(entity=entity, state=state, **flags)
-        return services.set_entity(request, response()).result.result
+        return services.set_entity(request, response()).result
+
+    def set_state(state: Any, entity: str = 'lunar_rover', **flags: bool) -> int:
+        return answer(state, entity, **flags).result
 
     read = services.get_entity(SimpleNamespace(entity='lunar_rover'),
                                response(state=entity_state()))
@@ -201,6 +204,11 @@ def test_the_state_of_the_entity(simulator: FakeSimulator, services: SimulationS
     assert np.allclose([linear, angular], 0.0)
     assert set_state(entity_state(), set_pose=False, set_twist=True) == OK
     assert simulator.calls[-1][:2] == (None, None)
+    # Both flags of version 2 are false where a request leaves them out.
+    count = len(simulator.calls)
+    left_out = answer(entity_state(z=-1.0), set_pose=False, set_twist=False)
+    assert left_out.result == OK and len(simulator.calls) == count
+    assert left_out.error_message == 'nothing is set: set_pose and set_twist are false'
     assert set_state(entity_state(z=-1.0)) == 101
     assert set_state(entity_state('base_link')) == FAILED
     assert set_state(entity_state(), 'rock') == NOT_FOUND

@@ -260,7 +260,7 @@ def test_refusals(tmp_path):
     marked = heights.copy()
     marked[20:22, 20] = -9999.0
     refused(write_tiff(tmp_path / 'marked.tif', marked),
-            '-9999 m beside .* if -9999 marks missing')
+            '-9999 m beside .* if one of them marks missing')
     colour = tmp_path / 'colour.tif'
     with rasterio.open(colour, 'w', driver='GTiff', width=30, height=30, count=3, dtype='uint16',
                        photometric='RGB', crs=CRS.from_user_input(MOON),
