@@ -29,9 +29,10 @@ from lunar_rover_sim.world.fine_relief import disc_share
 
 LEVELS = 9              # mip levels of the fine tile; coarser ones are not used
 AZIMUTHS, COSINES = 8, 16       # nodes of the factor
-HEIGHTS = 4             # of the sun: its tangent times 3**-1 to 3**2
-STEP = 3.0
-MOST_FACTOR = 8.0
+# Heights of the sun over the local plane, over that over level ground, as tangents. Below it light
+# changes faster.
+HEIGHTS = (0.5, 1.0, 3.0, 9.0)
+LEAST_FACTOR, MOST_FACTOR = (128.0 / 255.0)**2, 8.0     # 1 is a whole code in surface.py
 LEAST_SCALES = (0.05, 0.0, 0.0, 1.0)
 _LEAST_TANGENT = 0.01   # of the sun's elevation
 _SAMPLES = 40_000
@@ -48,8 +49,9 @@ class ReliefBrightness:
     scales: (4, 4) coefficients of cubics in the level, constants first, of: tangent of the
         roughness left to the law, half width of the edge of shadows of the coarse and of the fine
         tile (as tangents), gain of lit shares
-    factor: (LEVELS, COSINES, AZIMUTHS, HEIGHTS) factor on sunlight; nodes are `azimuth_nodes`,
-    `cosine_nodes` and the tangent of the sun over the local plane, `tangent` times STEP**(-1 to 2)
+    factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are `azimuth_nodes`,
+    `cosine_nodes` and the tangent of the sun over the local plane, `tangent` times HEIGHTS. Its
+    inverse is interpolated: it falls to 0 where the sun sets behind relief
     tangent: that of the sun over level ground
     """
 
@@ -82,7 +84,7 @@ def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevat
                               - 0.25 * math.pi * variance, 0.0))
     wanted = np.column_stack([left, tiles.coarse.spread[coarse], tiles.fine.spread[levels],
                               np.ones(LEVELS)])
-    factor = np.ones((LEVELS, COSINES, AZIMUTHS, HEIGHTS), np.float32)
+    factor = np.ones((LEVELS, COSINES, AZIMUTHS, len(HEIGHTS)), np.float32)
     if not np.any(variance):
         return ReliefBrightness(_polynomials(wanted), factor, tangent)
     samples = [(_sample(tiles, tiles.coarse, coarse[k], rng), _sample(tiles, tiles.fine, k, rng))
@@ -97,7 +99,7 @@ def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevat
     polynomials = _polynomials(wanted)
     scales = _values(polynomials)       # what the shader draws with
     for k in levels:
-        for j, sun in enumerate(tangent * STEP**np.arange(-1.0, HEIGHTS - 1.0)):
+        for j, sun in enumerate(tangent * np.array(HEIGHTS)):
             factor[k, :, :, j] = _factor(facets(k, scales[k]), sun, float(scales[k, 3]))
     return ReliefBrightness(polynomials, factor, tangent)
 
@@ -226,4 +228,4 @@ def _factor(facets: _Facets, tangent: float, gain: float) -> Array:
     sun = np.array([1.0, 0.0, tangent]) / math.hypot(1.0, tangent)
     drawn = facets.law.drawn(slope, tangent, view) @ share
     law = facets.law.far(sun[2], cosine, view @ sun)
-    return np.clip(law / np.maximum(drawn, 1e-9), 0.0, MOST_FACTOR)
+    return np.clip(law / np.maximum(drawn, 1e-9), LEAST_FACTOR, MOST_FACTOR)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.context import release_all, set_uniform
-from lunar_rover_sim.rendering.relief_brightness import (LEAST_SCALES, MOST_FACTOR,
-                                                         ReliefBrightness, STEP)
+from lunar_rover_sim.rendering.relief_brightness import (LEAST_FACTOR, LEAST_SCALES,
+                                                         ReliefBrightness)
 from lunar_rover_sim.rendering.relief_tiles import ReliefTiles
 from lunar_rover_sim.world.far_albedo import far_albedo, RECIPE
 from lunar_rover_sim.world.fine_relief import disc_share
@@ -80,7 +80,7 @@ class Surface:
             relief.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
             self._relief.append(relief)
         factor = brightness.factor
-        roots = np.rint(255.0 * np.sqrt(factor / MOST_FACTOR)).astype(np.uint8)
+        roots = np.rint(255.0 * np.sqrt(LEAST_FACTOR / factor)).astype(np.uint8)
         nodes = context.texture3d(factor.shape[2::-1], 4, roots, dtype='f1')
         nodes.repeat_x = nodes.repeat_y = nodes.repeat_z = False
         self._relief.append(nodes)
@@ -113,7 +113,7 @@ class Surface:
                             float(-np.log2(tiles.fine.texel_m))),
                     u_horizon=(tiles.centre, tiles.half_range), u_scales=brightness.scales,
                     u_least_scales=LEAST_SCALES,
-                    u_suns=(STEP / brightness.tangent, 1.0 / float(np.log2(STEP))))
+                    u_sun_level=1.0 / brightness.tangent)
 
     def bind_rocks(self, program: moderngl.Program) -> None:
         """Bind what rocks are lit with."""

@@ -133,7 +133,9 @@ def mip_levels(slope: F32, tangent: F32, slope_scale: float, centre: float,
     """Return the levels of a tile, for (n, n, 2) slopes and (n, n) tangents of the horizon.
 
     centre: tangent of the sun's elevation; half_range: of the horizon around it. The horizon of a
-    coarser level is its mean, moved so that as much of level ground is lit as on the finest one.
+    coarser level is its mean, moved so that as much of level ground is lit as on the finest one,
+    by half a spread at most: few shadows would move it to just below the sun, and slopes that turn
+    away from the sun would be dark.
     """
     channels = [slope, tangent, salience(slope, tangent)]
     square, lit = float(np.mean(tangent * tangent)), float(np.mean(tangent < centre))
@@ -156,10 +158,13 @@ def mip_levels(slope: F32, tangent: F32, slope_scale: float, centre: float,
 
 
 def _shift(tangent: F32, sun: float, spread: float, lit: float) -> float:
-    """Return what to add to horizons so that this share of the ground is lit, by bisection."""
+    """Return what to add to horizons so that this share of the ground is lit, by bisection.
+
+    It is at most half of `spread`.
+    """
     above = sun - tangent.ravel()[::max(tangent.size // 20_000, 1)]
-    low, high = -1.0, 1.0
-    for _ in range(14):
+    low, high = -0.5 * spread, 0.5 * spread
+    for _ in range(8):
         middle = 0.5 * (low + high)
         if np.mean(disc_share((above - middle) / max(spread, 1e-6))) > lit:
             low = middle

@@ -215,6 +215,20 @@ def test_the_lit_share_is_that_of_the_finest_level():
             == pytest.approx(0.1, abs=0.02)
 
 
+def test_a_few_shadows_leave_slopes_that_turn_away_from_the_sun_lit():
+    """A hundredth of level ground is dark: horizons of coarse levels stay where most of them are.
+
+    A mean moved to where a hundredth is dark would lie just below the sun, at 0.25.
+    """
+    tangent = np.full((256, 256), 0.0, np.float32)
+    tangent[np.random.default_rng(4).random(tangent.shape) < 0.01] = 0.35
+    tile = fine_relief.mip_levels(np.zeros((256, 256, 2), np.float32), tangent, 2.0, 0.25, 0.4)
+    for k in (2, 4, 6):
+        horizon = (tile.codes[k][..., 2] / 127.5 - 1.0) * 0.4 + 0.25
+        assert np.mean(horizon) < 0.05
+        assert np.mean(fine_relief.disc_share((0.15 - horizon) / tile.spread[k])) > 0.97
+
+
 def test_a_pebble_is_salient_wherever_it_lies():
     """Also across the border of the tile, where its smoothing wraps around."""
     slope = np.zeros((128, 128, 2), np.float32)

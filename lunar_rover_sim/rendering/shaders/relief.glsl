@@ -5,8 +5,9 @@ uniform vec4 u_tile;            // 1 / period of a and b [1/m], 1 / side of cell
 uniform vec2 u_horizon;         // centre and half range of horizon tangents
 uniform vec4 u_scales[4];       // polynomials in the mip level of tile b: relief_brightness.py
 uniform vec4 u_least_scales;    // their least values
-uniform sampler3D u_factor;     // on sunlight, for four heights of the sun
-uniform vec2 u_suns;            // the lowest of these as a tangent, 1 / log2 of their ratio
+uniform sampler3D u_factor;     // roots of the inverse, over 3.97, of a factor on sunlight, for four
+                                // heights of the sun
+uniform float u_sun_level;      // 1 / tangent of its height over level ground
 
 const float SLOPES = 3.0;       // see SLOPE_SCALE in relief_tiles.py
 const float EDGE = 20.0;        // how sharply a copy ends where the next one begins
@@ -72,6 +73,9 @@ float relief_factor(float level, float cosine, float cos_sun, float cos_g, float
     vec3 nodes = vec3(textureSize(u_factor, 0));
     vec3 at = vec3(sqrt(0.5 - 0.5 * cos_azimuth), sqrt(cosine), level * (1.0 / float(RELIEF_LEVELS - 1)));
     vec4 factor = textureLod(u_factor, (at * (nodes - 1.0) + 0.5) / nodes, 0.0);
-    float sun = clamp(log2(max(tangent, 1e-6) * u_suns.x) * u_suns.y, 0.0, 3.0);
-    return 8.0 * dot(factor * factor, max(1.0 - abs(sun - vec4(0.0, 1.0, 2.0, 3.0)), 0.0));
+    // The four lie 1/2, 1, 3 and 9 times as high as over level ground.
+    float sun = log2(max(tangent * u_sun_level, 1e-6));
+    sun = clamp(sun < 0.0 ? sun : sun * 0.63093, -1.0, 2.0);
+    float inverse = dot(factor * factor, max(1.0 - abs(sun - vec4(-1.0, 0.0, 1.0, 2.0)), 0.0));
+    return 1.0 / max(3.96881 * inverse, 0.125);
 }
