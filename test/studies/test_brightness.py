@@ -20,8 +20,8 @@ EDGES_M = (0.4, 0.7, 1.2, 2.0, 3.5, 7.0, 20.0)
 def plane(request):
     """Return two renderers of ground of gentle waves, and a camera of 4 x 4 times the pixels.
 
-    Slopes of 0.8 deg turn to the sun and away from it. The first renderer draws the relief of a scenario below the grid, the second one draws none. `flat`
-    has the same relief as `baseline`.
+    Slopes of 0.8 deg turn to the sun and away from it. The first renderer draws the relief of a
+    scenario below the grid, the second one draws none. `flat` has the same relief as `baseline`.
     """
     detail = dataclasses.replace(Scenario.load(request.param).render_node.detail, bounce=False)
     axis = (np.arange(513) - 256) * 0.025
