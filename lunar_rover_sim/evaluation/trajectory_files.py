@@ -194,7 +194,7 @@ def _from_seconds(word: str) -> int:
 
 
 def _float(word: str) -> float:
-    if '_' in word:     # Python reads 1_0 as 10
+    if '_' in word or not word.isascii():   # Python reads 1_0 as 10, and digits of all scripts
         raise ValueError(word)
     return float(word)
 

@@ -103,6 +103,7 @@ def read_text(path: Path, most_bytes: int, error: type[LunarRoverSimError] = Con
 
 
 def _line(error: BaseException) -> str:
-    text = ' '.join(str(error).split())
+    # PyYAML's name of a text that has no file; the caller names the file.
+    text = ' '.join(str(error).split()).replace('"<unicode string>", ', '')
     text = ''.join(c if c.isprintable() else '?' for c in text)
     return text if len(text) <= 300 else text[:300] + ' ...'

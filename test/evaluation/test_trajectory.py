@@ -223,6 +223,7 @@ BAD_FILES = {
     'nan.txt': ('0.1 0 0 nan 0 0 0 1\n', 'line 1: nan is not valid; valid is finite'),
     'far.txt': ('0.1 0 0 1e300 0 0 0 1\n', 'line 1: 1e300 is not valid; valid is .* 1e[+]12'),
     'digits.txt': ('0.1 0 0 1_0 0 0 0 1\n', "line 1: '1_0' is not a number"),
+    'other_digits.txt': ('0.1 0 0 \u0661 0 0 0 1\n', "line 1: '\u0661' is not a number"),
     'digits_of_time.txt': ('1_0 0 0 1 0 0 0 1\n', 'a stamp is not a finite number'),
     'inf_stamp.txt': ('inf 0 0 0 0 0 0 1\n', 'a stamp is not a finite number'),
     'late_stamp.txt': (f'{10**30} 0 0 0 0 0 0 1\n', 'stamp .* ns is not valid; valid are 64 bits'),
