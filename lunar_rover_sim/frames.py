@@ -6,6 +6,7 @@ xyzw appears only where messages and TUM files are written. Frames:
 - world (`odom`): x east, y north, z up (ENU), origin at the centre of the fine terrain;
 - base (`base_link`): x forward, y left, z up (REP-103), origin at the chassis centre;
 - leg (`<leg>_link`): at the axle, turned about y with the leg;
+- LiDAR (`lidar_link`): at its optical centre, x ahead, y left, z up;
 - camera (`stereo_*_link`): at the lens, x along the optical axis, y left, z up (REP-103);
 - optical (`*_optical_frame`): x right, y down, z forward (REP-103);
 - GL camera: x right, y up, z backward.
@@ -22,6 +23,7 @@ ODOM_FRAME = 'odom'
 BASE_FRAME = 'base_link'
 FOOTPRINT_FRAME = 'base_footprint'
 IMU_FRAME = 'imu_link'
+LIDAR_FRAME = 'lidar_link'
 LEFT_CAMERA_FRAME = 'stereo_left_link'
 RIGHT_CAMERA_FRAME = 'stereo_right_link'
 LEFT_OPTICAL_FRAME = 'stereo_left_optical_frame'

@@ -174,6 +174,16 @@ class ImuMount(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
+class LidarMount(Parameters):
+    """The mount of the LiDAR or time-of-flight camera: x ahead, z up, turned by rpy."""
+
+    position_m: tuple[float, ...] = param((0.12, 0.0, 0.24), 'optical centre in base_link',
+                                          unit='m', length=3, low=-10.0, high=10.0)
+    rpy_deg: tuple[float, ...] = param((0.0, 0.0, 0.0), 'fixed-axis roll, pitch, yaw; pitch > 0 '
+                                       'looks down', unit='deg', length=3, low=-360.0, high=360.0)
+
+
+@dataclasses.dataclass(frozen=True)
 class RoverDescription(Parameters):
     """The complete rover; MJCF and URDF are made from it."""
 
@@ -182,6 +192,7 @@ class RoverDescription(Parameters):
     motor: Motor = group(Motor)
     stereo: StereoMount = group(StereoMount)
     imu: ImuMount = group(ImuMount)
+    lidar: LidarMount = group(LidarMount)
 
     def validate(self) -> None:
         """Raise ConfigError if the centre of mass is not above the area between the legs."""

@@ -17,6 +17,12 @@ def imu_pose(rover: RoverDescription) -> Array:
                rover.imu.position_m)
 
 
+def lidar_pose(rover: RoverDescription) -> Array:
+    """Return T_base_lidar (4, 4): x ahead, z up."""
+    return se3(matrix_from_wxyz(wxyz_from_rpy(*np.radians(rover.lidar.rpy_deg))),
+               rover.lidar.position_m)
+
+
 def camera_poses(rover: RoverDescription) -> tuple[Array, Array]:
     """Return T_base_camera (4, 4) of left and right camera: x along the optical axis, y left."""
     tilt = matrix_from_wxyz(wxyz_from_rpy(0.0, np.radians(rover.stereo.pitch_deg), 0.0))
@@ -40,6 +46,7 @@ def fixed_frames(rover: RoverDescription) -> tuple[tuple[str, str, Array], ...]:
     left, right = camera_poses(rover)
     turn = se3(R_BODY_OPTICAL, np.zeros(3))
     return ((frames.BASE_FRAME, frames.IMU_FRAME, imu_pose(rover)),
+            (frames.BASE_FRAME, frames.LIDAR_FRAME, lidar_pose(rover)),
             (frames.BASE_FRAME, frames.LEFT_CAMERA_FRAME, left),
             (frames.LEFT_CAMERA_FRAME, frames.LEFT_OPTICAL_FRAME, turn),
             (frames.BASE_FRAME, frames.RIGHT_CAMERA_FRAME, right),

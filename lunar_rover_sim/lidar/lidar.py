@@ -1,0 +1,146 @@
+"""A LiDAR or time-of-flight camera on the rover: scans of the ground and the rocks."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.lidar.beam_pattern import beam_pattern
+from lunar_rover_sim.lidar.config import LidarConfig
+from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
+from lunar_rover_sim.lidar.motion import Motion
+from lunar_rover_sim.lidar.own_body import hidden_by_body
+from lunar_rover_sim.lidar.ray_caster import Hits, RayCaster
+from lunar_rover_sim.lidar.returns import ReturnModel
+from lunar_rover_sim.lidar.rock_hulls import RockHulls
+from lunar_rover_sim.lidar.scan import Scan
+from lunar_rover_sim.lidar.scanned_scenario import ScannedScenario
+from lunar_rover_sim.lidar.soft_cells import SoftCells
+from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.mounts import lidar_pose
+from lunar_rover_sim.rover.pose import Posed
+from lunar_rover_sim.world.far_rocks import far_rocks
+from lunar_rover_sim.world.model import World
+
+_STREAM = 7                 # of random numbers, among those of a seed
+
+
+class Lidar:
+    """A sensor at its mount on a rover on a world.
+
+    pattern: its beams; T_base_lidar: (4, 4) its mount
+    """
+
+    def __init__(self, world: World, rover: RoverDescription, config: LidarConfig,
+                 seed: int = 1) -> None:
+        """Prepare the ground within reach.
+
+        Raises ConfigError for a mount within the rover's body.
+        """
+        self._config, self._seed = config, seed
+        self._albedo, self._grid = np.asarray(world.albedo), world.ground
+        self.pattern = beam_pattern(config.optics, config.rate_hz)
+        self.T_base_lidar = lidar_pose(rover)
+        hidden = hidden_by_body(rover, self.T_base_lidar, self.pattern.direction)
+        self._free = np.flatnonzero(~hidden)
+        if not len(self._free):
+            raise ConfigError(f'lidar.position_m: {list(rover.lidar.position_m)} is not valid; '
+                              'valid is outside chassis and mast')
+        self._range_m = config.optics.max_range_m
+        reach = world.ground.half_extent_m + self._range_m
+        self._rocks = rocks = world.rocks.joined(far_rocks(world, reach))
+        hulls = RockHulls(rocks, world.rock_shapes)
+        pyramids = []
+        for grid in world.levels:
+            pyramids.append(HeightPyramid(grid, hulls))
+            if grid.half_extent_m >= reach:
+                break
+        self._pyramid = pyramids[0]
+        self._caster = RayCaster(pyramids, hulls)
+        self._returns = ReturnModel(config)
+        self._soft: SoftCells | None = None
+
+    @classmethod
+    def from_scenario(cls, scenario: ScannedScenario, world: World | None = None) -> Lidar:
+        """Return the sensor of a scenario, on another world if one is given."""
+        config = dataclasses.replace(scenario.lidar_node,
+                                     reflectance=scenario.render_node.reflectance)
+        return cls(scenario.load_world() if world is None else world, scenario.rover, config,
+                   scenario.shared.seed)
+
+    def follow(self, overlay: Overlay) -> None:
+        """See what a rover changes of the ground from now on; it is read at every scan."""
+        self._soft = SoftCells(self._pyramid, overlay)
+        self._caster.soft = self._soft
+
+    def scan(self, motion: Motion | Posed, index: int = 0) -> Scan:
+        """Return a scan.
+
+        motion: of base_link, from the start of the scan on; or a state, whose velocities last
+        index: of the scan; each has its own noise, the same one at every call
+        Raises ConfigError where the sensor is not over the ground that the rover walks on.
+        """
+        if not isinstance(motion, Motion):
+            motion = Motion.of(motion, 1e-9 * self._config.period_ns)
+        R_base, p_base = motion.at(np.append(0.0, self.pattern.column_s))
+        R = R_base @ self.T_base_lidar[:3, :3]
+        p = p_base + R_base @ self.T_base_lidar[:3, 3]
+        origin, direction = self._rays(R[1:], p[1:])
+        hits = self._cast(origin, direction)
+        place = origin + np.minimum(hits.distance_m, self._range_m)[:, None] * direction
+        cosine = -np.einsum('ij,ij->i', hits.normal, direction)
+        rng = np.random.default_rng([self._seed, _STREAM, index])
+        returns = self._returns.measure(hits.distance_m, cosine, self._albedo_of(hits, place),
+                                        hits.target >= 0, rng)
+        return Scan(self.pattern, returns, R[0].T @ R[1:], (p[1:] - p[0]) @ R[0])
+
+    def true_hits(self, T_world_base: Array) -> Hits:
+        """Return what the beams of a sensor at rest meet, (4, 4) pose of base_link.
+
+        Beams on the rover's own body meet nothing.
+        """
+        T = np.asarray(T_world_base, float) @ self.T_base_lidar
+        columns = self.pattern.columns
+        return self._cast(*self._rays(np.broadcast_to(T[:3, :3], (columns, 3, 3)),
+                                      np.broadcast_to(T[:3, 3], (columns, 3))))
+
+    def _rays(self, R: Array, p: Array) -> tuple[Array, Array]:
+        """Return (n, 3) origins and directions of all beams from poses of the columns."""
+        pattern = self.pattern
+        local = pattern.direction.reshape(pattern.columns, pattern.rings, 3)
+        direction = (local @ R.transpose(0, 2, 1)).reshape(-1, 3)
+        return np.repeat(p, pattern.rings, axis=0), direction
+
+    def _cast(self, origin: Array, direction: Array) -> Hits:
+        half = self._grid.half_extent_m
+        x, y = origin[0, :2].tolist()
+        if not max(np.abs(origin[:, 0]).max(), np.abs(origin[:, 1]).max()) < half:
+            raise ConfigError(f'the LiDAR at ({x:.2f}, {y:.2f}) m is not over the ground of the '
+                              f'rover; valid is within {half:g} m of the origin, in x and y')
+        if self._soft is not None:
+            self._soft.update()
+        free = self._free
+        found = self._caster.cast(origin[free], direction[free], self._range_m)
+        if len(free) == len(direction):
+            return found
+        hits = Hits.none(len(direction))
+        hits.distance_m[free], hits.target[free] = found.distance_m, found.target
+        hits.normal[free] = found.normal
+        return hits
+
+    def _albedo_of(self, hits: Hits, place_m: Array) -> NDArray[np.float32]:
+        """Return the albedo factors of what is met; 1 beyond the ground of the rover."""
+        cell, last = self._grid.cell_m, self._grid.n - 1
+        half = self._grid.half_extent_m
+        ix, iy = (((place_m[:, k] + half) / cell + 0.5).astype(np.int32) for k in (0, 1))
+        inside = (ix >= 0) & (iy >= 0) & (ix <= last) & (iy <= last)
+        albedo = np.ones(len(place_m), np.float32)
+        albedo[inside] = self._albedo[iy[inside], ix[inside]]
+        rocks = np.flatnonzero(hits.target >= 0)
+        albedo[rocks] = self._rocks.albedo[hits.target[rocks]]
+        return albedo

@@ -1,0 +1,51 @@
+"""How the sensor moves during a scan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from lunar_rover_sim.frames import Array, se3
+from lunar_rover_sim.rover.pose import Posed
+
+
+class Motion:
+    """Poses of base_link over a scan.
+
+    times_s: (k,) since its start, ascending, k >= 2; T_world_base: (k, 4, 4). Between them
+    positions are interpolated linearly and orientations along great arcs; before the first and
+    after the last the pose stands.
+    """
+
+    def __init__(self, times_s: Sequence[float] | Array, T_world_base: Sequence[Array]) -> None:
+        self._times_s = np.asarray(times_s, float)
+        poses = np.asarray(T_world_base, float)
+        self._position_m = poses[:, :3, 3]
+        self._turn = Slerp(self._times_s, Rotation.from_matrix(poses[:, :3, :3]))
+
+    @classmethod
+    def of(cls, state: Posed, duration_s: float) -> Motion:
+        """Return the motion of a rover that keeps its velocities for some time [s]."""
+        # Poses of a constant twist lie on a screw; short chords are close to it.
+        times = np.linspace(0.0, duration_s, 33)
+        rate, velocity = state.angular_velocity_radps, state.linear_velocity_mps
+        turn = Rotation.from_rotvec(np.outer(times, rate)).as_matrix()
+        # Velocity is constant in the axes of the body, which turn: the trapezoidal rule.
+        along = turn @ np.asarray(velocity, float)
+        step = times[1]
+        moved = np.zeros((len(times), 3))
+        moved[1:] = np.cumsum(0.5 * step * (along[1:] + along[:-1]), axis=0)
+        start = np.asarray(state.T_world_base, float)
+        return cls(times, [start @ se3(R, p) for R, p in zip(turn, moved)])
+
+    def at(self, times_s: Array) -> tuple[Array, Array]:
+        """Return (m, 3, 3) rotations and (m, 3) positions of base_link at (m,) times [s]."""
+        times = np.clip(times_s, self._times_s[0], self._times_s[-1])
+        position = np.stack([np.interp(times, self._times_s, axis)
+                             for axis in self._position_m.T], axis=-1)
+        if np.ptp(times) == 0.0:
+            R = self._turn(times[:1]).as_matrix()
+            return np.broadcast_to(R, (len(times), 3, 3)), position
+        return self._turn(times).as_matrix(), position

@@ -1,0 +1,106 @@
+"""One scan: what all its beams have measured."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.lidar.beam_pattern import BeamPattern
+from lunar_rover_sim.lidar.returns import Returns
+
+# As the drivers of Velodyne lay out their points.
+POINT = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'),
+                  ('ring', '<u2'), ('time', '<f4')])
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanarScan:
+    """One ring as distances in the plane of the sensor, evenly spaced in azimuth.
+
+    range_m: (columns,) float32, inf where nothing returns; intensity: (columns,) float32, 0 there
+    """
+
+    angle_min_rad: float
+    angle_step_rad: float
+    time_step_s: float
+    range_m: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+
+
+@dataclasses.dataclass(frozen=True)
+class Scan:
+    """A scan of n beams.
+
+    pattern: of the beams; returns: what they measure; R_start_column, p_start_column: (columns, 3,
+    3) and (columns, 3) pose of the sensor at each column in its frame at the start of the scan
+    """
+
+    pattern: BeamPattern
+    returns: Returns
+    R_start_column: Array
+    p_start_column: Array
+
+    @property
+    def points_m(self) -> NDArray[np.float32]:
+        """(n, 3) as sensors give them: in the frame of the sensor at the time of each point.
+
+        NaN where nothing returns.
+        """
+        return self.pattern.direction.astype(np.float32) * self.returns.range_m[:, None]
+
+    @property
+    def deskewed_m(self) -> NDArray[np.float32]:
+        """(n, 3) the same in the frame of the sensor at the start of the scan."""
+        column, pattern = self.pattern.column, self.pattern
+        local = self.points_m.astype(float).reshape(pattern.columns, pattern.rings, 3)
+        moved = local @ self.R_start_column.transpose(0, 2, 1) + self.p_start_column[:, None]
+        assert len(column) == moved.shape[0] * moved.shape[1]
+        return moved.reshape(-1, 3).astype(np.float32)
+
+    def cloud(self, organized: bool = False, deskewed: bool = False) -> NDArray[np.void]:
+        """Return points as records of POINT.
+
+        organized: (rings, columns), NaN where nothing returns; otherwise (m,), what returns, in
+        the order of firing. deskewed: `deskewed_m` instead of `points_m`
+        """
+        pattern, place = self.pattern, self.deskewed_m if deskewed else self.points_m
+        cloud = np.empty(len(pattern), POINT)
+        for k, name in enumerate('xyz'):
+            cloud[name] = place[:, k]
+        cloud['intensity'] = self.returns.intensity
+        cloud['ring'], cloud['time'] = pattern.ring, pattern.time_s
+        if not organized:
+            return cloud[np.isfinite(self.returns.range_m)]
+        rows = np.empty((pattern.rings, pattern.columns), POINT)
+        rows[pattern.ring, pattern.column] = cloud
+        return rows
+
+    def planar(self, ring: int) -> PlanarScan:
+        """Return a ring as a scan in the plane, as Nav2 reads it.
+
+        Distances are those along the plane. Where the columns are not evenly spaced, as behind a
+        lens, each angle takes the column nearest to it.
+        """
+        pattern = self.pattern
+        chosen = np.flatnonzero(pattern.ring == ring)
+        chosen = chosen[np.argsort(pattern.column[chosen])]
+        direction = pattern.direction[chosen]
+        azimuth = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
+        if azimuth[0] > np.pi / 2.0:        # a ring begins behind the sensor
+            azimuth = azimuth - 2.0 * np.pi
+        even = np.linspace(azimuth[0], azimuth[-1], len(chosen))
+        nearest = np.clip(np.searchsorted(0.5 * (azimuth[1:] + azimuth[:-1]), even), 0,
+                          len(chosen) - 1)
+        chosen = chosen[nearest]
+        flat = np.hypot(pattern.direction[chosen, 0], pattern.direction[chosen, 1])
+        found = self.returns.range_m[chosen]
+        seen = np.isfinite(found)
+        time = pattern.time_s[chosen]
+        return PlanarScan(
+            float(even[0]), float(even[1] - even[0]),
+            float((time[-1] - time[0]) / (len(time) - 1)),
+            np.where(seen, found * flat, np.inf).astype(np.float32),
+            np.where(seen, self.returns.intensity[chosen], 0.0).astype(np.float32))

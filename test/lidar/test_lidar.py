@@ -1,0 +1,283 @@
+"""Patterns, motion, returns and scans."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from physics_scene import make_world, ROVER
+import pytest
+import worlds
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
+from lunar_rover_sim.illumination import hapke
+from lunar_rover_sim.lidar.beam_pattern import beam_pattern
+from lunar_rover_sim.lidar.config import LidarConfig
+from lunar_rover_sim.lidar.lidar import Lidar
+from lunar_rover_sim.lidar.motion import Motion
+from lunar_rover_sim.lidar.optics import FLASH, LidarOptics, TOFCAM635, VLP16
+from lunar_rover_sim.lidar.returns import ReturnModel
+from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.world.config import WorldConfig
+
+QUIET = LidarConfig(noise=False)
+
+
+def flat(n=401, cell_m=0.025):
+    """Return a plane without rocks, near or far."""
+    config = WorldConfig.from_mapping({'rocks': {'abundance': 0.0}})
+    return dataclasses.replace(make_world(np.zeros((n, n)), cell_m), config=config)
+
+
+def at(x=0.0, y=0.0, z=0.1, rpy=(0.0, 0.0, 0.0), **motion):
+    return RoverPose(se3(matrix_from_wxyz(wxyz_from_rpy(*rpy)), [x, y, z]), **motion)
+
+
+def test_times_of_the_puck():
+    """The manual: 2.304 us from beam to beam, 55.296 us from column to column."""
+    pattern = beam_pattern(VLP16, 10.0)
+    assert (pattern.columns, pattern.rings) == (1808, 16)
+    assert np.allclose(np.diff(pattern.time_s)[:15], 2.304e-6)
+    assert np.isclose(pattern.time_s[16], 55.296e-6) and pattern.time_s[-1] < 0.1
+    assert np.allclose(np.degrees(pattern.elevation_rad), np.arange(-15.0, 16.0, 2.0))
+    # The second beam that is fired is that at 1 deg: ring 8.
+    assert list(pattern.ring[:4]) == [0, 8, 1, 9]
+    assert np.allclose(np.degrees(np.arcsin(pattern.direction[:2, 2])), [-15.0, 1.0])
+    step = np.degrees(np.diff(pattern.azimuth_rad))
+    assert np.allclose(step, 360.0 * 10.0 * 55.296e-6)
+    assert beam_pattern(VLP16, 20.0).columns == 904
+
+
+def test_pixels_of_the_flash_camera():
+    pattern = beam_pattern(TOFCAM635, 10.0)
+    assert len(pattern) == 160 * 60 and not pattern.time_s.any()
+    rays = pattern.direction.reshape(160, 60, 3)
+    assert np.allclose(np.linalg.norm(rays, axis=-1), 1.0)
+    # The corners of a lens without distortion.
+    assert np.allclose(rays[-1, :, 1] / rays[-1, :, 0], np.tan(np.radians(25.0)))
+    assert np.allclose(rays[:, -1, 2] / rays[:, -1, 0], np.tan(np.radians(9.5)))
+
+
+def test_tilted_flash_camera():
+    optics = LidarOptics(kind=FLASH, vertical_low_deg=-40.0, vertical_high_deg=-20.0, beams=21,
+                         columns=31, horizontal_deg=40.0, most_rate_hz=50.0)
+    elevation = np.degrees(beam_pattern(optics, 10.0).elevation_rad)
+    assert np.allclose(elevation[[0, 10, -1]], [-40.0, -30.0, -20.0])
+
+
+@pytest.fixture(scope='module')
+def plane_lidar():
+    return Lidar(flat(801, 0.05), ROVER, QUIET)
+
+
+def test_points_lie_on_the_plane(plane_lidar):
+    """In the frame of the sensor, 0.34 m over flat ground, level."""
+    cloud = plane_lidar.scan(at()).cloud()
+    assert len(cloud) > 10_000
+    # Ranges are float32, and cells are met to 1e-5 m.
+    assert np.allclose(cloud['z'], -0.34, atol=2e-5)
+    assert cloud['ring'].max() == 7 and (np.diff(cloud['time']) > 0.0).all()
+
+
+def test_motion_skews_points_and_deskewing_undoes_it(plane_lidar):
+    """A twist of 0.2 m/s and 0.5 rad/s of yaw, at rest in the middle of the cloud."""
+    state = at(linear_velocity_mps=np.array([0.2, 0.0, 0.0]),
+               angular_velocity_radps=np.array([0.0, 0.3, 0.5]))
+    scan = plane_lidar.scan(state)
+    raw, still = scan.cloud(), scan.cloud(deskewed=True)
+    # A point that was measured at t lies where the sensor then was: by the twist of its mount.
+    t = raw['time'].astype(float)
+    place = np.stack([raw[k] for k in 'xyz'], axis=-1).astype(float)
+    mount = np.array(ROVER.lidar.position_m)
+    rate, velocity = np.array([0.0, 0.3, 0.5]), np.array([0.2, 0.0, 0.0])
+    expected = np.empty_like(place)
+    for i in range(0, len(t), 500):
+        R = matrix_from_wxyz(np.append(
+            np.cos(0.5 * t[i] * np.linalg.norm(rate)),
+            np.sin(0.5 * t[i] * np.linalg.norm(rate)) * rate / np.linalg.norm(rate)))
+        # The way of the body, in its axes at the start: the integral of R(s) v.
+        steps = np.linspace(0.0, t[i], 200)
+        way = np.mean([_turn(rate * s) @ velocity for s in steps], axis=0) * t[i]
+        expected[i] = way + R @ (place[i] + mount) - mount
+        deskewed = np.array([still[k][i] for k in 'xyz'])
+        assert np.abs(deskewed - expected[i]).max() < 2e-4 + 2e-5 * np.linalg.norm(place[i])
+    moved = np.stack([still[k] - raw[k] for k in 'xyz'], axis=-1)
+    assert np.abs(moved[-16:]).max() > 0.02     # 0.1 s later
+    # De-skewed points lie on the ground, which is a plane in the frame of the start.
+    assert np.abs(still['z'] + 0.34).max() < 2e-3
+    assert np.abs(raw['z'] + 0.34).max() > 0.05
+
+
+def _turn(vector):
+    angle = np.linalg.norm(vector)
+    if angle == 0.0:
+        return np.eye(3)
+    return matrix_from_wxyz(np.append(np.cos(0.5 * angle), np.sin(0.5 * angle) * vector / angle))
+
+
+def test_motion_passes_through_its_poses():
+    poses = [at(x=0.1 * k, rpy=(0.0, 0.02 * k, 0.3 * k)).T_world_base for k in range(5)]
+    motion = Motion([0.0, 0.025, 0.05, 0.075, 0.1], poses)
+    R, p = motion.at(np.array([0.0, 0.05, 0.1, 0.0625]))
+    assert np.allclose(R[:3], [poses[0][:3, :3], poses[2][:3, :3], poses[4][:3, :3]])
+    assert np.allclose(p[:, 0], [0.0, 0.2, 0.4, 0.25])
+
+
+def test_true_ranges_do_not_depend_on_noise(plane_lidar):
+    truth = plane_lidar.true_hits(at().T_world_base)
+    measured = plane_lidar.scan(at()).returns.range_m
+    seen = np.isfinite(measured)
+    assert np.allclose(truth.distance_m[seen], measured[seen], rtol=1e-6)
+
+
+# Returns
+
+
+def test_reflectance_is_that_of_hapke_at_phase_0():
+    model = ReturnModel(LidarConfig(laser_albedo=1.2))
+    cosine = np.array([1.0, 0.8, 0.3, 0.05])
+    for albedo in (0.6, 1.0, 1.7):
+        for rock, name in ((False, 'highland'), (True, 'rock')):
+            found = model.reflectance_factor(cosine, np.full(4, albedo), np.full(4, rock))
+            law = np.pi * hapke.reflectance(cosine, cosine, 1.0, hapke.parameter_set(name),
+                                            albedo=1.2 * albedo)
+            # The table has steps of 0.03 of albedo.
+            assert np.allclose(found, law, rtol=0.03)
+    # The opposition surge is in it: without it the ground returns much less.
+    bare = dataclasses.replace(hapke.parameter_set('highland'), b_s0=0.0)
+    law = np.pi * hapke.reflectance(1.0, 1.0, 1.0, bare, albedo=1.2)
+    assert model.reflectance_factor(np.ones(1), np.ones(1), np.zeros(1, bool))[0] > 1.5 * law
+
+
+def of_reference(distance_m, count=20_000, **changes):
+    """Return what is measured of targets with the reflectance of the reference."""
+    optics = dataclasses.replace(VLP16, resolution_m=0.0, max_range_m=1000.0, **changes)
+    model = ReturnModel(LidarConfig(part='own', own=optics))
+    # Such an albedo factor that ground at right angles has the reference's reflectance.
+    albedo = np.linspace(0.1, 3.9, 400)
+    factor = model.reflectance_factor(np.ones(400), albedo, np.zeros(400, bool))
+    chosen = albedo[np.abs(factor - optics.reference_reflectance).argmin()]
+    exact = float(factor[np.abs(factor - optics.reference_reflectance).argmin()])
+    # The range at which it returns as much as the reference does.
+    scale = np.sqrt(exact / optics.reference_reflectance)
+    full = np.full(count, 1.0)
+    return model.measure(distance_m * scale * full, full, chosen * full,
+                         np.zeros(count, bool), np.random.default_rng(5)), distance_m * scale
+
+
+def test_drop_out_and_noise_follow_the_signal():
+    optics = {'reference_reflectance': 0.2, 'reference_range_m': 50.0}
+    for share, least, most in ((0.5, 1.0, 1.0), (1.0, 0.893, 0.907), (1.4, 0.0, 0.02)):
+        returns, _ = of_reference(50.0 * share, **optics)
+        seen = np.isfinite(returns.range_m).mean()
+        # 90 % +- 3.3 standard deviations of a share of 20,000.
+        assert least <= seen <= most
+    for share in (0.2, 1.0):
+        returns, distance = of_reference(50.0 * share, **optics)
+        found = returns.range_m[np.isfinite(returns.range_m)]
+        weak2 = VLP16.limit_noise_m ** 2 - VLP16.noise_m ** 2
+        deviation = np.sqrt(VLP16.noise_m ** 2 + weak2 * share ** 4)
+        # Of n samples a deviation is known to 1 / sqrt(2 n).
+        assert np.isclose(found.std(), deviation, rtol=3.3 / np.sqrt(2 * len(found)) + 0.005)
+        assert abs(found.mean() - distance) < 3.3 * deviation / np.sqrt(len(found)) + 1e-5
+
+
+def test_range_limits_and_resolution():
+    model = ReturnModel(LidarConfig())
+    distance = np.array([0.2, 0.6, 5.0, 99.0, np.inf])
+    found = model.measure(distance, np.ones(5), np.full(5, 3.9), np.zeros(5, bool),
+                          np.random.default_rng(1)).range_m
+    assert list(np.isfinite(found)) == [False, True, True, True, False]
+    steps = found[1:3].astype(float) / 0.002
+    assert np.allclose(steps, np.rint(steps), atol=1e-2)
+
+
+def test_grazing_incidence_stretches_pulses():
+    """At 45 m and 1 deg, 1.5 mrad spread a pulse of 0.9 m by 3.9 m; at right angles by nothing."""
+    model = ReturnModel(LidarConfig())
+    full = np.full(2000, 1.0)
+
+    def share(cosine, distance_m):
+        return np.isfinite(model.measure(distance_m * full, cosine * full, full, full < 0.0,
+                                         np.random.default_rng(3)).range_m).mean()
+    assert share(1.0, 45.0) > 0.99 and share(0.0175, 45.0) < 0.01
+    # Nearby the spot is small, and regolith sends light back at all incidences.
+    assert share(0.0175, 5.0) > 0.99
+
+
+def test_scans_repeat_and_differ():
+    lidar = Lidar(flat(), ROVER, LidarConfig())
+    first, again, other = (lidar.scan(at(), index).returns.range_m for index in (4, 4, 5))
+    assert np.array_equal(first, again, equal_nan=True)
+    assert not np.array_equal(first, other, equal_nan=True)
+
+
+# Clouds and planar scans
+
+
+def test_organized_cloud(plane_lidar):
+    scan = plane_lidar.scan(at())
+    rows, flat = scan.cloud(organized=True), scan.cloud()
+    assert rows.shape == (16, 1808)
+    assert np.array_equal(rows['ring'], np.tile(np.arange(16)[:, None], 1808))
+    assert (np.isfinite(rows['x']).sum() == len(flat)) and flat.dtype.itemsize == 22
+    assert (np.diff(rows['time'], axis=1) > 0.0).all()
+
+
+def test_planar_scan(plane_lidar):
+    scan = plane_lidar.scan(at())
+    planar = scan.planar(0)     # at -15 deg
+    assert np.allclose(planar.range_m, 0.34 / np.tan(np.radians(15.0)), atol=1e-4)
+    last = planar.angle_min_rad + planar.angle_step_rad * (len(planar.range_m) - 1)
+    assert -np.pi <= planar.angle_min_rad < -3.1 and 3.1 < last <= np.pi
+    assert np.isclose(planar.time_step_s, 55.296e-6)
+    assert np.isinf(scan.planar(15).range_m).all()      # it looks up
+
+
+def test_planar_scan_of_a_flash_camera():
+    """The camera looks 12 deg down; each angle shows the column nearest to it."""
+    rover = dataclasses.replace(ROVER, lidar=dataclasses.replace(
+        ROVER.lidar, rpy_deg=(0.0, 12.0, 0.0), position_m=(0.2, 0.0, 0.24)))
+    lidar = Lidar(flat(), rover, LidarConfig(part='espros_tofcam635', noise=False))
+    planar = lidar.scan(at()).planar(20)
+    assert np.isclose(planar.angle_min_rad, -np.radians(25.0), atol=1e-2)
+    seen = planar.range_m[np.isfinite(planar.range_m)]
+    assert len(seen) == 160 and 1.0 < seen.min() < seen.max() < 2.5 and planar.time_step_s == 0.0
+
+
+def test_the_body_hides_beams():
+    low = dataclasses.replace(ROVER, lidar=dataclasses.replace(ROVER.lidar,
+                                                               position_m=(0.0, 0.0, 0.1)))
+    scan = Lidar(flat(), low, QUIET).scan(at())
+    rows = scan.cloud(organized=True)
+    ahead = np.abs(scan.pattern.azimuth_rad) < np.arctan(0.008 / 0.12)
+    assert np.isnan(rows['x'][:7, ahead]).all()     # the mast
+    assert np.isfinite(rows['x'][1:7, ~ahead]).mean() > 0.5
+    inside = dataclasses.replace(ROVER, lidar=dataclasses.replace(ROVER.lidar,
+                                                                  position_m=(0.0, 0.0, 0.0)))
+    with pytest.raises(ConfigError, match='lidar.position_m: .* outside chassis and mast'):
+        Lidar(flat(), inside, QUIET)
+
+
+def test_off_the_ground():
+    lidar = Lidar(worlds.small(**worlds.BARE), ROVER, QUIET)
+    with pytest.raises(ConfigError, match=r'at \(7.12, 0.00\) m .* within 6.4 m of the origin'):
+        lidar.scan(at(x=7.0))
+
+
+@pytest.mark.parametrize(('values', 'message'), [
+    ({'rate_hz': 40}, 'rate_hz: 40 is not valid for velodyne_vlp16; valid is <= 20'),
+    ({'part': 'velodyne_vlp61'}, "part: 'velodyne_vlp61' is not valid; did you mean"),
+    ({'horizontal_beam': 16}, 'horizontal_beam: 16 is not valid for velodyne_vlp16; .* < 16'),
+    ({'part': 'own', 'own': {'columns_per_s': 1e6, 'beams': 64}}, 'points of a scan'),
+    ({'own': {'vertical_low_deg': 20.0}}, 'own.vertical_low_deg: 20 is not valid; valid is < '),
+    ({'own': {'kind': 'flash'}}, 'own.horizontal_deg: 360 is not valid for a flash sensor'),
+    ({'own': {'elevations_deg': [1.0, 2.0]}}, 'elevations_deg: 2 elements given; .* beams = 16'),
+    ({'own': {'firing_s': 1e-4}}, 'own.firing_s: 0.0001 is not valid; 16 beams .* leave'),
+    ({'own': {'min_range_m': 200.0}}, 'own.min_range_m: 200 is not valid; valid is < max_range_m'),
+    ({'own': {'limit_noise_m': 0.01}}, 'own.limit_noise_m: 0.01 is not valid; .* >= noise_m'),
+])
+def test_impossible_optics(values, message):
+    with pytest.raises(ConfigError, match=message):
+        LidarConfig.from_mapping(values)
