@@ -40,6 +40,7 @@ MODULES = {
     'Soft ground': ['regolith.soil', 'regolith.overlay'],
     'Images and stereo': ['rendering.frame', 'camera.rig', 'stereo.depth', 'stereo.error',
                           'illumination.hapke', 'illumination.sky'],
+    'LiDAR': ['lidar.optics', 'lidar.beam_pattern', 'lidar.motion', 'lidar.scan'],
     'Bags and sequences': ['bag.series', 'bag.content_hash', 'bag.ground_history',
                            'bag.ground_points', 'sequences.export'],
     'Evaluation': ['evaluation.trajectory', 'evaluation.trajectory_evaluation',
@@ -61,7 +62,8 @@ def topic_table() -> str:
     nodes = {name: cls() for name, cls in {**NODE_CONFIGS, **COMPANION_CONFIGS}.items()}
     rates = {topics.STATE: f'{nodes["physics_node"].state_rate_hz} Hz',  # type: ignore
              topics.FRAME: f'{nodes["render_node"].frame_rate_hz} Hz',   # type: ignore
-             topics.DEPTH_FRAME: f'{1e9 / nodes["render_node"].depth_period_ns:g} Hz'}  # type: ignore  # noqa: E501
+             topics.DEPTH_FRAME: f'{1e9 / nodes["render_node"].depth_period_ns:g} Hz',  # type: ignore  # noqa: E501
+             topics.SCAN: f'{nodes["lidar_node"].rate_hz} Hz'}         # type: ignore
     parts = []
     for node in nodes:
         if not any(topic.node == node for topic in topics.CONTRACT):

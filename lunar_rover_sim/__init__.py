@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from lunar_rover_sim.evaluation.trajectory import Trajectory
     from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
     from lunar_rover_sim.gait.controller import GaitController
+    from lunar_rover_sim.lidar.lidar import Lidar
     from lunar_rover_sim.physics.simulation import Simulation
     from lunar_rover_sim.rendering.renderer import Renderer
     from lunar_rover_sim.run.recording import record, Recording
@@ -31,6 +32,7 @@ _HOMES = {
     'evaluate': 'evaluation.trajectory_evaluation',
     'GaitController': 'gait.controller',
     'LunarRoverSimError': 'errors',
+    'Lidar': 'lidar.lidar',
     'load_world': 'world.world_folder',
     'open_bag': 'bag.reader',
     'record': 'run.recording',
@@ -44,9 +46,9 @@ _HOMES = {
     'World': 'world.model',
 }
 
-__all__ = ['build_world', 'evaluate', 'GaitController', 'load_world', 'LunarRoverSimError',
-           'open_bag', 'record', 'Recording', 'Renderer', 'save_world', 'Scenario', 'SgmMatcher',
-           'Simulation', 'Trajectory', 'World']
+__all__ = ['build_world', 'evaluate', 'GaitController', 'Lidar', 'load_world',
+           'LunarRoverSimError', 'open_bag', 'record', 'Recording', 'Renderer', 'save_world',
+           'Scenario', 'SgmMatcher', 'Simulation', 'Trajectory', 'World']
 
 
 def __getattr__(name: str) -> Any:

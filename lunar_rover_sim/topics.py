@@ -17,6 +17,7 @@ LEGS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 STATE = 'state'      # every publishing period of physics, 200 Hz by default
 FRAME = 'frame'      # every camera frame, 20 Hz by default
 DEPTH_FRAME = 'depth frame'     # every n-th of them, 10 Hz by default
+SCAN = 'scan'        # every period of the LiDAR, 10 Hz by default
 LATCHED = 'latched'  # once, and to every late joiner
 EVENT = 'event'      # irregular
 
@@ -26,7 +27,7 @@ class Topic:
     """One line of the contract.
 
     type: as ROS 2 writes it, `package/msg/Name`
-    rate: STATE, FRAME, DEPTH_FRAME, LATCHED or EVENT
+    rate: STATE, FRAME, DEPTH_FRAME, SCAN, LATCHED or EVENT
     frame_id: that of the header; empty where the type has none
     on_request: made only while somebody subscribes; a recorder of all topics leaves it out
     """
@@ -166,6 +167,18 @@ SCENE_FLOW = Topic('ground_truth/scene_flow', 'sensor_msgs/msg/Image', DEPTH_FRA
 LABEL_INFO = Topic('ground_truth/label_info', 'std_msgs/msg/String', LATCHED, 'render_node', '',
                    'names of the labels, as JSON with the fields of vision_msgs/LabelInfo, and '
                    'catalogues of rocks and craters', on_request=True)
+LIDAR_POINTS = Topic('lidar/points', 'sensor_msgs/msg/PointCloud2', EVENT, 'lidar_node',
+                     frames.LIDAR_FRAME, 'x, y, z [m], intensity [%], ring, time [s] as drivers '
+                     'of Velodyne name them; each point as the sensor sees it at its time. The '
+                     'stamp is the start of the scan', on_request=True)
+LIDAR_DESKEWED = Topic('lidar/points_deskewed', 'sensor_msgs/msg/PointCloud2', EVENT,
+                       'lidar_node', frames.LIDAR_FRAME, 'the same points in the frame of the '
+                       'start of the scan, by the true motion', on_request=True)
+LIDAR_SCAN = Topic('lidar/scan', 'sensor_msgs/msg/LaserScan', EVENT, 'lidar_node',
+                   frames.LIDAR_FRAME, 'one ring of it, inf where nothing returns',
+                   on_request=True)
+LIDAR_SCANNED = Topic('lidar/scanned', 'std_msgs/msg/Header', SCAN, 'lidar_node', '',
+                      'stamp by whose time all scans that had ended are published, read or not')
 SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
             'unit vector to the sun')
 WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
@@ -205,8 +218,9 @@ CONTRACT: tuple[Topic, ...] = (
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
     DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
     NORMALS, OPTICAL_FLOW, SCENE_FLOW, LABEL_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE,
-    HAZARD_IMAGE, HAZARD_INFO, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
-    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+    HAZARD_IMAGE, HAZARD_INFO, LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN, LIDAR_SCANNED, SUN,
+    WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE,
+    SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)
 
 _HAZARD = re.compile(r'hazard/([a-z0-9_]+(?:/left|/right)?)/(image_raw|camera_info)')

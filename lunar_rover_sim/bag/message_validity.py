@@ -16,10 +16,11 @@ BYTES_PER_PIXEL = {'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2, 'rgb8': 3, 'b
 QUATERNION_TOLERANCE = 1e-6
 
 _FLOATS = ('float32', 'float64')
-# NaN is what their definitions ask for where something is not measured.
-_MAY_BE_UNKNOWN = {'sensor_msgs/msg/BatteryState': (
-    'temperature', 'charge', 'capacity', 'design_capacity', 'percentage',
-    'cell_voltage', 'cell_temperature')}
+# NaN, or infinity, is what their definitions ask for where something is not measured.
+_MAY_BE_UNKNOWN = {
+    'sensor_msgs/msg/BatteryState': ('temperature', 'charge', 'capacity', 'design_capacity',
+                                     'percentage', 'cell_voltage', 'cell_temperature'),
+    'sensor_msgs/msg/LaserScan': ('ranges',)}
 
 # Dotted names of float fields, of float arrays, and of sequences of messages with their type.
 _Leaves = tuple[list[str], list[str], list[tuple[str, str]]]

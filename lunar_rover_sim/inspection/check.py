@@ -14,7 +14,8 @@ from pathlib import Path
 from lunar_rover_sim.bag.checksums import damage
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.stamps import NS_PER_S
-from lunar_rover_sim.inspection import imu_checks, message_checks, stereo_checks, tracking
+from lunar_rover_sim.inspection import (imu_checks, lidar_checks, message_checks, stereo_checks,
+                                        tracking)
 from lunar_rover_sim.inspection.hazard_checks import hazards
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import (measured_period_ns, read_rover_data, RoverData,
@@ -89,8 +90,8 @@ def _check(rover: RoverData, report: Report) -> None:
     """Run all checks on one rover of a bag."""
     for one in (rates, duration, message_checks.contract_topics, message_checks.counts,
                 message_checks.stamps, message_checks.stereo_sets, message_checks.contents,
-                message_checks.world_hash, message_checks.ground, imu_checks.imu_and_odometry,
-                imu_checks.imu_noise, stereo_checks.calibration,
+                message_checks.world_hash, message_checks.ground, lidar_checks.scans,
+                imu_checks.imu_and_odometry, imu_checks.imu_noise, stereo_checks.calibration,
                 stereo_checks.disparity_and_depth, hazards, tracking.tracking):
         one(rover, report)
 

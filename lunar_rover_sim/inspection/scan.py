@@ -14,6 +14,7 @@ from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.ground_points import problem as ground_problem
 from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.scan_validity import laser_scan_problem, lidar_cloud_problem
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.matching import disparity_map, frame_error, FrameError, is_textured
 from lunar_rover_sim.regolith.overlay import Overlay
@@ -34,6 +35,9 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
     topics.TRUE_DEPTH.name: (message_validity.image_problem, message_validity.true_depth_problem),
     topics.DISPARITY.name: (message_validity.disparity_problem,),
     topics.GROUND_CHANGES.name: (ground_problem,),
+    topics.LIDAR_POINTS.name: (lidar_cloud_problem,),
+    topics.LIDAR_DESKEWED.name: (lidar_cloud_problem,),
+    topics.LIDAR_SCAN.name: (laser_scan_problem,),
     topics.LEFT_INFO.name: (message_validity.camera_info_problem,),
     topics.RIGHT_INFO.name: (message_validity.camera_info_problem,),
     topics.DEPTH_INFO.name: (message_validity.camera_info_problem,),

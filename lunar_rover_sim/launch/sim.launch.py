@@ -9,7 +9,8 @@ node prints is in `DIR/logs` too.
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.actions import (DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction,
+                            RegisterEventHandler)
 from launch.event_handlers import OnProcessExit, OnProcessIO
 from launch.events import matches_action
 from launch.events.process import ShutdownProcess
@@ -80,7 +81,8 @@ def _start(context):
                         ros_arguments=[*plan.ros_arguments(folder / SCENARIO_FILE)[1:], *options])
         for plan in prepare(scenario, folder, world)}
     ended = OnProcessExit(target_action=lambda action: action in nodes.values(),
-                          on_exit=_Ending(nodes, folder / BAG_FOLDER).on_exit)
+                          on_exit=_Ending(nodes, folder / BAG_FOLDER,
+                                          scenario.run.may_fail).on_exit)
     return [RegisterEventHandler(ended), *_logs(nodes, folder / LOG_FOLDER), *nodes.values()]
 
 
@@ -104,8 +106,9 @@ def _logs(nodes, folder):
 class _Ending:
     """Stops the nodes one by one, the recorder last, once physics_node or another has ended."""
 
-    def __init__(self, nodes, bag):
+    def __init__(self, nodes, bag, may_fail):
         self._nodes = nodes
+        self._may_fail = may_fail
         self._bag = bag
         self._failure = ''
 
@@ -116,6 +119,8 @@ class _Ending:
         may be faster than launch itself. The bag is marked once no recorder can finish it.
         """
         name = next(name for name, node in self._nodes.items() if node is event.action)
+        if event.returncode != 0 and name in self._may_fail:
+            return LogInfo(msg=f'{name} has ended with status {event.returncode}; the run goes on')
         if event.returncode != 0 and not context.is_shutdown:
             self._failure = f'the run failed: {name} has ended with status {event.returncode}'
         recorder = self._nodes.get('recorder_node', event.action)

@@ -13,7 +13,7 @@ import signal
 import sys
 from types import FrameType
 
-NODES = ('drive_node', 'gait_controller_node', 'physics_node', 'pose_bridge_node',
+NODES = ('drive_node', 'gait_controller_node', 'lidar_node', 'physics_node', 'pose_bridge_node',
          'recorder_node', 'render_node', 'slam_node', 'trajectory_recorder_node', 'view_node')
 
 

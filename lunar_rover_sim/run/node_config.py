@@ -16,6 +16,7 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.star_tracker import StarTrackerConfig
 from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
+from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.named_sets import Named
 from lunar_rover_sim.parameters import group, named, param, Parameters
 from lunar_rover_sim.path_following.config import DriveConfig
@@ -27,6 +28,7 @@ from lunar_rover_sim.stereo.config import SgmConfig
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
                      and t.rate in (topics.FRAME, topics.DEPTH_FRAME))
+LIDAR_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'lidar_node' and t.on_request)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -206,6 +208,17 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
 
 
 @dataclasses.dataclass(frozen=True)
+class LidarNodeConfig(NodeConfig, LidarConfig):
+    """Parameters of lidar_node."""
+
+    await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
+                                           'first scan in lockstep; a run names those that it '
+                                           'records', choices=LIDAR_TOPICS)
+    await_ground: bool = param(False, 'in lockstep a scan is made when ground/changes up to its '
+                               'start have arrived; a run sets it where the ground gives')
+
+
+@dataclasses.dataclass(frozen=True)
 class RecorderNodeConfig(NodeConfig, RecorderConfig):
     """Parameters of recorder_node."""
 
@@ -255,6 +268,7 @@ NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'render_node': RenderNodeConfig,
     'recorder_node': RecorderNodeConfig,
     'slam_node': SlamNodeConfig,
+    'lidar_node': LidarNodeConfig,
 }
-# Those that every run starts; slam_node needs a program.
-DEFAULT_NODES = tuple(name for name in NODE_CONFIGS if name != 'slam_node')
+# Those that every run starts; slam_node needs a program, lidar_node is an extra sensor.
+DEFAULT_NODES = tuple(name for name in NODE_CONFIGS if name not in ('slam_node', 'lidar_node'))

@@ -54,10 +54,17 @@ class NodeProcesses:
     """The processes of one run; context manager that leaves none behind.
 
     cpu_s: node → processor time used so far [s]
+    lost: how nodes ended without which the run goes on
     """
 
-    def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int) -> None:
-        """Start one process per plan, with its log in `folder`/logs."""
+    def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int,
+                 may_fail: Sequence[str] = ()) -> None:
+        """Start one process per plan, with its log in `folder`/logs.
+
+        may_fail: nodes without which the run goes on
+        """
+        self._may_fail = set(may_fail)
+        self.lost: dict[str, str] = {}
         self._folder = folder
         self.cpu_s: dict[str, float] = {}
         self._processes: dict[str, psutil.Popen] = {}
@@ -100,6 +107,9 @@ class NodeProcesses:
                 continue
             if name == 'physics_node' and status == 0:
                 return True
+            if name in self._may_fail:
+                self.lost.setdefault(name, f'{self._describe_end(name)}; the run goes on')
+                continue
             raise GraphError(self._describe_end(name))
         return False
 
@@ -162,7 +172,7 @@ class NodeProcesses:
                 if name == 'recorder_node':
                     mark_failed(self._folder / BAG_FOLDER, problem)
                 return [problem]
-        if process.returncode == 0:
+        if process.returncode == 0 or name in self.lost:
             return []
         if name == 'recorder_node' and process.returncode < 0:
             mark_failed(self._folder / BAG_FOLDER,

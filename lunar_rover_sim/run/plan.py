@@ -15,7 +15,8 @@ from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.rover.rover_file import save_rover
-from lunar_rover_sim.run.node_config import FRAME_TOPICS, NODE_CONFIGS
+from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LIDAR_TOPICS, LidarNodeConfig,
+                                             NODE_CONFIGS)
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import WaitConfig
 
@@ -26,12 +27,13 @@ WORLD_LINK = 'world'
 LOG_FOLDER = 'logs'
 
 # The order in which nodes are stopped: the recorder last, since it records the others.
-STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node', 'slam_node',
-              'recorder_node')
+STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node', 'lidar_node',
+              'slam_node', 'recorder_node')
 
 _RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
+_LIDAR_LAG_SCANS, _RECORDER_LAG_SCANS = 2, 4
 # The gait controller reports who is silent on cmd_vel after this share of the time that physics
 # allows. Otherwise physics would report the gait controller.
 _GAIT_SILENCE_SHARE = 0.8
@@ -60,10 +62,10 @@ class NodePlan:
 def resolve(scenario: Scenario) -> Scenario:
     """Return the scenario with the parameters that depend on the nodes of the run.
 
-    The duration is rounded up to whole camera frames. In lockstep physics waits for the gait
-    controller, the renderer (at most one frame behind) and the recorder; the gait controller waits
-    for drive_node, unless that publishes Twist, which has no stamp. Raises ConfigError if the
-    scenario says where the bag goes.
+    The duration is rounded up to whole camera frames, and to whole scans of a LiDAR. In lockstep
+    physics waits for the gait controller, the renderer (at most one frame behind), the LiDAR and
+    the recorder; the gait controller waits for drive_node, unless that publishes Twist, which has
+    no stamp. Raises ConfigError if the scenario says where the bag goes.
     """
     nodes = scenario.run.nodes
     for name in ('output', 'scenario_file'):
@@ -72,7 +74,11 @@ def resolve(scenario: Scenario) -> Scenario:
             raise ConfigError(f'recorder_node.{name}: {value!r} is not valid in a run, which '
                               'places the bag itself; leave it out')
     frame_s = scenario.render_node.frame_period_ns / 1e9
-    duration_s = math.ceil(round(scenario.run.duration_s / frame_s, 6)) * frame_s
+    step_s = frame_s
+    if _awaits_lidar(scenario):
+        step_s = 1e-9 * math.lcm(scenario.render_node.frame_period_ns,
+                                 scenario.lidar_node.period_ns)
+    duration_s = math.ceil(round(scenario.run.duration_s / step_s, 6)) * step_s
     duration_s = round(duration_s, 9)
     physics, gait = scenario.physics_node, scenario.gait_controller_node
     recorder, render = scenario.recorder_node, scenario.render_node
@@ -100,9 +106,28 @@ def resolve(scenario: Scenario) -> Scenario:
         scenario, run=dataclasses.replace(scenario.run, duration_s=duration_s),
         physics_node=dataclasses.replace(physics, duration_s=duration_s),
         gait_controller_node=gait, recorder_node=recorder, render_node=render,
+        lidar_node=_resolved_lidar(scenario),
         slam_node=dataclasses.replace(
             scenario.slam_node, camera=render.camera, imu=physics.imu,
             frame_rate_hz=render.frame_rate_hz, imu_rate_hz=physics.state_rate_hz))
+
+
+def _resolved_lidar(scenario: Scenario) -> LidarNodeConfig:
+    """Return the parameters of lidar_node that follow from those of others."""
+    lidar, ground = scenario.lidar_node, scenario.physics_node.ground
+    if not lidar.await_readers and _awaits_lidar(scenario):
+        lidar = dataclasses.replace(lidar, await_readers=tuple(
+            name for name in LIDAR_TOPICS if name in scenario.recorder_node.topics
+            and 'recorder_node' in scenario.run.nodes))
+    return dataclasses.replace(
+        lidar, reflectance=scenario.render_node.reflectance,
+        await_ground=lidar.await_ground or (ground.deforms
+                                            and 'physics_node' in scenario.run.nodes))
+
+
+def _awaits_lidar(scenario: Scenario) -> bool:
+    """Return whether time waits for scans."""
+    return 'lidar_node' in scenario.run.nodes and 'lidar_node' not in scenario.run.may_fail
 
 
 def with_slam(scenario: Scenario, command: str) -> Scenario:
@@ -124,6 +149,12 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
     if 'slam_node' in nodes:
         # The frame that is tracked, beside the one that is drawn.
         awaited[topics.SLAM_STATUS.name] = round((_RENDERER_LAG_FRAMES + 1) * frame_s, 9)
+    scan_s = scenario.lidar_node.period_ns / 1e9
+    if _awaits_lidar(scenario):
+        # A scan is made of states up to its end, while physics goes on by another one.
+        awaited[topics.LIDAR_SCANNED.name] = round(
+            _LIDAR_LAG_SCANS * scan_s + (frame_s if scenario.physics_node.ground.deforms else 0.0),
+            9)
     if 'recorder_node' in nodes and _acknowledged(scenario):
         lag_s = _RECORDER_LAG_S
         if 'render_node' in nodes:
@@ -133,6 +164,8 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
             if 'slam_node' in nodes:
                 least += 1
             lag_s = max(min(lag_s, _RECORDER_LAG_FRAMES * frame_s), least * frame_s)
+        if _awaits_lidar(scenario):
+            lag_s = max(lag_s, _RECORDER_LAG_SCANS * scan_s)
         awaited[topics.RECORDED.name] = round(lag_s, 9)
     return awaited
 
@@ -154,10 +187,10 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
     recorder = scenario.recorder_node
     result = []
     for topic in topics.CONTRACT:
-        periodic = topic.rate in (topics.STATE, topics.FRAME, topics.DEPTH_FRAME)
+        periodic = topic.rate in (topics.STATE, topics.FRAME, topics.DEPTH_FRAME, topics.SCAN)
         if topic.node not in scenario.run.nodes or not periodic:
             continue
-        if topic in _unpublished(scenario):
+        if topic in _unpublished(scenario) or topic.node in scenario.run.may_fail:
             continue
         # As recorder_node has it.
         in_all = (ALL in recorder.topics and topic.name not in recorder.exclude

@@ -99,6 +99,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
             logger.warning('gait calibration: measured with %s', difference)
     folder = Path(folder).resolve()
     now_ns = 0
+    told: set[str] = set()
 
     def progress(time_ns: int) -> None:
         nonlocal now_ns
@@ -109,6 +110,10 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     def report(logs: NodeLogs) -> None:
         for warning in logs.new_warnings():
             on_warning(str(warning))
+        for name, end in nodes.lost.items():
+            if name not in told:
+                told.add(name)
+                on_warning(end)
 
     with OwnDomain(domain) as own:
         if domain is not None:
@@ -119,7 +124,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         plans = prepare(scenario, folder, world_folder)
         on_start(scenario, own.id)
         start = time.monotonic()
-        with ClockReader(own.id) as clock, NodeProcesses(plans, folder, own.id) as nodes:
+        with ClockReader(own.id) as clock, NodeProcesses(
+                plans, folder, own.id, scenario.run.may_fail) as nodes:
             logs = NodeLogs(nodes.logs())
             try:
                 finished = supervise(nodes, clock, Limits.of(scenario, timeout_s), progress,
@@ -136,7 +142,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         _check_topics(scenario.recorder_node.topics, counts)
     return Recording(folder, bag, scenario, counts, simulated_s, wall_s, nodes.cpu_s,
                      interrupted=not finished,
-                     warnings=(*logs.summary(), *missing_frames(scenario, counts, simulated_s)))
+                     warnings=(*logs.summary(), *nodes.lost.values(),
+                               *missing_frames(scenario, counts, simulated_s)))
 
 
 def missing_frames(scenario: Scenario, counts: Mapping[str, int],

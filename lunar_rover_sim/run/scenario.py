@@ -25,8 +25,8 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.dated_scenario import dated_sun
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
-                                             NODE_CONFIGS, PhysicsNodeConfig, RecorderNodeConfig,
-                                             RenderNodeConfig, SlamNodeConfig)
+                                             LidarNodeConfig, NODE_CONFIGS, PhysicsNodeConfig,
+                                             RecorderNodeConfig, RenderNodeConfig, SlamNodeConfig)
 from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
 from lunar_rover_sim.run.shared_config import LOCKSTEP, MAX_DURATION_S, NodeConfig
 from lunar_rover_sim.world.cache import cached
@@ -43,6 +43,10 @@ class RunConfig(Parameters):
                               low=0.0, open_low=True, high=MAX_DURATION_S)
     nodes: tuple[str, ...] = param(DEFAULT_NODES, 'nodes to start',
                                    choices=tuple(NODE_CONFIGS))
+    may_fail: tuple[str, ...] = param((), 'nodes without which a run goes on if they die, with a '
+                                      'warning that names them. Time does not wait for them: what '
+                                      'they publish may come late, and is not repeatable',
+                                      choices=('lidar_node',))
     world_hash: str = param('', 'hash of the world; another world is refused. A recorded scenario '
                             'names its own. Empty: any world')
 
@@ -72,6 +76,7 @@ class Scenario:
     render_node: RenderNodeConfig
     recorder_node: RecorderNodeConfig
     slam_node: SlamNodeConfig
+    lidar_node: LidarNodeConfig
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Iterable[str] | Mapping[str, Any] = (), *,
@@ -225,10 +230,11 @@ def _build(name: str, sections: Mapping[str, Any]) -> Scenario:
 
 
 def _check_rates(scenario: Scenario) -> None:
-    """Raise ConfigError unless frames and commands fall on state messages."""
+    """Raise ConfigError unless frames, commands and scans fall on state messages."""
     state_hz = scenario.physics_node.state_rate_hz
     for name, rate_hz in (('render_node.frame_rate_hz', scenario.render_node.frame_rate_hz),
-                          ('drive_node.rate_hz', scenario.drive_node.rate_hz)):
+                          ('drive_node.rate_hz', scenario.drive_node.rate_hz),
+                          ('lidar_node.rate_hz', scenario.lidar_node.rate_hz)):
         if state_hz % rate_hz:
             raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a divisor of '
                               f'physics_node.state_rate_hz = {state_hz}')

@@ -1,0 +1,180 @@
+"""lidar_node: poses of the rover to scans of a LiDAR or time-of-flight camera."""
+
+from __future__ import annotations
+
+import collections
+
+from nav_msgs.msg import Odometry
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import LaserScan, PointCloud2
+from std_msgs.msg import Header, String
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.lidar.lidar import Lidar
+from lunar_rover_sim.lidar.motion import Motion
+from lunar_rover_sim.nodes import conversions, lidar_conversions, node_main, qos
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
+from lunar_rover_sim.nodes.ground_listener import GroundListener
+from lunar_rover_sim.nodes.matching import Matching
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.node_config import LidarNodeConfig
+from lunar_rover_sim.world.world_folder import load_world
+
+_CLOUDS = (topics.LIDAR_POINTS, topics.LIDAR_DESKEWED)
+
+
+class LidarNode(node_main.GraphNode):
+    """Makes one scan of each period, of the poses that it consists of.
+
+    A scan begins with its period, which is its stamp, and is made when the state at its end has
+    come. Without readers no ray is cast. In lockstep every scan is made, and `lidar/scanned` lets
+    time go on; in real time the newest one is, and those that are left out are counted.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('lidar_node')
+        self._config = config = declare(self, LidarNodeConfig)
+        if not config.world:
+            raise ConfigError("world: '' is not valid; valid is a folder made by "
+                              '`lunar_rover_sim world build`')
+        world = load_world(config.world)
+        self._world_hash = world.hash
+        self._lidar = Lidar(world, load_rover(config.rover or None), config, config.seed)
+        self._ring = self._lidar.pattern.ring_at(config.horizontal_beam)
+        # States from the start of the next scan on, and that scan; None before the first state.
+        self._states: collections.deque[tuple[int, bytes]] = collections.deque()
+        self._next: int | None = 1 if config.lockstep else None
+        self._jump = TimeJump(self)
+        self._ground = GroundListener(self, self.wake)
+        self._follows = False
+        self._rate, self._drops, self._is_fed = Rate(0.0), Drops(), False
+        events = PublisherEventCallbacks(matched=lambda _: self.wake())
+        self._outputs: dict[str, Publisher] = {
+            topic.name: self.create_publisher(kind, topic.name, qos.offered(topic),
+                                              event_callbacks=events)
+            for topic, kind in ((topics.LIDAR_POINTS, PointCloud2),
+                                (topics.LIDAR_DESKEWED, PointCloud2),
+                                (topics.LIDAR_SCAN, LaserScan))}
+        self._scanned = self.create_publisher(Header, topics.LIDAR_SCANNED.name,
+                                              qos.offered(topics.LIDAR_SCANNED))
+        self._readers = Matching(self, [*self._outputs.values(), self._scanned],
+                                 config.participants if config.lockstep else ())
+        self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
+                                 qos.requested(topics.WORLD_HASH, config.lockstep))
+        # A long queue also in real time: states may come while a scan is made.
+        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
+                                 qos.requested(topics.ODOM, lockstep=True), raw=True)
+        Diagnostics(self, {'Scan rate': self._scan_rate_status, 'Drops': self._drops.status})
+        self.report_ready(config, f'{config.part}, {len(self._lidar.pattern)} beams a scan, '
+                          f'world {world.hash[:12]}', (config.truth.name,))
+
+    # Input
+
+    def _world_hash_callback(self, msg: String) -> None:
+        if msg.data != self._world_hash:
+            raise GraphError(f'world {self._config.world}: hash {self._world_hash[:12]} is not '
+                             f'that of the physics, {msg.data[:12]}; give both nodes one world')
+
+    def _odom_callback(self, raw: bytes) -> None:
+        stamp = stamp_ns(topics.ODOM.type, raw)
+        if stamp is None:
+            return
+        period_ns = self._config.period_ns
+        if self._jump.has_occurred(stamp):
+            self._states.clear()
+            self._next = 1 if self._config.lockstep else None
+        if self._next is None:
+            self._next = -(-stamp // period_ns)
+        self._is_fed = True
+        self._states.append((stamp, raw))
+        # Of what came before the scan only the last state matters.
+        while len(self._states) > 1 and self._states[1][0] <= self._next * period_ns:
+            self._states.popleft()
+        if stamp >= (self._next + 1) * period_ns:
+            self.wake()
+
+    # Output
+
+    def work(self) -> None:
+        """Make the scans that are due."""
+        while self._is_due():
+            assert self._next is not None
+            period_ns, lockstep = self._config.period_ns, self._config.lockstep
+            newest = self._states[-1][0] // period_ns - 1
+            if not lockstep and newest > self._next:
+                self._drops.add('Scans', newest - self._next)
+                self._next = newest
+            start = self._next * period_ns
+            read = {name for name, publisher in self._outputs.items()
+                    if publisher.get_subscription_count()}
+            if read:
+                self._publish(start, read)
+                self._rate.tick()
+            self._scanned.publish(Header(stamp=conversions.time_msg(start + period_ns),
+                                         frame_id=topics.LIDAR_POINTS.frame_id))
+            self._next += 1
+            while len(self._states) > 1 and self._states[1][0] <= self._next * period_ns:
+                self._states.popleft()
+
+    def _is_due(self) -> bool:
+        """Return whether all that the next scan needs has come."""
+        if self.ending or self._next is None or not self._states:
+            return False
+        start = self._next * self._config.period_ns
+        if self._states[-1][0] < start + self._config.period_ns:
+            return False
+        if not self._config.lockstep:
+            return True
+        if self._config.await_ground and not self._ground.knows(start):
+            return False
+        return self._readers.is_complete and all(
+            self._outputs[name].get_subscription_count()
+            for name in self._config.await_readers)
+
+    def _publish(self, start: int, read: set[str]) -> None:
+        """Make the scan that begins at a stamp [ns], and publish the topics that are read."""
+        config, stamp = self._config, conversions.time_msg(start)
+        if self._ground.is_known and not self._follows:
+            self._lidar.follow(self._ground.overlay)
+            self._follows = True
+        self._ground.advance(start)
+        end = start + config.period_ns
+        scan = self._lidar.scan(self._motion(start, end), start // config.period_ns)
+        for topic in _CLOUDS:
+            if topic.name in read:
+                self._outputs[topic.name].publish(lidar_conversions.cloud(
+                    scan.cloud(config.organized, topic is topics.LIDAR_DESKEWED), topic.frame_id,
+                    stamp))
+        if topics.LIDAR_SCAN.name in read:
+            self._outputs[topics.LIDAR_SCAN.name].publish(lidar_conversions.planar_scan(
+                scan.planar(self._ring), config.optics, config.period_ns,
+                topics.LIDAR_SCAN.frame_id, stamp))
+
+    def _motion(self, start: int, end: int) -> Motion:
+        """Return the poses of the states up to the first one at or after a stamp."""
+        times, poses = [], []
+        for stamp, raw in self._states:
+            times.append(1e-9 * (stamp - start))
+            poses.append(conversions.pose_of(deserialize_message(raw, Odometry)))
+            if stamp >= end:
+                break
+        return Motion(times, poses)
+
+    def _scan_rate_status(self) -> Status:
+        fed, self._is_fed = self._is_fed, False
+        return self._rate.status('' if fed else 'No new odometry')
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(LidarNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
