@@ -16,9 +16,9 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.rover.base_footprint import footprint_pose
 from lunar_rover_sim.rover.description import (Chassis, ImuMount, JOINT_NAMES, LEG_NAMES, Legs,
-                                               RoverDescription, StereoMount)
+                                               LidarMount, RoverDescription, StereoMount)
 from lunar_rover_sim.rover.mjcf import IMU_SITE, rover_spec, tip_geom
-from lunar_rover_sim.rover.mounts import camera_poses, imu_pose, optical_poses
+from lunar_rover_sim.rover.mounts import camera_poses, imu_pose, lidar_pose, optical_poses
 from lunar_rover_sim.rover.rover_file import load_rover, save_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import link_poses, visual_parts
@@ -28,7 +28,8 @@ OTHER = RoverDescription(
     chassis=Chassis(mass_kg=5.0, length_m=0.5, com_m=(0.02, -0.01, -0.03)),
     legs=Legs(spokes=5, spoke_length_m=0.12, axle_x_m=0.2, axle_z_m=0.01, mass_kg=0.1),
     stereo=StereoMount(position_m=(0.2, 0.01, 0.3), pitch_deg=25.0, baseline_m=0.2),
-    imu=ImuMount(position_m=(0.05, 0.02, 0.01), rpy_deg=(10.0, -20.0, 30.0)))
+    imu=ImuMount(position_m=(0.05, 0.02, 0.01), rpy_deg=(10.0, -20.0, 30.0)),
+    lidar=LidarMount(position_m=(0.1, -0.03, 0.4), rpy_deg=(5.0, 15.0, -40.0)))
 
 
 def compiled(rover):
@@ -99,6 +100,7 @@ def test_urdf_frames_are_where_the_description_says(rover):
     expected = {frames.BASE_FRAME: np.eye(4)} | {
         frames.leg_frame(leg): link_poses(rover, np.zeros(4))[leg] for leg in LEG_NAMES}
     expected[frames.IMU_FRAME] = imu_pose(rover)
+    expected[frames.LIDAR_FRAME] = lidar_pose(rover)
     expected['stereo_left_link'], expected['stereo_right_link'] = camera_poses(rover)
     expected[frames.LEFT_OPTICAL_FRAME], expected[frames.RIGHT_OPTICAL_FRAME] = optical_poses(
         rover)
