@@ -32,11 +32,11 @@ _RADIANCE, _DEPTH, _LINK = range(3)     # texture units
 class Blurred(NamedTuple):
     """A pair of radiance images, and motion that the point spread of the sensor has yet to add.
 
-    smear: uniforms of shaders/sensor.frag, None if there is nothing to add
+    smear: uniforms of shaders/sensor.frag by side, None if there is nothing to add
     """
 
     radiance: moderngl.Texture
-    smear: Uniforms | None = None
+    smear: dict[int, Uniforms] | None = None
 
 
 class LitPasses(Protocol):
@@ -140,13 +140,13 @@ class MotionPass:
             self._sampler.clear(unit)
         return Blurred(self._mean)
 
-    def _smear(self, twists: dict[int, list[CameraTwist]], exposure_s: float) -> Uniforms:
-        """Return the uniforms that tell the sensor how both cameras move."""
-        both = [twists.get(side, next(iter(twists.values())))[0] for side in (0, 1)]
-        return {'u_depth': texture_units.GROUND_DEPTH,
-                'u_exposure': exposure_s, **self._image.uniforms,
-                'u_rate': _packed([twist.angular_velocity_radps for twist in both]),
-                'u_velocity': _packed([twist.linear_velocity_mps for twist in both])}
+    def _smear(self, twists: dict[int, list[CameraTwist]],
+               exposure_s: float) -> dict[int, Uniforms]:
+        """Return the uniforms that tell the sensor how each camera moves."""
+        return {side: {'u_depth': texture_units.GROUND_DEPTH, **self._image.uniforms,
+                       'u_turn': tuple(exposure_s * ground.angular_velocity_radps),
+                       'u_shift': tuple(exposure_s * ground.linear_velocity_mps)}
+                for side, (ground, *_) in twists.items()}
 
     def _twists(self, scene: Scene, side: int) -> list[CameraTwist]:
         """Return the motion of a camera relative to the world, then to links that move in view."""

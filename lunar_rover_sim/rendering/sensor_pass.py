@@ -57,7 +57,7 @@ class SensorPass:
         numbers = {**({'NOISE': 1} if noisy else {}), **({'ROOT': 1} if sensor.companded else {})}
         constants = dict(
             u_spread=sensor.neighbour_weight, u_pattern_span=tuple(span),
-            u_height=float(rig.height), u_texel=(1.0 / size[0], 1.0 / size[1]),
+            u_texel=(1.0 / size[0], 1.0 / size[1]),
             u_noise=(float(c.shot_noise), c.read_noise_e * c.read_noise),
             u_well=sensor.well_e, u_out=sensor.output_scale,
             u_adc=(1.0 / c.full_well_e, c.black_level, float(sensor.largest_number)))
@@ -96,15 +96,13 @@ class SensorPass:
         return gain, offset
 
     def draw(self, radiance: moderngl.Texture, sides: Sequence[int], exposure_s: float,
-             frame_index: int, smear: Uniforms | None = None) -> NDArray[Any]:
+             frame_index: int, smear: dict[int, Uniforms] | None = None) -> NDArray[Any]:
         """Return (2, h, w) pixels; only those of `sides` (0 left, 1 right) are valid.
 
         radiance: texture of float32 [W m-2 sr-1], w columns and 2 h rows, plus the padding
         frame_index: gives each frame its own noise; smear: see `motion_pass.Blurred`
         """
         h, w = self._rig.height, self._rig.width
-        first, last = min(sides), max(sides)
-        window = (0, first * h, w, (last - first + 1) * h)
         self._context.enable_only(self._context.NOTHING)
         radiance.use(0)
         self._pattern.use(1)
@@ -114,14 +112,17 @@ class SensorPass:
                      u_electrons=self._sensor.electrons_per_radiance_second * exposure_s,
                      u_dark=self._sensor.config.dark_current_e_s * exposure_s)
         if self._charge is not None:
-            self._charge.draw(window, light, self._sensor, range(first, last + 1))
+            self._charge.draw(light, self._sensor, sides)
         self._target.use()
-        self._target.viewport = window
         kind = 0 if smear is None else 1
-        set_uniform(self._programs[kind], **light, **(smear or {}), u_charge=3,
+        set_uniform(self._programs[kind], **light, u_charge=3,
                     u_frame=int(np.random.SeedSequence(
                         [self._seed, frame_index % (1 << 63)]).generate_state(1)[0]))
-        self._screens[kind].render(vertices=3)
+        for side in sides:
+            self._target.viewport = (0, side * h, w, h)
+            set_uniform(self._programs[kind], u_rows=(side * h, (side + 1) * h - 1),
+                        **(smear[side] if smear else {}))
+            self._screens[kind].render(vertices=3)
         data = self._target.read(components=1, alignment=1, dtype=self._type,
                                  viewport=(0, 0, w, 2 * h))
         return np.frombuffer(data, self._sensor.output_type).reshape(2, h, w)
@@ -145,18 +146,19 @@ class _ChargePass:
         set_uniform(self._program, **constants)
         self._screen = context.vertex_array(self._program, [])
 
-    def draw(self, window: tuple[int, int, int, int], light: dict[str, Any], sensor: SensorModel,
-             sides: Sequence[int]) -> None:
-        """Draw the images `sides` of a pair, which lie in a window; the light is bound."""
+    def draw(self, light: dict[str, Any], sensor: SensorModel, sides: Sequence[int]) -> None:
+        """Draw the images `sides` of a pair; the light is bound."""
         self._target.use()
-        self._target.viewport = window
         set_uniform(self._program, **light)
-        self._screen.render(vertices=3)
-        data = self._target.read(viewport=window, components=1, alignment=1, dtype='f4')
-        images = np.frombuffer(data, np.float32).reshape(len(sides), -1, window[2])
-        bloomed = np.concatenate([bloom(image, sensor.well_e, sensor.config.blooming)
-                                  for image in images])
-        self._electrons.write(bloomed.astype(np.float32).tobytes(), viewport=window)
+        w, h = self._electrons.width, self._electrons.height // 2
+        for side in sides:
+            self._target.viewport = window = (0, side * h, w, h)
+            set_uniform(self._program, u_rows=(side * h, (side + 1) * h - 1))
+            self._screen.render(vertices=3)
+            data = self._target.read(viewport=window, components=1, alignment=1, dtype='f4')
+            image = np.frombuffer(data, np.float32).reshape(h, w)
+            bloomed = bloom(image, sensor.well_e, sensor.config.blooming)
+            self._electrons.write(bloomed.astype(np.float32).tobytes(), viewport=window)
         self._electrons.use(3)
 
     def release(self) -> None:

@@ -1,6 +1,6 @@
 // Radiance to digital numbers: point spread, vignetting, electrons, noise, converter.
 uniform sampler2D u_radiance;   // the left image above the right one
-uniform float u_height;         // rows of one image
+uniform vec2 u_rows;            // first and last row of the image within the attachments
 uniform vec2 u_texel;           // 1 / size of the pair of images
 uniform sampler2D u_pattern;    // fall-off times gain, offset; in units of u_pattern_span
 uniform vec2 u_pattern_span;    // gain, twice the largest offset [e-]
@@ -52,16 +52,13 @@ uniform sampler2D u_charge;     // electrons of each pixel, after blooming
 // a twelfth of their square, adds to that of the point spread; see motion.frag.
 uniform sampler2D u_depth;      // see LitTargets
 uniform vec4 u_pinhole;         // focal lengths and centre [px]
-uniform float u_exposure;       // [s]
-uniform vec3 u_rate[2], u_velocity[2];  // of each camera relative to the world [rad/s], [m/s]
+uniform vec3 u_turn, u_shift;   // of the camera relative to the world during the exposure [rad], [m]
 
 vec2 path_of(vec2 p, vec2 at) {
     float depth = abs(textureLod(u_depth, at, 0.0).r);
-    bool left = gl_FragCoord.y < u_height;
     vec3 ray = vec3((p - u_pinhole.zw) / u_pinhole.xy, 1.0);
-    vec3 speed = cross(left ? u_rate[0] : u_rate[1], ray);
-    if (depth > 0.0) speed += (left ? u_velocity[0] : u_velocity[1]) / depth;
-    return u_exposure * (speed.xy - ray.xy * speed.z) * u_pinhole.xy;
+    vec3 move = cross(u_turn, ray) + (depth > 0.0 ? u_shift / depth : vec3(0.0));
+    return (move.xy - ray.xy * move.z) * u_pinhole.xy;
 }
 #endif
 
@@ -83,15 +80,15 @@ void main() {
     float value = textureLod(u_radiance, at, 0.0).r;
 #ifdef SPREAD
     // Neighbours above and below must belong to the same image.
-    float row = gl_FragCoord.y < u_height ? gl_FragCoord.y : gl_FragCoord.y - u_height;
-    float up = row > 1.0 ? u_texel.y : 0.0, down = row < u_height - 1.0 ? u_texel.y : 0.0;
+    float up = gl_FragCoord.y > u_rows.x + 1.0 ? u_texel.y : 0.0;
+    float down = gl_FragCoord.y < u_rows.y ? u_texel.y : 0.0;
     float beside = textureLod(u_radiance, at - vec2(u_texel.x, 0.0), 0.0).r
         + textureLod(u_radiance, at + vec2(u_texel.x, 0.0), 0.0).r;
     float over = textureLod(u_radiance, at - vec2(0.0, up), 0.0).r
         + textureLod(u_radiance, at + vec2(0.0, down), 0.0).r;
     vec2 spread = vec2(u_spread / (1.0 + 4.0 * u_spread));
 #ifdef MOVING
-    vec2 path = path_of(vec2(gl_FragCoord.x, row) - 0.5, at);
+    vec2 path = path_of(gl_FragCoord.xy - vec2(0.5, 0.5 + u_rows.x), at);
     spread += min(path * path * (1.0 / 24.0), 0.12);   // what is very near may move farther
 #endif
     value = spread.x * beside + spread.y * over + (1.0 - 2.0 * (spread.x + spread.y)) * value;
