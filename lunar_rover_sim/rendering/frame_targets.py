@@ -45,8 +45,8 @@ class FrameTargets:
     """Where the geometry of one frame is drawn.
 
     ground_depth: depth of the ground [m], both images; ground: framebuffers that it is drawn
-    through, of the left and the right camera; objects: the same, of rocks and the rover over the
-    lit ground; views: the two cameras
+    through, of the left and the right camera; lit: the same, of all that is lit; views: the two
+    cameras
     """
 
     def __init__(self, context: moderngl.Context, lit: LitTargets) -> None:
@@ -56,7 +56,7 @@ class FrameTargets:
         # Each camera has its own framebuffers: when they change, the driver begins to draw.
         self._buffers = [context.depth_renderbuffer(self.size) for _ in range(2)]
         self.ground = [context.framebuffer([self.ground_depth], b) for b in self._buffers]
-        self.objects = [context.framebuffer([lit.radiance, lit.depth], b) for b in self._buffers]
+        self.lit = [context.framebuffer([lit.radiance, lit.depth], b) for b in self._buffers]
         self.views = [View(context) for _ in range(2)]
         self._truth: TruthTargets | None = None
 
@@ -71,7 +71,7 @@ class FrameTargets:
         """Release the GL objects."""
         if self._truth is not None:
             self._truth.release()
-        release_all(*self.views, *self.objects, *self.ground, *self._buffers,
+        release_all(*self.views, *self.lit, *self.ground, *self._buffers,
                     self.ground_depth)
 
 

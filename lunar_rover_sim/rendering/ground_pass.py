@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import moderngl
+import numpy as np
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
@@ -23,13 +24,16 @@ from lunar_rover_sim.world.model import World
 
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 _SHADERS: dict[str, dict[str, int]] = {
-    'lit': {'ROVER_SHADOW': 1},
-    'lit refined': {'ROVER_SHADOW': 1, 'REFINE': 1},
+    'lit': {},
+    'lit refined': {'REFINE': 1},
+    'lit shaded': {'ROVER_SHADOW': 1},
+    'lit refined shaded': {'REFINE': 1, 'ROVER_SHADOW': 1},
     'unlit': {'UNLIT': 1},
     'unlit refined': {'UNLIT': 1, 'REFINE': 1},
     'truth': {'TRUTH': 1, 'ROVER_SHADOW': 1}}
 _FRAGMENT = {name: 'ground_truth' if name == 'truth' else 'ground' for name in _SHADERS}
-_WITH_TRACKS = ('lit', 'lit refined', 'unlit refined', 'truth')
+_WITH_TRACKS = ('lit', 'lit refined', 'lit shaded', 'lit refined shaded', 'unlit refined',
+                'truth')
 _MESH_TRACKS = 0.85       # of the way up to which the mesh is the grid, tracks are drawn as a mesh
 
 
@@ -40,25 +44,37 @@ class Chosen:
     levels: list[Selection]
     tracks: TrackChoice | None = None
 
+    @property
+    def boxes(self) -> Array:
+        """(m, 2, 3) least and greatest coordinates of all chunks, world frame [m]."""
+        return np.concatenate([selection.boxes for selection in self.levels])
+
 
 @dataclasses.dataclass(frozen=True)
 class GroundRows:
     """The rows of an image that the ground covers.
 
     first, last: the first one, and the one after the last; middle: the first one below all coarse
-    meshes; tracks: the first one that may show tracks, and the one after the last
+    meshes; tracks: the first one that may show tracks, and the one after the last; shaded: the
+    same of those that may show the rover's shadow
     """
 
     first: int = 0
     middle: int = 0
     last: int = 0
     tracks: tuple[int, int] = (0, 0)
+    shaded: tuple[int, int] = (0, 0)
 
-    def parts(self) -> list[tuple[int, int, str]]:
-        """Return spans of rows, first and one after the last, with what each needs."""
+    def parts(self, *, lit: bool) -> list[tuple[int, int, str]]:
+        """Return spans of rows, first and one after the last, with what each needs.
+
+        lit: whether light is computed, so that shadows matter
+        """
+        shaded = self.shaded if lit else (0, 0)
         cuts = sorted({self.first, self.middle, self.last,
-                       *(row for row in self.tracks if self.first < row < self.last)})
+                       *(row for row in (*shaded, *self.tracks) if self.first < row < self.last)})
         return [(top, bottom, (' refined' if top < self.middle else '')
+                 + (' shaded' if shaded[0] <= top < shaded[1] else '')
                  + (' tracks' if self.tracks[0] <= top < self.tracks[1] else ''))
                 for top, bottom in zip(cuts, cuts[1:])]
 
@@ -152,9 +168,12 @@ class GroundPass:
             self._tracks.bind_cut(program)
         self._mesh.draw(program, chunks, skirt=skirt)
 
-    def rows(self, chosen: Chosen, projection: Projection,
-             T_world_camera: Array) -> GroundRows:
-        """Return the rows that the ground covers, the same in both images of a rectified pair."""
+    def rows(self, chosen: Chosen, projection: Projection, T_world_camera: Array,
+             shaded: Array) -> GroundRows:
+        """Return the rows that the ground covers, the same in both images of a rectified pair.
+
+        shaded: (m, 2, 3) those of the chosen boxes that the rover's shadow may fall on
+        """
         spans = [projection.covered_rows(selection.boxes, T_world_camera)
                  for selection in chosen.levels if len(selection.chunks)]
         if not spans:
@@ -166,20 +185,25 @@ class GroundPass:
         tracks = (0, 0)
         if chosen.tracks is not None:
             tracks = projection.covered_rows(chosen.tracks.boxes, T_world_camera)
-        return GroundRows(first, max(first, middle), last, tracks)
+        shadow = projection.covered_rows(shaded, T_world_camera) if len(shaded) else (0, 0)
+        return GroundRows(first, max(first, middle), last, tracks, shadow)
 
     def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
              ground_depth: moderngl.Texture, *, lit: bool) -> None:
         """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
 
-        rows: see `rows`; where the meshes may be coarser than the grid, depth is refined first
+        target: with the depth buffer that the meshes were drawn with; rows: see `rows`; where the
+        meshes may be coarser than the grid, depth is refined first
         """
-        self._context.enable_only(self._context.NOTHING)
+        # Depth rejects blocks of pixels of the sky before they are computed.
+        self._context.enable_only(self._context.DEPTH_TEST)
+        self._context.depth_func = '>'
         kind = 'lit' if lit else 'unlit'
-        for top, bottom, needs in rows.parts():
+        for top, bottom, needs in rows.parts(lit=lit):
             target.viewport = (window[0], window[1] + top, window[2], bottom - top)
             name = f'{kind}{needs}'
             self._draw_screen(name if name in self._programs else kind, ground_depth)
+        self._context.depth_func = '<'
 
     def draw_truth(self, depth: moderngl.Texture, craters: CraterMap | None) -> None:
         """Draw what is true of the ground into the framebuffer in use.

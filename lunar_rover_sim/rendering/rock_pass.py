@@ -29,6 +29,7 @@ class RockPass:
     """Draws the rocks.
 
     programs: those that compute light or truth, for the constants of the light
+    boxes: (m, 2, 3) least and greatest coordinates of the chosen rocks, world frame [m]
     """
 
     def __init__(self, context: moderngl.Context, rocks: Rocks, shapes: tuple[RockShape, ...],
@@ -52,6 +53,7 @@ class RockPass:
             axis=1).astype(np.float32)
         self._position = np.ascontiguousarray(rocks.position_m.T, np.float32)
         self._diameter = rocks.diameter_m.astype(np.float32)
+        self.boxes: Array = np.zeros((0, 2, 3))
         self._axes = np.stack([octahedron_axes(shape) for shape in shapes]).astype(np.float32)
         # A kind is a shape, fine or coarse; the last kind are octahedra, which stand for all.
         self._tiny = 2 * len(shapes)
@@ -71,6 +73,8 @@ class RockPass:
     def choose(self, volume: ViewVolume, focal_px: float, least_px: float) -> None:
         """Choose what `draw` draws: rocks that are in view and look larger than `least_px`."""
         visible, distance = self._visible(volume, focal_px, least_px)
+        reach, centre = _RADIUS * self._diameter[visible, None], self.rocks.position_m[visible]
+        self.boxes = np.stack([centre - reach, centre + reach], axis=1)
         size = self._diameter[visible] * np.float32(focal_px)
         shape = self.rocks.shape[visible]
         kind_of = np.where(size < _TINY_PX * distance, self._tiny,

@@ -19,7 +19,6 @@ from scipy.sparse.csgraph import connected_components
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
-from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.scene import Uniforms
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
@@ -30,7 +29,7 @@ MAP = 320               # pixels along a side of the silhouette map
 _MARGIN_M = 0.06        # around the rover
 _HIDDEN_M = 0.004       # pieces that protrude from others by less are left out of the shadow
 _NOWHERE_M = 1e6
-_SHADOW_M = 200.0       # beyond, the rover hides less than a tenth of the sun's disc
+_BLUR = 0.02            # of the distance: more than the sun's radius and half a pixel
 _SUB = 4                # fractional bits of outline corners
 
 
@@ -61,14 +60,15 @@ class RoverShadow:
         self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
         self._map: moderngl.Texture | None = None
 
-    def cast(self, T_world_links: Array, sun_axes: Array, volume: ViewVolume) -> Uniforms:
+    def cast(self, T_world_links: Array, sun_axes: Array, *, seen: bool) -> Uniforms:
         """Draw the map of the shadow and bind it; return where it is.
 
-        T_world_links: (links, 4, 4); sun_axes: (3, 3) as `rock_shadow.sun_axes`
+        T_world_links: (links, 4, 4); sun_axes: (3, 3) as `rock_shadow.sun_axes`; seen: whether
+        the shadow may be in view; if not, nothing is drawn
         """
-        right, up, to_sun = sun_axes
+        right, up, _ = sun_axes
         centre = T_world_links[0, :3, 3]
-        if self._may_shade(centre, to_sun, volume):
+        if seen:
             self._upload(self.silhouette(T_world_links, sun_axes))
         else:
             centre = centre + _NOWHERE_M * up
@@ -85,12 +85,29 @@ class RoverShadow:
         self._map = self._context.texture((MAP, MAP), 2, silhouette, dtype='f4')
         self._map.repeat_x = self._map.repeat_y = False
 
-    def _may_shade(self, centre: Array, to_sun: Array, volume: ViewVolume) -> bool:
-        """Return whether any place that the map may shade is in view."""
-        normals = volume.planes[:, :3]
-        reach = normals @ (centre - volume.centre_m) + np.sqrt(2.0) * self._half_m
-        reach += _SHADOW_M * np.maximum(-normals @ to_sun, 0.0)
-        return bool(np.all(reach + volume.planes[:, 3] > 0.0))
+    def may_shade(self, boxes: Array, T_world_links: Array,
+                  sun_axes: Array) -> NDArray[np.bool_]:
+        """Return for (m, 2, 3) boxes whether the shadow may fall on anything in them, (m,).
+
+        boxes: least and greatest coordinates, world frame [m]; the rest as for `cast`
+        """
+        corners = self._seen_corners(T_world_links, sun_axes)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        away = (0.5 * (boxes[:, 0] + boxes[:, 1]) - T_world_links[0, :3, 3]) @ sun_axes.T
+        reach = 0.5 * (boxes[:, 1] - boxes[:, 0]) @ np.abs(sun_axes).T
+        behind = high[2] - (away[:, 2] - reach[:, 2])
+        reach[:, :2] += _MARGIN_M + _BLUR * np.maximum(behind, 0.0)[:, None]
+        beside = np.maximum(low - away, away - high)[:, :2]
+        return (behind >= 0.0) & np.all(beside <= reach[:, :2], axis=1)
+
+    def _seen_corners(self, T_world_links: Array, sun_axes: Array) -> Array:
+        """Return (v, 3) corners of all pieces in axes of the sun, relative to the rover [m]."""
+        offsets = (T_world_links[:, :3, 3] - T_world_links[0, :3, 3]) @ sun_axes.T
+        seen = np.repeat(offsets, self._shares, axis=0)
+        for of, turn in zip(np.split(np.arange(len(seen)), np.cumsum(self._shares)[:-1]),
+                            sun_axes @ T_world_links[:, :3, :3]):
+            seen[of] += self._corners[of] @ turn.T
+        return seen
 
     def silhouette(self, T_world_links: Array, sun_axes: Array) -> F32:
         """Return the (MAP, MAP, 2) silhouette of the rover as the sun sees it.
@@ -98,13 +115,9 @@ class RoverShadow:
         Its two values are the signed distance to the outline, < 0 inside [m], and the position of
         the piece along the sun ray, relative to the rover [m].
         """
-        centre, half = T_world_links[0, :3, 3], self._half_m
+        half = self._half_m
         scale = 0.5 * MAP / half
-        offsets = (T_world_links[:, :3, 3] - centre) @ sun_axes.T
-        seen = np.repeat(offsets, self._shares, axis=0)
-        for of, turn in zip(np.split(np.arange(len(seen)), np.cumsum(self._shares)[:-1]),
-                            sun_axes @ T_world_links[:, :3, :3]):
-            seen[of] += self._corners[of] @ turn.T
+        seen = self._seen_corners(T_world_links, sun_axes)
         flat = (seen[:, :2] * scale + (0.5 * MAP - 0.5)).astype(np.float32) * (1 << _SUB)
         shapes = []
         for first, end in zip(self._starts[:-1], self._starts[1:]):

@@ -91,14 +91,24 @@ class ScenePasses(GlOwner):
             targets.views[side].bind()
             clear_window(targets.ground[side], windows[side])
             if side == request.sides[-1]:   # meanwhile the driver draws the other side
-                scene.shadow = shared.rover_shadow.cast(links, shared.sun_axes, volume)
                 shared.rocks.choose(volume, projection.focal_px, self._config.detail.rock_min_px)
+                shaded = self._cast_shadow(scene, chosen.boxes)
                 if shared.body.is_in_view(links, volume):
                     scene.body = shared.body.light(links, shared.rover_shadow.radius_m,
                                                    shared.sunlight, self._config.sun.irradiance)
-                scene.rows = shared.ground.rows(chosen, projection, cameras[LEFT])
+                scene.rows = shared.ground.rows(chosen, projection, cameras[LEFT], shaded)
             shared.ground.draw_depth(chosen)
         return scene
+
+    def _cast_shadow(self, scene: Scene, boxes: Array) -> Array:
+        """Draw the map of the rover's shadow, if any of it can be in view.
+
+        Return those of the (m, 2, 3) boxes around the chosen ground that it may fall on.
+        """
+        shadow, axes, links = self._shared.rover_shadow, self._shared.sun_axes, scene.T_world_links
+        shaded = shadow.may_shade(np.concatenate([boxes, self._shared.rocks.boxes]), links, axes)
+        scene.shadow = shadow.cast(links, axes, seen=bool(shaded.any()))
+        return boxes[shaded[:len(boxes)]]
 
     def light(self, scene: Scene) -> None:
         """Light the ground, and draw rocks and the rover over it."""
@@ -106,12 +116,13 @@ class ScenePasses(GlOwner):
         self._shared.set_uniforms(**scene.shadow)
         for side in request.sides:
             self._look_from(scene, side)
-            clear_window(self.lit.framebuffer, scene.windows[side])
-            self._shared.ground.draw(self.lit.framebuffer, scene.windows[side], scene.rows,
+            target = targets.lit[side]
+            target.depth_mask = False   # the depth buffer is that of the ground already
+            clear_window(target, scene.windows[side])
+            self._shared.ground.draw(target, scene.windows[side], scene.rows,
                                      targets.ground_depth, lit=request.lit)
-        for side in request.sides:
-            self._look_from(scene, side)
-            self._draw_objects(scene, targets.objects[side], side)
+            target.depth_mask = True
+            self._draw_objects(scene, target, side)
         if request.lit and self._edges is not None:
             self._edges.draw([(targets.views[side], scene.windows[side])
                               for side in request.sides])
