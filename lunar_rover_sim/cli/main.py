@@ -7,16 +7,14 @@ from collections.abc import Collection, Sequence
 import importlib
 import logging
 import re
-import resource
 import sys
 from typing import NamedTuple, NoReturn
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError
+from lunar_rover_sim.files.open_files import check_open_files
 
 logger = logging.getLogger('lunar_rover_sim.cli')
-
-_LEAST_OPEN_FILES = 64
 
 
 class Command(NamedTuple):
@@ -169,7 +167,7 @@ def execute(argv: Sequence[str]) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return the exit status: 0, 1 after an error, 130 after Ctrl-C."""
     try:
-        _check_open_files()
+        check_open_files()
         return execute(sys.argv[1:] if argv is None else argv)
     except LunarRoverSimError as error:
         print(f'lunar_rover_sim: {error}', file=sys.stderr)
@@ -192,14 +190,6 @@ def _in_words(error: OSError | MemoryError) -> str:
         return 'the memory of this machine is not enough'
     reason = error.strerror or ' '.join(str(error).split())
     return f'{error.filename}: {reason}' if error.filename else reason
-
-
-def _check_open_files() -> None:
-    """Raise ConfigError if a process may open so few files that libraries cannot be loaded."""
-    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    if 0 <= limit < _LEAST_OPEN_FILES:
-        raise ConfigError(f'{limit} open files are allowed; at least {_LEAST_OPEN_FILES} are '
-                          f'needed; raise the limit with `ulimit -n {_LEAST_OPEN_FILES}`')
 
 
 if __name__ == '__main__':

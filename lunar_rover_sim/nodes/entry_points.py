@@ -45,8 +45,10 @@ def main() -> int:
     import importlib
 
     from lunar_rover_sim.errors import LunarRoverSimError
+    from lunar_rover_sim.files.open_files import check_open_files
     from lunar_rover_sim.run.ros_installation import discovery_environment, require_ros
     try:
+        check_open_files()
         require_ros()
         for variable, value in discovery_environment().items():
             os.environ.setdefault(variable, value)

@@ -143,3 +143,14 @@ def test_the_clock_monitor_leaves_with_its_input(domain: int) -> None:
     finally:
         monitor.kill()
         monitor.wait()
+
+
+def test_few_open_files_are_named() -> None:
+    """Before a library fails to load."""
+    ended = subprocess.run(
+        ['bash', '-c', 'ulimit -n 16; exec "$@"', 'x', sys.executable, '-m',
+         'lunar_rover_sim.nodes.entry_points', 'physics_node'],
+        capture_output=True, text=True, timeout=30)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith('FATAL 16 open files are allowed; at least 64 are needed')
+    assert len(ended.stderr.splitlines()) == 1
