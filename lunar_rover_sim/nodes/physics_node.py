@@ -54,10 +54,9 @@ class PhysicsNode(node_main.GraphNode):
             topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
         self._requested = RequestedSensors(self, self._simulation, world, rover, config)
-        self._matching = Matching(self, [*self._publisher.publishers,
-                                         *self._requested.publishers, *changes],
-                                  tuple(dict.fromkeys([*config.wait.topics,
-                                                       *config.participants])))
+        self._matching = Matching(
+            self, [*self._publisher.publishers, *self._requested.publishers, *changes],
+            tuple(dict.fromkeys([*config.wait.topics, *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),
                                     self._latch(topics.ROBOT_DESCRIPTION, urdf(rover))]
 
