@@ -36,7 +36,7 @@ class Lens:
 
     @property
     def reach(self) -> float:
-        """Distance up to which light is scattered; direction cosines do not differ by more."""
+        """Distance from the axis of the farthest direction in front of the lens."""
         return 1.0
 
     @property
@@ -53,7 +53,8 @@ class Lens:
     def scatter_peak(self) -> float:
         """Scattered share per steradian at its source, b0 [1/sr].
 
-        All directions within `reach` share what is scattered.
+        All directions in front of the lens share what is scattered of light on its axis. Of light
+        from aside about as much falls on them.
         """
         square = math.radians(self.config.scatter_core_deg)**2
         power = 1.0 - 0.5 * self.config.scatter_exponent
@@ -67,8 +68,10 @@ class Lens:
         """Return the scattered share per steradian b(d) at distances in direction cosines."""
         core = math.radians(self.config.scatter_core_deg)
         d = np.asarray(distance, dtype=float)
-        value = (1.0 + (d / core)**2)**(-0.5 * self.config.scatter_exponent)
-        return np.where(d <= self.reach, self.scatter_peak * value, 0.0)
+        # It has no end: of light from far aside, directions are up to 2 apart.
+        value: Array = self.scatter_peak * (1.0 + (d / core)**2)**(
+            -0.5 * self.config.scatter_exponent)
+        return value
 
     @property
     def corner_rad(self) -> float:

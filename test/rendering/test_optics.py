@@ -84,8 +84,7 @@ def test_scattered_sunlight_has_the_form_of_the_lens(context):
     after = passed(context, config, np.zeros((2, 240, 320)), sun)
     directions = RAYS / np.linalg.norm(RAYS, axis=-1, keepdims=True)
     apart = np.linalg.norm(directions[..., :2] - sun.direction[:2], axis=-1)
-    near = apart < 0.9
-    error = after[0][near] / (E * sun.direction[2] * lens.scatter(apart[near])) - 1.0
+    error = after[0] / (E * sun.direction[2] * lens.scatter(apart)) - 1.0
     assert np.abs(error).max() < 0.06 and np.abs(error).mean() < 0.01
     np.testing.assert_allclose(after[0], after[1], rtol=1e-4)
 
@@ -118,7 +117,17 @@ def test_all_directions_share_what_is_scattered(exponent):
     total = np.trapezoid(2.0 * np.pi * d * lens.scatter(d), d) if hasattr(np, 'trapezoid') \
         else np.trapz(2.0 * np.pi * d * lens.scatter(d), d)
     assert total == pytest.approx(lens.config.scatter_share, rel=1e-3)
-    assert lens.scatter(1.01) == 0.0
+
+
+def test_scattered_sunlight_ends_nowhere_in_the_image(context):
+    """The sun stands beyond the edge, 0.4 to 1.4 from the directions of a row of dark sky."""
+    sun = sun_at(-200.0, 100.0)
+    config = LensConfig(hood_deg=60.0, veil_share=0.0)
+    after = passed(context, config, np.zeros((2, 240, 320)), sun)[0]
+    directions = RAYS / np.linalg.norm(RAYS, axis=-1, keepdims=True)
+    apart = np.linalg.norm(directions[..., :2] - sun.direction[:2], axis=-1)
+    assert apart[100, 0] < 0.7 and apart[100, -1] > 1.2
+    assert np.all(np.diff(np.log(after[100])) < 0.0) and np.diff(np.log(after[100])).min() > -0.02
 
 
 def test_the_default_lens_is_the_measured_one():
