@@ -111,8 +111,7 @@ class LidarNode(node_main.GraphNode):
                 self._drops.add('Scans', newest - self._next)
                 self._next = newest
             start = self._next * period_ns
-            read = {name for name, publisher in self._outputs.items()
-                    if publisher.get_subscription_count()}
+            read = self._read_topics()
             if read:
                 self._publish(start, read)
                 self._rate.tick()
@@ -121,6 +120,10 @@ class LidarNode(node_main.GraphNode):
             self._next += 1
             while len(self._states) > 1 and self._states[1][0] <= self._next * period_ns:
                 self._states.popleft()
+
+    def _read_topics(self) -> set[str]:
+        return {name for name, publisher in self._outputs.items()
+                if publisher.get_subscription_count()}
 
     def _is_due(self) -> bool:
         """Return whether all that the next scan needs has come."""
@@ -168,7 +171,9 @@ class LidarNode(node_main.GraphNode):
 
     def _scan_rate_status(self) -> Status:
         fed, self._is_fed = self._is_fed, False
-        return self._rate.status('' if fed else 'No new odometry')
+        if not fed:
+            return self._rate.status('No new odometry')
+        return self._rate.status('' if self._read_topics() else 'Nobody reads scans')
 
 
 def main(args: list[str] | None = None) -> int:
