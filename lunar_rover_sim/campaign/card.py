@@ -80,12 +80,18 @@ def write_card(dataset: Path) -> dict[str, Any]:
         described = {CARD_FILE: json_text(card).encode(),
                      EPISODE_TABLE: episode_table(card).encode()}
         files = {**described, README_FILE: markdown(card).encode(),
-                 CROISSANT_FILE: json_text(croissant(card, described, _kept(card))).encode()}
+                 CROISSANT_FILE: json_text(croissant(
+                     card, _description(card), described, _kept(card))).encode()}
     except ValueError as error:     # NaN is no JSON
         raise CampaignError(f'{dataset / CARD_FILE}: cannot be written: {error}') from None
     for name, content in files.items():
         atomic_write(dataset / name, content, CampaignError)
     return card
+
+
+def _description(card: dict[str, Any]) -> str:
+    return str(card['description']
+               or 'Simulated stereo, depth and inertial data of a rover on the Moon.')
 
 
 def _kept(card: dict[str, Any]) -> dict[str, str]:
@@ -110,8 +116,7 @@ def _summary(name: str, episodes: Sequence[dict[str, Any]]) -> dict[str, float] 
 def markdown(card: dict[str, Any]) -> str:
     """Return the data card as Markdown, with the head that Hugging Face's hub reads."""
     campaign = card['campaign']
-    lines = [f'# {card["name"]}', '', card['description'] or 'Simulated stereo, depth and inertial'
-             ' data of a rover on the Moon.', '',
+    lines = [f'# {card["name"]}', '', _description(card), '',
              f'- licence: {card["license"]}',
              f'- made with lunar_rover_sim {card["version"]} from the scenario '
              f'`{campaign.get("base")}`, design {campaign.get("design")}, seed '

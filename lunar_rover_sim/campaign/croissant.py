@@ -37,7 +37,7 @@ _CONTEXT: dict[str, Any] = {
 }
 
 
-def croissant(card: Mapping[str, Any], contents: Mapping[str, bytes],
+def croissant(card: Mapping[str, Any], description: str, contents: Mapping[str, bytes],
               kept: Mapping[str, str]) -> dict[str, Any]:
     """Return the description of a data set as JSON-LD.
 
@@ -47,8 +47,7 @@ def croissant(card: Mapping[str, Any], contents: Mapping[str, bytes],
     return {
         '@context': _CONTEXT, '@type': 'sc:Dataset', 'conformsTo': _CONFORMS_TO,
         'name': str(card['name']),
-        'description': card['description'] or 'Simulated stereo, depth and inertial data of a '
-                                              'rover on the Moon.',
+        'description': description,
         'license': f'https://spdx.org/licenses/{card["license"]}.html',
         'version': '1.0.0',
         'distribution': [_file(CARD_FILE, 'application/json', contents),

@@ -6,6 +6,7 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.inspection.message_checks import count_problem
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import RoverData
 
@@ -24,15 +25,7 @@ def scans(rover: RoverData, report: Report) -> None:
     period = round(NS_PER_S / rate_hz)
     expected = np.arange(period, rover.end_ns - period + 1, period)
     may_miss = rover.real_time or 'lidar_node' in (rover.scenario.get('run', 'may_fail') or [])
-    problems = []
-    for topic in found:
-        have = np.array(topic.stamps_ns)
-        missing, extra = np.setdiff1d(expected, have), np.setdiff1d(have, expected)
-        if len(missing):
-            problems.append(f'{topic.name}: {len(missing)} of {len(expected)} missing, first at '
-                            f'{missing[0] / NS_PER_S:.3f} s')
-        if len(extra):
-            problems.append(f'{topic.name}: {len(extra)} off the grid, first at '
-                            f'{extra[0] / NS_PER_S:.6f} s')
+    problems = [f'{topic.name}: {problem}' for topic in found
+                if (problem := count_problem(topic, expected))]
     report.verdict('scans', problems, f'{len(found)} topics x {len(expected)} at {rate_hz:g} Hz',
                    Status.WARN if may_miss else Status.FAIL)

@@ -46,11 +46,15 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
 
 @dataclasses.dataclass
 class TopicScan:
-    """One topic of the contract as recorded; `stamps_ns` in the order of bag time."""
+    """One topic of the contract as recorded; `stamps_ns` in the order of bag time.
+
+    checks: each returns what is wrong with a message, or ''
+    """
 
     topic: Topic
     name: str
     msgtype: str
+    checks: tuple[Callable[[Any], str], ...] = ()
     stamps_ns: list[int] = dataclasses.field(default_factory=list)
     late: int = 0  # messages whose bag time is not their stamp
     frame_ids: set[str] = dataclasses.field(default_factory=set)
@@ -105,8 +109,8 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
     for known in (*topics.CONTRACT, *(topic for topic in hazards if topic is not None)):
         for name in (f'{namespace}/{known.name}', f'/{known.name}'):
             if name in bag.types:
-                by_topic[name] = result.topics[known.name] = TopicScan(known, name,
-                                                                       bag.types[name])
+                by_topic[name] = result.topics[known.name] = TopicScan(
+                    known, name, bag.types[name], _CONTENT.get(_like(known), ()))
                 break
     if topics.TRUE_ODOM.name in result.topics and topics.ODOM.name in result.topics:
         # That of an estimator, at a rate and in frames of its own.
@@ -134,10 +138,11 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
     return result
 
 
-def _like(name: str) -> str:
-    """Return the topic whose contents one is like."""
-    hazard = topics.of_hazard(name)
-    return topics.LEFT_IMAGE.name if hazard and hazard.type == topics.LEFT_IMAGE.type else name
+def _like(topic: Topic) -> str:
+    """Return the name of the topic whose contents one is like."""
+    is_hazard_image = (topics.of_hazard(topic.name) is not None
+                       and topic.type == topics.LEFT_IMAGE.type)
+    return topics.LEFT_IMAGE.name if is_hazard_image else topic.name
 
 
 def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validity.FiniteCheck,
@@ -149,8 +154,7 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validit
         topic.frame_ids.add(header.frame_id)
     problem = ''
     if message.__msgtype__ == topic.topic.type:
-        problem = next((found for check in _CONTENT.get(_like(name), ())
-                        if (found := check(message))), '')
+        problem = next((found for check in topic.checks if (found := check(message))), '')
     if not problem:
         problem = finite.problem(topic.msgtype, message)
     if problem:

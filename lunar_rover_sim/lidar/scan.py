@@ -54,10 +54,9 @@ class Scan:
     @property
     def deskewed_m(self) -> NDArray[np.float32]:
         """(n, 3) the same in the frame of the sensor at the start of the scan."""
-        column, pattern = self.pattern.column, self.pattern
+        pattern = self.pattern
         local = self.points_m.astype(float).reshape(pattern.columns, pattern.rings, 3)
         moved = local @ self.R_start_column.transpose(0, 2, 1) + self.p_start_column[:, None]
-        assert len(column) == moved.shape[0] * moved.shape[1]
         return moved.reshape(-1, 3).astype(np.float32)
 
     def cloud(self, organized: bool = False, deskewed: bool = False) -> NDArray[np.void]:

@@ -9,22 +9,21 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import LaserScan, PointCloud2
-from std_msgs.msg import Header, String
+from std_msgs.msg import Header
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.lidar.lidar import Lidar
 from lunar_rover_sim.lidar.motion import Motion
 from lunar_rover_sim.nodes import conversions, lidar_conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.matching import Matching
+from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import LidarNodeConfig
-from lunar_rover_sim.world.world_folder import load_world
 
 _CLOUDS = (topics.LIDAR_POINTS, topics.LIDAR_DESKEWED)
 
@@ -40,11 +39,7 @@ class LidarNode(node_main.GraphNode):
     def __init__(self) -> None:
         super().__init__('lidar_node')
         self._config = config = declare(self, LidarNodeConfig)
-        if not config.world:
-            raise ConfigError("world: '' is not valid; valid is a folder made by "
-                              '`lunar_rover_sim world build`')
-        world = load_world(config.world)
-        self._world_hash = world.hash
+        world = load_own_world(config.world)
         self._lidar = Lidar(world, load_rover(config.rover or None), config, config.seed)
         self._ring = self._lidar.pattern.ring_at(config.horizontal_beam)
         # States from the start of the next scan on, and that scan; None before the first state.
@@ -65,8 +60,7 @@ class LidarNode(node_main.GraphNode):
                                               qos.offered(topics.LIDAR_SCANNED))
         self._readers = Matching(self, [*self._outputs.values(), self._scanned],
                                  config.participants if config.lockstep else ())
-        self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
-                                 qos.requested(topics.WORLD_HASH, config.lockstep))
+        refuse_other_worlds(self, config.world, world, config.lockstep)
         # A long queue also in real time: states may come while a scan is made.
         self.create_subscription(Odometry, config.truth.name, self._odom_callback,
                                  qos.requested(topics.ODOM, lockstep=True), raw=True)
@@ -75,11 +69,6 @@ class LidarNode(node_main.GraphNode):
                           f'world {world.hash[:12]}', (config.truth.name,))
 
     # Input
-
-    def _world_hash_callback(self, msg: String) -> None:
-        if msg.data != self._world_hash:
-            raise GraphError(f'world {self._config.world}: hash {self._world_hash[:12]} is not '
-                             f'that of the physics, {msg.data[:12]}; give both nodes one world')
 
     def _odom_callback(self, raw: bytes) -> None:
         stamp = stamp_ns(topics.ODOM.type, raw)

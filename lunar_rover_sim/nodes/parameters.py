@@ -41,7 +41,7 @@ def declare(node: Node, cls: type[C]) -> C:
     names = [name for name, *_ in defaults.flatten()]
     # Those that users name themselves; `from_mapping` checks the rest of their names.
     named = tuple({name.partition(f'{NAME}.')[0] for name, *_ in defaults.flatten(documented=True)
-                   if f'.{NAME}.' in name}) or ('\0',)
+                   if f'.{NAME}.' in name})
     shared = {name for name, *_ in NodeConfig().flatten()}
     for name in overrides:
         if name not in names and name not in shared and not name.startswith(named):

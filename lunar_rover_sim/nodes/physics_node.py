@@ -8,12 +8,12 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
 from lunar_rover_sim.nodes.ground_publisher import GroundPublisher
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.matching import Matching
+from lunar_rover_sim.nodes.own_world import load_own_world
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
@@ -26,7 +26,6 @@ from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
-from lunar_rover_sim.world.world_folder import load_world
 
 # Services are called in between.
 _MAX_STATES_PER_CALLBACK = 20
@@ -38,10 +37,7 @@ class PhysicsNode(node_main.GraphNode):
     def __init__(self) -> None:
         super().__init__('physics_node')
         self._config = config = declare(self, PhysicsNodeConfig)
-        if not config.world:
-            raise ConfigError("world: '' is not valid; valid is a folder made by "
-                              '`lunar_rover_sim world build`')
-        world = load_world(config.world)
+        world = load_own_world(config.world)
         rover = load_rover(config.rover or None)
         self._simulation = Simulation(world, rover, config)
         self._steps = config.state_period_ns // config.step_ns

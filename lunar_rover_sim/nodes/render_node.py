@@ -10,11 +10,9 @@ from typing import Any, NamedTuple
 from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
@@ -23,6 +21,7 @@ from lunar_rover_sim.nodes.further_cameras import FurtherCameras
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.label_publisher import LabelPublisher
 from lunar_rover_sim.nodes.matching import Matching
+from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rendering.frame import unknown_flows
@@ -31,7 +30,6 @@ from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.world.site import reported_site
-from lunar_rover_sim.world.world_folder import load_world
 
 # A state between two periods that stays alone for so long is drawn all the same [wall time].
 _SINGLE_S = 0.3
@@ -72,11 +70,7 @@ class RenderNode(node_main.GraphNode):
     def __init__(self) -> None:
         super().__init__('render_node')
         config = declare(self, RenderNodeConfig)
-        if not config.world:
-            raise ConfigError("world: '' is not valid; valid is a folder made by "
-                              '`lunar_rover_sim world build`')
-        world = load_world(config.world)
-        self._world_hash = world.hash
+        world = load_own_world(config.world)
         # A run has done so already. A node that is started alone does it here.
         self._config = config = dataclasses.replace(
             config, sun=sun_of_date(config.sun, reported_site(world.report)))
@@ -105,8 +99,7 @@ class RenderNode(node_main.GraphNode):
                                  config.participants if config.lockstep else ())
         self._publish_sun()
         LabelPublisher(self, self._renderer.rocks, world.craters, world.hash)
-        self.create_subscription(String, topics.WORLD_HASH.name, self._world_hash_callback,
-                                 qos.requested(topics.WORLD_HASH, config.lockstep))
+        refuse_other_worlds(self, config.world, world, config.lockstep)
         # Long queues also in real time: the state of a period may come while a frame is drawn.
         self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
                                  qos.requested(topics.JOINT_STATES, lockstep=True), raw=True)
@@ -135,11 +128,6 @@ class RenderNode(node_main.GraphNode):
         self._sun.publish(msg)
 
     # Input
-
-    def _world_hash_callback(self, msg: String) -> None:
-        if msg.data != self._world_hash:
-            raise GraphError(f'world {self._config.world}: hash {self._world_hash[:12]} is not '
-                             f'that of the physics, {msg.data[:12]}; give both nodes one world')
 
     def _joints_callback(self, raw: bytes) -> None:
         stamp = stamp_ns(topics.JOINT_STATES.type, raw)

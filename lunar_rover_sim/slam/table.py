@@ -69,9 +69,9 @@ def is_success(cell: Cell) -> bool:
 
 def _what_went_wrong(cell: Cell) -> str:
     result = cell.result
-    if result is None or is_success(cell):
-        return '' if result is None else result.reason
-    if cell.failed:
+    if result is None:
+        return ''
+    if cell.failed or is_success(cell):
         return result.reason
     share = f'tracked {100.0 * result.tracked_share:.0f} % of the frames'
     error = f', ATE of these {result.ate_m:.4f} m' if np.isfinite(result.ate_m) else ''

@@ -174,7 +174,7 @@ def test_a_users_own_participant_is_awaited_too() -> None:
 
 
 def test_the_gait_controller_names_a_silent_controller_before_physics_names_it() -> None:
-    """Whoever it waits for, drive_node or a user's own program, from the first answer on."""
+    """The limits hold for drive_node and for a user's program, before its first answer too."""
     own = ('run.nodes=[physics_node, gait_controller_node]',
            'gait_controller_node.wait.topics=[cmd_vel]', 'gait_controller_node.wait.lags_s=[0.05]')
     for overrides in (own, ()):

@@ -1,0 +1,34 @@
+"""The world folder that a node is given, and that it is the world of the physics."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.world_folder import load_world
+
+
+def load_own_world(folder: str) -> World:
+    """Return the world of a node's parameter `world`; raise ConfigError where it is empty."""
+    if not folder:
+        raise ConfigError("world: '' is not valid; valid is a folder made by "
+                          '`lunar_rover_sim world build`')
+    return load_world(folder)
+
+
+def refuse_other_worlds(node: Node, folder: str, world: World, lockstep: bool) -> None:
+    """Subscribe to the hash of the physics' world; another one than ours raises GraphError.
+
+    folder: of our world, for the message
+    """
+    def callback(msg: String) -> None:
+        if msg.data != world.hash:
+            raise GraphError(f'world {folder}: hash {world.hash[:12]} is not '
+                             f'that of the physics, {msg.data[:12]}; give both nodes one world')
+
+    node.create_subscription(String, topics.WORLD_HASH.name, callback,
+                             qos.requested(topics.WORLD_HASH, lockstep))
