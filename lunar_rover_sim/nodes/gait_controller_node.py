@@ -76,6 +76,9 @@ class GaitControllerNode(node_main.GraphNode):
             self._velocities.clear()
             self._listener.restart()
             self._controller.reset()
+        if not self._states:
+            # Nobody had to answer before. At the start that may have been minutes.
+            self._listener.note_progress()
         self._states.append(msg)
         self._answer_while_open()
 
