@@ -3,31 +3,45 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import math
+import pkgutil
 
 import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
-from lunar_rover_sim.physics.config import ContactConfig, ImuConfig, PhysicsConfig, StartPose
-from lunar_rover_sim.regolith.config import GroundConfig
+from lunar_rover_sim.illumination.config import LampConfig, SunConfig
+from lunar_rover_sim.parameters import Parameters
+from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
-from lunar_rover_sim.world.config import (AlbedoConfig, CraterConfig, DemConfig, MeshConfig,
-                                          ReliefConfig, RockConfig, SurroundingsConfig,
-                                          WorldConfig)
+from lunar_rover_sim.world.config import CraterConfig, MeshConfig, ReliefConfig, RockConfig
 
-SETS = [AlbedoConfig, CameraConfig, ContactConfig, CraterConfig, DemConfig, GaitConfig,
-        GroundConfig, ImuConfig, LampConfig, MeshConfig, PhysicsConfig, ReflectanceConfig,
-        ReliefConfig, RockConfig, SensorConfig, SgmConfig, StartPose, SunConfig,
-        SurroundingsConfig, WorldConfig]
+ROOMS = ('world', 'physics', 'regolith', 'gait', 'illumination', 'camera', 'stereo', 'lidar',
+         'rover', 'path_following', 'bag', 'rendering')
+
+
+def parameter_sets():
+    """Return every parameter set of the rooms that can be made without an argument."""
+    found = []
+    for room in ROOMS:
+        package = importlib.import_module(f'lunar_rover_sim.{room}')
+        for info in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):
+            module = importlib.import_module(info.name)
+            found += [kind for kind in vars(module).values() if isinstance(kind, type)
+                      and issubclass(kind, Parameters) and kind.__module__ == module.__name__]
+    return found
+
+
+SETS = parameter_sets()
 
 # Units of what cannot be negative; places and coordinates are named otherwise.
 MAGNITUDES = {'m', 's', 'Hz', 'Hz/s', '1/s', '1/m', 'N/m', 'N s/m', 'W', 'W/m^2', '1/J', 'e-',
               'e-/s', '%', 'of 255', 'px'}
-PLACES = {'x_m', 'y_m', 'position_m', 'center', 'height_scale', 'min_disparity'}
+PLACES = {'x_m', 'y_m', 'position_m', 'aim_m', 'axle_z_m', 'center', 'height_scale',
+          'min_disparity'}
 
 
 def parameters():
@@ -119,6 +133,47 @@ def test_beyond_what_geometry_allows_nothing_is_valid(kind, name, least, most):
 def test_what_somebody_may_ask_for_is_valid(kind, name, values):
     for value in values:
         assert getattr(kind(**{name: value}), name) == value
+
+
+def ends(kind, name):
+    """Return least and greatest valid value."""
+    info = next(field.metadata['info'] for field in dataclasses.fields(kind) if field.name == name)
+    return info.low, info.high
+
+
+def names(*words):
+    """Return all parameters whose name holds one of the words, also those that are lists."""
+    return [pytest.param(kind, field.name, id=f'{kind.__name__}.{field.name}')
+            for kind in SETS for field in dataclasses.fields(kind)
+            if 'info' in field.metadata and any(word in field.name for word in words)]
+
+
+@pytest.mark.parametrize('kind,name', [
+    parameter for parameter in names('azimuth', 'yaw_deg', 'lon_deg', 'rpy', 'north_deg')
+    if ends(*parameter.values) != (None, None)])
+def test_a_direction_may_be_given_as_a_whole_turn_either_way(kind, name):
+    """-180 to 180 and 0 to 360 are both in use."""
+    assert ends(kind, name) == (-360.0, 360.0)
+
+
+@pytest.mark.parametrize('kind,name', names('distortion', 'scale_error', 'misalignment',
+                                            'position_m', 'lat_deg', 'pitch_deg'))
+def test_what_may_go_either_way_may_go_as_far(kind, name):
+    low, high = ends(kind, name)
+    assert low == high is None or low == -high < 0.0
+
+
+@pytest.mark.parametrize('kind,name', names('elevation_deg', 'lat_deg', 'pitch_deg', 'hood_deg'))
+def test_nothing_is_higher_than_the_zenith(kind, name):
+    low, high = ends(kind, name)
+    assert -90.0 <= low < high <= 90.0 and high > 88.0
+
+
+@pytest.mark.parametrize('kind,name', chosen(
+    lambda name, info: info.doc.startswith(('standard deviation', 'RMS', 'error ', 'white noise',
+                                            'random walk', 'step of', 'relative error'))))
+def test_an_error_or_a_variation_may_be_nothing(kind, name):
+    assert getattr(kind(**{name: 0.0}), name) == 0.0
 
 
 def test_defaults_that_are_known_from_nature():

@@ -78,6 +78,48 @@ def test_above_the_ground() -> None:
     assert T[:3, 2] == pytest.approx(ahead / np.linalg.norm(ahead))
 
 
+@pytest.mark.parametrize(('offset_m', 'lifted'), [
+    ((0.0, 0.0), True), ((0.39, 0.0), True), ((0.41, 0.0), False), ((0.0, -0.39), True),
+    ((0.0, -0.41), False)])
+def test_beside_and_above_rocks(offset_m: tuple[float, float], lifted: bool) -> None:
+    """A camera nearer than 15 cm to the side of a rock is 15 cm or more above its top."""
+    rock = (2.0 + offset_m[0], offset_m[1], 0.1)
+    world = scene.plane(stones=scene.rocks([rock], 0.5))
+    config = ChaseConfig(reference='east', azimuth_deg=0.0, elevation_deg=0.0, distance_m=2.0,
+                         aim_m=0.0)
+    mount = ChaseMount(config, 0.0, world)
+    mount.follow(pose_at(0.0, 0.0, z_m=0.2))
+    # Its centre at 0.1 m, its radius 0.25 m.
+    assert mount.T_world_camera[2, 3] == pytest.approx(0.5 if lifted else 0.2)
+
+
+def test_it_sinks_back_slowly_behind_a_hill() -> None:
+    """After a rock it comes down with the time constant of the following."""
+    mount = ChaseMount(ChaseConfig(reference='east', azimuth_deg=0.0, elevation_deg=-20.0,
+                                   distance_m=1.0, aim_m=0.0, smoothing_s=2.0), 0.0, scene.plane())
+    mount.follow(pose_at(0.0, 0.0, z_m=0.1))
+    wanted = 0.1 - np.sin(np.radians(20.0))
+    assert mount.T_world_camera[2, 3] == pytest.approx(0.15)
+    raised = 0.15 - wanted
+    # The rover rises by 0.4 m within the way that is followed: less is lacking.
+    mount.follow(pose_at(0.0, 0.0, z_m=0.5), 10**9)
+    share = 1.0 - np.exp(-0.5)
+    followed = wanted + share * 0.4
+    lack = max(0.15 - followed, 0.0)
+    assert mount.T_world_camera[2, 3] == pytest.approx(followed + raised + share * (lack - raised))
+
+
+def test_what_is_placed_anew() -> None:
+    """Farther than half a metre and 5 m/s, or back in time: there at once; else with the lag."""
+    for x_m, stamp_ns, at_once in ((1.45, 1_200_000_000, False), (1.55, 1_200_000_000, True),
+                                   (0.1, 900_000_000, True), (0.1, 1_100_000_000, False)):
+        mount = ChaseMount(ChaseConfig(), 60.0, scene.plane())
+        mount.follow(pose_at(0.0, 0.0), 10**9)
+        first = mount.T_world_camera[0, 3]
+        mount.follow(pose_at(x_m, 0.0), stamp_ns)
+        assert (mount.T_world_camera[0, 3] - first == pytest.approx(x_m)) == at_once
+
+
 def test_tripod() -> None:
     """It stands where it was put, and turns after the rover."""
     mount = ChaseMount(ChaseConfig(mode='tripod', position_m=(2.0, 1.0, 0.7), smoothing_s=0.0),

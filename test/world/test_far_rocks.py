@@ -121,3 +121,66 @@ def test_rays_are_narrow_and_reach_beyond_the_rim():
     before = field.copy()
     ejecta.add_rays(field, 0.5, old, 1.0)
     assert np.array_equal(field, before)
+
+
+def one_crater(diameter_m=20.0, age=0.0, x_m=3.0, y_m=-2.0):
+    return Craters(np.array([[x_m, y_m]]), np.array([diameter_m]), np.array([age]),
+                   np.zeros(1, np.int32))
+
+
+def rays_of(crater, cell_m=0.5, amount=1.0):
+    """Return the rays on 401 x 401 samples, and the distance of each from the crater in radii."""
+    field = np.zeros((401, 401))
+    ejecta.add_rays(field, cell_m, crater, amount)
+    axis = (np.arange(401) - 200) * cell_m
+    x, y = crater.position_m[0]
+    return field, np.hypot(axis - x, axis[:, None] - y) / (0.5 * crater.diameter_m[0])
+
+
+def test_rays_begin_within_the_rim_and_end_at_six_radii():
+    """They rise from 0.8 to 1.2 radii, fall to 1 / e within 1.4 to 3 more, and fade at the end."""
+    field, rho = rays_of(one_crater())
+    assert np.all(field[rho < 0.8] == 0.0) and np.all(field[rho >= 6.0] == 0.0)
+    assert field[(rho > 5.0) & (rho < 6.0)].max() > 0.0
+    peak = [field[(rho > r - 0.05) & (rho < r + 0.05)].max() for r in (1.0, 1.2, 1.8, 2.8, 3.8)]
+    # A rise of 1 a radius from 0.8 to 1.8, and an exponential fall from 1.2 on.
+    fall = 1.0 / np.log(peak[3] / peak[4])
+    assert 1.4 <= fall <= 3.0
+    strength = peak[3] * np.exp(1.6 / fall)
+    np.testing.assert_allclose(
+        peak[:3], strength * np.array([0.2, 0.4, np.exp(-0.6 / fall)]), rtol=0.3)
+    assert strength > 0.9       # rays may lie over one another
+
+
+def test_rays_fade_with_age_and_are_of_large_craters_alone():
+    fresh, _ = rays_of(one_crater())
+    np.testing.assert_allclose(rays_of(one_crater(age=0.1))[0], 0.6 * fresh, atol=1e-6)
+    np.testing.assert_allclose(rays_of(one_crater(), amount=0.3)[0], 0.3 * fresh, atol=1e-6)
+    assert not rays_of(one_crater(age=0.25))[0].any()
+    assert not rays_of(one_crater(diameter_m=3.0), 0.1)[0].any()
+    assert rays_of(one_crater(diameter_m=3.1), 0.1)[0].any()
+    assert not rays_of(one_crater(x_m=200.0))[0].any()      # out of the field
+
+
+def test_rays_of_a_crater_are_the_same_on_every_grid():
+    fine, coarse = rays_of(one_crater(), 0.5)[0], rays_of(one_crater(), 1.0)[0]
+    inner = slice(100, 301)
+    np.testing.assert_allclose(coarse[inner, inner], fine[::2, ::2], atol=2e-3)
+
+
+def test_rays_are_five_to_nine_and_a_few_degrees_wide():
+    counts, shares = [], []
+    for k in range(20):
+        crater = one_crater(x_m=0.01 * k, y_m=0.02 * k)
+        field, _ = rays_of(crater)
+        angle = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+        column = (0.01 * k + 18.0 * np.cos(angle)) / 0.5 + 200
+        row = (0.02 * k + 18.0 * np.sin(angle)) / 0.5 + 200
+        ring = field[np.rint(row).astype(int), np.rint(column).astype(int)]
+        high = ring > 0.5 * ring.max()
+        counts.append(np.count_nonzero(high & ~np.roll(high, 1)))
+        shares.append(ring.sum() / ring.max() / 720)
+    # Some rays lie over one another, and stand out so that the others do not reach half.
+    assert 2 <= np.median(counts) <= 7 and max(counts) <= 9
+    # 7 rays of sqrt(2 pi) times 0.095 rad are a quarter of the circle.
+    assert 0.1 < np.mean(shares) < 0.35
