@@ -122,7 +122,8 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
         retry: bool = False, recorder: Callable[..., Recording] = record) -> list[Cell]:
     """Do what is missing, and return all cells with their results.
 
-    step: called with the cell and what is being done, at last with `done` or `kept`
+    step: called with the cell and what is being done, and how far that is, at last with `done` or
+        `kept`
     retry: do failed cells again
     recorder: records a drive; takes the arguments of `run.recording.record`
 
@@ -155,14 +156,16 @@ def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step
             raise SlamError(failed_drives[cell.drive])
         step(cell, 'recording')
         try:
-            bag = _record(cell.drive, folder / 'recordings', recorder)
+            bag = _record(cell.drive, folder / 'recordings', recorder, lambda now_ns: step(
+                cell, f'recording, {now_ns / 1e9:.0f} of {cell.drive.duration_s:g} s'))
         except LunarRoverSimError as error:
             failed_drives[cell.drive] = str(error)
             raise
         work = cell_folder(folder, cell)
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
-        result = run_on_bag(bag, cell.estimator, work, step=lambda text, _total: step(cell, text))
+        counter = _Counter(lambda text: step(cell, text))
+        result = run_on_bag(bag, cell.estimator, work, step=counter.begin, advance=counter.advance)
         finished = dataclasses.replace(cell, result=result)
     except LunarRoverSimError as error:
         finished = dataclasses.replace(cell, result=SlamResult(system, sensor, str(error)),
@@ -176,11 +179,31 @@ def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step
     return finished
 
 
-def _record(drive: Drive, recordings: Path, recorder: Callable[..., Recording]) -> Path:
+class _Counter:
+    """Tells how many parts of a piece of work are done, about a hundred times in each."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+        self._text, self._total, self._count = '', 0, 0
+
+    def begin(self, text: str, total: int | None) -> None:
+        """Tell that work of so many parts begins; None where nobody knows."""
+        self._text, self._total, self._count = text, total or 0, 0
+        self._tell(text)
+
+    def advance(self) -> None:
+        """Count a part that is done."""
+        self._count += 1
+        if self._total and self._count % max(1, self._total // 100) == 0:
+            self._tell(f'{self._text}, {self._count} of {self._total}')
+
+
+def _record(drive: Drive, recordings: Path, recorder: Callable[..., Recording],
+            progress: Callable[[int], None]) -> Path:
     """Return the bag of a drive, recorded now unless it is there."""
     folder = record_once(
         drive.load_scenario(), recordings / drive.name, recorder=recorder,
-        timeout_s=_START_S + _SLOWEST * drive.duration_s,
+        timeout_s=_START_S + _SLOWEST * drive.duration_s, on_progress=progress,
         finish=lambda partial, _: _write(partial / 'drive.json', dataclasses.asdict(drive)))
     return folder / BAG_FOLDER
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import csv
 import functools
 import io
@@ -58,13 +59,15 @@ class Recorder:
         self.drives: list[str] = []
         self.broken: dict[str, BaseException] = {}
 
-    def __call__(self, scenario: Scenario, folder: Path, timeout_s: float) -> Recording:
+    def __call__(self, scenario: Scenario, folder: Path, timeout_s: float,
+                 on_progress: Callable[[int], None]) -> Recording:
         name = f'{scenario.name}-seed{scenario.shared.seed}'
         self.drives.append(name)
         folder.mkdir()
         if name in self.broken:
             (folder / 'half').write_text('written')
             raise self.broken[name]
+        on_progress(1_500_000_000)
         shutil.copytree(self.bag, folder / 'bag')
         (folder / 'scenario.yaml').write_text(scenario.to_yaml())
         return Recording(folder, folder / 'bag', scenario, {}, 2.0, 1.0, {}, False)
@@ -107,6 +110,23 @@ def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
     assert mono < 1e-6 < stereo   # Sim(3) takes the scale out, SE(3) does not
     with pytest.raises(SlamError, match='other settings'):
         benchmark.run(plan(['baseline'], fake, 1, 3.0), folder, recorder=recorder)
+
+
+def test_steps_tell_how_far_they_are(tmp_path, bag) -> None:
+    """Simulated time of a recording, messages of an export, frames of the built-in odometry."""
+    cells = plan(['baseline'], [Estimator('reference', 'mono')], 1, 2.0)
+    steps: list[str] = []
+    done = benchmark.run(cells, tmp_path / 'out', lambda _cell, text: steps.append(text),
+                         recorder=Recorder(bag))
+    assert done[0].result is not None
+    frames = done[0].result.frames
+    assert frames > 5
+    assert steps[:3] == ['recording', 'recording, 2 of 2 s', 'exporting']
+    first = steps.index('estimating')
+    assert steps[3] == 'exporting, 2 of 216' and 50 < first < 150
+    assert steps[first + 1:first + 1 + frames] == [
+        f'estimating, {n} of {frames}' for n in range(1, frames + 1)]
+    assert steps[-2:] == ['evaluating', 'done']
 
 
 def test_failures_keep_their_reason_and_others_go_on(tmp_path, bag, fake) -> None:
