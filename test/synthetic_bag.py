@@ -136,7 +136,7 @@ class Scene:
 def image(ns: int, frame: str, encoding: str, pixels: np.ndarray) -> Any:
     return msg('sensor_msgs/Image', header=header(ns, frame), height=pixels.shape[0],
                width=pixels.shape[1], encoding=encoding, is_bigendian=0,
-               step=pixels.shape[1] * pixels.itemsize,
+               step=pixels[0].nbytes,
                data=np.frombuffer(pixels.tobytes(), np.uint8))
 
 

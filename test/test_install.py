@@ -191,7 +191,7 @@ print(json.dumps([
     module, config, campaigns, has_shader = json.loads(finished.stdout)
     assert Path(module).is_relative_to(prefix)
     assert Path(config).is_relative_to(prefix)
-    assert campaigns == ['polar_suns']
+    assert campaigns == ['polar_suns', 'rocks']
     assert has_shader
 
 

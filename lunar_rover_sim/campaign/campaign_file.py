@@ -20,6 +20,7 @@ from lunar_rover_sim.sequences.formats import FORMATS
 MAX_CAMPAIGN_BYTES = 1 << 18
 MAX_EPISODES = 100_000
 MAX_VARIED = 200
+BASE = 'base'       # may vary, too
 ELEVATION, DATE = 'render_node.sun.elevation_deg', 'render_node.sun.date'
 # A low sun is what makes the poles of the Moon difficult: the default of a campaign.
 DEFAULT_ELEVATION = Distribution('uniform', (0.0, 15.0))
@@ -34,7 +35,7 @@ class CampaignConfig(Parameters):
     description: str = param('', 'what the data set is for, in a sentence or two')
     license: str = param('CC-BY-4.0', 'licence of the recordings, as SPDX names it')
     base: str = param('baseline', 'scenario that everything starts from: a packaged name, or a '
-                      'file beside the campaign file')
+                      'file beside the campaign file; `vary` may name several')
     episodes: int = param(0, 'number of episodes; a grid has as many as its levels make',
                           low=0, high=MAX_EPISODES)
     design: str = param(SOBOL, 'how episodes are spread', choices=DESIGNS)

@@ -34,6 +34,7 @@ _FORMATS = {
                  'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml',
     'coco': 'COCO: images, annotations/instances.json with boxes and masks of rocks and craters',
     'yolo': 'YOLO: images, labels (outlines of rocks and craters), boxes, data.yaml',
+    'webdataset': 'WebDataset: tar shards of PNG, NPY and JSON, index.json, label_info.json',
 }
 
 

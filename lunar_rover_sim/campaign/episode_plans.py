@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from lunar_rover_sim.campaign.campaign_file import Campaign
+from lunar_rover_sim.campaign.campaign_file import BASE, Campaign
 from lunar_rover_sim.campaign.design import episode_seed, GRID, grid_rows, unit_points
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import brief
@@ -83,8 +83,9 @@ def episode_scenario(campaign: Campaign, name: str, drawn: Mapping[str, Any]) ->
     Raises ConfigError, with the episode's name, if the parameters do not fit together.
     """
     values = {**campaign.settings, **drawn}
+    base = values.pop(BASE, campaign.config.base)
     try:
-        scenario = Scenario.load(_base(campaign), _overrides(values))
+        scenario = Scenario.load(_base(campaign, base), _overrides(values))
         return resolve(_self_contained(scenario))
     except ConfigError as error:
         raise ConfigError(f'episode {name}: {error}') from None
@@ -113,8 +114,10 @@ def _overrides(values: Mapping[str, Any]) -> list[str]:
     return overrides
 
 
-def _base(campaign: Campaign) -> str:
-    base = campaign.config.base
+def _base(campaign: Campaign, base: object) -> str:
+    if not isinstance(base, str):
+        raise ConfigError(f'{BASE}: {brief(base)} is not valid; valid is the name of a scenario, '
+                          'or a file beside the campaign file')
     if base.endswith(('.yaml', '.yml')):
         return str(campaign.folder / base)
     return base

@@ -27,6 +27,7 @@ from lunar_rover_sim.run.plan import BAG_FOLDER, resolve
 from lunar_rover_sim.run.resumable import record_once
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.sequences.webdataset import ShardOptions
 
 
 def make(attempt: Path, episode: Path) -> None:
@@ -57,7 +58,9 @@ def finish(folder: Path, task: dict[str, Any], run_wall_s: float) -> None:
     if not report.ok:
         raise CampaignError('the bag check failed: ' + '; '.join(
             f'{finding.check}: {finding.detail}' for finding in report.failed))
-    notes = {kind: export(bag, folder / kind, kind)[1:] for kind in task['formats']}
+    shards = ShardOptions(drive=task['name'])
+    notes = {kind: export(bag, folder / kind, kind, shards=shards)[1:]
+             for kind in task['formats']}
     manifest: dict[str, Any] = {
         'format': FORMAT, 'name': task['name'], 'version': __version__,
         'scenario_sha256': task['scenario_sha256'], 'drawn': task['drawn'],

@@ -23,7 +23,9 @@ from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
 from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.sequences.formats import FORMATS
+from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
+from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
+from lunar_rover_sim.sequences.webdataset import ShardOptions
 from lunar_rover_sim.usd.suffixes import stage_bytes
 
 _USD = 'usd'
@@ -53,13 +55,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='write the readable bag there, for instance where the disk of the '
                               'other one is full; by default it takes its place')
     command.set_defaults(check_output=check_new_folder)
-    command = _add(add_parser, 'export', 'write the sequence for SLAM programs, or the drive as '
-                   'an OpenUSD stage', _export)
+    command = _add(add_parser, 'export', 'write the sequence for SLAM programs or trainers, or '
+                   'the drive as an OpenUSD stage', _export)
     command.add_argument('-o', '--output', type=Path, metavar='PATH', required=True,
                          help='folder of the sequence, or file of the stage (.usd, .usda, .usdc, '
                               '.usdz); must not exist')
     command.set_defaults(check_output=check_path)
     command.add_argument('--format', choices=(*FORMATS, _USD), default='euroc')
+    command.add_argument('--shard-size', type=int, metavar='N',
+                         help=f'with --format {WEBDATASET}: samples a shard (default: '
+                              f'{DEFAULT_SIZE})')
     stage = command.add_argument_group(f'--format {_USD}')
     stage.add_argument('--world', type=Path, metavar='DIR',
                        help='the world that was driven on, where it is not in the cache')
@@ -139,6 +144,8 @@ def _recover(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
+    if args.shard_size is not None and args.format != WEBDATASET:
+        raise ConfigError(f'--shard-size: is for --format {WEBDATASET}, not for {args.format}')
     if args.format == _USD:
         return _export_stage(args)
     for name, value in (('--world', args.world), ('--world-stage', args.world_stage),
@@ -146,7 +153,8 @@ def _export(args: argparse.Namespace) -> int:
         if value:
             raise ConfigError(f'{name}: is for --format {_USD}, not for {args.format}')
     with _counting(args.bag, 'exporting') as progress:
-        notes = export(args.bag, args.output, args.format, progress)
+        size = DEFAULT_SIZE if args.shard_size is None else args.shard_size
+        notes = export(args.bag, args.output, args.format, progress, ShardOptions(size=size))
     for note in notes:
         print(note)
     return 0

@@ -1,8 +1,9 @@
-"""`lunar_rover_sim dataset`: look at, verify and describe a data set."""
+"""`lunar_rover_sim dataset`: look at, verify, describe and shard a data set."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,10 @@ from rich.console import Console
 
 from lunar_rover_sim.campaign.card import make_card, write_card
 from lunar_rover_sim.campaign.page import write_page
+from lunar_rover_sim.campaign.sharding import TEST, VALIDATION, write_shards
 from lunar_rover_sim.campaign.verification import verify
-from lunar_rover_sim.files.outputs import check_file
+from lunar_rover_sim.files.outputs import check_file, check_new_folder
+from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
 
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
@@ -34,6 +37,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             command.set_defaults(check_output=check_file)
             command.add_argument('--most', type=int, default=100, metavar='N',
                                  help='episodes shown with pictures (default: %(default)s)')
+    _add_shards(datasets.add_parser)
+
+
+def _add_shards(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
+    text = 'WebDataset shards of all drives, split by world'
+    command = add_parser('shards', help=text, description=text)
+    command.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
+    command.add_argument('-o', '--output', type=Path, metavar='DIR', required=True,
+                         help='folder of the shards; must not exist')
+    command.add_argument('--shard-size', type=int, default=DEFAULT_SIZE, metavar='N',
+                         help='samples a shard (default: %(default)s)')
+    for split, meaning in ((VALIDATION, 'validation'), (TEST, 'test')):
+        command.add_argument(f'--{split}', type=float, default=0.0, metavar='SHARE',
+                             help=f'share of the worlds of each scenario that are for {meaning} '
+                                  '(default: 0)')
+    command.set_defaults(run=_shards, check_output=check_new_folder)
 
 
 def _show(args: argparse.Namespace) -> int:
@@ -60,6 +79,16 @@ def _verify(args: argparse.Namespace) -> int:
     failed = f', {len(found.failed)} failed' if found.failed else ''
     console.print(f'{found.planned - len(found.failed)} of {found.planned} episodes are as they '
                   f'were made{failed}', **_PLAIN)
+    return 0
+
+
+def _shards(args: argparse.Namespace) -> int:
+    shares = {split: getattr(args, split) for split in (VALIDATION, TEST)}
+    with Console(stderr=True).status('') as status:
+        notes = write_shards(args.dataset, args.output, args.shard_size, shares,
+                             lambda name: status.update(f'writing {name}'))
+    for note in notes:
+        print(note)
     return 0
 
 

@@ -57,13 +57,22 @@ def write_png(path: Path, pixels: NDArray[Any], compression: int = 3) -> None:
 
     Raises OSError if the file cannot be written.
     """
+    data = png_bytes(pixels, compression)
+    try:
+        path.write_bytes(data)
+    except OSError:
+        path.unlink(missing_ok=True)    # half a picture is none
+        raise
+
+
+def png_bytes(pixels: NDArray[Any], compression: int = 3) -> bytes:
+    """Return (h, w) or RGB (h, w, 3) pixels, 8 or 16 bits, as a PNG file; compression: 0 to 9.
+
+    Raises OSError if they cannot be encoded.
+    """
     if pixels.ndim == 3:
         pixels = np.ascontiguousarray(pixels[..., 2::-1])
     ok, data = cv2.imencode('.png', pixels, [cv2.IMWRITE_PNG_COMPRESSION, compression])
     if not ok:
-        raise OSError(f'{path.name} cannot be encoded')
-    try:
-        path.write_bytes(data.tobytes())
-    except OSError:
-        path.unlink(missing_ok=True)    # half a picture is none
-        raise
+        raise OSError('a picture cannot be encoded')
+    return bytes(data.tobytes())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+import functools
 import os
 from pathlib import Path
 import shutil
@@ -20,9 +21,10 @@ from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import picture
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.parameters import nearest
-from lunar_rover_sim.sequences.formats import FORMATS
+from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
 from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE, calibration_yaml
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
+from lunar_rover_sim.sequences.webdataset import ShardOptions, WebDatasetSequence
 
 _TYPES = {topic.name: topic.type for topic in topics.CONTRACT}
 _OF_DEPTH_FRAMES = {topic.name for topic in topics.CONTRACT if topic.rate == topics.DEPTH_FRAME}
@@ -32,10 +34,12 @@ _EVERY_DEPTH = ' (render_node.depth_every=1 records it with every image)'
 
 
 def export(path: Path | str, output: Path | str, kind: str = 'euroc',
-           progress: Callable[[], None] | None = None) -> list[str]:
+           progress: Callable[[], None] | None = None,
+           shards: ShardOptions = ShardOptions()) -> list[str]:
     """Write a sequence into the new folder `output`; return sentences about it for the user.
 
-    kind: a name in `formats.FORMATS`; progress is called once per message.
+    kind: a name in `formats.FORMATS`; progress is called once per message; shards: of
+    WebDataset, other formats have none.
     Where there is an IMU, images without an IMU sample before and after them are left out:
     ORB-SLAM3 would read past the end of its samples.
     Raises BagError where the bag cannot be read, SequenceError where it lacks what the format
@@ -43,6 +47,9 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
     """
     if kind not in FORMATS:
         raise SequenceError(f'format: {kind!r} is not valid; {nearest(kind, FORMATS)}')
+    make: Callable[[Bag, Path, PngWriter], Sequence] = FORMATS[kind]
+    if kind == WEBDATASET:
+        make = functools.partial(WebDatasetSequence, options=shards)
     output = Path(output)
     if output.exists():
         raise SequenceError(f'{output}: exists already and is not overwritten; name another '
@@ -51,7 +58,7 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
     try:
         with open_bag(path) as bag:
             partial.mkdir(parents=True)
-            with PngWriter() as images, FORMATS[kind](bag, partial, images) as sequence:
+            with PngWriter() as images, make(bag, partial, images) as sequence:
                 notes = _stream(bag, sequence, progress)
                 (partial / CALIBRATION_FILE).write_text(
                     calibration_yaml(sequence.suite, kind, sequence.depth), encoding='utf-8')

@@ -13,7 +13,10 @@ from lunar_rover_sim.sequences.kitti import KittiSequence
 from lunar_rover_sim.sequences.sequence import Sequence
 from lunar_rover_sim.sequences.tartanair import TartanAirSequence
 from lunar_rover_sim.sequences.tum import TumSequence
+from lunar_rover_sim.sequences.webdataset import WebDatasetSequence
 from lunar_rover_sim.sequences.yolo import YoloSequence
+
+WEBDATASET = 'webdataset'
 
 FORMATS: Mapping[str, type[Sequence]] = {
     'euroc': EurocSequence,
@@ -22,4 +25,5 @@ FORMATS: Mapping[str, type[Sequence]] = {
     'tartanair': TartanAirSequence,
     'coco': CocoSequence,
     'yolo': YoloSequence,
+    WEBDATASET: WebDatasetSequence,
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix
@@ -20,15 +20,17 @@ class PosedSequence(Sequence):
     """Numbers the images; passes the pose of each to `write_pose`, in order, when it is known.
 
     POSES: name of the file with the poses, for messages
+    has_truth: whether the bag has true odometry; there are no poses otherwise
+    count: of the images so far
     """
 
     POSES = ''
-    uses = (topics.ODOM.name,)
+    uses: ClassVar[tuple[str, ...]] = (topics.ODOM.name,)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
         self._path = bag.path
-        self._has_truth = bag.has(bag.truth)
+        self.has_truth = bag.has(bag.truth)
         self._poses: dict[int, Array] = {}
         self._waiting: list[int] = []
         self.count = 0
@@ -41,7 +43,7 @@ class PosedSequence(Sequence):
         """Note that an image with this stamp was written."""
         self.line('times.txt', in_seconds(stamp_ns))
         self.count += 1
-        if self._has_truth:
+        if self.has_truth:
             self._waiting.append(stamp_ns)
             self._settle()
 
@@ -57,7 +59,7 @@ class PosedSequence(Sequence):
         if self._waiting:
             raise SequenceError(f'{self._path}: no odometry at the stamp of the image at '
                                 f'{in_seconds(self._waiting[0])} s, which {self.POSES} needs')
-        return [] if self._has_truth else [f'no odometry in the bag: {self.POSES} is missing']
+        return [] if self.has_truth else [f'no odometry in the bag: {self.POSES} is missing']
 
     def _settle(self) -> None:
         while self._waiting and self._waiting[0] in self._poses:

@@ -196,3 +196,19 @@ def test_a_dry_run_of_many_episodes_is_quick(tmp_path: Path, capsys) -> None:
     assert len(lines) == 2001
     assert lines[-2].startswith('1999: render_node.sun.elevation_deg = ')
     assert lines[-1] == 'checked: the parameters of the first 100 of 2000 episodes'
+
+
+def test_scenarios_vary() -> None:
+    """`base` may be drawn: each episode has the parameters of its own scenario."""
+    campaign = parsed("""
+        episodes: 6
+        vary: {base: {choice: [baseline, feature_sparse]}}
+        """)
+    episodes = list(plan(campaign))
+    assert {e.drawn['base'] for e in episodes} == {'baseline', 'feature_sparse'}
+    for found in episodes:
+        own = Scenario.load(found.drawn['base'])
+        values = yaml.safe_load(found.scenario_yaml)['world']['ros__parameters']
+        assert values['rocks']['abundance'] == own.world.rocks.abundance
+    with pytest.raises(ConfigError, match='episode 0000: base: 3 is not valid'):
+        list(plan(parsed('episodes: 1\nsettings: {base: 3}')))

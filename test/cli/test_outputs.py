@@ -17,7 +17,7 @@ from lunar_rover_sim.files.atomic import atomic_write
 WORDS = {
     'bag preview': ['bag'], 'bag video': ['bag'], 'bag recover': ['bag'], 'bag export': ['bag'],
     'benchmark': [], 'calibrate gait': [], 'campaign': ['polar_suns'],
-    'dataset show': ['dataset'], 'evaluate images': ['a', 'b'],
+    'dataset shards': ['dataset'], 'dataset show': ['dataset'], 'evaluate images': ['a', 'b'],
     'evaluate trajectory': ['a.txt', 'b.txt'], 'render': ['flat'], 'rover export': [],
     'run': ['flat'], 'slam settings': ['flat'], 'slam run': ['bag'],
     'slam train-vocabulary': ['images'], 'validate imu': [],
@@ -37,6 +37,7 @@ INPUTS = [
     'benchmark -o {new} --paper {folder}', 'benchmark -o {new} --scenarios {folder}',
     'calibrate gait {folder} -o {new}', 'calibrate gait --set rover={folder} -o {new}',
     'campaign {folder} -o {new}', 'campaign {file} -o {new}', 'campaign {device} --dry-run',
+    'dataset shards {file} -o {new}', 'dataset shards {folder} -o {new}',
     'dataset show {file}', 'dataset verify {file}', 'dataset card {file}',
     'dataset show {folder}', 'dataset verify {folder}', 'dataset card {folder}',
     'evaluate {folder} {folder}', 'evaluate {file} {none}', 'evaluate {file} {file}',
