@@ -31,7 +31,8 @@ _FORMATS = {
            'camera, calibration.yaml',
     'kitti': 'KITTI odometry: image_0, image_1, calib.txt, times.txt, poses.txt',
     'tartanair': 'TartanAir: image_left, image_right, depth_left (npy, metres; and 16-bit PNG, '
-                 'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml',
+                 'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml; with '
+                 'labels, seg_left and flow',
     'coco': 'COCO: images, annotations/instances.json with boxes and masks of rocks and craters',
     'yolo': 'YOLO: images, labels (outlines of rocks and craters), boxes, data.yaml',
     'webdataset': 'WebDataset: tar shards of PNG, NPY and JSON, index.json, label_info.json',

@@ -39,12 +39,23 @@ def recorded_frame(bag: Bag, frame: str) -> Array:
     found = _from_tf(bag, FRAMES[frame])
     if found is not None:
         return found
-    values: Any = recorded_scenario(bag).sections.get('rover')
-    if not values:
+    rover = recorded_rover(bag)
+    if rover is None:
         raise BagError(f'{bag.path}: holds neither tf_static nor a scenario; where '
                        f'{FRAMES[frame]} is on the rover is not known')
+    return rover_frame(rover, frame)
+
+
+def recorded_rover(bag: Bag) -> RoverDescription | None:
+    """Return the recorded rover; None where the bag has no scenario that describes it.
+
+    Raises BagError where the scenario is not of this version.
+    """
+    values: Any = recorded_scenario(bag).sections.get('rover')
+    if not values:
+        return None
     try:
-        return rover_frame(RoverDescription.from_mapping(values, 'rover'), frame)
+        return RoverDescription.from_mapping(values, 'rover')
     except ConfigError as error:
         raise BagError(f'{bag.path}: its scenario is not of this version: {error}') from None
 

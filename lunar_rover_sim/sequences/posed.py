@@ -21,7 +21,7 @@ class PosedSequence(Sequence):
 
     POSES: name of the file with the poses, for messages
     has_truth: whether the bag has true odometry; there are no poses otherwise
-    count: of the images so far
+    count: of the images so far; path: of the bag
     """
 
     POSES = ''
@@ -29,7 +29,7 @@ class PosedSequence(Sequence):
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
-        self._path = bag.path
+        self.path = bag.path
         self.has_truth = bag.has(bag.truth)
         self._poses: dict[int, Array] = {}
         self._waiting: list[int] = []
@@ -57,7 +57,7 @@ class PosedSequence(Sequence):
     def notes(self) -> list[str]:
         """Return a note if there are no poses; raise SequenceError if an image lacks its pose."""
         if self._waiting:
-            raise SequenceError(f'{self._path}: no odometry at the stamp of the image at '
+            raise SequenceError(f'{self.path}: no odometry at the stamp of the image at '
                                 f'{in_seconds(self._waiting[0])} s, which {self.POSES} needs')
         return [] if self.has_truth else [f'no odometry in the bag: {self.POSES} is missing']
 

@@ -1,4 +1,4 @@
-"""TartanAir sequences: image_left, image_right, depth_left, pose_left.txt, pose_right.txt.
+"""TartanAir sequences: images, depth, segmentation and flow in folders, poses of both cameras.
 
 The layout of the data set of Wang et al. (TartanAir: A Dataset to Push the Limits of Visual
 SLAM, IROS 2020): images and depth are numbered from 000000; one line `tx ty tz qx qy qz qw` an
@@ -6,10 +6,15 @@ image gives the pose of that camera, its axes forward, right, down, in a north-e
 (x north, y east, z down; our odom frame is x east, y north, z up). Depth is float32 in metres
 along the optical axis, the sky 10,000; besides, as 16-bit PNG in mm, 0 where there is none or it
 lies beyond 65.5 m. times.txt holds the stamps [s], which the original lacks.
+
+Where the bag has labels, seg_left holds classes (seg_label_map.json names them), and flow leads to
+the next image: NUMBER_NUMBER_flow.npy, (h, w, 2) float32, right and down [px], with a mask of what
+the next image shows: 0 seen, 1 hidden, 100 outside.
 """
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +22,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import joint_order
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array, wxyz_from_matrix
+from lunar_rover_sim.rendering.labels import class_names, LABEL_FIRST_ROCK
+from lunar_rover_sim.sequences.extrinsics import recorded_rover
+from lunar_rover_sim.sequences.flow_files import FlowFiles
+from lunar_rover_sim.sequences.instances import check_pinhole
 from lunar_rover_sim.sequences.posed import PosedSequence
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter
 
 SKY_M = 10_000.0
+ROCK = LABEL_FIRST_ROCK
+# The labels below those of rocks, which are one class: the format has 8 bits.
+CLASSES: dict[int, str] = {**class_names(0), ROCK: 'rock'}
 _MM_PER_M = 1000.0
 _FARTHEST_MM = 65535
 # Rows: north, east, down in x east, y north, z up.
@@ -32,7 +46,7 @@ _R_OPTICAL_FRD: Array = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0
 
 
 class TartanAirSequence(PosedSequence):
-    """Writes a TartanAir sequence; optical flow and segmentation are not in it."""
+    """Writes a TartanAir sequence; segmentation and flow where the bag has labels."""
 
     POSES = 'pose_left.txt'
     depth = {'depth_left': {'npy_unit': 'm', 'along': 'optical axis', 'sky_m': SKY_M},
@@ -40,6 +54,7 @@ class TartanAirSequence(PosedSequence):
                                'missing': 0}}
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name,
              topics.TRUE_DEPTH.name)
+    uses = (topics.ODOM.name, topics.LABELS.name, topics.JOINT_STATES.name)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
@@ -48,6 +63,15 @@ class TartanAirSequence(PosedSequence):
                         'right': suite.T_base_imu @ suite.T_imu_right}
         for name in ('image_left', 'image_right', 'depth_left', 'depth_left_mm'):
             (folder / name).mkdir()
+        self._missing: list[str] = []
+        self._segments = bag.has(topics.LABELS.name)
+        self._flow = self._flow_files(bag)
+        if self._segments:
+            check_pinhole(suite, str(bag.path))
+            (folder / 'seg_left').mkdir()
+            (folder / 'seg_label_map.json').write_text(json.dumps(
+                {'name_map': {name: k for k, name in CLASSES.items()}}, indent=1) + '\n',
+                encoding='ascii')
 
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
         """Write the pair, its depth and its stamp, and its poses as soon as they are known."""
@@ -60,11 +84,28 @@ class TartanAirSequence(PosedSequence):
                 np.where(np.isfinite(depth_m), depth_m, np.float32(SKY_M)), allow_pickle=False)
         self.png.write(self.folder / 'depth_left_mm' / f'{number}_left_depth.png',
                        millimetres(depth_m))
+        if self._segments:
+            label = pixels[topics.LABELS.name]
+            np.save(self.folder / 'seg_left' / f'{number}_left_seg.npy', classes(label),
+                    allow_pickle=False)
+            if self._flow is not None:
+                self._flow.image(self.count, stamp_ns, depth_m, label)
         self.taken(stamp_ns)
+
+    def data(self, topic: str, stamp_ns: int, message: Any) -> None:
+        """Keep poses and leg angles until their image comes."""
+        if topic == topics.ODOM.name:
+            super().data(topic, stamp_ns, message)
+        elif self._flow is not None:
+            order = joint_order(message, self.path, SequenceError)
+            self._flow.angles(stamp_ns, np.asarray(message.position, float)[order])
 
     def notes(self) -> list[str]:
         """Return what is missing; SequenceError where an image has no pose."""
-        return ['optical flow and segmentation are not written', *super().notes()]
+        notes = super().notes()
+        if self._flow is not None:
+            self._flow.check(str(self.path))
+        return [*self._missing, *notes]
 
     def write_pose(self, T_odom_base: Array) -> None:
         """Write the poses of both cameras."""
@@ -72,6 +113,27 @@ class TartanAirSequence(PosedSequence):
             position, wxyz = ned_pose(T_odom_base @ T_base_camera)
             w, x, y, z = wxyz
             self.line(f'pose_{side}.txt', numbers(position, [x, y, z, w]))
+        if self._flow is not None:
+            self._flow.pose(T_odom_base)
+
+    def _flow_files(self, bag: Bag) -> FlowFiles | None:
+        """Return what writes flow; None, with a note, where something for it is missing."""
+        if not self._segments:
+            self._missing.append(f'no {topics.LABELS.name} in the bag: segmentation and flow are '
+                                 'not written')
+            return None
+        rover = recorded_rover(bag)
+        for what, is_there in (('odometry', self.has_truth),
+                               (topics.JOINT_STATES.name, bag.has(topics.JOINT_STATES.name)),
+                               ('description of the rover', rover is not None)):
+            if not is_there:
+                self._missing.append(f'no {what} in the bag: flow is not written')
+                return None
+        assert rover is not None
+        (self.folder / 'flow').mkdir()
+        (fx, fy), (cx, cy) = self.suite.focal_px, self.suite.centre_px
+        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        return FlowFiles(self.folder / 'flow', K, self._mounts['left'], rover)
 
 
 def ned_pose(T_odom_camera: Array) -> tuple[Array, Array]:
@@ -81,6 +143,11 @@ def ned_pose(T_odom_camera: Array) -> tuple[Array, Array]:
     """
     rotation = _R_NED_ODOM @ T_odom_camera[:3, :3] @ _R_OPTICAL_FRD
     return _R_NED_ODOM @ T_odom_camera[:3, 3], wxyz_from_matrix(rotation)
+
+
+def classes(label: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """Return labels as classes, names of `CLASSES`."""
+    return np.minimum(label, ROCK).astype(np.uint8)
 
 
 def millimetres(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:

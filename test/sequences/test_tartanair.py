@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
@@ -13,8 +14,10 @@ import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import SequenceError
-from lunar_rover_sim.frames import R_BODY_OPTICAL, se3
+from lunar_rover_sim.frames import inverse, LEFT_OPTICAL_FRAME, R_BODY_OPTICAL, se3
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.sequences.export import export
+from lunar_rover_sim.sequences.flow_files import seen_mask
 from lunar_rover_sim.sequences.tartanair import millimetres, ned_pose
 
 
@@ -119,3 +122,109 @@ def test_every_format_has_its_calibration(kind: str, tmp_path: Path) -> None:
     assert document['left']['fx_fy_cx_cy_px'][0] == synthetic_bag.FOCAL_PX
     assert np.shape(document['right']['T_imu_camera']) == (4, 4)
     assert document['imu']['rate_hz'] == 200.0
+
+
+BODY, LEG, ROCK = (slice(100, 110), slice(10, 30)), (slice(100, 110), slice(120, 140)), 700
+
+
+@pytest.fixture(scope='module')
+def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return an exported drive of 3 frames with labels: sky, ground, a rock, body and a leg."""
+    items = synthetic_bag.drive(0.3)
+    scenario = next(i for i in items if i.topic == topics.SCENARIO.name)
+    scenario.message.data += 'rover:\n  ros__parameters: ' + json.dumps(
+        RoverDescription().to_mapping()) + '\n'
+    for k in range(1, 4):
+        depth = depth_at(k)
+        label = np.where(np.isfinite(depth), 1, 0).astype(np.uint16)
+        label[90:95, 60:70] = ROCK
+        label[BODY], label[LEG] = 2, 4
+        items.append(synthetic_bag.Item(topics.LABELS.name, topics.LABELS.type,
+                                        synthetic_bag.image(k * 10**8, LEFT_OPTICAL_FRAME,
+                                                            'mono16', label)))
+    folder = tmp_path_factory.mktemp('labelled')
+    notes = export(synthetic_bag.write(folder / 'bag', items), folder / 'P000', 'tartanair')
+    assert not any('not written' in note for note in notes)
+    return folder / 'P000'
+
+
+def camera_at(k: int) -> np.ndarray:
+    return synthetic_bag.pose_at(k / 10) @ synthetic_bag.T_base_camera(+1.0)
+
+
+def depth_at(k: int) -> np.ndarray:
+    return synthetic_bag.Scene().view(camera_at(k))[1]
+
+
+def projected(T_camera_world: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return the (n, 2) pixels of (n, 3) points."""
+    p = points @ T_camera_world[:3, :3].T + T_camera_world[:3, 3]
+    centre = [(synthetic_bag.WIDTH - 1) / 2, (synthetic_bag.HEIGHT - 1) / 2]
+    return p[:, :2] / p[:, 2:] * synthetic_bag.FOCAL_PX + centre
+
+
+def points_of(k: int, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the (n, 3) points in the world that frame k shows at pixels."""
+    rays = synthetic_bag.Scene().rays[rows, columns] * depth_at(k)[rows, columns, None]
+    return rays @ camera_at(k)[:3, :3].T + camera_at(k)[:3, 3]
+
+
+def test_segmentation_is_that_of_the_labels(labelled: Path) -> None:
+    """Rocks are one class, everything else keeps its label; the map names them."""
+    seg = np.load(labelled / 'seg_left/000001_left_seg.npy')
+    names = json.loads((labelled / 'seg_label_map.json').read_text())['name_map']
+    assert seg.dtype == np.uint8 and (seg[90:95, 60:70] == names['rock']).all()
+    assert (seg[BODY] == names['rover body']).all()
+    assert (seg[LEG] == names['rover front left leg']).all()
+    assert (seg[~np.isfinite(depth_at(2))] == names['sky']).all()
+    assert len(set(names.values())) == len(names)
+
+
+def test_flow_leads_to_the_next_image(labelled: Path) -> None:
+    """Ground lands where the next camera sees it; the body stands still; a leg turns."""
+    assert sorted(p.name for p in (labelled / 'flow').iterdir()) == [
+        f'{k:06d}_{k + 1:06d}_{kind}.npy' for k in (0, 1) for kind in ('flow', 'mask')]
+    flow = np.load(labelled / 'flow/000000_000001_flow.npy')
+    mask = np.load(labelled / 'flow/000000_000001_mask.npy')
+    assert flow.dtype == np.float32 and mask.dtype == np.uint8
+    rows, columns = (a.ravel() for a in np.mgrid[60:95:5, 5:155:10])
+    expected = projected(inverse(camera_at(2)), points_of(1, rows, columns))
+    found = flow[rows, columns] + np.stack([columns, rows], axis=1)
+    assert np.abs(found - expected).max() < 0.01
+    assert np.abs(flow[rows, columns]).max() > 1.0
+    assert np.abs(flow[BODY]).max() < 1e-3
+    # The legs of the analytic drive turn by 0.2 rad in a frame, about their axles.
+    rows, columns = (a.ravel() for a in np.mgrid[LEG])
+    base = [synthetic_bag.pose_at(k / 10) for k in (1, 2)]
+    axle = RoverDescription().legs.axle_positions_m()[0]
+    local = (points_of(1, rows, columns) - base[0][:3, 3]) @ base[0][:3, :3] - axle
+    local = Rotation.from_euler('y', 0.2).apply(local) + axle
+    expected = projected(inverse(camera_at(2)), local @ base[1][:3, :3].T + base[1][:3, 3])
+    found = flow[rows, columns] + np.stack([columns, rows], axis=1)
+    assert np.abs(found - expected).max() < 0.01
+
+
+def test_mask_tells_what_the_next_image_shows(labelled: Path) -> None:
+    """What leaves the image is outside; of the plane, all that stays inside is seen."""
+    flow = np.load(labelled / 'flow/000000_000001_flow.npy')
+    mask = np.load(labelled / 'flow/000000_000001_mask.npy')
+    v, u = np.mgrid[:synthetic_bag.HEIGHT, :synthetic_bag.WIDTH]
+    there = np.stack([u, v], axis=2) + flow
+    inside = ((there > -0.5) & (there < (synthetic_bag.WIDTH - 0.5, synthetic_bag.HEIGHT - 0.5))
+              ).all(axis=2)
+    assert (mask[~inside] == 100).all() and (mask[inside] != 100).all() and (~inside).any()
+    ground = inside & np.isfinite(depth_at(1))
+    ground[BODY], ground[LEG] = False, False
+    assert (mask[ground] == 0).mean() > 0.99
+    # A wall in the right half, 1 m before what was at 3 m.
+    depth = np.full((4, 6), 3.0, np.float32)
+    wall = depth.copy()
+    wall[:, 3:] = 2.0
+    still = np.zeros((4, 6, 2), np.float32)
+    assert seen_mask(still, depth, wall).tolist() == [[0, 0, 0, 1, 1, 1]] * 4
+    assert (seen_mask(still, wall, depth) == 0).all()
+
+
+def test_without_labels_it_is_said(sequence: Path) -> None:
+    """There is neither segmentation nor flow, and no empty folder."""
+    assert not (sequence / 'flow').exists() and not (sequence / 'seg_left').exists()
