@@ -167,6 +167,15 @@ SCENE_FLOW = Topic('ground_truth/scene_flow', 'sensor_msgs/msg/Image', DEPTH_FRA
 LABEL_INFO = Topic('ground_truth/label_info', 'std_msgs/msg/String', LATCHED, 'render_node', '',
                    'names of the labels, as JSON with the fields of vision_msgs/LabelInfo, and '
                    'catalogues of rocks and craters', on_request=True)
+BOXES = Topic('ground_truth/boxes', 'vision_msgs/msg/Detection2DArray', DEPTH_FRAME,
+              'render_node', frames.LEFT_OPTICAL_FRAME, 'boxes of rocks and craters that show 10 '
+              'pixels or more, where vision_msgs is installed', on_request=True)
+LABEL_CLASSES = Topic('ground_truth/label_classes', 'vision_msgs/msg/LabelInfo', LATCHED,
+                      'render_node', frames.LEFT_OPTICAL_FRAME, 'names of the labels, where '
+                      'vision_msgs is installed', on_request=True)
+VISION_INFO = Topic('ground_truth/vision_info', 'vision_msgs/msg/VisionInfo', LATCHED,
+                    'render_node', frames.LEFT_OPTICAL_FRAME, 'how labels and boxes are made, and '
+                    'the hash of the world, where vision_msgs is installed', on_request=True)
 LIDAR_POINTS = Topic('lidar/points', 'sensor_msgs/msg/PointCloud2', EVENT, 'lidar_node',
                      frames.LIDAR_FRAME, 'x, y, z [m], intensity [%], ring, time [s] as drivers '
                      'of Velodyne name them; each point as the sensor sees it at its time. The '
@@ -217,10 +226,12 @@ CONTRACT: tuple[Topic, ...] = (
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER,
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
     DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
-    NORMALS, OPTICAL_FLOW, SCENE_FLOW, LABEL_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE,
-    HAZARD_IMAGE, HAZARD_INFO, LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN, LIDAR_SCANNED, SUN,
-    WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED, DIAGNOSTICS, SLAM_POSE,
-    SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+    NORMALS, OPTICAL_FLOW, SCENE_FLOW, LABEL_INFO, BOXES, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE,
+    CHASE_INFO, CHASE_POSE, HAZARD_IMAGE, HAZARD_INFO, LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN,
+    LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED,
+    DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+# Of a package that may not be installed.
+OF_VISION: tuple[Topic, ...] = (BOXES, LABEL_CLASSES, VISION_INFO)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)
 
 _HAZARD = re.compile(r'hazard/([a-z0-9_]+(?:/left|/right)?)/(image_raw|camera_info)')

@@ -17,11 +17,12 @@ from lunar_rover_sim.inspection.scan import TopicScan
 from lunar_rover_sim.regolith.config import REGOLITH
 from lunar_rover_sim.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, Topic
 
-# tf2_msgs may not be installed; velocity commands come at the pace of their publisher; recordings
-# of earlier versions lack the CameraInfo of the depth image; slam_node and lidar_node take part on
-# request.
+# tf2_msgs and vision_msgs may not be installed; velocity commands come at the pace of their
+# publisher; recordings of earlier versions lack the CameraInfo of the depth image; slam_node and
+# lidar_node take part on request.
 OPTIONAL = (topics.TF.name, topics.TF_STATIC.name, topics.CMD_VEL.name, topics.DEPTH_INFO.name,
-            topics.SLAM_STATUS.name, topics.LIDAR_SCANNED.name)
+            topics.SLAM_STATUS.name, topics.LIDAR_SCANNED.name,
+            *(topic.name for topic in topics.OF_VISION))
 _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # of samples: what rounding to float32 leaves of a sum over all prints
 

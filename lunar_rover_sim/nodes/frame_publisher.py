@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from std_msgs.msg import Header
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.camera.compression import compressed
@@ -19,7 +20,9 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import image_conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
+from lunar_rover_sim.nodes.vision_conversions import detections, vision_messages
 from lunar_rover_sim.run.node_config import RenderNodeConfig
+from lunar_rover_sim.sequences.instances import instances
 from lunar_rover_sim.stereo.points import grey, points_from_depth
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 
@@ -34,6 +37,7 @@ _LAYERS: dict[str, tuple[str, ...]] = {
     topics.LABELS.name: ('label',), topics.CRATERS.name: ('crater',),
     topics.SHADOW.name: ('shadow',), topics.NORMALS.name: ('normal',),
     topics.OPTICAL_FLOW.name: ('optical_flow',), topics.SCENE_FLOW.name: ('scene_flow',),
+    topics.BOXES.name: ('label', 'crater'),
     topics.LEFT_INFO.name: (), topics.RIGHT_INFO.name: ()}
 _TOPICS = {topic.name: topic for topic in topics.CONTRACT if topic.name in _LAYERS}
 _INFOS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name, topics.DEPTH_INFO.name)
@@ -60,10 +64,15 @@ class FramePublisher:
         self._thread = ThreadPoolExecutor(max_workers=1)
         self._derived: Future[None] | None = None
         events = PublisherEventCallbacks(matched=lambda _: on_reader())
+        self._vision = vision_messages()
         self._publishers: dict[str, Publisher] = {
             name: node.create_publisher(message_class(topic.type), name, qos.offered(topic),
                                         event_callbacks=events)
-            for name, topic in _TOPICS.items()}
+            for name, topic in _TOPICS.items()
+            if self._vision is not None or topic not in topics.OF_VISION}
+        if self._vision is None:
+            node.get_logger().info('vision_msgs is not installed: '
+                                   f'{topics.BOXES.name} is not published')
         self.configure(config)
 
     def configure(self, config: RenderNodeConfig) -> None:
@@ -83,7 +92,8 @@ class FramePublisher:
 
     def is_read(self, name: str) -> bool:
         """Return whether a topic has subscribers."""
-        return self._publishers[name].get_subscription_count() > 0
+        publisher = self._publishers.get(name)
+        return publisher is not None and publisher.get_subscription_count() > 0
 
     def wanted(self, published: Collection[str], with_depth: bool) -> list[str]:
         """Return the topics that are to be published of a frame, without those that were."""
@@ -109,6 +119,8 @@ class FramePublisher:
                 right = name == topics.RIGHT_INFO.name
                 self._send(name, image_conversions.camera_info(
                     self._rig, frame_id, self._rig.P_right if right else self._rig.P_left, stamp))
+            elif name == topics.BOXES.name:
+                self._send(name, self._boxes(layers, Header(stamp=stamp, frame_id=frame_id)))
             elif name not in _MATCHED and name not in _COMPRESSED:
                 pixels = layers[_LAYERS[name][0]]
                 if pixels.dtype == np.int32:    # labels and craters, of at most 65535
@@ -130,6 +142,11 @@ class FramePublisher:
         if derived is not None and (wait or derived.done()):
             self._derived = None
             derived.result()
+
+    def _boxes(self, layers: Mapping[str, Any], header: Header) -> Any:
+        assert self._vision is not None
+        return detections(self._vision, instances({topics.LABELS.name: layers['label'],
+                                                   topics.CRATERS.name: layers['crater']}), header)
 
     def _send(self, name: str, msg: Any) -> None:
         self._publishers[name].publish(msg)

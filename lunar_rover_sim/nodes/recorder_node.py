@@ -22,6 +22,7 @@ from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.nodes.type_definitions import definition_of
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
 
 # Log lines, parameters and diagnostics bear wall time: with them no two runs would give the same
@@ -132,7 +133,8 @@ class RecorderNode(node_main.GraphNode):
         except GraphError as error:
             self.get_logger().warning(f'{name} is not recorded: {error}')
             return
-        self._writer.add_topic(name, type_name, qos=profiles[0])
+        self._writer.add_topic(name, type_name, qos=profiles[0],
+                               definition=definition_of(type_name))
         is_clock = name == self._clock_name
         latched = topic is not None and topic.rate == topics.LATCHED
 

@@ -27,7 +27,8 @@ from lunar_rover_sim.run.shared_config import MAX_DURATION_S, NodeConfig, WaitCo
 from lunar_rover_sim.stereo.config import SgmConfig
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
-                     and t.rate in (topics.FRAME, topics.DEPTH_FRAME))
+                     and t.rate in (topics.FRAME, topics.DEPTH_FRAME)
+                     and t not in topics.OF_VISION)
 LIDAR_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'lidar_node' and t.on_request)
 
 

@@ -205,8 +205,9 @@ def _unpublished(scenario: Scenario) -> tuple[topics.Topic, ...]:
     separate = scenario.shared.separate_truth
     clock = () if scenario.physics_node.publish_clock else (topics.CLOCK,)
     ground = () if scenario.physics_node.ground.deforms else topics.OF_SOFT_GROUND
-    # tf2_msgs may be missing.
-    return topics.TF, topics.ODOM if separate else topics.TRUE_ODOM, *clock, *ground
+    # tf2_msgs and vision_msgs may be missing.
+    odometry = topics.ODOM if separate else topics.TRUE_ODOM
+    return topics.TF, *topics.OF_VISION, odometry, *clock, *ground
 
 
 def _participants(scenario: Scenario) -> tuple[str, ...]:
