@@ -189,7 +189,8 @@ LIDAR_SCAN = Topic('lidar/scan', 'sensor_msgs/msg/LaserScan', EVENT, 'lidar_node
 LIDAR_SCANNED = Topic('lidar/scanned', 'std_msgs/msg/Header', SCAN, 'lidar_node', '',
                       'stamp by whose time all scans that had ended are published, read or not')
 SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
-            'unit vector to the sun')
+            'unit vector to the sun; that of a date moves: a message every `sun.step_deg`, '
+            'stamped with the time from which it holds')
 WORLD_HASH = Topic('world_hash', 'std_msgs/msg/String', LATCHED, 'physics_node', '',
                    'content hash of the world that physics collides with')
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, 'physics_node', '',

@@ -9,6 +9,7 @@ from lunar_rover_sim.illumination.dates import parse_date
 from lunar_rover_sim.parameters import group, param, Parameters
 
 OF_WORLD, GIVEN = 'world', 'given'
+LOWEST_DEG = -1.0       # of the sun: none of a disc of up to 2 deg is above the horizontal
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,12 +34,12 @@ class SunSiteConfig(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class SunConfig(Parameters):
-    """The position and the light of the sun, which does not move during a run."""
+    """The position and the light of the sun. It stands still unless it has a date."""
 
     azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
                                unit='deg', low=-360.0, high=360.0)
     elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
-                                 unit='deg', low=-1.0, high=90.0)
+                                 unit='deg', low=LOWEST_DEG, high=90.0)
     angular_diameter_deg: float = param(0.533, 'apparent diameter of the disc', unit='deg',
                                         low=0.01, high=5.0)
     irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',
@@ -47,11 +48,18 @@ class SunConfig(Parameters):
                       'elevation then follow from it and from `site`. Empty: they are as they '
                       'stand')
     site: SunSiteConfig = group(SunSiteConfig)
+    rate: float = param(1.0, 'seconds that the sky of a date goes on per second of the run; 0: '
+                        'sun and Earth stand still', low=0.0, high=1e5)
+    step_deg: float = param(0.05, 'all light is computed anew when the sun of a date has moved by '
+                            'this', unit='deg', low=0.005, high=5.0)
 
     def validate(self) -> None:
-        """Raise ConfigError if the date is none, or out of range."""
+        """Raise ConfigError if the date is none, or out of range, or the sky has none to go on."""
         if self.date:
             parse_date('date', self.date)
+        elif self.rate not in (0.0, 1.0):
+            raise ConfigError(f'rate: {self.rate:g} is not valid without a date; valid is 1, or '
+                              'set sun.date')
 
     @property
     def shines(self) -> bool:

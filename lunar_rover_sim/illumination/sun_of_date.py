@@ -8,8 +8,9 @@ import numpy as np
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array, sun_direction
-from lunar_rover_sim.illumination.config import GIVEN, OF_WORLD, SunConfig, SunSiteConfig
-from lunar_rover_sim.illumination.dates import parse_date
+from lunar_rover_sim.illumination.config import (GIVEN, LOWEST_DEG, OF_WORLD, SunConfig,
+                                                 SunSiteConfig)
+from lunar_rover_sim.illumination.dates import check_dates, parse_date
 from lunar_rover_sim.illumination.sky import sky
 from lunar_rover_sim.world.site import Site
 
@@ -48,6 +49,23 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
         raise ConfigError(f'sun.date: {sun.date} at longitude {site.lon_deg:.4f}, latitude '
                           f'{site.lat_deg:.4f}: {error}; `lunar_rover_sim world sun` lists when '
                           'it is up') from None
+
+
+def sun_after(sun: SunConfig, seconds: float) -> SunConfig:
+    """Return the sun so many seconds of the sky later, with the date of then.
+
+    sun: as `sun_of_date` returned it, with a date
+    A sun below what is valid, where it lights nothing, is returned at the lowest valid elevation.
+    Raises ConfigError if the series do not cover the date.
+    """
+    site = given_site(sun.site)
+    assert site is not None
+    date = parse_date('sun.date', sun.date) + np.timedelta64(round(1e6 * seconds), 'us')
+    body = sky(site, check_dates('sun.date', np.asarray(date))).sun
+    return dataclasses.replace(
+        sun, azimuth_deg=round(float(body.azimuth_deg), _DECIMALS),
+        elevation_deg=max(round(float(body.elevation_deg), _DECIMALS), LOWEST_DEG),
+        date=f'{np.datetime_as_string(date, unit="us")}Z')
 
 
 def earth_of_date(sun: SunConfig) -> Array | None:

@@ -22,6 +22,7 @@ from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
+from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.inspection.bag_pictures import recorded_world
 from lunar_rover_sim.inspection.drive_series import read_drive, WINDOW_S
 from lunar_rover_sim.inspection.film_panels import Captions, Plots
@@ -132,7 +133,11 @@ class Film:
             mount = ChaseMount(chase, sun.azimuth_deg, self._world)
             camera = renderer.add_camera(chase, mount)
             plots = None if options.bare else self._plots(width)
+            path, step = SunPath(sun), 0
             for k, (time_ns, shown) in enumerate(_along(bag, self.times_ns, overlay)):
+                if path.step(int(time_ns)) != step:
+                    step = path.step(int(time_ns))
+                    renderer.show_sun(renderer.light_of(path.of_step(step)))
                 state = drive.pose(drive.nearest(int(time_ns)))
                 mount.follow(state, int(time_ns))
                 pixels = camera.render(state, k).left

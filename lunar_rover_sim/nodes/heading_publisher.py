@@ -12,6 +12,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.frames import Array, BASE_FRAME, wxyz_from_matrix
 from lunar_rover_sim.illumination.star_tracker import StarTracker
 from lunar_rover_sim.illumination.sun_of_date import earth_of_date, sun_of_date
+from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.illumination.sun_sensor import SunSensor
 from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.nodes import conversions, qos
@@ -35,9 +36,9 @@ class HeadingPublisher:
     def __init__(self, node: Node, simulation: Simulation, world: World,
                  config: PhysicsNodeConfig) -> None:
         self._simulation, self._config = simulation, config
-        sun = sun_of_date(config.sun, reported_site(world.report))
-        self._view = SunView(world, sun)
-        self._earth = earth_of_date(sun)
+        self._world = world
+        self._path = SunPath(sun_of_date(config.sun, reported_site(world.report)))
+        self._step = -1
         self._sensor = SunSensor(config.sun_sensor, np.random.default_rng([config.seed, 3]))
         self._tracker = StarTracker(config.star_tracker, np.random.default_rng([config.seed, 4]))
         self._direction = node.create_publisher(Vector3Stamped, topics.SUN_SENSOR.name,
@@ -49,12 +50,19 @@ class HeadingPublisher:
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish what is due at a state and read, and what can be seen there."""
         config = self._config
+        self._follow_sun(stamp_ns)
         if (self._direction.get_subscription_count()
                 and stamp_ns % (_NS // config.sun_sensor.rate_hz) == 0):
             self._publish_direction(state, stamp_ns)
         if (self._attitude.get_subscription_count()
                 and stamp_ns % (_NS // config.star_tracker.rate_hz) == 0):
             self._publish_attitude(state, stamp_ns)
+
+    def _follow_sun(self, stamp_ns: int) -> None:
+        step = self._path.step(stamp_ns)
+        if step != self._step:
+            self._step, sun = step, self._path.of_step(step)
+            self._view, self._earth = SunView(self._world, sun), earth_of_date(sun)
 
     def _publish_direction(self, state: RoverState, stamp_ns: int) -> None:
         measured = self._sensor.measure(self._seen(state, self._config.sun_sensor.position_m),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, LATCHED, SCAN, Topic
+from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, LATCHED, SCAN, SUN, Topic
 
 STATE_DEPTH = 1000
 FRAME_DEPTH = 10
@@ -24,6 +24,8 @@ def _profile(depth: int, durable: bool) -> QoSProfile:
 
 def depth(topic: Topic | None) -> int:
     """Return the history depth of a topic of the contract; unknown topics count as state."""
+    if topic is SUN:    # it may move, and none of its directions is to be lost
+        return FRAME_DEPTH
     if topic is not None and topic.rate == LATCHED:
         return 1
     if topic is not None and topic.rate in (FRAME, DEPTH_FRAME, SCAN):

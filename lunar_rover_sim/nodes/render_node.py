@@ -7,7 +7,6 @@ import dataclasses
 import time
 from typing import Any, NamedTuple
 
-from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
@@ -21,6 +20,7 @@ from lunar_rover_sim.nodes.further_cameras import FurtherCameras
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.label_publisher import LabelPublisher
 from lunar_rover_sim.nodes.matching import Matching
+from lunar_rover_sim.nodes.moving_sun import MovingSun
 from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.time_jump import TimeJump
@@ -97,7 +97,7 @@ class RenderNode(node_main.GraphNode):
         self._further = FurtherCameras(self, config, self._renderer, self._wake_if_idle)
         self._readers = Matching(self, [*self._publisher.publishers, *self._further.publishers],
                                  config.participants if config.lockstep else ())
-        self._publish_sun()
+        self._sun = MovingSun(self, config, self._renderer)
         LabelPublisher(self, self._renderer.rocks, world.craters, world.hash)
         refuse_other_worlds(self, config.world, world, config.lockstep)
         # Long queues also in real time: the state of a period may come while a frame is drawn.
@@ -115,17 +115,10 @@ class RenderNode(node_main.GraphNode):
         Raises what the matching of the last frame raised, if `work` has not.
         """
         self._publisher.close()
+        self._sun.close()
         self._renderer.close()
         super().destroy_node()
         self._publisher.raise_error()
-
-    def _publish_sun(self) -> None:
-        msg = Vector3Stamped()
-        msg.header.frame_id = topics.SUN.frame(self._config.separate_truth)
-        msg.vector.x, msg.vector.y, msg.vector.z = map(float, self._renderer.sun_direction)
-        self._sun = self.create_publisher(Vector3Stamped, topics.SUN.name,
-                                          qos.offered(topics.SUN))
-        self._sun.publish(msg)
 
     # Input
 
@@ -213,9 +206,12 @@ class RenderNode(node_main.GraphNode):
             return None
         if lockstep and self._config.await_ground and not self._ground.knows(stamp):
             return None
+        if self._begun and self._sun.is_due(stamp):
+            return None     # those under way have the light of before
         self._poses.popleft()
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
             self._joints.get(stamp, next(reversed(self._joints.values()), None))
+        self._sun.announce(stamp)
         state, with_depth = conversions.rover_pose(raw, joints_raw), self._is_depth_due(stamp)
         frame = _Frame(stamp, state, with_depth, self._last_with_depth)
         if with_depth:
@@ -241,6 +237,8 @@ class RenderNode(node_main.GraphNode):
             if self._ground.is_known and not self._begun and not self._renderer.follows:
                 self._renderer.follow(self._ground.overlay)
             self._ground.advance(frame.stamp_ns)
+            if not self._begun:
+                self._sun.light(frame.stamp_ns)
             self._further.draw(frame.stamp_ns, frame.state)
         if not names:
             return False

@@ -15,6 +15,7 @@ from lunar_rover_sim.camera.rig import PinholeCamera, StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import LunarRoverSimError, RenderError
 from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.camera_renderer import CameraRenderer, check_size, padded_projection
 from lunar_rover_sim.rendering.checked_state import checked_state
@@ -26,6 +27,7 @@ from lunar_rover_sim.rendering.rendered_scenario import RenderedScenario
 from lunar_rover_sim.rendering.scene import Request
 from lunar_rover_sim.rendering.scene_passes import FRAMES_UNDER_WAY
 from lunar_rover_sim.rendering.seen_links import seen_links
+from lunar_rover_sim.rendering.world_light import WorldLight
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.pose import Posed
@@ -121,14 +123,29 @@ class Renderer:
         Raises RenderError between `begin` and `finish`.
         """
         self._check_idle('set_sun')
-        sun = dataclasses.replace(self.config.sun, azimuth_deg=azimuth_deg,
-                                  elevation_deg=elevation_deg)
-        self.config = dataclasses.replace(self.config, sun=sun)
-        self.sun_direction = sun_direction(azimuth_deg, elevation_deg)
+        self.show_sun(self.light_of(dataclasses.replace(
+            self.config.sun, azimuth_deg=azimuth_deg, elevation_deg=elevation_deg)))
+
+    def light_of(self, sun: SunConfig) -> WorldLight:
+        """Compute the light of another sun, for `show_sun`.
+
+        It takes seconds and draws nothing: it may run in a thread of its own beside frames.
+        sun: its diameter must be that of the present one
+        """
+        return self._shared.light_of(sun)
+
+    def show_sun(self, light: WorldLight) -> None:
+        """Move the sun; light: as `light_of` returned it, to be used once.
+
+        Raises RenderError between `begin` and `finish`.
+        """
+        self._check_idle('show_sun')
+        self.config = dataclasses.replace(self.config, sun=light.sun)
+        self.sun_direction = sun_direction(light.sun.azimuth_deg, light.sun.elevation_deg)
         with self._drawing():
-            self._shared.relight(self.config)
+            self._shared.relight(light)
             for camera in (self._pair, *(further.drawn for further in self._further)):
-                camera.relight(sun)
+                camera.relight(light.sun)
 
     def follow(self, overlay: Overlay | None) -> None:
         """Draw the tracks in an overlay, such as `Simulation.overlay`, from now on.

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
 import moderngl
 
 from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.rock_shadow import sun_axes
-from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import set_uniform
 from lunar_rover_sim.rendering.crater_map import CraterMap
 from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.ground_pass import GroundPass
+from lunar_rover_sim.rendering.ground_texels import GroundTexels
 from lunar_rover_sim.rendering.lamp_shadow import LampShadow
 from lunar_rover_sim.rendering.lighting import lighting_constants
-from lunar_rover_sim.rendering.relief_brightness import relief_brightness
-from lunar_rover_sim.rendering.relief_tiles import start_tiles
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
 from lunar_rover_sim.rendering.rover_shadow import RoverShadow
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.rendering.track_map import TrackMap
 from lunar_rover_sim.rendering.track_texels import TrackSun
+from lunar_rover_sim.rendering.world_light import world_light, WorldLight
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World
@@ -55,11 +55,14 @@ class WorldPasses(GlOwner):
         context, config, world = self._context, self.config, self.world
         self._surface = self._own(Surface(context, world))
         self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
-        sunlight = self._light_surface()
+        self._texels = GroundTexels(world)
+        light = self.light_of(config.sun)
+        self._light_surface(light)
+        sunlight = light.sunlight
         lamp = config.lamp.power_w > 0.0
         self.ground = self._own(GroundPass(context, world, config.detail, self._surface, lamp))
         self.rocks = self._own(RockPass(context, sunlight.rocks, world.rock_shapes,
-                                        sunlight.rock_light(),
+                                        light.rock_light,
                                         world.height_at(sunlight.rocks.position_m[:, :2]),
                                         self._surface, lamp))
         self.body = self._own(RoverPass(context, self.rover))
@@ -91,26 +94,24 @@ class WorldPasses(GlOwner):
             self._craters = self._own(CraterMap(self._context, self.world))
         return self._craters
 
-    def relight(self, config: RenderConfig) -> None:
-        """Move the sun; config: differs in the sun only."""
-        self.config = config
-        self.rocks.relight(self._light_surface().rock_light())
+    def light_of(self, sun: SunConfig) -> WorldLight:
+        """Compute the light of another sun; in any thread, while others draw."""
+        return world_light(self.world, dataclasses.replace(self.config, sun=sun), self.seed,
+                           self._far_rocks, self._texels)
+
+    def relight(self, light: WorldLight) -> None:
+        """Move the sun; light: as `light_of` returned it, to be used once."""
+        self.config = dataclasses.replace(self.config, sun=light.sun)
+        self._light_surface(light)
+        self.rocks.relight(light.rock_light)
         if self.tracks is not None:
             self.tracks.relight(self._track_sun())
         self._set_constants()
 
-    def _light_surface(self) -> Sunlight:
-        """Compute what the sun sees."""
-        sun = self.config.sun
-        direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
-        tiles = start_tiles(self.config.detail, self.seed, direction)
-        self.sunlight = Sunlight(self.world, sun, self.config.reflectance, direction,
-                                 indirect=self.config.detail.bounce, far=self._far_rocks)
-        self.sun_axes = sun_axes(self.sunlight.sun)
-        made, radius = tiles.result(), math.radians(0.5 * sun.angular_diameter_deg)
-        self._surface.light(self.sunlight, radius, made, relief_brightness(
-            made, self.config.reflectance, self.sunlight.sun.elevation_rad, radius))
-        return self.sunlight
+    def _light_surface(self, light: WorldLight) -> None:
+        self.sunlight, self.sun_axes = light.sunlight, light.sun_axes
+        self._surface.light(light.texels, light.tiles, light.brightness)
+        light.texels.clear()    # tens of megabytes
 
     def _set_constants(self) -> None:
         sun = self.config.sun

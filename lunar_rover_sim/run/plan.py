@@ -14,6 +14,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LIDAR_TOPICS, LidarNodeConfig,
                                              NODE_CONFIGS)
@@ -33,6 +34,8 @@ STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node
 _RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
+# The renderer is silent while it computes the light of a sun that has moved.
+_LIGHT_S = 60.0
 _LIDAR_LAG_SCANS, _RECORDER_LAG_SCANS = 2, 4
 # The gait controller reports who is silent on cmd_vel after this share of the time that physics
 # allows. Otherwise physics would report the gait controller.
@@ -83,6 +86,9 @@ def resolve(scenario: Scenario) -> Scenario:
     physics, gait = scenario.physics_node, scenario.gait_controller_node
     recorder, render = scenario.recorder_node, scenario.render_node
     physics = dataclasses.replace(physics, ground_rate_hz=render.frame_rate_hz, sun=render.sun)
+    if 'render_node' in nodes and SunPath(render.sun).step(round(1e9 * duration_s)):
+        physics = dataclasses.replace(physics, wait=dataclasses.replace(
+            physics.wait, silence_s=max(physics.wait.silence_s, _LIGHT_S)))
     render = dataclasses.replace(render, await_ground=render.await_ground or (
         physics.ground.deforms and 'physics_node' in nodes))
     # In real time nothing is awaited, but time starts only when these topics have publishers.

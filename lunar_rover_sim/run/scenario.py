@@ -20,6 +20,7 @@ import yaml
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.resources import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml
+from lunar_rover_sim.illumination.sun_path import check_last_date
 from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -257,6 +258,10 @@ def _dated(scenario: Scenario, changes: Iterable[Mapping[str, Any]]) -> Scenario
                                   f'with render_node.sun.date ({render.sun.date}), which decides '
                                   "it; set the date to ''")
     sun = dated_sun(render.sun, scenario.world)
+    try:
+        check_last_date(sun, scenario.run.duration_s)
+    except ConfigError as error:
+        raise ConfigError(f'render_node.{error}') from None
     return dataclasses.replace(scenario, render_node=dataclasses.replace(render, sun=sun))
 
 

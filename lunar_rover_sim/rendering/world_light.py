@@ -1,0 +1,58 @@
+"""All that depends on the sun and needs no GL, made in any thread: the light of a world."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.frames import Array, sun_direction
+from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.illumination.rock_shadow import sun_axes
+from lunar_rover_sim.illumination.sunlight import Sunlight
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.ground_texels import GroundTexels, LevelTexels
+from lunar_rover_sim.rendering.relief_brightness import relief_brightness, ReliefBrightness
+from lunar_rover_sim.rendering.relief_tiles import ReliefTiles, start_tiles
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.rocks import Rocks
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WorldLight:
+    """The light of a sun on a world.
+
+    sun: whose light it is; sunlight: what it sees; sun_axes: as `rock_shadow.sun_axes`
+    rock_light: as `Sunlight.rock_light`
+    texels: of the ground, by level, until they are drawn with
+    tiles, brightness: of the relief below the grid
+    """
+
+    sun: SunConfig
+    sunlight: Sunlight
+    sun_axes: Array
+    rock_light: NDArray[np.float32]
+    texels: list[LevelTexels]
+    tiles: ReliefTiles
+    brightness: ReliefBrightness
+
+
+def world_light(world: World, config: RenderConfig, seed: int, far_rocks: Rocks,
+                texels: GroundTexels) -> WorldLight:
+    """Compute the light of `config.sun`; seed: of the relief below the grid."""
+    sun = config.sun
+    direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
+    started = start_tiles(config.detail, seed, direction)
+    sunlight = Sunlight(world, sun, config.reflectance, direction, indirect=config.detail.bounce,
+                        far=far_rocks)
+    radius = math.radians(0.5 * sun.angular_diameter_deg)
+    tiles = started.result()
+    brightness = relief_brightness(tiles, config.reflectance, sunlight.sun.elevation_rad, radius)
+    with ThreadPoolExecutor(2) as pool:
+        levels = list(pool.map(lambda k: texels.under(sunlight, k, radius),
+                               range(len(world.levels))))
+    return WorldLight(sun, sunlight, sun_axes(sunlight.sun), sunlight.rock_light(), levels, tiles,
+                      brightness)

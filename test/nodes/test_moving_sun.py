@@ -1,0 +1,67 @@
+"""The sun of a date moves during a run, in pictures, sensors and topics alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from conftest import PLAIN, SMALL
+import numpy as np
+import pytest
+
+from lunar_rover_sim.bag.messages import pose_matrix
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.illumination.sun_path import SunPath
+from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.recording import record
+from lunar_rover_sim.run.scenario import Scenario
+
+pytestmark = pytest.mark.ros
+
+SKY = ('render_node.sun.date=2026-11-28T00:00:00Z', 'render_node.sun.site.source=given',
+       'render_node.sun.site.lat_deg=-85', 'render_node.sun.rate=50000',
+       'render_node.sun.step_deg=2.0', 'render_node.sensor.exposure_mode=sunlit',
+       'physics_node.sun_sensor.enabled=false',
+       'run.nodes=[physics_node,render_node,recorder_node]',
+       'recorder_node.topics=[all,sun_sensor/direction]')
+
+
+def test_a_run_in_lockstep(tmp_path: Path) -> None:
+    """A second of the run is 14 h of the sky: after 0.28 s each the sun is 2 deg further."""
+    result = record(Scenario.load('flat', [*SMALL, *PLAIN, *SKY], duration_s=0.8),
+                    tmp_path / 'run')
+    assert not check(result.bag).failed
+    render = result.scenario.render_node
+    path = SunPath(render.sun)
+
+    def direction(stamp_ns: int) -> np.ndarray:
+        sun = path.of_step(path.step(stamp_ns))
+        return sun_direction(sun.azimuth_deg, sun.elevation_deg)
+
+    with open_bag(result.bag) as bag:
+        suns = [(ns, m.vector) for _, ns, m in bag.messages(['/sun'])]
+        odometry = {ns: pose_matrix(m) for _, ns, m in bag.messages(['/odom'])}
+        sensed = [(ns, m.vector) for _, ns, m in bag.messages(['/sun_sensor/direction'])]
+        images = {ns: np.frombuffer(m.data.tobytes(), np.uint8).reshape(m.height, m.width)
+                  for _, ns, m in bag.messages(['/stereo/left/image_raw'])}
+        joints = {ns: m.position[:4] for _, ns, m in bag.messages(['/joint_states'])}
+    assert [ns for ns, _ in suns] == [path.start_ns(k) for k in range(3)]
+    for ns, v in suns:
+        np.testing.assert_allclose([v.x, v.y, v.z], direction(ns), atol=1e-12)
+    for ns, v in sensed:    # what a place sees of the disc is not quite its middle
+        np.testing.assert_allclose(odometry[ns][:3, :3] @ [v.x, v.y, v.z], direction(ns),
+                                   atol=2e-4)
+    assert len(sensed) >= 2
+    # The last picture has the light of the last step; noise and legs aside.
+    last = max(images)
+    state = RoverPose(odometry[last], joint_angle_rad=np.asarray(joints[last]))
+    with Renderer.from_scenario(result.scenario) as renderer:
+        drawn = []
+        for step in (0, path.step(last)):
+            if step:
+                renderer.show_sun(renderer.light_of(path.of_step(step)))
+            drawn.append(renderer.render(state, last // render.frame_period_ns, ('left',)).left)
+    apart = [np.abs(images[last].astype(float) - image).mean() for image in drawn]
+    assert path.step(last) == 2 and apart[1] < 0.2 * apart[0] and apart[0] > 1.0
