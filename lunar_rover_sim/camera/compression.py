@@ -5,39 +5,15 @@ Source: compressed_publisher.cpp of the repository image_transport_plugins. TIFF
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.compression_config import CompressionConfig
+from lunar_rover_sim.camera.encoding import encoding_of
 from lunar_rover_sim.errors import RenderError
-from lunar_rover_sim.parameters import param, Parameters
-
-
-@dataclasses.dataclass(frozen=True)
-class CompressionConfig(Parameters):
-    """Parameters of one compressed image, with the names of compressed_image_transport."""
-
-    format: str = param('jpeg', 'compression; png is lossless', choices=('jpeg', 'png'),
-                        live=True)
-    jpeg_quality: int = param(95, 'quality of jpeg, higher is better', unit='%', low=1, high=100,
-                              live=True)
-    png_level: int = param(3, 'effort of png; higher is smaller and slower', low=0, high=9,
-                           live=True)
-
-
-_ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'rgb8',
-              ('float32', 2): '32FC1'}
-
-
-def encoding_of(pixels: NDArray[Any]) -> str:
-    """Return the encoding of (h, w) uint8, uint16, (h, w, 3) uint8 or (h, w) or (h, w, c) float32.
-    """
-    if pixels.dtype == np.float32 and pixels.ndim == 3:
-        return f'32FC{pixels.shape[2]}'
-    return _ENCODINGS[str(pixels.dtype), pixels.ndim]
 
 
 def compressed(pixels: NDArray[Any], config: CompressionConfig) -> tuple[str, bytes]:

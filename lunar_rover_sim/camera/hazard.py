@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.camera.config import FurtherCameraConfig
-from lunar_rover_sim.camera.fisheye import FisheyeCamera
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
+from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.camera.mount import BodyMount
-from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, R_BODY_OPTICAL, se3, wxyz_from_rpy
 
 
@@ -38,13 +35,6 @@ class HazardMount(BodyMount):
 
     def __init__(self, config: HazardConfig) -> None:
         super().__init__(HazardRig(config))
-
-
-def geometry_of(config: FurtherCameraConfig) -> PinholeCamera | FisheyeCamera:
-    """Return where a camera images what."""
-    camera = config.camera
-    return (FisheyeCamera(camera) if isinstance(camera, HazardCameraConfig) and camera.is_fisheye
-            else PinholeCamera(camera))
 
 
 def sides(name: str, config: HazardConfig) -> tuple[str, ...]:

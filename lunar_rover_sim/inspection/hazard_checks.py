@@ -8,8 +8,9 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import NS_PER_S
-from lunar_rover_sim.camera.hazard import geometry_of, sides
+from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.camera.hazard_config import HazardConfig
+from lunar_rover_sim.camera.models import geometry_of
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.inspection.message_checks import count_problem, recorded_names
 from lunar_rover_sim.inspection.report import Report, Status

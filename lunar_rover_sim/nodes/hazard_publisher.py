@@ -10,8 +10,9 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.camera.hazard import fixed_frames, geometry_of, HazardMount, sides
+from lunar_rover_sim.camera.hazard import fixed_frames, HazardMount, sides
 from lunar_rover_sim.camera.hazard_config import HazardConfig
+from lunar_rover_sim.camera.models import geometry_of
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class

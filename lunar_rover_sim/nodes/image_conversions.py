@@ -13,7 +13,7 @@ from stereo_msgs.msg import DisparityImage
 
 from lunar_rover_sim import frames
 from lunar_rover_sim.bag.ground_points import FLOAT32, POINT
-from lunar_rover_sim.camera.compression import encoding_of
+from lunar_rover_sim.camera.encoding import encoding_of
 from lunar_rover_sim.frames import Array
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from types import TracebackType
 
 from lunar_rover_sim.camera.config import FurtherCameraConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
-from lunar_rover_sim.camera.hazard import geometry_of
+from lunar_rover_sim.camera.models import geometry_of
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.camera.rig import PinholeCamera, StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel

@@ -7,14 +7,14 @@ import dataclasses
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.camera.chase import ChaseConfig
-from lunar_rover_sim.camera.compression import CompressionConfig
+from lunar_rover_sim.camera.compression_config import CompressionConfig
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.hazard import fixed_frames
 from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.star_tracker import StarTrackerConfig
+from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
 from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.named_sets import Named

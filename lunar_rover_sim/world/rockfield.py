@@ -15,7 +15,7 @@ from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.lattice import ALBEDO_STEP, on_lattice, significant
 from lunar_rover_sim.world.rocks import Rocks, RockShape
-from lunar_rover_sim.world.stamping import window_of
+from lunar_rover_sim.world.window import window_of
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

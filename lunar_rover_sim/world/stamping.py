@@ -10,21 +10,13 @@ from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.lattice import ALBEDO_STEP, on_lattice
 from lunar_rover_sim.world.relief import smoothstep
+from lunar_rover_sim.world.window import window_of
 
 # A crater erases the relief up to the first radius and leaves it unchanged from the second on.
 _ERASED, _UNTOUCHED = 0.85, 1.45
 # Below this radius [cells] the ground under a crater is smooth anyway.
 _LEAST_FLATTENED = 5.0
 _PLANE_STEP_M = 2.0**-20  # lattice of the plane's height, and of its rise over a radius
-
-
-def window_of(x0: float, y0: float, reach: float, n: int) -> tuple[slice, slice] | None:
-    """Return the rows and columns within reach of a centre, in cells; None if fewer than two."""
-    left, right = max(int(np.ceil(x0 - reach)), 0), min(int(np.floor(x0 + reach)) + 1, n)
-    low, high = max(int(np.ceil(y0 - reach)), 0), min(int(np.floor(y0 + reach)) + 1, n)
-    if right - left < 2 or high - low < 2:
-        return None
-    return slice(low, high), slice(left, right)
 
 
 def stamp(heights: NDArray[np.float32], cell_m: float, craters: Craters, config: CraterConfig,

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lunar_rover_sim.camera.compression import compressed, CompressionConfig
+from lunar_rover_sim.camera.compression import compressed
+from lunar_rover_sim.camera.compression_config import CompressionConfig
 from lunar_rover_sim.errors import ConfigError
 
 RNG = np.random.default_rng(3)

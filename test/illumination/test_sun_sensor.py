@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import SunConfig, SunSiteConfig
-from lunar_rover_sim.illumination.star_tracker import StarTracker, StarTrackerConfig
+from lunar_rover_sim.illumination.star_tracker import StarTracker
+from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
 from lunar_rover_sim.illumination.sun_of_date import earth_of_date
 from lunar_rover_sim.illumination.sun_sensor import SunSensor, SunSensorConfig
 from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
