@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -36,9 +37,8 @@ class StatePublisher:
         self._truth = config.truth
         self._base_frame = frames.TRUE_BASE_FRAME if config.separate_truth else frames.BASE_FRAME
         # In the order of publishing. The clock is last: it means that the rest has been published.
-        in_order = (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS, *topics.CONTACTS,
-                    self._truth, topics.JOINT_STATES,
-                    *([topics.CLOCK] if config.publish_clock else []))
+        self._others = (self._truth, topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS,
+                        *topics.CONTACTS, *([topics.CLOCK] if config.publish_clock else []))
         self._imu = imu
         self._imu_variances = imu.white_noise_variances()
         self._imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
@@ -46,7 +46,7 @@ class StatePublisher:
         # filling them.
         self._messages: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}
-        for topic in in_order:
+        for topic in (topics.JOINT_STATES, *self._others):
             message_type = message_class(topic.type)
             self._messages[topic.name] = message_type()
             self._publishers[topic.name] = node.create_publisher(message_type, topic.graph_name,
@@ -72,21 +72,33 @@ class StatePublisher:
         return [*self._publishers.values(), *moving]
 
     def publish(self, state: RoverState, stamp_ns: int) -> None:
-        """Publish one state with one stamp [ns]."""
+        """Publish one state with one stamp [ns].
+
+        First the joint states, which the gait controller answers in lockstep: it works while the
+        rest is filled and sent.
+        """
         stamp = conversions.time_msg(stamp_ns)
+        conversions.fill_joint_state(self._messages[topics.JOINT_STATES.name],
+                                     state.joint_angle_rad, state.joint_velocity_radps,
+                                     state.motor_torque_nm, stamp)
+        self._send([topics.JOINT_STATES])
         links = link_poses(self._rover, state.joint_angle_rad)
-        self._fill(state, links, stamp)
+        self._fill_others(state, links, stamp)
         if self._tf is not None:
             self._tf.publish(self._moving_transforms(state, links, stamp))
-        # Sent in one go, after all are serialised: readers then wake up once per state, not once
-        # per message.
-        serialised = [(name, serialize_message(message))
-                      for name, message in self._messages.items()]
+        self._send(self._others)
+
+    def _send(self, published: Sequence[topics.Topic]) -> None:
+        # In one go, after all are serialised: readers then wake up once, not once per message.
+        serialised = [(topic.name, serialize_message(self._messages[topic.name]))
+                      for topic in published]
         for name, data in serialised:
             self._publishers[name].publish(data)
 
-    def _fill(self, state: RoverState, links: dict[str, Array], stamp: Time) -> None:
+    def _fill_others(self, state: RoverState, links: dict[str, Array], stamp: Time) -> None:
         messages = self._messages
+        conversions.fill_odometry(messages[self._truth.name], state, stamp, self._truth.frame_id,
+                                  self._base_frame)
         sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
         conversions.fill_imu_raw(messages[topics.IMU_RAW.name], sample, *self._imu_variances,
                                  stamp)
@@ -98,10 +110,6 @@ class StatePublisher:
             conversions.fill_wrench(messages[topic.name], state.contact_force_n[k] @ R_world_leg,
                                     state.contact_torque_nm[k] @ R_world_leg, topic.frame_id,
                                     stamp)
-        conversions.fill_odometry(messages[self._truth.name], state, stamp, self._truth.frame_id,
-                                  self._base_frame)
-        conversions.fill_joint_state(messages[topics.JOINT_STATES.name], state.joint_angle_rad,
-                                     state.joint_velocity_radps, state.motor_torque_nm, stamp)
         if self._config.publish_clock:
             conversions.fill_clock(messages[topics.CLOCK.name], stamp)
 

@@ -113,15 +113,21 @@ def test_incomplete_joints_are_refused() -> None:
 
 
 class FakeNode:
-    """Keeps everything that is published."""
+    """Keeps everything that is published, and the topics in the order of publishing."""
 
     def __init__(self) -> None:
         self.sent: dict[str, list[Any]] = {}
+        self.order: list[str] = []
 
     def create_publisher(self, kind: Any, topic: str, profile: Any) -> Any:
         """Return a publisher that keeps what it is given: messages of tf, the others as bytes."""
         messages = self.sent.setdefault(topic, [])
-        return type('Publisher', (), {'publish': staticmethod(messages.append)})
+
+        def publish(message: Any) -> None:
+            messages.append(message)
+            self.order.append(topic)
+
+        return type('Publisher', (), {'publish': staticmethod(publish)})
 
     def get_logger(self) -> Any:
         """Return a logger."""
@@ -213,6 +219,17 @@ def test_one_of_several_rovers_is_without_a_clock(state: RoverState) -> None:
         node, RoverDescription(), ImuNoise(ImuConfig(), 200, np.random.default_rng(1)),
         PhysicsNodeConfig(publish_clock=False)).publish(state, 5_000_000)
     assert '/clock' not in node.sent and len(node.sent['odom']) == 1
+
+
+def test_the_order_of_a_state(state: RoverState) -> None:
+    """What time waits for comes first; who has the clock has the rest of its time."""
+    node = FakeNode()
+    state_publisher.StatePublisher(  # type: ignore
+        node, RoverDescription(), ImuNoise(ImuConfig(), 200, np.random.default_rng(1)),
+        PhysicsNodeConfig()).publish(state, 5_000_000)
+    order = [topic for topic in node.order if not topic.startswith('tf')]
+    assert order[:2] == ['joint_states', 'odom'] and order[-1] == '/clock'
+    assert len(order) == len(set(order)) == 10
 
 
 def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
