@@ -1,5 +1,6 @@
 """One brightness: that of Hapke's law at every distance, and of finer images."""
 
+import contextlib
 import dataclasses
 
 import camera_scene as scene
@@ -13,34 +14,48 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.brightness import brightness, DIRECTIONS_DEG, views
 from lunar_rover_sim.studies.resolution import against_finer, finer_camera
 
+SCENARIOS = ('baseline', 'feature_sparse')
+SUNS_DEG = (2.0, 6.0, 15.0)
 EDGES_M = (0.4, 0.7, 1.2, 2.0, 3.5, 7.0, 20.0)
 
 
-@pytest.fixture(scope='module', params=['baseline', 'feature_sparse'])
-def plane(request):
-    """Return two renderers of ground of gentle waves, and a camera of 4 x 4 times the pixels.
+@pytest.fixture(scope='module')
+def planes():
+    """Return name → renderer of ground of gentle waves, and a camera of 4 x 4 times the pixels.
 
-    Slopes of 0.8 deg turn to the sun and away from it. The first renderer draws the relief of a
-    scenario below the grid, the second one draws none. `flat` has the same relief as `baseline`.
+    Slopes of 0.8 deg turn to the sun and away from it. The renderer draws the relief of the
+    scenario below the grid; the one named `plain` draws none, and has no finer camera. `flat` has
+    the same relief as `baseline`.
     """
-    detail = dataclasses.replace(Scenario.load(request.param).render_node.detail, bounce=False)
     axis = (np.arange(513) - 256) * 0.025
     waves = 0.006 * (np.sin(axis / 0.6)[None] + np.sin(axis / 0.6 + 1.0)[:, None])
     inside = np.clip((6.4 - np.abs(axis)) / 1.5, 0.0, 1.0)
     waves *= inside[:, None] * inside
     world, camera = scene.plane(heights=waves), CameraConfig(width=320, height=240)
-    with Renderer(world, scene.ROVER, scene.config(6.0, 60.0, detail=detail,
-                                                   camera=camera), 1) as renderer, \
-            Renderer(world, scene.ROVER, scene.config(6.0, 60.0, camera=camera)) as plain:
-        yield renderer, plain, finer_camera(renderer, 4)
+    with contextlib.ExitStack() as stack:
+        result = {'plain': (stack.enter_context(Renderer(
+            world, scene.ROVER, scene.config(SUNS_DEG[0], 60.0, camera=camera))), None)}
+        for name in SCENARIOS:
+            detail = dataclasses.replace(Scenario.load(name).render_node.detail, bounce=False)
+            renderer = stack.enter_context(Renderer(world, scene.ROVER, scene.config(
+                SUNS_DEG[0], 60.0, detail=detail, camera=camera), 1))
+            result[name] = renderer, finer_camera(renderer, 4)
+        yield result
 
 
-@pytest.fixture(scope='module', params=[2.0, 6.0, 15.0])
-def renderers(plane, request):
-    """Return them under a sun."""
-    for each in plane[:2]:
-        each.set_sun(60.0, request.param)
-    return plane
+@pytest.fixture(scope='module', params=SUNS_DEG)
+def sun(planes, request):
+    """Set the sun of all."""
+    for renderer, _ in planes.values():
+        if renderer.config.sun.elevation_deg != request.param:
+            renderer.set_sun(60.0, request.param)
+
+
+@pytest.fixture(params=SCENARIOS)
+def renderers(planes, sun, request):
+    """Return the renderer of a scenario, the plain one, and the finer camera of the first."""
+    renderer, finer = planes[request.param]
+    return renderer, planes['plain'][0], finer
 
 
 @pytest.mark.parametrize('direction', DIRECTIONS_DEG)
