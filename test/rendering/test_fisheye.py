@@ -11,10 +11,12 @@ import pytest
 import scipy.ndimage
 
 from lunar_rover_sim.camera.config import CameraConfig, FurtherCameraConfig, LensConfig
+from lunar_rover_sim.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.camera.hazard import HazardMount, HazardRig
 from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
 from lunar_rover_sim.camera.mount import BodyMount, MovingMount
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz, se3, sun_direction, wxyz_from_rpy
+from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.labels import LABEL_GROUND, rover_links
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
@@ -50,6 +52,15 @@ def on_hills() -> Iterator[Renderer]:
     with Renderer(scene.plane(n=257, heights=scene.hills(n=257)), scene.ROVER, scene.config(
             camera=SMALL, azimuth_deg=100.0, elevation_deg=12.0)) as drawn:
         yield drawn
+
+
+@pytest.fixture(scope='module')
+def wide_on_hills(on_hills) -> tuple[HazardConfig, FisheyeCamera, RoverPose, StereoFrame]:
+    """Return a fisheye on the hills, where the rover stands, and what it sees."""
+    config = hazard(HazardCameraConfig(width=400, height=400, horizontal_fov_deg=185.0))
+    state = RoverPose(scene.pose(0.0, 0.0, 0.4))
+    wide = on_hills.add_camera(config, HazardMount(config))
+    return config, wide.camera, state, wide.render(state, 0, ('radiance', 'label'))
 
 
 @pytest.mark.parametrize('k', [(0.0,) * 4, REAL])
@@ -97,13 +108,13 @@ def test_the_sun_stands_where_the_model_has_it(on_plane) -> None:
 
 
 @pytest.mark.parametrize('yaw_deg, pitch_deg', [(45.0, 20.0), (-80.0, 10.0), (0.0, 45.0)])
-def test_it_is_as_bright_as_a_pinhole(on_hills, yaw_deg: float, pitch_deg: float) -> None:
+def test_it_is_as_bright_as_a_pinhole(on_hills, wide_on_hills, yaw_deg: float,
+                                      pitch_deg: float) -> None:
     """In each direction radiance is that of a pinhole camera that looks there.
 
     Two of them look at seams of the faces, where nothing else may be seen than anywhere.
     """
-    config = hazard(HazardCameraConfig(width=400, height=400, horizontal_fov_deg=185.0))
-    state = RoverPose(scene.pose(0.0, 0.0, 0.4))
+    config, camera, state, seen = wide_on_hills
     pinhole = MovingMount()
     rig = HazardRig(config)
     T_world_camera = state.T_world_base @ rig.T_base_left
@@ -112,11 +123,9 @@ def test_it_is_as_bright_as_a_pinhole(on_hills, yaw_deg: float, pitch_deg: float
     pinhole.place(T)
     # About as many pixels per radian as the fisheye.
     narrow = CameraConfig(width=96, height=96, horizontal_fov_deg=42.0)
-    wide = on_hills.add_camera(config, HazardMount(config))
     other = on_hills.add_camera(FurtherCameraConfig(camera=narrow), pinhole)
-    seen = wide.render(state, 0, ('radiance', 'label'))
     expected = other.render(state, 0, ('radiance', 'label'))
-    places = wide.camera.project(other.camera.rays() @ T[:3, :3].T @ T_world_camera[:3, :3])
+    places = camera.project(other.camera.rays() @ T[:3, :3].T @ T_world_camera[:3, :3])
     assert seen.radiance is not None and expected.radiance is not None
     assert seen.label is not None and expected.label is not None
     at = np.nan_to_num(places, nan=-9.0)[..., ::-1].transpose(2, 0, 1)
