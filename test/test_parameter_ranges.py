@@ -9,7 +9,9 @@ import pkgutil
 
 import pytest
 
+from lunar_rover_sim.camera.chase import ChaseCameraConfig
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import LampConfig, SunConfig
@@ -202,6 +204,13 @@ def test_the_default_sensor_is_four_pixels_of_its_data_sheet():
     assert sensor.shot_noise and sensor.read_noise and sensor.fixed_pattern
     # Photons of sunlight carry 2 to 4e-19 J: fewer electrons than one for each.
     assert 1e17 < sensor.electrons_per_joule < 1.0 / 3e-19
+
+
+def test_the_default_images_have_usual_shapes():
+    """4 : 3 for the sensors of the rover, 16 : 9 for the film."""
+    for camera, wide, high in ((CameraConfig(), 4, 3), (HazardCameraConfig(), 4, 3),
+                               (ChaseCameraConfig(), 16, 9)):
+        assert camera.width * high == camera.height * wide
 
 
 def test_the_default_rover_walks_as_a_trot_with_three_spokes():

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import bootstrap
 from lunar_rover_sim.evaluation.grey_images import GreyPair
 from lunar_rover_sim.evaluation.image_comparison import compare_images, ImageComparison, Row
+from lunar_rover_sim.evaluation.image_plots import save_comparison
 from lunar_rover_sim.evaluation.image_statistics import (ground_mask, image_statistics, MEASURES,
                                                          spectrum_slope)
 from lunar_rover_sim.files.images import write_png
@@ -173,6 +175,50 @@ def test_spectrum_of_a_flat_image() -> None:
     ground = np.ones((HEIGHT, WIDTH), bool)
     assert np.isnan(spectrum_slope(np.full((HEIGHT, WIDTH), 0.5, np.float32), ground))
     assert np.isnan(spectrum_slope(np.zeros((8, WIDTH), np.float32), ground[:8]))
+
+
+def test_the_smallest_image_with_a_spectrum() -> None:
+    """32 rows and columns have a slope, 31 of either have none; rows with sky do not count."""
+    image = texture(5, height=40, width=40).astype(np.float32)
+    for height, width, known in ((32, 32, True), (31, 32, False), (32, 31, False)):
+        part = image[:height, :width]
+        assert np.isfinite(spectrum_slope(part, np.ones(part.shape, bool))) == known
+    ground = np.ones((40, 32), bool)
+    ground[:8, 5] = False
+    assert spectrum_slope(image[:, :32], ground) == pytest.approx(
+        spectrum_slope(image[8:, :32], ground[8:]))
+    ground[8, 5] = False
+    assert np.isnan(spectrum_slope(image[:, :32], ground))
+
+
+def test_the_figure_shows_the_numbers(plain: Path, tmp_path: Path,
+                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    """Histograms with the area 1; a dot for each image, a large one for the mean, its interval."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, 'savefig', lambda figure, *_, **__: drawn.append(figure))
+    other = write_set(tmp_path / 'b', lambda image: 0.5 * image)
+    result = compare_images(plain, other, frames=4)
+    save_comparison(result, tmp_path / 'figure.png')
+    histograms, *measures = drawn[0].axes
+    for patch, one in zip(histograms.patches, (result.first, result.second)):
+        values, edges, _ = patch.get_data()
+        assert np.sum(values * np.diff(edges)) == pytest.approx(1.0)
+        assert edges[0] == -3.0 and edges[-1] == pytest.approx(0.0)
+        assert np.argmax(values) == np.argmax(one.log_gradients.mean(axis=0))
+    rows = [row for row in result.rows if row.first.n]
+    assert len(histograms.patches) == 2 and len(rows) == 6
+    for axes, row in zip(measures, rows):
+        assert axes.get_title().startswith(row.name) and f'{row.difference.p:.3g}' in (
+            axes.get_title())
+        index = list(MEASURES).index(row.name)
+        for k, (estimate, one) in enumerate(((row.first, result.first),
+                                             (row.second, result.second))):
+            dots, mean = axes.lines[2 * k:2 * k + 2]
+            assert dots.get_ydata() == pytest.approx(one.values[:, index], nan_ok=True)
+            assert abs(float(np.mean(dots.get_xdata())) - k) < 1e-9
+            assert mean.get_xydata()[0] == pytest.approx([k, estimate.value])
+            assert axes.collections[k].get_segments()[0][:, 1] == pytest.approx(
+                [estimate.low, estimate.high])
 
 
 def test_intervals_cover() -> None:

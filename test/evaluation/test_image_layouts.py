@@ -99,6 +99,23 @@ def test_polar(tmp_path: Path) -> None:
         pairs(terrain)
 
 
+@pytest.mark.parametrize(('turn', 'problem'), [
+    ('1.0001 0 0 0 1 0 0 0 1', ''), ('1.01 0 0 0 1 0 0 0 1', 'is not a rotation'),
+    ('0 1 0 1 0 0 0 0 1', 'is not a rotation'), ('0.5 0 0 0 0.5 0 0 0 0.5', 'not a rotation')])
+def test_the_turn_between_the_cameras_is_a_rotation(turn: str, problem: str,
+                                                    tmp_path: Path) -> None:
+    """Rounding of four digits is none; a stretch and a mirror are."""
+    for side in 'LR':
+        put(tmp_path / 'NoSun' / f'Cam{side}_PosA_0064.png', 500, np.uint16)
+    (tmp_path / 'stereo.calibration').write_text(
+        POLAR_CALIBRATION.replace('1 0 0 0 1 0 0 0 1', turn))
+    if problem:
+        with pytest.raises(EvaluationError, match=problem):
+            pairs(tmp_path)
+    else:
+        assert pairs(tmp_path)[2][0].right is not None
+
+
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a bag in the folder of a run, and its export."""

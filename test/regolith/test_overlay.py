@@ -152,3 +152,18 @@ def test_beyond_the_world_there_is_nothing_to_press():
     assert (snapshot.index[:, 0] * CELL_M <= edge + 1e-9).all()
     height, compaction = overlay.sums_m()
     assert abs(height + compaction + overlay.residue_m) < 1e-12
+
+
+def test_soil_slides_as_steep_along_the_diagonals_as_along_the_axes():
+    """A deep hole becomes a cone: neighbours in all eight directions are as steep."""
+    overlay, ground = Overlay(), flat()
+    overlay.put(0, 0, np.full((1, 1), -1.0), np.zeros((1, 1)))
+    relax(overlay, FineGround(ground), -3, -3, 7, 7, 38.0)
+    height = overlay.window(-30, -30, 61, 61)[0]
+    steepest = math.tan(math.radians(38.8)) + 1e-6
+    for rise, way in ((height[:, 1:] - height[:, :-1], 1.0), (height[1:] - height[:-1], 1.0),
+                      (height[1:, 1:] - height[:-1, :-1], math.sqrt(2.0)),
+                      (height[1:, :-1] - height[:-1, 1:], math.sqrt(2.0))):
+        slope = np.abs(rise).max() / (way * CELL_M)
+        assert 0.9 * math.tan(math.radians(38.0)) < slope < steepest
+    assert float(height.sum()) == pytest.approx(-1.0, abs=1e-5)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from lunar_rover_sim.physics.config import PhysicsConfig
@@ -18,6 +20,18 @@ def test_the_slope_is_the_derivative_of_what_soil_bears(depth_m, lean):
     h = 1e-6
     slope = (spoke.bears_n(depth_m + h, lean) - spoke.bears_n(depth_m - h, lean)) / (2.0 * h)
     assert spoke.slope_npm(depth_m, lean) == pytest.approx(slope, rel=1e-6)
+
+
+@pytest.mark.parametrize('depth_m', [0.003, 0.011, 0.013, 0.03])
+def test_the_slope_of_cohesive_soil(depth_m):
+    """The area below the tip grows up to its equator, 12 mm deep."""
+    soil = dataclasses.replace(PhysicsConfig().ground.soil(1.62), cohesion_pa=2000.0)
+    spoke = SpokeInSoil(soil, RADIUS_M, ROD_M)
+    assert spoke.bears_n(depth_m, 0.2) > SpokeInSoil(
+        dataclasses.replace(soil, cohesion_pa=0.0), RADIUS_M, ROD_M).bears_n(depth_m, 0.2)
+    h = 1e-6
+    slope = (spoke.bears_n(depth_m + h, 0.2) - spoke.bears_n(depth_m - h, 0.2)) / (2.0 * h)
+    assert spoke.slope_npm(depth_m, 0.2) == pytest.approx(slope, rel=1e-6)
 
 
 @pytest.mark.parametrize('part', [1.0, 0.4])

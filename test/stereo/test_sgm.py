@@ -263,3 +263,17 @@ def test_shapes_are_checked():
         matcher.match(np.zeros((10, 200), np.uint8), np.zeros((10, 201), np.uint8))
     with pytest.raises(StereoError, match='less than the image width'):
         matcher.match(np.zeros((10, 50), np.uint8), np.zeros((10, 50), np.uint8))
+
+
+@pytest.mark.parametrize('block', [5, 7, 9])
+def test_matches_keep_half_a_block_from_the_edges(block):
+    """The block around a match lies in both images, at the upper edge and on the sides."""
+    left, right = textured_pair(np.full(120, 10.0), height=120, width=200, sky=0)
+    found = SgmMatcher(SgmConfig(num_disparities=32, block_size=block, speckle_window_px=0)).match(
+        left, right)
+    margin = block // 2
+    assert not found.valid[:margin].any() and found.valid[margin, 60:-60].mean() > 0.8
+    matched = (np.arange(200) - found.disparity_px)[found.valid]
+    # Disparities are cut to the range by less than a pixel after that was looked at.
+    assert matched.min() >= margin - 1.0 and matched.max() <= 199 - margin
+    assert found.valid_window == (margin, margin, 200 - 2 * margin, 120 - 2 * margin)

@@ -10,6 +10,7 @@ from lunar_rover_sim.world import ejecta
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.far_albedo import far_albedo, RECIPE
 from lunar_rover_sim.world.far_rocks import far_rocks, least_diameter_m
+from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.rockfield import number_per_m2
 
 REACH_M = 300.0
@@ -95,6 +96,24 @@ def test_the_far_albedo_is_the_published_one(world):
     for k, factors in known.items():
         np.testing.assert_allclose(far_albedo(world, k)[20, [10, 80, 128, 200]], factors,
                                    atol=5e-4)
+
+
+def test_patches_of_the_finest_wavelength_show_where_cells_are_fine_enough(world):
+    """16 cells of 10 cm make 1.6 m: all four wavelengths are there, of 12 cm three."""
+    flat = dataclasses.replace(world.config, seed=3, albedo=dataclasses.replace(
+        world.config.albedo, fresh_crater=0.0))
+    roughness = []
+    for cell_m in (0.1, 0.12):
+        levels = (world.ground, HeightGrid(np.zeros((385, 385), np.float32), cell_m),
+                  *world.levels[2:])
+        factor = far_albedo(dataclasses.replace(world, config=flat, levels=levels), 1)
+        away = np.abs(np.arange(385) - 192) * cell_m > world.ground.half_extent_m + 3.0
+        outer = factor[away][:, away]
+        lag = round(0.8 / cell_m)
+        # Over half of a wavelength of 1.6 m the others hardly change.
+        roughness.append(np.var(outer[:, lag:] - outer[:, :-lag]) / 2.0)
+    fine = 0.035**2 * 0.4**2
+    assert roughness[0] - roughness[1] == pytest.approx(fine, rel=0.5)
 
 
 def test_levels_show_the_same_patches(world):
