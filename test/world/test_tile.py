@@ -1,9 +1,12 @@
 """A tile of measured heights in a level: its own heights within, and no step at its edge."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from lunar_rover_sim.world import tile
+from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.levels import axis_m
 
 
@@ -37,3 +40,16 @@ def test_a_slope_goes_on_beyond_the_tile_without_a_step_and_settles(along, pixel
     assert np.abs(steps).max() <= 0.2 * pixel_m
     assert 2.4 < row[-1] < 3.0 and abs(steps[-1]) < 0.01
     np.testing.assert_allclose(row[::-1], -row, atol=0.15)
+
+
+def test_craters_that_a_model_would_show_are_left_out_in_and_around_its_area():
+    """An area of 40 m by 20 m, off the origin, pixels of 2 m: those of 3 m reach 3.9 m."""
+    source = SimpleNamespace(area_m=(-10.0, 30.0, -5.0, 15.0), pixel_m=2.0)
+    places = [(0.0, 0.0), (29.0, 14.0), (33.8, 0.0), (34.0, 0.0), (-13.8, 0.0), (-14.0, 0.0),
+              (0.0, 18.8), (0.0, 19.0), (0.0, -8.8), (0.0, -9.0), (32.5, 17.5), (33.0, 18.0)]
+    kept = [False, False, False, True, False, True, False, True, False, True, False, True]
+    for diameter, expected in ((3.0, kept), (2.0, [True] * len(places))):
+        craters = Craters(np.array(places), np.full(len(places), diameter),
+                          np.zeros(len(places)), np.arange(len(places), dtype=np.int32))
+        found = tile.below_its_scale(craters, source).level
+        assert found.tolist() == np.flatnonzero(expected).tolist()
