@@ -44,6 +44,13 @@ def test_a_slipping_turn_has_opposite_slip_on_both_sides():
     assert slip == pytest.approx(0.5 * 0.105 * np.array([1, -1, 1, -1]), rel=0.01)
 
 
+def test_beyond_the_ground_it_counts_as_level():
+    observer, state = standing(joint_velocity_radps=np.full(4, 1.0))
+    away = dataclasses.replace(state, position_m=state.position_m + [1e3, 0.0, 0.0])
+    assert observer.observe(away).sweep_mps == pytest.approx(observer.observe(state).sweep_mps,
+                                                             rel=1e-3)
+
+
 def test_a_leg_in_the_air_neither_sweeps_nor_slips():
     observer, state = standing(joint_velocity_radps=np.full(4, 1.0))
     force = state.contact_force_n.copy()

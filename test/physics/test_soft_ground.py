@@ -297,3 +297,18 @@ def test_a_step_too_long_for_the_soil_is_refused():
         simulate(ground=soft(damping_nspm=5000.0))
     with pytest.raises(ConfigError, match='gravity_mps2: 0 is not valid'):
         simulate(ground=soft(), gravity_mps2=0.0)
+
+
+def test_a_tip_slips_with_the_speed_of_its_lowest_point_along_the_surface():
+    """Velocity about the centre of mass and turn of the leg, less the part along the normal."""
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        tip = SoftTip(0, 0, np.zeros(3), np.zeros(4), np.zeros(5), np.zeros(2))
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        tip.nx, tip.ny, tip.nz = normal.tolist()
+        centre, com, turn, speed = rng.normal(size=(4, 3))
+        lowest = speed + np.cross(turn, centre - R * normal - com)
+        along = lowest - normal * (normal @ lowest)
+        assert tip.slip_mps(R, tuple(centre), [*turn, *speed], tuple(com)) == pytest.approx(
+            np.linalg.norm(along))
