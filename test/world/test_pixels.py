@@ -177,3 +177,19 @@ def test_an_absurd_height_is_a_gap(tmp_path, kind):
     heights += 1.0e5 - heights.max() - 1.0      # a whole file of great heights is one
     heights[25, 20] = heights[25, 21]
     opened(write(tmp_path / 'high', kind, False, heights)).close()
+
+
+@SENSES
+def test_pixels_smaller_than_a_metre(tmp_path, south_up):
+    """The sign of the pixel size says where south is, however small it is."""
+    path = tmp_path / 'fine'
+    path.mkdir()
+    rows = (np.arange(100) - 49.5) * (0.4 if south_up else -0.4)
+    np.save(path / 'dem.npy', np.tile(NORTH * rows[:, None], (1, 100)).astype(np.float32))
+    (path / 'dem.yaml').write_text(json.dumps(
+        {'size': [100, 100], 'pixel_size': [0.4, 0.4 if south_up else -0.4]}))
+    raster = opened(path)
+    tile = raster.tile(8.0, 0.4)
+    rise = np.diff(tile.heights_m, axis=0) / np.diff(tile.y_m)[:, None]
+    np.testing.assert_allclose(rise, NORTH, atol=1e-3)
+    raster.close()

@@ -115,7 +115,10 @@ def test_the_sheet_shows_numbers_above_diameters():
             continue
         inside = np.abs(world.craters.position_m).max(axis=1) <= level.half_extent_m
         assert curve[0, 0] == pytest.approx(world.craters.diameter_m[inside].max())
-        assert curve[0, 1] == pytest.approx((2.0 * level.half_extent_m)**-2)
+        area = (2.0 * level.half_extent_m)**2
+        shown = inside & (world.craters.diameter_m >= 8.0 * level.cell_m)
+        assert curve[0, 1] == pytest.approx(1.0 / area)
+        assert curve[-1, 1] == pytest.approx(np.count_nonzero(shown) / area)
     law = next(line for label, line in craters.items() if label != 'within')
     expected = [crater_population.density_per_m2(world.config.craters, d) for d in law[:, 0]]
     np.testing.assert_allclose(law[:, 1], expected)
