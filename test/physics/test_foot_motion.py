@@ -45,7 +45,8 @@ def test_a_slipping_turn_has_opposite_slip_on_both_sides():
 
 
 def test_beyond_the_ground_it_counts_as_level():
-    observer, state = standing(joint_velocity_radps=np.full(4, 1.0))
+    observer, state = standing(joint_velocity_radps=np.full(4, 1.0),
+                               orientation_wxyz=wxyz_from_rpy(0.0, 0.0, 0.8))
     away = dataclasses.replace(state, position_m=state.position_m + [1e3, 0.0, 0.0])
     assert observer.observe(away).sweep_mps == pytest.approx(observer.observe(state).sweep_mps,
                                                              rel=1e-3)
