@@ -17,6 +17,7 @@ from rosbags.typesys.store import Typestore
 from lunar_rover_sim import topics as contract
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import has_end
+from lunar_rover_sim.bag.file_counts import file_counts, is_count
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.regular_file import check_regular
@@ -38,6 +39,7 @@ class Bag:
     """An open bag; use as a context manager, or call `close`.
 
     path: what was opened; incomplete: why the recording is not complete, or None.
+    file_counts: storage file → messages in it by metadata.yaml, None where it does not say.
     Topic arguments are names as in the bag, or names of the topic contract without namespace.
     """
 
@@ -60,12 +62,16 @@ class Bag:
             raise BagError(f'{self.path}: cannot be read as a bag: {_words(error)}') from None
         try:
             self._check_counts()
+            self.file_counts: dict[Path, int | None] = {self.path: None}
+            if self.path.is_dir():
+                self.file_counts = {self.path / name: count
+                                    for name, count in file_counts(self.path).items()}
         except BagError:
             self.close()
             raise
-        if (self.incomplete is None and self.storage_path.suffix == '.mcap'
-                and not has_end(self.storage_path)):
-            self.incomplete = f'{self.storage_path.name} has no end'
+        for file in self.file_counts:
+            if self.incomplete is None and file.suffix == '.mcap' and not has_end(file):
+                self.incomplete = f'{file.name} has no end'
 
     def _check_counts(self) -> None:
         """Raise BagError if a count, time or name is not one; rosbags takes them all."""
@@ -82,7 +88,7 @@ class Bag:
         except TypeError:
             values['message_count'] = 'not a number'
         for name, value in values.items():
-            if not _is_count(value):
+            if not is_count(value):
                 raise BagError(f'{self.path}: {marker.METADATA_NAME}: {name}: {brief(value)} is '
                                'not valid; valid is a whole number >= 0 of 64 bits')
 
@@ -236,7 +242,9 @@ class Bag:
         """Close the files."""
         reader, self._reader = self._reader, None
         if reader is not None:
-            reader.close()
+            # rosbags empties the list `files` of metadata.yaml, which may be no list.
+            with suppress(AttributeError):
+                reader.close()
 
     def __enter__(self) -> Bag:
         return self
@@ -277,10 +285,6 @@ def storage_file(path: Path) -> Path:
         if files:
             return files[0]
     raise BagError(f'{path}: is no bag: it holds neither .mcap nor .db3 files')
-
-
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
 
 
 def _words(error: Exception) -> str:

@@ -12,6 +12,7 @@ import math
 from pathlib import Path
 
 from lunar_rover_sim.bag.checksums import damage
+from lunar_rover_sim.bag.marker import METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.inspection import (imu_checks, lidar_checks, message_checks, stereo_checks,
@@ -47,6 +48,7 @@ def check(path: Path | str, progress: Callable[[], None] | None = None) -> Repor
             read.update({t.name: len(t.stamps_ns) for t in rover.scan.topics.values()})
             _check(rover, report.of(f'{namespace.lstrip("/")} ' if several else ''))
         readable(bag, read, report)
+        span(bag, report)
         one_clock(bag, max(ends_ns, default=0), report)
     return report
 
@@ -56,8 +58,10 @@ def checksums(bag: Bag, report: Report) -> None:
     if bag.incomplete or bag.storage_path.suffix != '.mcap':
         report.add('checksums', Status.SKIP, 'the file has none')
         return
-    found = damage(bag.storage_path)
-    report.verdict('checksums', [found] if found else [], 'fit')
+    found = {file: damage(file) for file in bag.file_counts}
+    several = len(found) > 1
+    report.verdict('checksums', [f'{file.name}: {one}' if several else one
+                                 for file, one in found.items() if one], 'fit')
 
 
 def readable(bag: Bag, read: Mapping[str, int], report: Report) -> None:
@@ -71,7 +75,38 @@ def readable(bag: Bag, read: Mapping[str, int], report: Report) -> None:
         found[message.topic] += 1
     problems = [f'{topic}: {found[topic]} of {count} messages are found'
                 for topic, count in bag.counts.items() if found[topic] != count]
+    total = sum(found.values())
+    if not problems and total != bag.message_count:
+        problems.append(f'message_count: {bag.message_count} by {METADATA_NAME}, {total} are '
+                        'found')
+    for file, count in bag.file_counts.items():
+        # The messages of the only file have been counted above.
+        held = total if len(bag.file_counts) == 1 else _messages_in(file)
+        if not problems and count not in (None, held):
+            problems.append(f'{file.name}: {count} messages by {METADATA_NAME}, {held} are found')
     report.verdict('readable', problems, 'as many messages as the bag counts')
+
+
+def _messages_in(file: Path) -> int:
+    with open_bag(file) as bag:
+        return sum(1 for _ in bag.raw())
+
+
+def span(bag: Bag, report: Report) -> None:
+    """The first and the last message have the times that the bag begins and ends with."""
+    if not bag.message_count:
+        return
+    start_ns, end_ns = bag.start_ns, bag.end_ns
+    problems = [f'{name} at {ns / NS_PER_S:.9f} s: {what}' for name, ns, what, is_so in (
+        ('begins', start_ns, 'there are earlier messages', _has(bag, None, start_ns)),
+        ('begins', start_ns, 'there is no message', not _has(bag, start_ns, start_ns + 1)),
+        ('ends', end_ns, 'there are later messages', _has(bag, end_ns + 1, None)),
+        ('ends', end_ns, 'there is no message', not _has(bag, end_ns, end_ns + 1))) if is_so]
+    report.verdict('span', problems, f'{start_ns / NS_PER_S:.3f} s to {end_ns / NS_PER_S:.3f} s')
+
+
+def _has(bag: Bag, start_ns: int | None, stop_ns: int | None) -> bool:
+    return next(bag.raw(start_ns=start_ns, stop_ns=stop_ns), None) is not None
 
 
 def one_clock(bag: Bag, end_ns: int, report: Report) -> None:

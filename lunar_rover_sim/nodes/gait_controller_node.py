@@ -42,7 +42,6 @@ class GaitControllerNode(node_main.GraphNode):
         self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
         self._states: collections.deque[JointState] = collections.deque()
         self._velocities: collections.deque[TwistStamped] = collections.deque()
-        self._refused = 0
         self._now_ns = 0
         self._jump = TimeJump(self)
 
@@ -80,6 +79,7 @@ class GaitControllerNode(node_main.GraphNode):
             # Nobody had to answer before. At the start that may have been minutes.
             self._listener.note_progress()
         self._states.append(msg)
+        self._listener.judge_early()
         self._answer_while_open()
 
     def _newest_ns(self) -> int | None:
@@ -121,10 +121,8 @@ class GaitControllerNode(node_main.GraphNode):
         try:
             self._controller.set_velocity(forward_mps, yaw_rate_radps, command_ns)
         except GaitError:
-            self._refused += 1
-            self.get_logger().warning(
-                f'cmd_vel: linear.x = {forward_mps}, angular.z = {yaw_rate_radps} refused '
-                f'({self._refused} so far); valid is finite', throttle_duration_sec=1.0)
+            self.warnings.add('velocity', f'cmd_vel: linear.x = {forward_mps}, angular.z = '
+                              f'{yaw_rate_radps} refused', '; valid is finite')
         for report in self._controller.take_reports():
             self.get_logger().warning(report)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Callable, Collection, Mapping
 import time
 from typing import Any
@@ -33,7 +34,7 @@ class LockstepListener:
     lockstep: whether time waits; then an answer with stamp 0 and a lost one end the node
     now_ns: returns the newest simulated time [ns] that the node knows of, None before the first.
         A stamp more than a second after it is refused, because it would hold the gate open until
-        then.
+        then. Answers that come before the first time are kept until `judge_early`.
     on_answer: called after every answer
     drops: answers that were lost or refused
     handlers: topic → callback that gets each message before the gate learns its stamp; the type
@@ -57,6 +58,8 @@ class LockstepListener:
         self._without_publisher = list(self.gate.topics)
         self._lag_ns = wait.lag_ns_by_topic()
         self._before_restart: set[str] = set()
+        self._early: collections.deque[tuple[str, int, Any]] = collections.deque(
+            maxlen=qos.STATE_DEPTH)     # topic, stamp [ns], message
         self.drops = Drops()
         self._relays = frozenset(relays)
         self._refused: dict[str, int] = {}      # topic → stamps refused so far
@@ -166,24 +169,43 @@ class LockstepListener:
                 return      # sent before there was a state to answer
             raise GraphError(f'{topic}: stamp 0 (from {self._publishers(topic)}) is no answer; '
                              'valid is the stamp of the message that it answers')
-        if topic in self._before_restart:
-            if now_ns is not None and stamp > now_ns + self._lag_ns[topic]:
-                return
-            self._before_restart.discard(topic)
-        if now_ns is not None and stamp > now_ns + _MAX_AHEAD_NS:
-            self._refuse(topic, stamp, now_ns)
+        if now_ns is None:
+            # It may be stamped with another clock: only the first state can tell.
+            self._early.append((topic, stamp, msg))
+        elif self._is_accepted(topic, stamp, msg, now_ns):
+            self._on_answer()
+
+    def judge_early(self) -> None:
+        """Take or refuse the answers that came before the node knew the time; it knows it now."""
+        now_ns = self._now_ns()
+        if now_ns is None or not self._early:
             return
+        early = list(self._early)
+        self._early.clear()
+        # All of them first: `on_answer` uses the newest one.
+        if any([self._is_accepted(*answer, now_ns) for answer in early]):
+            self._on_answer()
+
+    def _is_accepted(self, topic: str, stamp: int, msg: Any, now_ns: int) -> bool:
+        """Hand an answer on to its handler and the gate, unless its stamp is not valid."""
+        if topic in self._before_restart:
+            if stamp > now_ns + self._lag_ns[topic]:
+                return False
+            self._before_restart.discard(topic)
+        if stamp > now_ns + _MAX_AHEAD_NS:
+            self._refuse(topic, stamp, now_ns)
+            return False
         if topic in self._handlers:
             self._handlers[topic](msg)
         self.gate.answer(topic, stamp)
         # A slow participant is not a silent one: on a loaded machine a frame may take seconds.
         self.note_progress()
-        self._on_answer()
+        return True
 
     def _refuse(self, topic: str, stamp: int, now_ns: int) -> None:
-        count = self._refused[topic] = self._refused.get(topic, 0) + 1
+        self._refused[topic] = self._refused.get(topic, 0) + 1
         self.drops.add(f'Refused stamps of {topic}')
-        self._node.get_logger().warning(
-            f'{topic}: stamp {stamp / 1e9:.3f} s refused ({count} so far); valid is at '
-            f'most {_MAX_AHEAD_NS / 1e9:g} s after the simulated time, {now_ns / 1e9:.3f} s '
-            '(does its publisher use /clock?)', throttle_duration_sec=1.0)
+        self._node.warnings.add(
+            f'stamp of {topic}', f'{topic}: stamp {stamp / 1e9:.3f} s refused',
+            f'; valid is at most {_MAX_AHEAD_NS / 1e9:g} s after the simulated time, '
+            f'{now_ns / 1e9:.3f} s (does its publisher use /clock?)')

@@ -23,6 +23,7 @@ from rclpy.task import Future
 from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos_overrides
+from lunar_rover_sim.nodes.counted_warnings import CountedWarnings
 from lunar_rover_sim.nodes.type_watch import TypeWatch
 from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.shared_config import NodeConfig
@@ -35,6 +36,7 @@ class GraphNode(Node):
     """A node that can end by itself: finished, or because of an error in a callback.
 
     finished: set to end the node successfully after the current callback
+    warnings: what is refused or goes wrong often, with its count
     failure: the error of this package that a callback raised. `run` prints it as one line; the
         executor would log a traceback.
     """
@@ -49,6 +51,7 @@ class GraphNode(Node):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self._has_parameters = True
         self.type_watch = TypeWatch(self)
+        self.warnings = CountedWarnings(self.get_logger())
 
     @property
     def ending(self) -> bool:
@@ -177,6 +180,7 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
             if not node.ending:
                 node.work()
         failure = node.failure
+        node.warnings.tell_rest()
     except LunarRoverSimError as error:
         failure = error
     if failure is not None:

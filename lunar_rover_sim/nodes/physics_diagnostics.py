@@ -1,4 +1,4 @@
-"""What physics_node reports on /diagnostics: state rate, real-time factor, participants, drops."""
+"""What physics_node reports on /diagnostics: state rate, pace, participants, drops, attitude."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import time
 from lunar_rover_sim.nodes.diagnostics import (Diagnostics, Drops, ERROR, OK, Rate, Status,
                                                TOLERANCE, WARN)
 from lunar_rover_sim.nodes.node_main import GraphNode
+from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.physics.tip_over import TipOver
 from lunar_rover_sim.run.lockstep import StampGate
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 
@@ -31,11 +33,17 @@ class PhysicsDiagnostics:
         self._now_ns, self._is_paused = now_ns, is_paused
         self._last_s, self._last_ns = time.monotonic(), now_ns()
         Diagnostics(node, {'State rate': self._state_rate, 'Real-time factor': self._speed,
-                           'Participants': self._participants, 'Drops': drops.status})
+                           'Participants': self._participants, 'Drops': drops.status,
+                           'Attitude': self._attitude})
+        self._warnings, self._tip_over = node.warnings, TipOver()
 
-    def tick(self) -> None:
-        """Count one state."""
+    def tick(self, state: RoverState) -> None:
+        """Count one state, and warn where the rover tips over with it."""
         self._rate.tick()
+        if self._tip_over.has_begun(state.orientation_wxyz):
+            x, y, _ = state.position_m
+            self._warnings.add('tip-over', f'tipped over at {self._now_ns() / 1e9:.2f} s, x '
+                               f'{x:.2f} m, y {y:.2f} m')
 
     def _state_rate(self) -> Status:
         return self._rate.status('Paused' if self._is_paused() else '')
@@ -61,6 +69,12 @@ class PhysicsDiagnostics:
         if self._factor:
             values['Target real-time factor'] = f'{self._factor:g}'
         return Status(level, message, values)
+
+    def _attitude(self) -> Status:
+        values = {'Tilt (deg)': f'{self._tip_over.tilt_deg:.1f}'}
+        if self._tip_over.lies:
+            return Status(ERROR, 'Tipped over', values)
+        return Status(OK, 'Upright', values)
 
     def _participants(self) -> Status:
         """Return by how much each awaited topic is behind the simulated time."""

@@ -148,7 +148,7 @@ class PhysicsNode(node_main.GraphNode):
         self._requested.publish(state, self._now_ns)
         self._publisher.publish(state, self._now_ns)
         self._listener.note_progress()
-        self._diagnostics.tick()
+        self._diagnostics.tick(state)
         self._stepping.made()
         return state
 
@@ -180,8 +180,8 @@ class PhysicsNode(node_main.GraphNode):
     def _command_callback(self, msg: JointState) -> None:
         velocity = conversions.legs_of(msg, 'velocity')
         if not np.isfinite(velocity).all():
-            self.get_logger().warning(f'joint_commands: velocity {velocity.tolist()} refused; '
-                                      'valid is finite', throttle_duration_sec=1.0)
+            self.warnings.add('velocity', f'joint_commands: velocity {velocity.tolist()} refused',
+                              '; valid is finite')
             return
         self._simulation.command(velocity)
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import re
 
 _LINE = re.compile(rb'\[(WARN|ERROR|FATAL)\] \[[\d.]+\] \[([^\]]*)\]: (.*)')
-_NUMBER = re.compile(r'-?\d[\d.e+-]*')
+_NUMBER = re.compile(r'-?(\d[\d.e+-]*|\b(nan|inf)\b)')
+_COUNTED = re.compile(r'\(\d+ so far\)')
 # A node that floods its log does not hold up the run.
 _MOST_BYTES = 1 << 16
 
@@ -43,13 +44,17 @@ class NodeLogs:
         return new
 
     def summary(self) -> list[str]:
-        """Return one line per kind of warning so far; texts may differ in numbers."""
+        """Return one line per kind of warning so far; texts may differ in numbers.
+
+        Of a warning that counts itself, `(N so far)`, the last line tells all.
+        """
         kinds: dict[tuple[str, str], list[NodeWarning]] = {}
         for warning in self._warnings:
             key = warning.node, _NUMBER.sub('#', warning.text)
             kinds.setdefault(key, []).append(warning)
         return [f'{same[-1]}' + (f' ({len(same)} times; the last one is shown)'
-                                 if len(same) > 1 else '') for same in kinds.values()]
+                                 if len(same) > 1 and not _COUNTED.search(same[-1].text) else '')
+                for same in kinds.values()]
 
     def _read(self, node: str) -> list[NodeWarning]:
         path, offset = self._paths[node], self._offsets[node]

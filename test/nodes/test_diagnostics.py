@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,7 @@ from builtin_interfaces.msg import Time  # noqa: E402  (needs rclpy)
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 
 from lunar_rover_sim.nodes import diagnostics  # noqa: E402
+from lunar_rover_sim.nodes.counted_warnings import CountedWarnings  # noqa: E402
 from lunar_rover_sim.nodes.diagnostics import (Diagnostics, Drops, ERROR, OK, Rate,  # noqa: E402
                                                WARN)
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics  # noqa: E402
@@ -30,6 +32,8 @@ class FakeNode:
         self.sent: list[DiagnosticArray] = []
         self.topic = ''
         self.tick: Callable[[], None]
+        self.warned: list[str] = []
+        self.warnings = CountedWarnings(SimpleNamespace(warning=self.warned.append))
 
     def get_fully_qualified_name(self) -> str:
         return self.name
@@ -148,3 +152,15 @@ def test_the_lag_of_participants(clock: list[float]) -> None:
         told = status(node, 'Participants')
         assert (told.level, told.message) == (level, message)
         assert told.values['Lag of joint_commands (s)'] == f'{lag_ns / 1e9:.3f}'
+
+
+def test_a_tip_over_is_told_once(clock: list[float]) -> None:
+    """With place and time, and as an error as long as the rover lies."""
+    node, now = FakeNode(), [0]
+    told = physics(node, StampGate({}), now)
+    for stamp_ns, x in ((1_000_000_000, 0.1), (2_000_000_000, 0.8), (3_000_000_000, 0.8)):
+        now[0] = stamp_ns
+        told.tick(SimpleNamespace(   # type: ignore[arg-type]
+            position_m=(1.5, -2.0, 0.1), orientation_wxyz=(math.sqrt(1.0 - x * x), x, 0.0, 0.0)))
+        assert status(node, 'Attitude').level == (ERROR if x > 0.5 else OK)
+    assert node.warned == ['tipped over at 2.00 s, x 1.50 m, y -2.00 m (1 so far)']

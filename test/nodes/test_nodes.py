@@ -68,7 +68,7 @@ def test_physics_node_walks_on_commands(peer: Peer, world_folder: Path) -> None:
         peer.spin_until(lambda: bool(told))
         assert {status.name for status in told[-1].status} == {
             'physics_node: State rate', 'physics_node: Real-time factor',
-            'physics_node: Participants', 'physics_node: Drops'}
+            'physics_node: Participants', 'physics_node: Drops', 'physics_node: Attitude'}
         assert told[-1].header.stamp.sec > 0
         position = odometry[-1].pose.pose.position
         assert np.hypot(position.x, position.y) < 0.05

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -117,28 +118,6 @@ def test_physics_gives_the_gait_controller_the_time_of_whom_it_waits_for(
                                  'joint_commands (from peer')
 
 
-def test_time_before_the_first_state_does_not_count_as_silence(peer: Peer) -> None:
-    """Where others start slowly, the first state comes late, and cmd_vel is due only then."""
-    velocities = peer.node.create_publisher(TwistStamped, 'cmd_vel', 10)
-    states = peer.node.create_publisher(JointState, 'joint_states', 10)
-    answers = peer.listen(JointState, 'joint_commands')
-    state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
-    state.header.stamp.nanosec = 5_000_000
-    with running('gait_controller_node', '-p', 'time_mode:=lockstep', '-p',
-                 'wait.topics:=[cmd_vel]', '-p', 'wait.lags_s:=[0.0]', '-p',
-                 'wait.start_s:=2.0'):
-        peer.spin_until(lambda: bool(peer.node.count_publishers('joint_commands')
-                                     and states.get_subscription_count()
-                                     and velocities.get_subscription_count()))
-        late_s = time.monotonic() + 2.5
-        peer.spin_until(lambda: time.monotonic() > late_s)
-        states.publish(state)
-        answer_s = time.monotonic() + 0.7       # longer than the period of the watch
-        peer.spin_until(lambda: time.monotonic() > answer_s)
-        velocities.publish(TwistStamped(header=state.header))
-        peer.spin_until(lambda: bool(answers))
-
-
 def test_a_lost_answer_ends_the_run(peer: Peer, world_folder: Path) -> None:
     """The queue of its publisher holds one: what overflows is lost, and the topic is named."""
     publisher = peer.node.create_publisher(JointState, 'joint_commands', 1)
@@ -205,3 +184,25 @@ def test_templates(template: str, time_mode: str, tmp_path: Path, world_folder: 
             assert stamps == list(range(period_ns, 10**9 + 1, period_ns))
         else:
             assert stamps
+
+
+def test_refused_velocities_are_counted_to_the_last(peer: Peer) -> None:
+    """The log has at most a line a second, and at the end the full count."""
+    velocities = peer.node.create_publisher(TwistStamped, 'cmd_vel', 1000)
+    bad = TwistStamped()
+    bad.twist.linear.x = float('nan')
+    with running('gait_controller_node') as process:
+        peer.spin_until(lambda: velocities.get_subscription_count() > 0)
+        for _ in range(8):      # of a queue of 10
+            velocities.publish(bad)
+        assert velocities.wait_for_all_acked()
+        assert process.stdout is not None
+        lines = [process.stdout.readline()]
+        while 'refused' not in lines[-1]:
+            lines.append(process.stdout.readline())
+        assert '(1 so far)' in lines[-1]
+        time.sleep(0.3)     # the last ones are acknowledged before they are handled
+        process.send_signal(signal.SIGINT)
+        rest = process.stdout.read()
+    told = re.findall(r'linear.x = nan, angular.z = 0.0 refused \((\d+) so far\)', rest)
+    assert told and told[-1] == '8'

@@ -28,6 +28,18 @@ def test_warnings_are_read_once_and_summed_up(tmp_path: Path) -> None:
         'drive_node: ERROR: stuck at (1.0, 2.0)']
 
 
+def test_a_warning_that_counts_itself_is_not_counted_again(tmp_path: Path) -> None:
+    """Its last line has the count of all, which are more than the lines."""
+    log = tmp_path / 'a.log'
+    log.write_text(''.join(
+        f'[WARN] [1.5] [a]: cmd_vel: linear.x = {value} refused ({count} so far); valid is finite'
+        '\n' for value, count in (('nan', 1), ('-inf', 37), ('nan', 41))))
+    logs = NodeLogs({'a': log})
+    assert len(logs.new_warnings()) == 3
+    assert logs.summary() == [
+        'a: WARN: cmd_vel: linear.x = nan refused (41 so far); valid is finite']
+
+
 def test_a_flood_without_end_of_line_is_passed(tmp_path: Path) -> None:
     """What follows it is read."""
     log = tmp_path / 'a.log'

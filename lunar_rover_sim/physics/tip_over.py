@@ -1,0 +1,32 @@
+"""Whether the rover has tipped over."""
+
+from __future__ import annotations
+
+import math
+
+from lunar_rover_sim.frames import Array
+
+# Beyond 90 deg the rover lies on its side or back. It counts as upright again below 45 deg: one
+# that rocks on its side has tipped over once.
+_TIPPED_DEG, _UPRIGHT_DEG = 90.0, 45.0
+
+
+class TipOver:
+    """Notices when the base tilts so far that the rover does not come back by itself.
+
+    tilt_deg: angle between the z axes of base and world at the newest pose [deg]
+    lies: whether the rover has tipped over and not come back
+    """
+
+    def __init__(self) -> None:
+        self.tilt_deg = 0.0
+        self.lies = False
+
+    def has_begun(self, orientation_wxyz: Array) -> bool:
+        """Return whether the rover tips over with this pose, base in the world frame, (4,)."""
+        _, x, y, _ = orientation_wxyz
+        # The element (2, 2) of the rotation matrix.
+        self.tilt_deg = math.degrees(math.acos(min(1.0, max(-1.0, 1.0 - 2.0 * (x * x + y * y)))))
+        lay = self.lies
+        self.lies = self.tilt_deg > (_UPRIGHT_DEG if lay else _TIPPED_DEG)
+        return self.lies and not lay
