@@ -100,6 +100,9 @@ STAR_TRACKER = Topic('star_tracker/attitude', 'sensor_msgs/msg/Imu', EVENT, 'phy
                      frames.BASE_FRAME, 'measured orientation of base_link in the world with its '
                      'covariance, at star_tracker.rate_hz; silent while stars cannot be seen',
                      on_request=True)
+SOLAR_POWER = Topic('power/solar', 'sensor_msgs/msg/BatteryState', EVENT, 'physics_node', '',
+                    'voltage and current that the solar panel gives to the supply [V, A], at '
+                    'solar_panel.rate_hz; 0 in shadow', on_request=True)
 JOINT_COMMANDS = Topic('joint_commands', 'sensor_msgs/msg/JointState', STATE,
                        'gait_controller_node', '',
                        'velocity command [rad/s], reference angle [rad]; stamp = state answered')
@@ -224,7 +227,7 @@ SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_no
 
 CONTRACT: tuple[Topic, ...] = (
     CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
-    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER,
+    GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER, SOLAR_POWER,
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
     DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
     NORMALS, OPTICAL_FLOW, SCENE_FLOW, LABEL_INFO, BOXES, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE,

@@ -11,17 +11,13 @@ from std_msgs.msg import Header
 from lunar_rover_sim import topics
 from lunar_rover_sim.frames import Array, BASE_FRAME, wxyz_from_matrix
 from lunar_rover_sim.illumination.star_tracker import StarTracker
-from lunar_rover_sim.illumination.sun_of_date import earth_of_date, sun_of_date
-from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.illumination.sun_sensor import SunSensor
-from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.nodes import conversions, qos
-from lunar_rover_sim.physics.ray_cast import reaches_sky
+from lunar_rover_sim.nodes.sun_from_rover import SunFromRover
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.site import reported_site
 
 _NS = 1_000_000_000
 _EXACT_RAD2 = 1e-14     # added, since zeros would say that the covariance is unknown
@@ -35,10 +31,8 @@ class HeadingPublisher:
 
     def __init__(self, node: Node, simulation: Simulation, world: World,
                  config: PhysicsNodeConfig) -> None:
-        self._simulation, self._config = simulation, config
-        self._world = world
-        self._path = SunPath(sun_of_date(config.sun, reported_site(world.report)))
-        self._step = -1
+        self._config = config
+        self._sun = SunFromRover(simulation, world, config.sun)
         self._sensor = SunSensor(config.sun_sensor, np.random.default_rng([config.seed, 3]))
         self._tracker = StarTracker(config.star_tracker, np.random.default_rng([config.seed, 4]))
         self._direction = node.create_publisher(Vector3Stamped, topics.SUN_SENSOR.name,
@@ -50,7 +44,6 @@ class HeadingPublisher:
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish what is due at a state and read, and what can be seen there."""
         config = self._config
-        self._follow_sun(stamp_ns)
         if (self._direction.get_subscription_count()
                 and stamp_ns % (_NS // config.sun_sensor.rate_hz) == 0):
             self._publish_direction(state, stamp_ns)
@@ -58,15 +51,9 @@ class HeadingPublisher:
                 and stamp_ns % (_NS // config.star_tracker.rate_hz) == 0):
             self._publish_attitude(state, stamp_ns)
 
-    def _follow_sun(self, stamp_ns: int) -> None:
-        step = self._path.step(stamp_ns)
-        if step != self._step:
-            self._step, sun = step, self._path.of_step(step)
-            self._view, self._earth = SunView(self._world, sun), earth_of_date(sun)
-
     def _publish_direction(self, state: RoverState, stamp_ns: int) -> None:
-        measured = self._sensor.measure(self._seen(state, self._config.sun_sensor.position_m),
-                                        state.T_world_base[:3, :3])
+        sun = self._sun.seen(state, self._config.sun_sensor.position_m, stamp_ns)
+        measured = self._sensor.measure(sun, state.T_world_base[:3, :3])
         if measured is not None:
             message = Vector3Stamped()
             _set_header(message.header, stamp_ns)
@@ -77,18 +64,11 @@ class HeadingPublisher:
         rotation = state.T_world_base[:3, :3]
         measured = self._tracker.measure(
             rotation, state.angular_velocity_radps,
-            self._seen(state, self._config.star_tracker.position_m), self._earth)
+            self._sun.seen(state, self._config.star_tracker.position_m, stamp_ns),
+            self._sun.earth(stamp_ns))
         if measured is not None:
             self._attitude.publish(_attitude(
                 measured, self._tracker.covariance_rad2(rotation), stamp_ns))
-
-    def _seen(self, state: RoverState, position_m: tuple[float, ...]) -> SeenSun | None:
-        T = state.T_world_base
-        point = T[:3, :3] @ np.asarray(position_m) + T[:3, 3]
-        return self._view.seen_from(point, self._reaches_sky)
-
-    def _reaches_sky(self, point_m: Array, directions: Array) -> np.ndarray:
-        return reaches_sky(self._simulation, point_m, directions)
 
 
 def _attitude(rotation: Array, covariance_rad2: Array, stamp_ns: int) -> Imu:

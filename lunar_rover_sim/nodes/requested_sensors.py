@@ -8,6 +8,7 @@ from rclpy.publisher import Publisher
 from lunar_rover_sim.nodes.foot_publisher import FootPublisher
 from lunar_rover_sim.nodes.heading_publisher import HeadingPublisher
 from lunar_rover_sim.nodes.power_publisher import PowerPublisher
+from lunar_rover_sim.nodes.solar_publisher import SolarPublisher
 from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
@@ -25,12 +26,13 @@ class RequestedSensors:
         self._wheels = WheelOdometryPublisher(node, config, rover)
         self._power = PowerPublisher(node, config, rover.motor)
         self._heading = HeadingPublisher(node, simulation, world, config)
+        self._solar = SolarPublisher(node, simulation, world, config, rover.motor)
 
     @property
     def publishers(self) -> list[Publisher]:
         """Those of all topics."""
         return [*self._feet.publishers, self._wheels.publisher, *self._power.publishers,
-                *self._heading.publishers]
+                *self._heading.publishers, self._solar.publisher]
 
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish what is read of a state."""
@@ -38,6 +40,7 @@ class RequestedSensors:
         self._wheels.publish(state, stamp_ns)
         self._power.publish(state, stamp_ns)
         self._heading.publish(state, stamp_ns)
+        self._solar.publish(state, stamp_ns)
 
     def reset(self) -> None:
         """The rover stands at its start again."""

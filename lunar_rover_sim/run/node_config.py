@@ -15,6 +15,8 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
+from lunar_rover_sim.illumination.solar_panel import SolarPanelConfig
+from lunar_rover_sim.illumination.star_tracker import StarTrackerConfig
 from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.named_sets import Named
@@ -59,6 +61,7 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     power_monitor: PowerMonitorConfig = group(PowerMonitorConfig)
     sun_sensor: SunSensorConfig = group(SunSensorConfig)
     star_tracker: StarTrackerConfig = group(StarTrackerConfig)
+    solar_panel: SolarPanelConfig = group(SolarPanelConfig)
     sun: SunConfig = group(SunConfig)
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
@@ -100,7 +103,7 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
         if self.ground.deforms and self.state_rate_hz % self.ground_rate_hz:
             raise ConfigError(f'ground_rate_hz: {self.ground_rate_hz} is not valid; valid is a '
                               f'divisor of state_rate_hz = {self.state_rate_hz}')
-        for name in ('sun_sensor', 'star_tracker'):
+        for name in ('sun_sensor', 'star_tracker', 'solar_panel'):
             rate_hz = getattr(self, name).rate_hz
             if self.state_rate_hz % rate_hz:
                 raise ConfigError(f'{name}.rate_hz: {rate_hz} is not valid; valid is a divisor of '

@@ -26,6 +26,7 @@ from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
 from lunar_rover_sim.nodes.heading_publisher import HeadingPublisher  # noqa: E402
 from lunar_rover_sim.nodes.power_publisher import PowerPublisher  # noqa: E402
+from lunar_rover_sim.nodes.solar_publisher import SolarPublisher  # noqa: E402
 from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher  # noqa: E402
 from lunar_rover_sim.physics.config import ImuConfig, WheelOdometryConfig  # noqa: E402
 from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
@@ -402,6 +403,27 @@ def test_sun_sensor_and_star_tracker_are_made_for_readers_when_due() -> None:
     assert np.linalg.eigvalsh(attitude.orientation_covariance.reshape(3, 3)).min() > 0.0
     assert attitude.angular_velocity_covariance[0] == -1.0
     assert attitude.linear_acceleration_covariance[0] == -1.0
+
+
+def test_the_solar_panel_is_read_when_due() -> None:
+    node, config = Reader(), PhysicsNodeConfig()
+    rover = RoverDescription()
+    with Simulation(make_world(), rover, config) as simulation:
+        solar = SolarPublisher(node, simulation, make_world(), config,  # type: ignore[arg-type]
+                               rover.motor)
+        solar.publish(simulation.state, 0)
+        assert not node.sent
+        node.readers = 1
+        for stamp_ns in (1_000_000_000, 1_005_000_000, 1_200_000_000):
+            solar.publish(simulation.state, stamp_ns)
+        up = simulation.state.T_world_base[:3, 2]
+    assert [time_ns(m.header.stamp) for m in node.sent] == [1_000_000_000, 1_200_000_000]
+    sun, panel = config.sun, config.solar_panel
+    cosine = up @ frames.sun_direction(sun.azimuth_deg, sun.elevation_deg)
+    for m in node.sent:
+        assert m.voltage * m.current == pytest.approx(
+            sun.irradiance * cosine * panel.area_m2 * panel.efficiency, rel=3e-3)
+        assert m.power_supply_status == m.POWER_SUPPLY_STATUS_CHARGING
 
 
 def test_wheel_odometry_is_made_for_readers_and_begins_with_them(state: RoverState) -> None:

@@ -1,0 +1,53 @@
+"""A solar panel on the rover: the electric power that it gives in sunlight."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.illumination.sun_view import SeenSun
+from lunar_rover_sim.parameters import param, Parameters
+
+
+@dataclasses.dataclass(frozen=True)
+class SolarPanelConfig(Parameters):
+    """A flat panel that is fixed to the body.
+
+    Twelve cells of the AZUR SPACE 3G30A, 26.51 cm2 each, which give 29.6 % of the sun's power at
+    the beginning of their life, at 28 deg C (as the Iris mission states its cells).
+    """
+
+    rate_hz: int = param(5, 'its period is a whole number of state periods', unit='Hz', low=1,
+                         high=1000)
+    position_m: tuple[float, ...] = param((-0.1, 0.0, 0.06), 'its middle, in base_link; what this '
+                                          'place sees of the sun holds for all of it', unit='m',
+                                          length=3, low=-10.0, high=10.0)
+    normal: tuple[float, ...] = param((0.0, 0.0, 1.0), 'where it looks, in base_link; of any '
+                                      'length', length=3, low=-1e3, high=1e3)
+    area_m2: float = param(0.0318, 'of its cells', unit='m^2', low=0.0, high=100.0)
+    efficiency: float = param(0.296, 'electric power over the power of the sunlight on the cells',
+                              low=0.0, high=1.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError if the panel looks nowhere."""
+        if not any(self.normal):
+            raise ConfigError(f'normal: {list(self.normal)} is not valid; valid is a direction')
+
+
+def solar_power_w(config: SolarPanelConfig, sun: SeenSun | None, irradiance: float,
+                  R_world_base: Array) -> float:
+    """Return the electric power of a panel [W].
+
+    sun: what its place sees of the sun; irradiance: normal, of the whole disc [W/m2]
+    R_world_base: (3, 3) attitude of the rover
+    It is irradiance x visible share of the disc x cosine of incidence x area x efficiency. Light
+    of the ground, and how cells reflect grazing light and suffer from heat, are left out.
+    """
+    if sun is None:
+        return 0.0
+    normal = R_world_base @ np.asarray(config.normal) / np.linalg.norm(config.normal)
+    cosine = max(float(normal @ sun.direction), 0.0)
+    return irradiance * sun.share * cosine * config.area_m2 * config.efficiency

@@ -1,0 +1,48 @@
+"""What places on the rover see of the sun, while it moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.illumination.sun_of_date import earth_of_date, sun_of_date
+from lunar_rover_sim.illumination.sun_path import SunPath
+from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
+from lunar_rover_sim.physics.ray_cast import reaches_sky
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.site import reported_site
+
+
+class SunFromRover:
+    """The sun past relief, rocks and the rover itself, and the Earth."""
+
+    def __init__(self, simulation: Simulation, world: World, sun: SunConfig) -> None:
+        """sun: as a parameter gives it, perhaps with a date."""
+        self._simulation, self._world = simulation, world
+        self._path = SunPath(sun_of_date(sun, reported_site(world.report)))
+        self._step = -1
+
+    def seen(self, state: RoverState, position_m: tuple[float, ...],
+             stamp_ns: int) -> SeenSun | None:
+        """Return what a (3,) place in base_link sees of the sun, None if nothing."""
+        self._follow(stamp_ns)
+        T = state.T_world_base
+        return self._view.seen_from(T[:3, :3] @ np.asarray(position_m) + T[:3, 3],
+                                    self._reaches_sky)
+
+    def earth(self, stamp_ns: int) -> Array | None:
+        """Return the (3,) unit vector to the Earth, as `earth_of_date`."""
+        self._follow(stamp_ns)
+        return self._earth
+
+    def _follow(self, stamp_ns: int) -> None:
+        step = self._path.step(stamp_ns)
+        if step != self._step:
+            self._step, sun = step, self._path.of_step(step)
+            self._view, self._earth = SunView(self._world, sun), earth_of_date(sun)
+
+    def _reaches_sky(self, point_m: Array, directions: Array) -> np.ndarray:
+        return reaches_sky(self._simulation, point_m, directions)
