@@ -68,6 +68,16 @@ class SunConfig(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
+class EarthConfig(Parameters):
+    """The Earth in the images, where the sun has a date."""
+
+    drawn: bool = param(True, 'draw its disc where the date puts it; without a date there is none')
+    geometric_albedo: float = param(0.434, 'brightness of the full disc over that of a white, '
+                                    'flat one; 0.434 is that in V (Mallama et al., 2017)',
+                                    low=0.0, high=2.0)
+
+
+@dataclasses.dataclass(frozen=True)
 class ReflectanceConfig(Parameters):
     """Kind and brightness of the regolith; the parameter sets are in `hapke`."""
 

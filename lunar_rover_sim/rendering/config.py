@@ -6,7 +6,8 @@ import dataclasses
 
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
+from lunar_rover_sim.illumination.config import (EarthConfig, LampConfig, ReflectanceConfig,
+                                                 SunConfig)
 from lunar_rover_sim.parameters import group, param, Parameters
 
 
@@ -67,6 +68,7 @@ class RenderConfig(Parameters):
     camera: CameraConfig = group(CameraConfig)
     lens: LensConfig = group(LensConfig)
     sun: SunConfig = group(SunConfig)
+    earth: EarthConfig = group(EarthConfig)
     reflectance: ReflectanceConfig = group(ReflectanceConfig)
     sensor: SensorConfig = group(SensorConfig)
     detail: DetailConfig = group(DetailConfig)

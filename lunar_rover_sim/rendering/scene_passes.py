@@ -14,6 +14,7 @@ from lunar_rover_sim.camera.mount import CameraPoses
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window
+from lunar_rover_sim.rendering.earth_pass import EarthPass
 from lunar_rover_sim.rendering.edge_pass import EdgePass
 from lunar_rover_sim.rendering.frame import FLOWS
 from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
@@ -57,11 +58,13 @@ class ScenePasses(GlOwner):
                          for _ in range(FRAMES_UNDER_WAY)]
         self._edges = (self._own(EdgePass(context, self.lit))
                        if config.detail.smooth_outlines else None)
+        self._earth = self._own(EarthPass(context, self.lit, self._projection, config))
         self._sun = self._own(SunPass(context, self.lit, self._projection, config, self._strays))
 
     def relight(self, config: RenderConfig) -> None:
         """Move the sun in the sky; config: differs in the sun only."""
         self._config = config
+        self._earth.relight(config)
         self._sun.relight(config.sun)
 
     def draw_geometry(self, request: Request, state: RoverPose) -> Scene:
@@ -123,6 +126,8 @@ class ScenePasses(GlOwner):
                                      targets.ground_depth, lit=request.lit)
             target.depth_mask = True
             self._draw_objects(scene, target, side)
+        if request.lit:     # before edges are smoothed, those before the Earth among them
+            self._earth.draw(scene)
         if request.lit and self._edges is not None:
             self._edges.draw([(targets.views[side], scene.windows[side])
                               for side in request.sides])
