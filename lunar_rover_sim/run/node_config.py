@@ -14,9 +14,8 @@ from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
 from lunar_rover_sim.illumination.solar_panel import SolarPanelConfig
-from lunar_rover_sim.illumination.star_tracker import StarTrackerConfig
+from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
 from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.named_sets import Named
