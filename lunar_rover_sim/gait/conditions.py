@@ -15,9 +15,11 @@ _TOLERANCE = 0.01   # relative; speeds are hardly less exact within it
 
 
 def rover_conditions(rover: RoverDescription) -> Conditions:
-    """Return what a gait table depends on of the rover: its mass [kg] and spokes [m]."""
-    return {'rover_mass_kg': round(rover.total_mass_kg, 6),
-            'spoke_length_m': rover.legs.spoke_length_m}
+    """Return what a gait table depends on of the rover: mass [kg], spokes, places of axles [m]."""
+    legs = rover.legs
+    return {'rover_mass_kg': round(rover.total_mass_kg, 6), 'spokes': legs.spokes,
+            'spoke_length_m': legs.spoke_length_m, 'axle_x_m': legs.axle_x_m,
+            'axle_y_m': legs.axle_y_m}
 
 
 def ground_conditions(physics: PhysicsConfig) -> Conditions:
