@@ -43,4 +43,7 @@ def _raster(config: WorldConfig) -> Raster:
         raise WorldError(f'path: {path}: no such file')
     if not path.is_dir() and not path.is_file():
         raise WorldError(f'path: {path}: is neither a regular file nor a folder')
+    if path.suffix == '.npy':
+        raise WorldError(f'path: {path}: is an array without a scale; valid is a folder with '
+                         'dem.npy and dem.yaml')
     return DemFolder(path, config) if path.is_dir() else GeoRaster(path, config)

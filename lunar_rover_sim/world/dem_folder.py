@@ -36,6 +36,9 @@ class DemFolder(Raster):
         if size != [self.width, self.height]:
             raise WorldError(f'{path}/dem.yaml: size: {brief(size)}; dem.npy is {self.width} wide '
                              f'and {self.height} high')
+        if 'pixel_size' not in document and not config.dem.pixel_m:
+            raise WorldError(f'{path}/dem.yaml: pixel_size is missing; add it, as [1.0, -1.0] in '
+                             'metres, or set dem.pixel_m')
         pixel = document.get('pixel_size', [config.dem.pixel_m, -config.dem.pixel_m])
         if (not isinstance(pixel, list) or len(pixel) != 2
                 or not all(_is_length(p) for p in pixel)):

@@ -343,6 +343,9 @@ def test_folder_refusals(tmp_path):
     heights = hills(60, 5.0)
     refused(write_folder(tmp_path / 'size', heights, size=[10, 10]), r'dem.yaml: size: \[10, 10\]')
     refused(write_folder(tmp_path / 'pixel', heights, pixel_size=[0, 'x']), 'pixel_size')
+    (tmp_path / 'pixel' / 'dem.yaml').write_text('size: [60, 60]')
+    refused(tmp_path / 'pixel', 'dem.yaml: pixel_size is missing')
+    refused(tmp_path / 'pixel' / 'dem.npy', 'array without a scale; valid is a folder')
     refused(write_folder(tmp_path / 'number', heights, size=5), 'dem.yaml: size: 5; dem.npy is')
     refused(write_folder(tmp_path / 'huge', heights, pixel_size=[10**400, 1]), 'pixel_size')
     refused(write_folder(tmp_path / 'lonlat', heights), 'has no CRS: use offset or pixel',
