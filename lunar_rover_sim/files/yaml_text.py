@@ -7,6 +7,8 @@ given twice is refused: YAML forbids it, and PyYAML would silently take the last
 
 from __future__ import annotations
 
+import copy
+import functools
 from pathlib import Path
 import re
 from typing import Any
@@ -79,9 +81,15 @@ def parse_yaml(text: str, where: str, error: type[LunarRoverSimError] = ConfigEr
     Raises `error`, in which `where` names the document, if it is not valid.
     """
     try:
-        return yaml.load(text, _Loader)  # noqa: S506  (a safe loader)
+        return copy.deepcopy(_parsed(text))
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as reason:
         raise error(f'{where}: not valid YAML: {_line(reason)}') from None
+
+
+# The episodes of a campaign share a scenario, all its parts a gait table: 30 ms each to parse.
+@functools.lru_cache(maxsize=16)
+def _parsed(text: str) -> Any:
+    return yaml.load(text, _Loader)  # noqa: S506  (a safe loader)
 
 
 def read_text(path: Path, most_bytes: int, error: type[LunarRoverSimError] = ConfigError) -> str:

@@ -110,3 +110,10 @@ def test_a_home_that_is_not_there(monkeypatch):
         cache_folder()
     with pytest.raises(ConfigError, match='path: ~nobody_at_all/x names a home folder that'):
         user_path('~nobody_at_all/x', 'path')
+
+
+def test_who_reads_yaml_may_change_what_was_read():
+    """Documents are parsed once; each reader has a copy of its own."""
+    text = 'a: {b: [1, 2]}'
+    parse_yaml(text, 'x')['a']['b'].append(3)
+    assert parse_yaml(text, 'y') == {'a': {'b': [1, 2]}}
