@@ -6,7 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.physics.config import PhysicsConfig
+from lunar_rover_sim.physics.ray_cast import reaches_sky
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
@@ -30,6 +33,22 @@ def make_world(heights: np.ndarray | None = None, cell_m: float = 0.025,
         rocks = Rocks(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)),
                       np.zeros((0, 4)), np.zeros(0, np.float32), np.zeros(0))
     return World((grid,), np.ones_like(grid.heights_m), rocks, shapes, None, '')
+
+
+def step_world() -> World:
+    """Return a world with a step of 1 m, 2 m east of its middle."""
+    heights = np.zeros((401, 401))
+    heights[:, 200 + 80:] = 1.0
+    return make_world(heights)
+
+
+def sun_seen(simulation: Simulation, world: World, place: np.ndarray, azimuth_deg: float,
+             elevation_deg: float) -> SeenSun | None:
+    """Return what a place (3,) in base_link sees of a sun."""
+    view = SunView(world, SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg))
+    T = simulation.state.T_world_base
+    return view.seen_from(T[:3, :3] @ place + T[:3, 3],
+                          lambda point, rays: reaches_sky(simulation, point, rays))
 
 
 def plane_heights(slope_deg: float, n: int = 401, cell_m: float = 0.025) -> np.ndarray:

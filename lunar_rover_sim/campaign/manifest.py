@@ -7,7 +7,6 @@ looks finished and is not.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from pathlib import Path
@@ -15,13 +14,13 @@ from typing import Any
 
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.files.file_hash import file_hash
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.parameters import brief
 
 MANIFEST = 'manifest.json'
 FORMAT = 1
 _MOST_BYTES = 1 << 24
-_BLOCK = 1 << 20
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -64,15 +63,6 @@ def file_table(folder: Path) -> dict[str, dict[str, Any]]:
     for path in sorted(p for p in folder.rglob('*') if p.is_dir() and not p.is_symlink()):
         sync_folder(path)
     return table
-
-
-def file_hash(path: Path) -> str:
-    """Return the hexadecimal SHA-256 of a file."""
-    digest = hashlib.sha256()
-    with path.open('rb') as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def why_unfinished(folder: Path, scenario_hash: str | None = None) -> str | None:

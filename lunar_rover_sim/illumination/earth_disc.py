@@ -15,10 +15,10 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.frames import Array, sun_direction
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.config import EarthConfig, SunConfig
 from lunar_rover_sim.illumination.dates import parse_date
-from lunar_rover_sim.illumination.sky import Body, sky
+from lunar_rover_sim.illumination.sky import sky
 from lunar_rover_sim.illumination.sun_of_date import given_site
 
 _LEAST_LIT = 1e-4       # of a Lambert sphere: thinner crescents keep their radiance
@@ -70,8 +70,8 @@ def earth_disc(sun: SunConfig, earth: EarthConfig) -> EarthDisc | None:
     radius = math.radians(float(seen.earth.radius_deg))
     if seen.earth.elevation_deg < -1.0 - math.degrees(radius):
         return None
-    towards = _direction(seen.earth)
-    from_earth = (_direction(seen.sun) * float(seen.sun.distance_km)
+    towards = seen.earth.direction
+    from_earth = (seen.sun.direction * float(seen.sun.distance_km)
                   - towards * float(seen.earth.distance_km))
     from_earth /= np.linalg.norm(from_earth)
     disc = EarthDisc(towards, from_earth, radius, 0.0)
@@ -89,7 +89,3 @@ def phase_function(phase_rad: float) -> float:
 def lambert_phase(phase_rad: float) -> float:
     """Return the same of a Lambert sphere."""
     return (math.sin(phase_rad) + (math.pi - phase_rad) * math.cos(phase_rad)) / math.pi
-
-
-def _direction(body: Body) -> Array:
-    return sun_direction(float(body.azimuth_deg), float(body.elevation_deg))

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import Array, sun_direction
 from lunar_rover_sim.illumination.ephemeris import (Dates, EARTH_RADIUS_KM, MOON_RADIUS_KM,
                                                     sun_and_earth, SUN_RADIUS_KM)
 from lunar_rover_sim.world.site import Site, unit_vector
@@ -28,6 +28,11 @@ class Body:
     elevation_deg: Array
     distance_km: Array
     radius_deg: Array
+
+    @property
+    def direction(self) -> Array:
+        """The (3,) unit vector to it, world axes; of one date."""
+        return sun_direction(float(self.azimuth_deg), float(self.elevation_deg))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import Array, sun_direction
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.config import (GIVEN, LOWEST_DEG, OF_WORLD, SunConfig,
                                                  SunSiteConfig)
 from lunar_rover_sim.illumination.dates import check_dates, parse_date
@@ -77,5 +77,4 @@ def earth_of_date(sun: SunConfig) -> Array | None:
     if not sun.date or site is None:
         return None
     earth = sky(site, np.asarray(parse_date('sun.date', sun.date))).earth
-    azimuth, elevation = float(earth.azimuth_deg), float(earth.elevation_deg)
-    return sun_direction(azimuth, elevation) if elevation > 0.0 else None
+    return earth.direction if earth.elevation_deg > 0.0 else None

@@ -14,10 +14,8 @@ from lunar_rover_sim.illumination.star_tracker import StarTracker
 from lunar_rover_sim.illumination.sun_sensor import SunSensor
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.sun_from_rover import SunFromRover
-from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
-from lunar_rover_sim.world.model import World
 
 _NS = 1_000_000_000
 _EXACT_RAD2 = 1e-14     # added, since zeros would say that the covariance is unknown
@@ -29,10 +27,8 @@ class HeadingPublisher:
     publishers: of the sun sensor and of the star tracker
     """
 
-    def __init__(self, node: Node, simulation: Simulation, world: World,
-                 config: PhysicsNodeConfig) -> None:
-        self._config = config
-        self._sun = SunFromRover(simulation, world, config.sun)
+    def __init__(self, node: Node, sun: SunFromRover, config: PhysicsNodeConfig) -> None:
+        self._config, self._sun = config, sun
         self._sensor = SunSensor(config.sun_sensor, np.random.default_rng([config.seed, 3]))
         self._tracker = StarTracker(config.star_tracker, np.random.default_rng([config.seed, 4]))
         self._direction = node.create_publisher(Vector3Stamped, topics.SUN_SENSOR.name,

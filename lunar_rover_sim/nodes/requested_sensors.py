@@ -9,6 +9,7 @@ from lunar_rover_sim.nodes.foot_publisher import FootPublisher
 from lunar_rover_sim.nodes.heading_publisher import HeadingPublisher
 from lunar_rover_sim.nodes.power_publisher import PowerPublisher
 from lunar_rover_sim.nodes.solar_publisher import SolarPublisher
+from lunar_rover_sim.nodes.sun_from_rover import SunFromRover
 from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
@@ -25,8 +26,9 @@ class RequestedSensors:
         self._feet = FootPublisher(node, simulation, 1e-9 * config.state_period_ns)
         self._wheels = WheelOdometryPublisher(node, config, rover)
         self._power = PowerPublisher(node, config, rover.motor)
-        self._heading = HeadingPublisher(node, simulation, world, config)
-        self._solar = SolarPublisher(node, simulation, world, config, rover.motor)
+        sun = SunFromRover(simulation, world, config.sun)
+        self._heading = HeadingPublisher(node, sun, config)
+        self._solar = SolarPublisher(node, sun, config, rover.motor)
 
     @property
     def publishers(self) -> list[Publisher]:

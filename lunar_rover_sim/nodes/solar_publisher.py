@@ -11,11 +11,9 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.illumination.solar_panel import solar_power_w
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.sun_from_rover import SunFromRover
-from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import Motor
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
-from lunar_rover_sim.world.model import World
 
 _NS = 1_000_000_000
 
@@ -26,11 +24,11 @@ class SolarPublisher:
     publisher: that of the topic
     """
 
-    def __init__(self, node: Node, simulation: Simulation, world: World,
-                 config: PhysicsNodeConfig, motor: Motor) -> None:
+    def __init__(self, node: Node, sun: SunFromRover, config: PhysicsNodeConfig,
+                 motor: Motor) -> None:
         self._panel, self._irradiance = config.solar_panel, config.sun.irradiance
         self._supply_v = motor.supply_voltage_v
-        self._sun = SunFromRover(simulation, world, config.sun)
+        self._sun = sun
         self.publisher = node.create_publisher(BatteryState, topics.SOLAR_POWER.name,
                                                qos.offered(topics.SOLAR_POWER))
 

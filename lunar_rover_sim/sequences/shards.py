@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import dataclasses
-import hashlib
 import io
 import json
 from pathlib import Path
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import SequenceError
+from lunar_rover_sim.files.file_hash import file_hash
 
 DEFAULT_SIZE = 256      # samples a shard
 LARGEST_SIZE = 100_000
@@ -31,7 +31,6 @@ PLAIN = 'shard'         # of the names of shards that belong to no split
 _KEY = re.compile(r'[A-Za-z0-9_-]+')
 _EXTENSION = re.compile(r'[a-z0-9_.]+')
 _MOST_NAME = 40
-_BLOCK = 1 << 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,11 +108,7 @@ def shard_name(name: str, index: int) -> str:
 
 def described(path: Path, samples: int) -> Shard:
     """Return what is known of a finished shard; samples: how many it has."""
-    digest = hashlib.sha256()
-    with path.open('rb') as stream:
-        while block := stream.read(_BLOCK):
-            digest.update(block)
-    return Shard(path.name, samples, path.stat().st_size, digest.hexdigest())
+    return Shard(path.name, samples, path.stat().st_size, file_hash(path))
 
 
 def index_text(name: str, shards: Iterable[Shard], more: Mapping[str, Any]) -> str:

@@ -1,17 +1,15 @@
 """The power of a solar panel, against its closed form."""
 
 import numpy as np
-from physics_scene import make_world, ROVER
+from physics_scene import ROVER, step_world, sun_seen
 import pytest
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.solar_panel import solar_power_w, SolarPanelConfig
-from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
+from lunar_rover_sim.illumination.sun_view import SeenSun
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
-from lunar_rover_sim.physics.ray_cast import reaches_sky
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 
@@ -37,17 +35,11 @@ def test_power_of_a_level_and_of_a_tilted_panel():
 
 def test_in_the_shadow_of_a_step():
     """A step of 1 m, 2 m east of the rover, hides a sun below 26 deg."""
-    heights = np.zeros((401, 401))
-    heights[:, 200 + 80:] = 1.0
-    world = make_world(heights)
+    world = step_world()
     with Simulation(world, ROVER, PhysicsConfig(start=StartPose(yaw_deg=180.0))) as simulation:
-        T = simulation.state.T_world_base
-        place = T[:3, :3] @ PANEL.position_m + T[:3, 3]
-
         def power(azimuth_deg, elevation_deg):
-            view = SunView(world, SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg))
-            sun = view.seen_from(place, lambda p, rays: reaches_sky(simulation, p, rays))
-            return solar_power_w(PANEL, sun, 1361.0, T[:3, :3])
+            sun = sun_seen(simulation, world, PANEL.position_m, azimuth_deg, elevation_deg)
+            return solar_power_w(PANEL, sun, 1361.0, simulation.state.T_world_base[:3, :3])
 
         assert power(0.0, 20.0) == 0.0
         assert power(0.0, 30.0) == pytest.approx(0.5 * 12.81, rel=0.05)

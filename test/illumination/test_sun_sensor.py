@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from physics_scene import make_world, ROVER
+from physics_scene import make_world, ROVER, step_world, sun_seen
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +16,6 @@ from lunar_rover_sim.illumination.sun_of_date import earth_of_date
 from lunar_rover_sim.illumination.sun_sensor import SunSensor, SunSensorConfig
 from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
-from lunar_rover_sim.physics.ray_cast import reaches_sky
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.world.grid import HeightGrid
@@ -63,16 +62,10 @@ def test_other_directions_are_free():
 
 def test_ground_and_rover_cast_their_shadows():
     """A step of 1 m, 2 m east of the rover, hides a sun below 26 deg; the mast hides it ahead."""
-    heights = np.zeros((401, 401))
-    heights[:, 200 + 80:] = 1.0
-    world = make_world(heights)
+    world = step_world()
     with Simulation(world, ROVER, PhysicsConfig(start=StartPose(yaw_deg=180.0))) as simulation:
-        T = simulation.state.T_world_base
-
         def share(azimuth_deg, elevation_deg, position_m):
-            view = SunView(world, SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg))
-            sun = view.seen_from(T[:3, :3] @ position_m + T[:3, 3],
-                                 lambda point, rays: reaches_sky(simulation, point, rays))
+            sun = sun_seen(simulation, world, position_m, azimuth_deg, elevation_deg)
             return sun.share if sun else 0.0
 
         deck, behind_mast = np.array([-0.1, 0.0, 0.06]), np.array([0.08, 0.0, 0.1])

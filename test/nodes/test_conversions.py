@@ -27,6 +27,7 @@ from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
 from lunar_rover_sim.nodes.heading_publisher import HeadingPublisher  # noqa: E402
 from lunar_rover_sim.nodes.power_publisher import PowerPublisher  # noqa: E402
 from lunar_rover_sim.nodes.solar_publisher import SolarPublisher  # noqa: E402
+from lunar_rover_sim.nodes.sun_from_rover import SunFromRover  # noqa: E402
 from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher  # noqa: E402
 from lunar_rover_sim.physics.config import ImuConfig, WheelOdometryConfig  # noqa: E402
 from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
@@ -384,7 +385,8 @@ def test_power_is_made_for_readers(state: RoverState) -> None:
 def test_sun_sensor_and_star_tracker_are_made_for_readers_when_due() -> None:
     node, config = Reader(), PhysicsNodeConfig()
     with Simulation(make_world(), RoverDescription(), config) as simulation:
-        heading = HeadingPublisher(node, simulation, make_world(), config)  # type: ignore
+        sun_from_rover = SunFromRover(simulation, make_world(), config.sun)
+        heading = HeadingPublisher(node, sun_from_rover, config)    # type: ignore[arg-type]
         heading.publish(simulation.state, 0)
         assert not node.sent
         node.readers = 1
@@ -409,7 +411,8 @@ def test_the_solar_panel_is_read_when_due() -> None:
     node, config = Reader(), PhysicsNodeConfig()
     rover = RoverDescription()
     with Simulation(make_world(), rover, config) as simulation:
-        solar = SolarPublisher(node, simulation, make_world(), config,  # type: ignore[arg-type]
+        sun_from_rover = SunFromRover(simulation, make_world(), config.sun)
+        solar = SolarPublisher(node, sun_from_rover, config,    # type: ignore[arg-type]
                                rover.motor)
         solar.publish(simulation.state, 0)
         assert not node.sent
