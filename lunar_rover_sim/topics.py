@@ -167,6 +167,22 @@ OPTICAL_FLOW = Topic('ground_truth/optical_flow', 'sensor_msgs/msg/Image', DEPTH
 SCENE_FLOW = Topic('ground_truth/scene_flow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                    frames.LEFT_OPTICAL_FRAME, '32FC3: the same from point to point [m], NaN for '
                    'the sky', on_request=True)
+OF_RIGHT = tuple(
+    dataclasses.replace(left, name=left.name.replace('/', '/right/', 1), note=f'as {left.name}, '
+                        'of the right camera', frame_id=frames.RIGHT_OPTICAL_FRAME,
+                        on_request=True)
+    for left in (TRUE_DEPTH, LABELS, CRATERS, SHADOW, NORMALS))
+RIGHT_TRUE_DEPTH, RIGHT_LABELS, RIGHT_CRATERS, RIGHT_SHADOW, RIGHT_NORMALS = OF_RIGHT
+HAZARD_LABELS = Topic(f'ground_truth/hazard/{NAME}/labels', 'sensor_msgs/msg/Image', EVENT,
+                      'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/labels, of '
+                      'a hazard camera', on_request=True)
+HAZARD_CRATERS = Topic(f'ground_truth/hazard/{NAME}/craters', 'sensor_msgs/msg/Image', EVENT,
+                       'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/craters, '
+                       'of a hazard camera', on_request=True)
+HAZARD_DEPTH = Topic(f'ground_truth/hazard/{NAME}/depth/image', 'sensor_msgs/msg/Image', EVENT,
+                     'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/depth/image, '
+                     'of a hazard camera; of a fisheye the distance from it', on_request=True)
+OF_HAZARD = HAZARD_IMAGE, HAZARD_INFO, HAZARD_LABELS, HAZARD_CRATERS, HAZARD_DEPTH
 LABEL_INFO = Topic('ground_truth/label_info', 'std_msgs/msg/String', LATCHED, 'render_node', '',
                    'names of the labels, as JSON with the fields of vision_msgs/LabelInfo, and '
                    'catalogues of rocks and craters', on_request=True)
@@ -230,26 +246,32 @@ CONTRACT: tuple[Topic, ...] = (
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER, SOLAR_POWER,
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
     DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
-    NORMALS, OPTICAL_FLOW, SCENE_FLOW, LABEL_INFO, BOXES, LABEL_CLASSES, VISION_INFO, CHASE_IMAGE,
-    CHASE_INFO, CHASE_POSE, HAZARD_IMAGE, HAZARD_INFO, LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN,
+    NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, LABEL_INFO, BOXES, LABEL_CLASSES, VISION_INFO,
+    CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN,
     LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED,
     DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
 # Of a package that may not be installed.
 OF_VISION: tuple[Topic, ...] = (BOXES, LABEL_CLASSES, VISION_INFO)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)
 
-_HAZARD = re.compile(r'hazard/([a-z0-9_]+(?:/left|/right)?)/(image_raw|camera_info)')
+_HAZARD = tuple((topic, re.compile(topic.name.replace(NAME, '([a-z0-9_]+(?:/left|/right)?)')))
+                for topic in OF_HAZARD)
 
 
-def hazard(camera: str) -> tuple[Topic, Topic]:
-    """Return image and CameraInfo of a hazard camera; of a pair, its name with /left or /right."""
+def hazard(camera: str) -> tuple[Topic, ...]:
+    """Return the topics of a hazard camera, in the order of OF_HAZARD.
+
+    camera: its name; of a pair, with /left or /right
+    """
     frame_id = HAZARD_IMAGE.frame_id.replace(NAME, camera.replace('/', '_'))
-    image, info = (dataclasses.replace(topic, name=topic.name.replace(NAME, camera),
-                                       frame_id=frame_id) for topic in (HAZARD_IMAGE, HAZARD_INFO))
-    return image, info
+    return tuple(dataclasses.replace(topic, name=topic.name.replace(NAME, camera),
+                                     frame_id=frame_id) for topic in OF_HAZARD)
 
 
-def of_hazard(name: str) -> Topic | None:
-    """Return the topic of a hazard camera by its relative name; None if it is no such name."""
-    match = _HAZARD.fullmatch(name)
-    return None if match is None else hazard(match[1])[match[2] == 'camera_info']
+def of_hazard(name: str) -> tuple[Topic, str] | None:
+    """Return which of OF_HAZARD a relative name is, and of which camera; None if it is none."""
+    for topic, pattern in _HAZARD:
+        match = pattern.fullmatch(name)
+        if match is not None:
+            return topic, match[1]
+    return None

@@ -8,6 +8,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+from kept_contexts import create_new, KeptContext
+import moderngl
 import psutil
 import pytest
 
@@ -67,6 +69,20 @@ def world_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     if 'PYTEST_XDIST_WORKER' in os.environ:
         folder = folder.parent
     os.environ['LUNAR_ROVER_SIM_CACHE'] = str(folder / 'cache')
+
+
+@pytest.fixture(scope='session', autouse=True)
+def kept_contexts() -> Iterator[None]:
+    """Let renderers use the GL contexts of those before them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(moderngl, 'create_context', KeptContext.create)
+        yield
+
+
+@pytest.fixture()
+def new_contexts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give each renderer a context of its own, as users have it."""
+    monkeypatch.setattr(moderngl, 'create_context', create_new)
 
 
 @pytest.fixture(scope='session')

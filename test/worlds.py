@@ -1,4 +1,4 @@
-"""Worlds that several tests share; each is built once."""
+"""Worlds that several tests share; each is built once, for all workers of xdist."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import json
 from typing import Any
 
 from lunar_rover_sim.parameters import merge
-from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.world_folder import load_world
 
 SMALL = {'size_m': 12.8, 'surroundings': {'samples': 257}}
 BARE = {'relief': {'rms_slope_deg': 0.0, 'far_rms_slope_deg': 0.0}, 'craters': {'density': 0.0},
@@ -18,7 +19,8 @@ BARE = {'relief': {'rms_slope_deg': 0.0, 'far_rms_slope_deg': 0.0}, 'craters': {
 
 @functools.lru_cache(maxsize=8)
 def _built(text: str, seed: int) -> World:
-    return build_world(WorldConfig.from_mapping(json.loads(text)), seed)
+    # Tests find the cache of their session here, see `conftest.py`; a test may name another one.
+    return load_world(cached(WorldConfig.from_mapping(json.loads(text)), seed), verify=False)
 
 
 def world(seed: int = 1, **parameters: Any) -> World:

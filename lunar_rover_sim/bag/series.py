@@ -60,6 +60,12 @@ class CameraCalibration(NamedTuple):
     frame_id: str
 
     @property
+    def fx_fy_cx_cy_px(self) -> tuple[float, float, float, float]:
+        """Focal lengths and principal point of K."""
+        K = self.K
+        return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+
+    @property
     def baseline_m(self) -> float:
         """Distance to the left camera: -P[0, 3] / P[0, 0]; 0 for the left one."""
         return float(-self.P[0, 3] / self.P[0, 0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from lunar_rover_sim.camera.config import CameraConfig
@@ -20,9 +22,12 @@ def padding(camera: CameraConfig) -> tuple[int, int]:
     return int(x), int(y)
 
 
+@functools.lru_cache(maxsize=2)     # a renderer asks three times
 def source_pixels(camera: CameraConfig) -> Array:
     """Return (h, w, 2): the place in the pinhole image that each distorted pixel shows [px]."""
     centre = np.array([0.5 * (camera.width - 1), 0.5 * (camera.height - 1)])
     pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
     ideal = undistort((pixels - centre) / camera.focal_px, camera.distortion)
-    return ideal * camera.focal_px + centre
+    source = ideal * camera.focal_px + centre
+    source.setflags(write=False)
+    return source

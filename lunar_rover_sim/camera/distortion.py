@@ -28,22 +28,26 @@ def undistort(xy: ArrayLike, distortion: ArrayLike) -> Array:
     Fixed-point iteration from the outside in; NaN where it does not converge to 1e-9.
     """
     target = np.asarray(xy, dtype=float)
+    shape, target = target.shape, target.reshape(-1, 2)
     point = target.copy()
+    moving = np.arange(len(point))      # the others have arrived: another step changes nothing
     with np.errstate(all='ignore'):
         for _ in range(_TURNS):
             # One Newton step with the Jacobian by differences.
-            value = distort(point, distortion)
+            here = point[moving]
+            value = distort(here, distortion)
             h = 1e-6
-            dx = (distort(point + [h, 0.0], distortion) - value) / h
-            dy = (distort(point + [0.0, h], distortion) - value) / h
-            determinant = dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0]
-            rest = target - value
-            point = point + np.stack(
-                [(rest[..., 0] * dy[..., 1] - rest[..., 1] * dy[..., 0]) / determinant,
-                 (dx[..., 0] * rest[..., 1] - dx[..., 1] * rest[..., 0]) / determinant], axis=-1)
+            dx = (distort(here + [h, 0.0], distortion) - value) / h
+            dy = (distort(here + [0.0, h], distortion) - value) / h
+            determinant = dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]
+            rest = target[moving] - value
+            point[moving] = here + np.stack(
+                [(rest[:, 0] * dy[:, 1] - rest[:, 1] * dy[:, 0]) / determinant,
+                 (dx[:, 0] * rest[:, 1] - dx[:, 1] * rest[:, 0]) / determinant], axis=-1)
+            moving = moving[np.any(point[moving] != here, axis=-1)]
         wrong = ~(np.abs(distort(point, distortion) - target).max(axis=-1) < 1e-9)
     point[wrong] = np.nan
-    return point
+    return point.reshape(shape)
 
 
 def is_invertible(distortion: ArrayLike, half_width: float, half_height: float) -> bool:

@@ -116,7 +116,8 @@ def _run(args: argparse.Namespace) -> int:
             result = run_on_bag(
                 args.bag, estimator, args.output, None if args.quiet else say,
                 lambda text, total: bar.reset(task, description=text, total=total),
-                lambda: bar.advance(task), args.keep_sequence)
+                lambda: bar.advance(task),
+                args.output / 'sequence' if args.keep_sequence else None)
     finally:
         with suppress(OSError):
             args.output.rmdir()   # if it is empty

@@ -39,11 +39,10 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
         raise ConfigError(f'sun.site.source: {OF_WORLD} is not valid: the world does not say '
                           f'where on the Moon it is; set sun.site.source={GIVEN}, '
                           'sun.site.lon_deg and sun.site.lat_deg')
-    body = sky(site, np.asarray(parse_date('sun.date', sun.date))).sun
-    elevation = round(float(body.elevation_deg), _DECIMALS)
+    azimuth_deg, elevation_deg = _sun_deg(site, parse_date('sun.date', sun.date))
     try:
         return dataclasses.replace(
-            sun, azimuth_deg=round(float(body.azimuth_deg), _DECIMALS), elevation_deg=elevation,
+            sun, azimuth_deg=azimuth_deg, elevation_deg=elevation_deg,
             site=SunSiteConfig(GIVEN, site.lon_deg, site.lat_deg, site.grid_north_deg))
     except ConfigError as error:
         raise ConfigError(f'sun.date: {sun.date} at longitude {site.lon_deg:.4f}, latitude '
@@ -61,10 +60,10 @@ def sun_after(sun: SunConfig, seconds: float) -> SunConfig:
     site = given_site(sun.site)
     assert site is not None
     date = parse_date('sun.date', sun.date) + np.timedelta64(round(1e6 * seconds), 'us')
-    body = sky(site, check_dates('sun.date', np.asarray(date))).sun
+    check_dates('sun.date', np.asarray(date))
+    azimuth_deg, elevation_deg = _sun_deg(site, date)
     return dataclasses.replace(
-        sun, azimuth_deg=round(float(body.azimuth_deg), _DECIMALS),
-        elevation_deg=max(round(float(body.elevation_deg), _DECIMALS), LOWEST_DEG),
+        sun, azimuth_deg=azimuth_deg, elevation_deg=max(elevation_deg, LOWEST_DEG),
         date=f'{np.datetime_as_string(date, unit="us")}Z')
 
 
@@ -78,3 +77,9 @@ def earth_of_date(sun: SunConfig) -> Array | None:
         return None
     earth = sky(site, np.asarray(parse_date('sun.date', sun.date))).earth
     return earth.direction if earth.elevation_deg > 0.0 else None
+
+
+def _sun_deg(site: Site, date: np.datetime64) -> tuple[float, float]:
+    """Return azimuth and elevation of the sun [deg]."""
+    sun = sky(site, np.asarray(date)).sun
+    return round(float(sun.azimuth_deg), _DECIMALS), round(float(sun.elevation_deg), _DECIMALS)

@@ -33,6 +33,8 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
     topics.RIGHT_IMAGE.name: (message_validity.image_problem,),
     topics.DEPTH.name: (message_validity.image_problem, message_validity.depth_problem),
     topics.TRUE_DEPTH.name: (message_validity.image_problem, message_validity.true_depth_problem),
+    topics.RIGHT_TRUE_DEPTH.name: (message_validity.image_problem,
+                                   message_validity.true_depth_problem),
     topics.DISPARITY.name: (message_validity.disparity_problem,),
     topics.GROUND_CHANGES.name: (ground_problem,),
     topics.LIDAR_POINTS.name: (lidar_cloud_problem,),
@@ -105,8 +107,10 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
     """Read the contract's topics under `namespace` once; `progress` is called once per message."""
     result = Scan(namespace)
     by_topic: dict[str, TopicScan] = {}
-    hazards = (topics.of_hazard(name.removeprefix(f'{namespace}/')) for name in bag.types)
-    for known in (*topics.CONTRACT, *(topic for topic in hazards if topic is not None)):
+    hazards = {found[1] for name in bag.types
+               if (found := topics.of_hazard(name.removeprefix(f'{namespace}/'))) is not None}
+    for known in (*topics.CONTRACT, *(topic for camera in sorted(hazards)
+                                      for topic in topics.hazard(camera))):
         for name in (f'{namespace}/{known.name}', f'/{known.name}'):
             if name in bag.types:
                 by_topic[name] = result.topics[known.name] = TopicScan(
@@ -140,9 +144,12 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
 
 def _like(topic: Topic) -> str:
     """Return the name of the topic whose contents one is like."""
-    is_hazard_image = (topics.of_hazard(topic.name) is not None
-                       and topic.type == topics.LEFT_IMAGE.type)
-    return topics.LEFT_IMAGE.name if is_hazard_image else topic.name
+    hazard = topics.of_hazard(topic.name)
+    if hazard is None:
+        return topic.name
+    if hazard[0] is topics.HAZARD_DEPTH:
+        return topics.TRUE_DEPTH.name
+    return topics.LEFT_IMAGE.name if topic.type == topics.LEFT_IMAGE.type else topic.name
 
 
 def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validity.FiniteCheck,

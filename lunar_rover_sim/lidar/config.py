@@ -9,6 +9,8 @@ from lunar_rover_sim.illumination.config import ReflectanceConfig
 from lunar_rover_sim.lidar.optics import LidarOptics, MAX_POINTS, OWN, PARTS
 from lunar_rover_sim.parameters import group, param, Parameters
 
+DROP, END = 'drop', 'end'
+
 
 @dataclasses.dataclass(frozen=True)
 class LidarConfig(Parameters):
@@ -27,6 +29,9 @@ class LidarConfig(Parameters):
     reflectance: ReflectanceConfig = group(ReflectanceConfig)
     horizontal_beam: int = param(-1, 'beam of the LaserScan, 0 the lowest; -1: the one nearest '
                                  'to the horizontal of the sensor', low=-1, high=4095)
+    own_body: str = param(DROP, 'beams that meet the rover itself, legs too: drop: they return '
+                          'nothing, as drivers mask them; end: they return what they meet',
+                          choices=(DROP, END))
     organized: bool = param(False, 'clouds have all beams as rows, with NaN where nothing '
                             'returns; false: only what returns')
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.lidar.config import LidarConfig
+from lunar_rover_sim.lidar.config import DROP, LidarConfig
 from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
 from lunar_rover_sim.lidar.motion import Motion
-from lunar_rover_sim.lidar.own_body import hidden_by_body
-from lunar_rover_sim.lidar.ray_caster import Hits, RayCaster
+from lunar_rover_sim.lidar.own_body import OwnBody
+from lunar_rover_sim.lidar.ray_caster import Hits, NOTHING, RayCaster, ROVER
 from lunar_rover_sim.lidar.returns import ReturnModel
 from lunar_rover_sim.lidar.rock_hulls import RockHulls
 from lunar_rover_sim.lidar.scan import Scan
@@ -34,6 +34,7 @@ class Lidar:
     """A sensor at its mount on a rover on a world.
 
     pattern: its beams; T_base_lidar: (4, 4) its mount
+    legs_met: whether any beam may meet a leg of the rover
     """
 
     def __init__(self, world: World, rover: RoverDescription, config: LidarConfig,
@@ -46,8 +47,8 @@ class Lidar:
         self._albedo, self._grid = np.asarray(world.albedo), world.ground
         self.pattern = beam_pattern(config.optics, config.rate_hz)
         self.T_base_lidar = lidar_pose(rover)
-        hidden = hidden_by_body(rover, self.T_base_lidar, self.pattern.direction)
-        self._free = np.flatnonzero(~hidden)
+        self._own = OwnBody(rover, self.T_base_lidar, self.pattern)
+        self._free = np.flatnonzero(np.isinf(self._own.body_m))
         if not len(self._free):
             raise ConfigError(f'lidar.position_m: {list(rover.lidar.position_m)} is not valid; '
                               'valid is outside chassis and mast')
@@ -73,6 +74,11 @@ class Lidar:
         return cls(scenario.load_world() if world is None else world, scenario.rover, config,
                    scenario.shared.seed)
 
+    @property
+    def legs_met(self) -> bool:
+        """Whether any beam may meet a leg of the rover."""
+        return self._own.legs_met
+
     def follow(self, overlay: Overlay) -> None:
         """See what a rover changes of the ground from now on; it is read at every scan."""
         self._soft = SoftCells(self._pyramid, overlay)
@@ -87,27 +93,33 @@ class Lidar:
         """
         if not isinstance(motion, Motion):
             motion = Motion.of(motion, 1e-9 * self._config.period_ns)
-        R_base, p_base = motion.at(np.append(0.0, self.pattern.column_s))
+        times = np.append(0.0, self.pattern.column_s)
+        R_base, p_base = motion.at(times)
         R = R_base @ self.T_base_lidar[:3, :3]
         p = p_base + R_base @ self.T_base_lidar[:3, 3]
         origin, direction = self._rays(R[1:], p[1:])
-        hits = self._cast(origin, direction)
+        hits = self._cast(origin, direction, R_base[1:], motion.joint_angles(times[1:]))
         place = origin + np.minimum(hits.distance_m, self._range_m)[:, None] * direction
         cosine = -np.einsum('ij,ij->i', hits.normal, direction)
         rng = np.random.default_rng([self._seed, _STREAM, index])
         returns = self._returns.measure(hits.distance_m, cosine, self._albedo_of(hits, place),
-                                        hits.target >= 0, rng)
+                                        hits.target >= 0, rng, hits.target == ROVER)
         return Scan(self.pattern, returns, R[0].T @ R[1:], (p[1:] - p[0]) @ R[0])
 
-    def true_hits(self, T_world_base: Array) -> Hits:
+    def true_hits(self, T_world_base: Array, joint_angle_rad: Array | None = None) -> Hits:
         """Return what the beams of a sensor at rest meet, (4, 4) pose of base_link.
 
-        Beams on the rover's own body meet nothing.
+        joint_angle_rad: (4,) leg angles; None: legs are met by no beam
+        Beams on the rover meet nothing, with `own_body` end they meet the ROVER.
         """
-        T = np.asarray(T_world_base, float) @ self.T_base_lidar
-        columns = self.pattern.columns
-        return self._cast(*self._rays(np.broadcast_to(T[:3, :3], (columns, 3, 3)),
-                                      np.broadcast_to(T[:3, 3], (columns, 3))))
+        T_base = np.asarray(T_world_base, float)
+        T, columns = T_base @ self.T_base_lidar, self.pattern.columns
+        origin, direction = self._rays(np.broadcast_to(T[:3, :3], (columns, 3, 3)),
+                                       np.broadcast_to(T[:3, 3], (columns, 3)))
+        angles = None if joint_angle_rad is None else np.broadcast_to(
+            np.asarray(joint_angle_rad, float), (columns, 4))
+        return self._cast(origin, direction, np.broadcast_to(T_base[:3, :3], (columns, 3, 3)),
+                          angles)
 
     def _rays(self, R: Array, p: Array) -> tuple[Array, Array]:
         """Return (n, 3) origins and directions of all beams from poses of the columns."""
@@ -116,7 +128,9 @@ class Lidar:
         direction = (local @ R.transpose(0, 2, 1)).reshape(-1, 3)
         return np.repeat(p, pattern.rings, axis=0), direction
 
-    def _cast(self, origin: Array, direction: Array) -> Hits:
+    def _cast(self, origin: Array, direction: Array, R_base: Array,
+              joint_angle_rad: Array | None) -> Hits:
+        """Return what rays meet; R_base: (columns, 3, 3); joint_angle_rad: (columns, 4)."""
         half = self._grid.half_extent_m
         x, y = origin[0, :2].tolist()
         if not max(np.abs(origin[:, 0]).max(), np.abs(origin[:, 1]).max()) < half:
@@ -127,11 +141,28 @@ class Lidar:
         free = self._free
         found = self._caster.cast(origin[free], direction[free], self._range_m)
         if len(free) == len(direction):
-            return found
-        hits = Hits.none(len(direction))
-        hits.distance_m[free], hits.target[free] = found.distance_m, found.target
-        hits.normal[free] = found.normal
+            hits = found
+        else:
+            hits = Hits.none(len(direction))
+            hits.distance_m[free], hits.target[free] = found.distance_m, found.target
+            hits.normal[free] = found.normal
+        self._end_on_rover(hits, R_base, joint_angle_rad)
         return hits
+
+    def _end_on_rover(self, hits: Hits, R_base: Array, joint_angle_rad: Array | None) -> None:
+        """Let beams end on the rover, or return nothing."""
+        own, drop = self._own, self._config.own_body == DROP
+        body = np.flatnonzero(np.isfinite(own.body_m) & (own.body_m <= self._range_m))
+        parts = [] if drop else [(body, own.body_m[body], own.body_normal[body])]
+        if joint_angle_rad is not None and own.legs_met:
+            parts.append(own.legs(joint_angle_rad))
+        for beam, distance, normal in parts:
+            nearer = distance < hits.distance_m[beam]
+            beam = beam[nearer]
+            hits.distance_m[beam] = np.inf if drop else distance[nearer]
+            hits.target[beam] = NOTHING if drop else ROVER
+            turn = R_base[self.pattern.column[beam]]
+            hits.normal[beam] = 0.0 if drop else np.einsum('ijk,ik->ij', turn, normal[nearer])
 
     def _albedo_of(self, hits: Hits, place_m: Array) -> NDArray[np.float32]:
         """Return the albedo factors of what is met; 1 beyond the ground of the rover."""

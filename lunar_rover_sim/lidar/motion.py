@@ -16,11 +16,14 @@ class Motion:
 
     times_s: (k,) since its start, ascending, k >= 2; T_world_base: (k, 4, 4). Between them
     positions are interpolated linearly and orientations along great arcs; before the first and
-    after the last the pose stands.
+    after the last the pose stands. joint_angle_rad: (k, 4) leg angles in the order of LEG_NAMES,
+    which may be left out: then legs are where no beam meets them
     """
 
-    def __init__(self, times_s: Sequence[float] | Array, T_world_base: Sequence[Array]) -> None:
+    def __init__(self, times_s: Sequence[float] | Array, T_world_base: Sequence[Array],
+                 joint_angle_rad: Sequence[Array] | Array | None = None) -> None:
         self._times_s = np.asarray(times_s, float)
+        self._angle_rad = None if joint_angle_rad is None else np.asarray(joint_angle_rad, float)
         poses = np.asarray(T_world_base, float)
         self._position_m = poses[:, :3, 3]
         self._turn = Slerp(self._times_s, Rotation.from_matrix(poses[:, :3, :3]))
@@ -38,7 +41,15 @@ class Motion:
         moved = np.zeros((len(times), 3))
         moved[1:] = np.cumsum(0.5 * step * (along[1:] + along[:-1]), axis=0)
         start = np.asarray(state.T_world_base, float)
-        return cls(times, [start @ se3(R, p) for R, p in zip(turn, moved)])
+        angles = state.joint_angle_rad + np.outer(times, state.joint_velocity_radps)
+        return cls(times, [start @ se3(R, p) for R, p in zip(turn, moved)], angles)
+
+    def joint_angles(self, times_s: Array) -> Array | None:
+        """Return (m, 4) leg angles [rad] at (m,) times [s], None where they are not known."""
+        if self._angle_rad is None:
+            return None
+        return np.stack([np.interp(times_s, self._times_s, angle)
+                         for angle in self._angle_rad.T], axis=-1)
 
     def at(self, times_s: Array) -> tuple[Array, Array]:
         """Return (m, 3, 3) rotations and (m, 3) positions of base_link at (m,) times [s]."""

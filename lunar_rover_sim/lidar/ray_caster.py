@@ -29,7 +29,7 @@ F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 Index = NDArray[np.int64]
 
-GROUND, NOTHING = -1, -2    # besides the numbers of rocks
+GROUND, NOTHING, ROVER = -1, -2, -3     # besides the numbers of rocks
 _INTERVALS = 8              # at most, into which a bracket is cut at first
 _LEAST = 1e-9               # of a component of a direction
 _SLACK = 1e-9               # of distances [m] and places: neighbouring triangles leave no gap
@@ -40,7 +40,8 @@ _ROUNDING_M = np.float32(1e-4)      # of heights along a ray, in float32
 class Hits:
     """Where n rays meet the world.
 
-    distance_m: (n,) inf where nothing is met; target: (n,) GROUND, NOTHING or a rock
+    distance_m: (n,) inf where nothing is met; target: (n,) GROUND, NOTHING, a rock, or of
+        a `Lidar` the ROVER
     normal: (n, 3) outward unit normals, world frame, 0 where nothing is met
     """
 

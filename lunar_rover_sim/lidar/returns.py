@@ -33,6 +33,7 @@ _REFERENCE = _THRESHOLD + NormalDist().inv_cdf(0.9)
 _COSINES, _ALBEDOS = 1024, 128
 _MOST_ALBEDO = 4.0
 _MOST_INTENSITY = 255.0
+_OF_ROVER = 0.4             # foil, cells, aluminium: a choice
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,11 +67,17 @@ class ReturnModel:
         return self._tables.ravel().take(place)
 
     def measure(self, distance_m: Array, cos_incidence: Array, albedo: NDArray[np.floating],
-                is_rock: NDArray[np.bool_], rng: np.random.Generator) -> Returns:
-        """Return what is measured of (n,) targets; distance_m: inf where there is none."""
+                is_rock: NDArray[np.bool_], rng: np.random.Generator,
+                diffuse: NDArray[np.bool_] | None = None) -> Returns:
+        """Return what is measured of (n,) targets; distance_m: inf where there is none.
+
+        diffuse: targets that are no regolith, but of the reflectance _OF_ROVER, as Lambert has it
+        """
         optics = self._optics
         distance: NDArray[np.floating] = np.minimum(distance_m, 1e9).astype(np.float32)
         factor = self.reflectance_factor(cos_incidence, albedo, is_rock)
+        if diffuse is not None:
+            factor[diffuse] = _OF_ROVER * np.clip(cos_incidence[diffuse], 0.0, 1.0)
         signal = factor * (np.float32(optics.reference_range_m) / np.maximum(distance, 1e-3)) ** 2
         spread = distance * np.float32(1e-3 * optics.divergence_mrad / optics.pulse_m)
         cosine2 = np.clip(cos_incidence, 1e-3, 1.0).astype(np.float32) ** 2

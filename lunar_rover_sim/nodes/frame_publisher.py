@@ -37,6 +37,8 @@ _LAYERS: dict[str, tuple[str, ...]] = {
     topics.LABELS.name: ('label',), topics.CRATERS.name: ('crater',),
     topics.SHADOW.name: ('shadow',), topics.NORMALS.name: ('normal',),
     topics.OPTICAL_FLOW.name: ('optical_flow',), topics.SCENE_FLOW.name: ('scene_flow',),
+    **{topic.name: (layer,) for topic, layer in zip(topics.OF_RIGHT, (
+        'right_depth', 'right_label', 'right_crater', 'right_shadow', 'right_normal'))},
     topics.BOXES.name: ('label', 'crater'),
     topics.LEFT_INFO.name: (), topics.RIGHT_INFO.name: ()}
 _TOPICS = {topic.name: topic for topic in topics.CONTRACT if topic.name in _LAYERS}
@@ -110,7 +112,7 @@ class FramePublisher:
                 R_world_camera: Array) -> None:
         """Publish topics of one frame from its layers.
 
-        R_world_camera: (3, 3) axes of the left optical frame, in which normals are published
+        R_world_camera: (3, 3) axes of both optical frames, in which normals are published
         Raises what the thread raised on the frame before.
         """
         for name in names:
@@ -123,9 +125,7 @@ class FramePublisher:
                 self._send(name, self._boxes(layers, Header(stamp=stamp, frame_id=frame_id)))
             elif name not in _MATCHED and name not in _COMPRESSED:
                 pixels = layers[_LAYERS[name][0]]
-                if pixels.dtype == np.int32:    # labels and craters, of at most 65535
-                    pixels = pixels.astype(np.uint16)
-                if name == topics.NORMALS.name:
+                if name in (topics.NORMALS.name, topics.RIGHT_NORMALS.name):
                     pixels = pixels @ R_world_camera.astype(np.float32)
                 self._send(name, image_conversions.image(pixels, frame_id, stamp))
         derived = [name for name in names if name in _MATCHED or name in _COMPRESSED]
@@ -145,8 +145,7 @@ class FramePublisher:
 
     def _boxes(self, layers: Mapping[str, Any], header: Header) -> Any:
         assert self._vision is not None
-        return detections(self._vision, instances({topics.LABELS.name: layers['label'],
-                                                   topics.CRATERS.name: layers['crater']}), header)
+        return detections(self._vision, instances(layers['label'], layers['crater']), header)
 
     def _send(self, name: str, msg: Any) -> None:
         self._publishers[name].publish(msg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from rclpy.event_handler import PublisherEventCallbacks
@@ -26,13 +27,24 @@ try:
 except ImportError:
     TFMessage = None
 
-_LAYERS = ('left', 'right')
+# Layers of the topics of a camera, left and right, in the order of `topics.OF_HAZARD`.
+_LAYERS = (('left', '', 'label', 'crater', 'depth'),
+           ('right', '', 'right_label', 'right_crater', 'right_depth'))
+
+
+class _Output(NamedTuple):
+    """A topic of a camera (0 left or the only one, 1 right); layer: '' of its CameraInfo."""
+
+    topic: topics.Topic
+    side: int
+    layer: str
+    publisher: Publisher
 
 
 class HazardPublisher:
     """Draws and publishes a hazard camera, or a pair. It is made when it is first read.
 
-    publishers: those of images and CameraInfos
+    publishers: those of images, CameraInfos and truth
     on_reader: called when the readers of a topic change
     """
 
@@ -48,18 +60,18 @@ class HazardPublisher:
         self._camera: FurtherCamera | None = None
         # In lockstep the first one is that of the first whole period, as with frames.
         self._stamp_ns = 0 if config.lockstep else -self._period_ns
-        self._published: set[Publisher] = set()
+        self._published: set[_Output] = set()
         events = PublisherEventCallbacks(matched=lambda _: on_reader())
-        self._topics = [topics.hazard(camera) for camera in sides(name, self._config)]
-        self._images, self._infos = (
-            [node.create_publisher(message_class(topic.type), topic.name, qos.offered(topic),
-                                   event_callbacks=events) for topic in kind]
-            for kind in zip(*self._topics))
+        self._outputs = [
+            _Output(topic, side, layer, node.create_publisher(
+                message_class(topic.type), topic.name, qos.offered(topic), event_callbacks=events))
+            for side, camera in enumerate(sides(name, self._config))
+            for topic, layer in zip(topics.hazard(camera), _LAYERS[side])]
 
     @property
     def publishers(self) -> list[Publisher]:
         """All of them."""
-        return [*self._images, *self._infos]
+        return [output.publisher for output in self._outputs]
 
     def is_due(self, stamp_ns: int) -> bool:
         """Return whether `draw` has something to do for a stamp."""
@@ -79,27 +91,29 @@ class HazardPublisher:
             self._published.clear()
         self._published.update(wanted)
         stamp = conversions.time_msg(stamp_ns)
-        layers = [layer for layer, image in zip(_LAYERS, self._images) if image in wanted]
+        layers = [output.layer for output in wanted if output.layer]
         if layers:
             frame = self._render(state, stamp_ns // self._frame_period_ns, layers)
-        for side, (image, info) in enumerate(zip(self._images, self._infos)):
-            frame_id = self._topics[side][0].frame_id
-            if image in wanted:
-                image.publish(image_conversions.image(frame.layer(_LAYERS[side]), frame_id, stamp))
-            if info in wanted:
+        for output in wanted:
+            frame_id = output.topic.frame_id
+            if output.layer:
+                output.publisher.publish(image_conversions.image(
+                    frame.layer(output.layer), frame_id, stamp))
+            else:
                 P = self._geometry.P_left.copy()
-                P[0, 3] = -side * self._geometry.focal_px * self._config.stereo_baseline_m
-                info.publish(image_conversions.camera_info(self._geometry, frame_id, P, stamp))
+                P[0, 3] = -output.side * self._geometry.focal_px * self._config.stereo_baseline_m
+                output.publisher.publish(image_conversions.camera_info(
+                    self._geometry, frame_id, P, stamp))
 
-    def _wanted(self, stamp_ns: int) -> list[Publisher]:
-        """Return the publishers of what is due, read, and not published yet of this stamp."""
-        published: set[Publisher] = set()
+    def _wanted(self, stamp_ns: int) -> list[_Output]:
+        """Return what is due, read, and not published yet of this stamp."""
+        published: set[_Output] = set()
         if stamp_ns == self._stamp_ns:      # somebody has come to read more of it
             published = self._published
         elif stamp_ns // self._period_ns == self._stamp_ns // self._period_ns:
             return []
-        return [publisher for publisher in self.publishers
-                if publisher not in published and publisher.get_subscription_count()]
+        return [output for output in self._outputs
+                if output not in published and output.publisher.get_subscription_count()]
 
     def _render(self, state: RoverPose, frame_index: int, layers: list[str]) -> StereoFrame:
         try:

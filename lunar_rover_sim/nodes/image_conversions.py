@@ -37,7 +37,11 @@ def camera_info(rig: PinholeCamera | FisheyeCamera, frame_id: str, projection: A
 
 def image(pixels: NDArray, frame_id: str, stamp: Time) -> Image:
     """Return (h, w) uint8, uint16, float32, (h, w, 3) uint8 or (h, w, c) float32 as a message.
+
+    (h, w) int32, labels and craters of at most 65535, become uint16.
     """
+    if pixels.dtype == np.int32:
+        pixels = pixels.astype(np.uint16)
     msg = Image(header=Header(stamp=stamp, frame_id=frame_id))
     msg.height, msg.width = pixels.shape[:2]
     msg.encoding = encoding_of(pixels)

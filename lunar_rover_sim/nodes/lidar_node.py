@@ -5,14 +5,17 @@ from __future__ import annotations
 import collections
 
 from nav_msgs.msg import Odometry
+import numpy as np
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import LaserScan, PointCloud2
+from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar.lidar import Lidar
 from lunar_rover_sim.lidar.motion import Motion
 from lunar_rover_sim.nodes import conversions, lidar_conversions, node_main, qos
@@ -45,6 +48,7 @@ class LidarNode(node_main.GraphNode):
         # States from the start of the next scan on, and that scan; None before the first state.
         self._states: collections.deque[tuple[int, bytes]] = collections.deque()
         self._next: int | None = 1 if config.lockstep else None
+        self._angles: dict[int, Array] = {}     # stamp → leg angles, where a beam may meet a leg
         self._jump = TimeJump(self)
         self._ground = GroundListener(self, self.wake)
         self._follows = False
@@ -64,6 +68,9 @@ class LidarNode(node_main.GraphNode):
         # A long queue also in real time: states may come while a scan is made.
         self.create_subscription(Odometry, config.truth.name, self._odom_callback,
                                  qos.requested(topics.ODOM, lockstep=True), raw=True)
+        if self._lidar.legs_met:
+            self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
+                                     qos.requested(topics.JOINT_STATES, lockstep=True))
         Diagnostics(self, {'Scan rate': self._scan_rate_status, 'Drops': self._drops.status})
         self.report_ready(config, f'{config.part}, {len(self._lidar.pattern)} beams a scan, '
                           f'world {world.hash[:12]}', (config.truth.name,))
@@ -77,6 +84,7 @@ class LidarNode(node_main.GraphNode):
         period_ns = self._config.period_ns
         if self._jump.has_occurred(stamp):
             self._states.clear()
+            self._angles.clear()
             self._next = 1 if self._config.lockstep else None
         if self._next is None:
             self._next = -(-stamp // period_ns)
@@ -86,6 +94,14 @@ class LidarNode(node_main.GraphNode):
         while len(self._states) > 1 and self._states[1][0] <= self._next * period_ns:
             self._states.popleft()
         if stamp >= (self._next + 1) * period_ns:
+            self.wake()
+
+    def _joints_callback(self, msg: JointState) -> None:
+        stamp = time_ns(msg.header.stamp)
+        for old in [ns for ns in self._angles if self._states and ns < self._states[0][0]]:
+            del self._angles[old]
+        self._angles[stamp] = conversions.legs_of(msg, 'position')
+        if self._next is not None and stamp >= (self._next + 1) * self._config.period_ns:
             self.wake()
 
     # Output
@@ -123,6 +139,8 @@ class LidarNode(node_main.GraphNode):
             return False
         if not self._config.lockstep:
             return True
+        if self._lidar.legs_met and max(self._angles, default=0) < start + self._config.period_ns:
+            return False
         if self._config.await_ground and not self._ground.knows(start):
             return False
         return self._readers.is_complete and all(
@@ -156,7 +174,12 @@ class LidarNode(node_main.GraphNode):
             poses.append(conversions.pose_of(deserialize_message(raw, Odometry)))
             if stamp >= end:
                 break
-        return Motion(times, poses)
+        if not self._angles:
+            return Motion(times, poses)
+        known = sorted(self._angles)
+        return Motion(times, poses, np.stack([
+            np.interp(times, [1e-9 * (stamp - start) for stamp in known], leg)
+            for leg in np.array([self._angles[stamp] for stamp in known]).T], axis=-1))
 
     def _scan_rate_status(self) -> Status:
         fed, self._is_fed = self._is_fed, False

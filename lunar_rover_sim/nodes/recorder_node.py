@@ -23,6 +23,7 @@ from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.nodes.type_definitions import definition_of
+from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
 
 # Log lines, parameters and diagnostics bear wall time: with them no two runs would give the same
@@ -54,12 +55,13 @@ class RecorderNode(node_main.GraphNode):
         # A subscription to a topic on request makes another node compute it.
         self._not_in_all = {self._full(topics.RECORDED.name), *(
             name for name, topic in self._contract.items() if topic.on_request)}
-        self._written_ns_by_topic = dict.fromkeys(map(self._full, config.acknowledge), 0)
+        self._written = WrittenStamps({self._full(name): ns for name, ns in
+                                       config.period_ns_by_topic().items()})
         self._clock_name = self._full(topics.CLOCK.name)
         self._jump = TimeJump(self)
         self._subscribed: set[str] = set()
         self._rate, self._drops, self._newest_told_ns = Rate(0.0), Drops(), -1
-        self._written_ns = self._newest_ns = 0
+        self._newest_ns = 0
         self._clock_ns = 0     # the latest, also of the time before a restart
         self._warned: set[str] = set()
 
@@ -152,8 +154,8 @@ class RecorderNode(node_main.GraphNode):
                     f'{name}: is stamped more than {_LATEST_NS // 10**9} s after /clock (with '
                     'wall time?); its messages get the time of their arrival in the bag')
             if is_clock and self._jump.has_occurred(stamp_ns):
-                self._newest_ns = self._written_ns = self._sent_ns = 0
-                self._written_ns_by_topic = dict.fromkeys(self._written_ns_by_topic, 0)
+                self._newest_ns = self._sent_ns = 0
+                self._written.restart()
             self._acknowledge(name, stamp_ns)
 
         def on_loss(event: Any) -> None:
@@ -172,17 +174,14 @@ class RecorderNode(node_main.GraphNode):
     def _acknowledge(self, name: str, stamp_ns: int) -> None:
         """Note up to which stamp all acknowledged topics are written, and publish it."""
         self._newest_ns = max(self._newest_ns, stamp_ns)
-        if name not in self._written_ns_by_topic:
-            return
-        self._written_ns_by_topic[name] = stamp_ns
-        self._written_ns = max(self._written_ns, min(self._written_ns_by_topic.values()))
-        self._publish_written()
+        if self._written.write(name, stamp_ns):
+            self._publish_written()
 
     def _publish_written(self) -> None:
         """Publish up to which stamp everything is written, if that is new and has a reader."""
-        if (self._publisher is not None and self._written_ns > self._sent_ns
+        if (self._publisher is not None and self._written.up_to_ns > self._sent_ns
                 and self._publisher.get_subscription_count()):
-            self._sent_ns = self._written_ns
+            self._sent_ns = self._written.up_to_ns
             self._publisher.publish(Header(stamp=conversions.time_msg(self._sent_ns)))
 
 

@@ -111,15 +111,19 @@ class CameraRenderer(GlOwner):
         request, raw = scene.request, {}
         size = self._projection.height, self._projection.width
         lit = self._passes.lit
-        for index, name in enumerate(('radiance', 'depth')):
-            if name in request.layers or (name == 'depth' and request.flow):
-                raw[name] = read_image(lit.framebuffer, index, LEFT, size, self._pad)
+        if 'radiance' in request.layers:
+            raw['radiance'] = read_image(lit.framebuffer, 0, LEFT, size, self._pad)
         if request.developed:
             raw['pixels'] = self._development.take(self._passes, scene, lambda: read_image(
                 lit.framebuffer, 0, request.sides[0], size, self._pad))
-        if request.truth:
-            wanted = request.layers | ({'label'} if request.flow else set())
-            raw |= scene.targets.truth.read(wanted, size, self._pad)
+        for side in request.sides:
+            if request.depth_of(side):
+                raw[request.name('depth', side)] = read_image(lit.framebuffer, 1, side, size,
+                                                              self._pad)
+            wanted = request.truth_of(side)
+            if wanted:
+                drawn = scene.targets.truth.read(wanted, side, size, self._pad)
+                raw |= {request.name(layer, side): pixels for layer, pixels in drawn.items()}
         return raw
 
     def _compose(self, raw: dict[str, NDArray[Any]], scene: Scene) -> StereoFrame:
@@ -128,17 +132,16 @@ class CameraRenderer(GlOwner):
         exposure_s = self.exposure_s
         if request.developed:
             out |= self._development.images(raw['pixels'], request)
-        if 'depth' in raw:
-            depth_m = np.abs(raw['depth'])
+        for name in {'depth', 'right_depth'}.intersection(raw):
+            depth_m = np.abs(raw[name])
             depth_m[depth_m == 0.0] = np.inf
-            if 'depth' in request.layers:
-                out['depth_m'] = depth_m
-            if request.flow:
+            if name in request.layers:
+                out[f'{name}_m'] = depth_m
+            if name == 'depth' and request.flow:
                 out |= self._passes.flow(scene, self._K, depth_m, raw['label'])
-        for name in request.layers.intersection(('radiance', 'shadow', 'normal')):
-            out[name] = np.ascontiguousarray(raw[name])
-        for name in request.layers.intersection(('label', 'crater')):
-            out[name] = raw[name].astype(np.int32)
+        for name in request.layers.intersection(raw).difference(('depth', 'right_depth')):
+            numbers = raw[name].dtype == np.uint16      # labels and craters
+            out[name] = raw[name].astype(np.int32) if numbers else np.ascontiguousarray(raw[name])
         return StereoFrame(**out, exposure_s=exposure_s)
 
     def release(self) -> None:

@@ -102,17 +102,19 @@ class FisheyeRenderer(GlOwner):
             passes.light(scene)
             self._scenes.append(scene)
             self._fisheye.add(face, passes.lit, sides, above_m)
-            if request.truth:
-                self._add_truth(raw, face, scene)
+            for side in sides:
+                if request.truth_of(side):
+                    self._add_truth(raw, face, scene, side)
         size = self.camera.height, self.camera.width
         out = dict[str, NDArray[Any]]()
-        if 'depth' in request.layers:
-            distance = np.abs(read_image(self.lit.framebuffer, 1, LEFT, size, (0, 0)))
-            distance[distance == 0.0] = np.inf
-            out['depth_m'] = distance
+        for side in sides:
+            if request.depth_of(side):
+                distance = np.abs(read_image(self.lit.framebuffer, 1, side, size, (0, 0)))
+                distance[distance == 0.0] = np.inf
+                out[request.name('depth_m', side)] = distance
         if 'radiance' in request.layers:
             out['radiance'] = read_image(self.lit.framebuffer, 0, LEFT, size, (0, 0))
-        out |= {name: image if name in ('shadow', 'normal') else image.astype(np.int32)
+        out |= {name: image.astype(np.int32) if image.dtype == np.uint16 else image
                 for name, image in raw.items()}
         if request.developed:
             pixels = self._development.take(self, self._whole(state), lambda: read_image(
@@ -154,14 +156,17 @@ class FisheyeRenderer(GlOwner):
             windows=[self._fisheye.window(side) for side in (LEFT, RIGHT)],
             body=bodies[0] if bodies else None)
 
-    def _add_truth(self, raw: dict[str, NDArray[Any]], face: Face, scene: Scene) -> None:
+    def _add_truth(self, raw: dict[str, NDArray[Any]], face: Face, scene: Scene,
+                   side: int) -> None:
         """Add what is true of the pixels that a face shows, that of the nearest pixel drawn."""
         projection = face.projection
-        drawn = scene.targets.truth.read(scene.request.layers,
+        request = scene.request
+        drawn = scene.targets.truth.read(request.truth_of(side), side,
                                          (projection.height, projection.width), (0, 0))
         part = slice(face.first[1], face.end[1]), slice(face.first[0], face.end[0])
         column, row = face.source[face.shows].T
-        for name, pixels in drawn.items():
+        for layer, pixels in drawn.items():
+            name = request.name(layer, side)
             if name not in raw:
                 raw[name] = np.zeros((self.camera.height, self.camera.width, *pixels.shape[2:]),
                                      pixels.dtype)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.camera.rig import StereoRig
 
 LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance', 'crater', 'shadow')
+RIGHT_TRUTH = ('right_depth', 'right_normal', 'right_label', 'right_crater', 'right_shadow')
 FLOWS = ('optical_flow', 'scene_flow')      # layers too, of two states
 
 
@@ -29,6 +30,8 @@ class StereoFrame:
     shadow: (h, w, 3) uint8, each over 255: the share of the sun's disc that is seen, the share
         that the rover alone hides, and 1 - |2 seen - 1|, which is 0 but in penumbrae; all of the
         ground grid, rocks and rover, without the relief below the grid; sky 0
+    right_depth_m, right_normal, right_label, right_crater, right_shadow: the same of the right
+        camera
     optical_flow: (h, w, 2) float32 and scene_flow: (h, w, 3) float32, to another state, as
         `camera.flow.FlowModel` has them
     exposure_s: exposure time [s]
@@ -45,13 +48,19 @@ class StereoFrame:
     radiance: NDArray[np.float32] | None = None
     crater: NDArray[np.int32] | None = None
     shadow: NDArray[np.uint8] | None = None
+    right_depth_m: NDArray[np.float32] | None = None
+    right_normal: NDArray[np.float32] | None = None
+    right_label: NDArray[np.int32] | None = None
+    right_crater: NDArray[np.int32] | None = None
+    right_shadow: NDArray[np.uint8] | None = None
     optical_flow: NDArray[np.float32] | None = None
     scene_flow: NDArray[np.float32] | None = None
     exposure_s: float = 0.0
 
     def layer(self, name: str) -> NDArray[np.generic]:
-        """Return a layer by its name in LAYERS or FLOWS, which was asked for."""
-        pixels: NDArray[np.generic] = getattr(self, 'depth_m' if name == 'depth' else name)
+        """Return a layer by its name in LAYERS, RIGHT_TRUTH or FLOWS, which was asked for."""
+        unit = '_m' if name.endswith('depth') else ''
+        pixels: NDArray[np.generic] = getattr(self, name + unit)
         return pixels
 
 

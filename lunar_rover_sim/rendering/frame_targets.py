@@ -64,7 +64,7 @@ class FrameTargets:
     def truth(self) -> TruthTargets:
         """Targets of truth; made when first asked for, since few frames want them."""
         if self._truth is None:
-            self._truth = TruthTargets(self._context, self.size, self._buffers[0])
+            self._truth = TruthTargets(self._context, self.size, self._buffers)
         return self._truth
 
     def release(self) -> None:
@@ -76,38 +76,39 @@ class FrameTargets:
 
 
 class TruthTargets:
-    """Where shaders/truth.glsl writes what is true of the pixels of the left camera.
+    """Where shaders/truth.glsl writes what is true of the pixels of the cameras.
 
-    colour: framebuffer without depth; framebuffer: with the depth buffer of the frame
+    colour: framebuffer without depth; framebuffers: with the depth buffers of the frame, of the
+        left and the right camera
     """
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int],
-                 depth: moderngl.Renderbuffer) -> None:
+                 depths: list[moderngl.Renderbuffer]) -> None:
         self._textures = [context.texture(size, 4, dtype='f1'),
                           context.texture(size, 4, dtype='f1'), attachment(context, size, 4)]
         self.colour = context.framebuffer(self._textures)
-        self.framebuffer = context.framebuffer(self._textures, depth)
+        self.framebuffers = [context.framebuffer(self._textures, depth) for depth in depths]
 
-    def read(self, layers: Collection[str], size: tuple[int, int],
+    def read(self, layers: Collection[str], side: int, size: tuple[int, int],
              padding: tuple[int, int]) -> dict[str, NDArray[Any]]:
         """Return those of 'label', 'crater', 'shadow' and 'normal' that are in `layers`.
 
-        size, padding: as for `read_image`; the first two are (h, w) uint16, shadow is (h, w, 3)
-        uint8, normal (h, w, 3) float32
+        side, size, padding: as for `read_image`; the first two are (h, w) uint16, shadow is
+        (h, w, 3) uint8, normal (h, w, 3) float32
         """
         result: dict[str, NDArray[Any]] = {}
         if {'label', 'crater'} & set(layers):
-            numbers = read_image(self.framebuffer, 0, 0, size, padding, 4, 'f1')
+            numbers = read_image(self.colour, 0, side, size, padding, 4, 'f1')
             pairs = np.ascontiguousarray(numbers).view('<u2')
             result |= {'label': pairs[..., 0], 'crater': pairs[..., 1]}
         for index, name, kind in ((1, 'shadow', 'f1'), (2, 'normal', 'f4')):
             if name in layers:
-                result[name] = read_image(self.framebuffer, index, 0, size, padding, 3, kind)
+                result[name] = read_image(self.colour, index, side, size, padding, 3, kind)
         return {name: result[name] for name in result if name in layers}
 
     def release(self) -> None:
-        """Release the GL objects; the depth buffer belongs to the frame."""
-        release_all(self.framebuffer, self.colour, *self._textures)
+        """Release the GL objects; the depth buffers belong to the frame."""
+        release_all(*self.framebuffers, self.colour, *self._textures)
 
 
 def attachment(context: moderngl.Context, size: tuple[int, int],

@@ -10,7 +10,7 @@ from typing import Any
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
-from lunar_rover_sim.rendering.frame import FLOWS, LAYERS
+from lunar_rover_sim.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
 from lunar_rover_sim.rendering.frame_targets import FrameTargets
 from lunar_rover_sim.rendering.ground_pass import GroundRows
 from lunar_rover_sim.rendering.view import Window
@@ -19,6 +19,7 @@ from lunar_rover_sim.rover.pose import RoverPose
 LEFT, RIGHT = 0, 1
 _SHADED = {'left', 'right', 'radiance'}
 _TRUTH = {'normal', 'label', 'crater', 'shadow'}
+_PREFIXES = ('', 'right_')      # of layers of truth, by side
 
 Uniforms = dict[str, Any]       # values by the names of shader uniforms
 
@@ -40,7 +41,7 @@ class Request:
     def of(cls, layers: Collection[str], frame_index: int,
            other: RoverPose | None = None) -> Request:
         """Check the names of the layers."""
-        valid = (*LAYERS, *FLOWS)
+        valid = (*LAYERS, *RIGHT_TRUTH, *FLOWS)
         for name in sorted(set(layers).difference(valid)):
             raise RenderError(f'layer {name!r} is not valid; {nearest(name, valid)}')
         for name in sorted(set(layers).intersection(FLOWS)):
@@ -52,8 +53,22 @@ class Request:
     @property
     def sides(self) -> tuple[int, ...]:
         """Cameras that draw: LEFT, RIGHT, both or none."""
-        left = (LEFT,) if self.layers - {'right'} else ()
-        return left + ((RIGHT,) if 'right' in self.layers else ())
+        of_right = self.layers & {'right', *RIGHT_TRUTH}
+        left = (LEFT,) if self.layers - of_right else ()
+        return left + ((RIGHT,) if of_right else ())
+
+    def name(self, layer: str, side: int) -> str:
+        """Return the name of a layer of truth of a camera."""
+        return _PREFIXES[side] + layer
+
+    def truth_of(self, side: int) -> set[str]:
+        """Return which of label, crater, shadow and normal are drawn of a camera."""
+        found = {layer for layer in _TRUTH if self.name(layer, side) in self.layers}
+        return found | ({'label'} if side == LEFT and self.flow else set())
+
+    def depth_of(self, side: int) -> bool:
+        """Return whether the depth of a camera is read."""
+        return self.name('depth', side) in self.layers or (side == LEFT and self.flow)
 
     @property
     def lit(self) -> bool:
@@ -64,11 +79,6 @@ class Request:
     def developed(self) -> bool:
         """Whether the sensors take a picture."""
         return bool(self.layers & {'left', 'right'})
-
-    @property
-    def truth(self) -> bool:
-        """Whether labels and what else is true of a pixel are drawn."""
-        return bool(self.layers & _TRUTH) or self.flow
 
     @property
     def flow(self) -> bool:

@@ -133,17 +133,24 @@ class ScenePasses(GlOwner):
                               for side in request.sides])
         if request.lit:
             self._sun.draw(scene)
-        if request.truth:
-            self._look_from(scene, LEFT)
-            # The depth is kept: which surface is nearest is known already.
-            clear_window(targets.truth.colour, scene.windows[LEFT])
-            craters = self._shared.crater_map() if 'crater' in request.layers else None
-            self._shared.ground.draw_truth(self.lit.depth, craters)
-            self._context.depth_func = '<='
-            try:
-                self._draw_objects(scene, targets.truth.framebuffer, LEFT, truth=True)
-            finally:
-                self._context.depth_func = '<'
+        for side in request.sides:
+            if request.truth_of(side):
+                self._draw_truth(scene, side)
+
+    def _draw_truth(self, scene: Scene, side: int) -> None:
+        """Draw what is true of the pixels of a camera, which are lit."""
+        truth = scene.targets.truth
+        self._look_from(scene, side)
+        # The depth is kept: which surface is nearest is known already.
+        clear_window(truth.colour, scene.windows[side])
+        craters = (self._shared.crater_map() if 'crater' in scene.request.truth_of(side)
+                   else None)
+        self._shared.ground.draw_truth(self.lit.depth, craters)
+        self._context.depth_func = '<='
+        try:
+            self._draw_objects(scene, truth.framebuffers[side], side, truth=True)
+        finally:
+            self._context.depth_func = '<'
 
     def mark_rover(self, scene: Scene, target: moderngl.Framebuffer) -> None:
         """Draw which link of the rover each pixel of a lit scene shows, as `RoverPass.mark`."""

@@ -38,8 +38,10 @@ def seen_links(rover: RoverDescription, T_base_cameras: Iterable[Array],
                 T = T_camera_base @ poses[link]
                 within = (vertices @ T[:3, :3].T + T[:3, 3]) @ planes.T
                 within[:, -1] -= projection.near_m
-                if np.any(np.all(np.any(within[faces] > 0.0, axis=1), axis=1)):
+                a, b, c = (within > 0.0)[faces.T]
+                if np.any(np.all(a | b | c, axis=1)):
                     seen.add(index)
+                    break
     return tuple(sorted(seen))
 
 

@@ -60,3 +60,38 @@ class StampGate:
     def behind(self, now_ns: int) -> dict[str, int]:
         """Return topic → newest stamp [ns] of the topics that have not answered `now_ns`."""
         return {t: s for t, s in self._stamp_ns.items() if s < now_ns}
+
+
+class WrittenStamps:
+    """The stamp up to which everything is written of topics that come at their own periods.
+
+    period_ns_by_topic: topic → period [ns], 0 where it is not known. Messages are due at whole
+        multiples of the period. A topic whose newest message has the stamp s is complete up to the
+        state before its next message, s + period - tick, where tick is the shortest period.
+        Otherwise a slow topic would hold back time at an end that it does not fall on.
+    """
+
+    def __init__(self, period_ns_by_topic: Mapping[str, int]) -> None:
+        tick_ns = min((p for p in period_ns_by_topic.values() if p), default=0)
+        self._complete_ns = {t: max(0, p - tick_ns) for t, p in period_ns_by_topic.items()}
+        self._stamp_ns = dict.fromkeys(period_ns_by_topic, 0)
+        self._up_to_ns = 0
+
+    def restart(self) -> None:
+        """Begin again: time has gone back to zero."""
+        self._stamp_ns = dict.fromkeys(self._stamp_ns, 0)
+        self._up_to_ns = 0
+
+    @property
+    def up_to_ns(self) -> int:
+        """The stamp [ns] up to which every topic is written; it never goes back."""
+        return self._up_to_ns
+
+    def write(self, topic: str, stamp_ns: int) -> bool:
+        """Note that a message is written; return whether `topic` is one of them."""
+        if topic not in self._stamp_ns:
+            return False
+        self._stamp_ns[topic] = stamp_ns
+        self._up_to_ns = max(self._up_to_ns, min(
+            stamp + self._complete_ns[t] for t, stamp in self._stamp_ns.items()))
+        return True

@@ -228,6 +228,22 @@ class RecorderNodeConfig(NodeConfig, RecorderConfig):
     scenario_file: str = param('', 'file of the resolved scenario, which the bag stores')
     acknowledge: tuple[str, ...] = param((), 'topics whose newest written stamps make '
                                          'recorder/written')
+    acknowledge_periods_s: tuple[float, ...] = param(
+        (), 'period of each of these topics, which is complete until its next message is due; 0 '
+        'where it has none; empty: 0 for all; a run sets them', unit='s', low=0.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError unless each acknowledged topic has one period, or none has."""
+        super().validate()
+        if len(self.acknowledge_periods_s) not in (0, len(self.acknowledge)):
+            raise ConfigError(f'acknowledge_periods_s: {len(self.acknowledge_periods_s)} elements '
+                              f'given for {len(self.acknowledge)} topics; valid is one period per '
+                              'topic')
+
+    def period_ns_by_topic(self) -> dict[str, int]:
+        """Return acknowledged topic → period [ns], 0 where it is not known."""
+        periods_s = self.acknowledge_periods_s or (0.0,) * len(self.acknowledge)
+        return {t: round(s * 1e9) for t, s in zip(self.acknowledge, periods_s)}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -105,6 +105,8 @@ def resolve(scenario: Scenario) -> Scenario:
                 start_s=_share(gait.wait.start_s, physics.wait.start_s)))
         if not recorder.acknowledge:
             recorder = dataclasses.replace(recorder, acknowledge=_acknowledged(scenario))
+        recorder = dataclasses.replace(recorder, acknowledge_periods_s=tuple(
+            _period_s(scenario, name) for name in recorder.acknowledge))
         if 'render_node' in nodes and not render.await_readers:
             render = dataclasses.replace(render, await_readers=tuple(
                 name for name in recorder.acknowledge if name in FRAME_TOPICS))
@@ -164,9 +166,8 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
     if 'recorder_node' in nodes and _acknowledged(scenario):
         lag_s = _RECORDER_LAG_S
         if 'render_node' in nodes:
-            # Up to the next frame with depth everything is written up to the one before, and the
-            # renderer may be two frames behind.
-            least = scenario.render_node.depth_every + _RENDERER_LAG_FRAMES + 1
+            # What is drawn is written after it is published, and the renderer may be behind.
+            least = _RENDERER_LAG_FRAMES + 2
             if 'slam_node' in nodes:
                 least += 1
             lag_s = max(min(lag_s, _RECORDER_LAG_FRAMES * frame_s), least * frame_s)
@@ -204,6 +205,17 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
         if in_all or topic.name in recorder.topics:
             result.append(topic.graph_name)
     return tuple(result)
+
+
+def _period_s(scenario: Scenario, name: str) -> float:
+    """Return the period [s] of a topic of the contract, 0 of one without."""
+    render = scenario.render_node
+    period_ns = {topics.STATE: scenario.physics_node.state_period_ns,
+                 topics.FRAME: render.frame_period_ns,
+                 topics.DEPTH_FRAME: render.depth_period_ns,
+                 topics.SCAN: scenario.lidar_node.period_ns}
+    rates = [topic.rate for topic in topics.CONTRACT if topic.graph_name == name]
+    return period_ns.get(rates[0], 0) / 1e9 if rates else 0.0
 
 
 def _unpublished(scenario: Scenario) -> tuple[topics.Topic, ...]:

@@ -2,9 +2,9 @@
 
 The format of Lin et al. (Microsoft COCO: Common Objects in Context, ECCV 2014): boxes are x, y,
 width, height [px] of the upper left corner, masks uncompressed run lengths over the columns.
-`iscrowd` is 0. Beyond the format an image has `stamp_ns`, an annotation the `number` of its rock
-or crater in the label image, and where the bag has the vocabulary `diameter_m` and the `age` of a
-crater.
+`iscrowd` is 0. Beyond the format an image has `camera` and `stamp_ns`, an annotation the `number`
+of its rock or crater in the label image, and where the bag has the vocabulary `diameter_m` and the
+`age` of a crater.
 """
 
 from __future__ import annotations
@@ -18,51 +18,46 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
-from lunar_rover_sim.sequences.instances import (CATEGORIES, check_pinhole, Instance, instances,
-                                                 LEAST_PX, run_lengths)
-from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
+from lunar_rover_sim.sequences.instances import CATEGORIES, Instance, LEAST_PX, run_lengths
+from lunar_rover_sim.sequences.labelled import LabelledSequence
+from lunar_rover_sim.sequences.sequence import PngWriter
 
 _FILE = 'annotations/instances.json'
 
 
-class CocoSequence(Sequence):
+class CocoSequence(LabelledSequence):
     """Writes a COCO data set; annotations go to the file as they come."""
-
-    needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name, topics.LABELS.name)
-    uses = (topics.CRATERS.name,)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
-        check_pinhole(self.suite, str(bag.path))
         self._catalogues = catalogues(bag)
         self._images: list[dict[str, Any]] = []
-        self._count = 0
+        self._found = 0
         (folder / 'images').mkdir()
         categories = [{'id': k, 'name': name, 'supercategory': 'terrain'}
                       for k, name in enumerate(CATEGORIES, 1)]
         self.line(_FILE, f'{{"info": {{"description": {json.dumps(bag.path.name)}}}, '
                   f'"licenses": [], "categories": {json.dumps(categories)}, "annotations": [')
 
-    def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
-        """Write the left image and its annotations."""
-        image = pixels[topics.LEFT_IMAGE.name]
+    def image(self, number: int, camera: str, stamp_ns: int, image: NDArray[Any],
+              found: list[Instance]) -> None:
+        """Write an image and its annotations."""
         height, width = image.shape[:2]
-        number = len(self._images)
         name = f'{number:06d}.png'
         self.png.write(self.folder / 'images' / name, image)
         self._images.append({'id': number, 'file_name': name, 'width': width, 'height': height,
-                             'stamp_ns': stamp_ns})
-        for instance in instances(pixels):
-            self._count += 1
+                             'camera': camera, 'stamp_ns': stamp_ns})
+        for instance in found:
+            self._found += 1
             text = json.dumps({
-                'id': self._count, 'image_id': number,
+                'id': self._found, 'image_id': number,
                 'category_id': 1 + CATEGORIES.index(instance.category), 'iscrowd': 0,
                 'area': instance.area,
                 'bbox': [instance.x, instance.y, *instance.mask.shape[::-1]],
                 'segmentation': {'size': [height, width],
                                  'counts': run_lengths(instance, height, width)},
                 'number': instance.number, **self._known(instance)})
-            self.line(_FILE, ('' if self._count == 1 else ',') + text)
+            self.line(_FILE, ('' if self._found == 1 else ',') + text)
 
     def _known(self, instance: Instance) -> dict[str, float]:
         """Return what the vocabulary knows of an instance."""
@@ -74,7 +69,7 @@ class CocoSequence(Sequence):
     def notes(self) -> list[str]:
         """Return how many annotations there are, and write the end of the file."""
         self.line(_FILE, f'], "images": {json.dumps(self._images)}}}')
-        return [f'{self._count} annotations; what shows fewer than {LEAST_PX} pixels has none']
+        return [f'{self._found} annotations; what shows fewer than {LEAST_PX} pixels has none']
 
 
 def catalogues(bag: Bag) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """EuRoC sequences: mav0/cam0, cam1, imu0, state_groundtruth_estimate0, and times.txt.
 
 The body frame is that of the IMU, as in the EuRoC data sets (Burri et al., IJRR 35 (10), 2016);
-`T_BS` maps points of a sensor to the body.
+`T_BS` maps points of a sensor to the body. Hazard cameras are cam2, cam3 and so on; a fisheye has
+the distortion model `equidistant`, as Kalibr names it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import imu_row, pose_matrix, xyz
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.frames import Array, wxyz_from_matrix
+from lunar_rover_sim.frames import Array, inverse, wxyz_from_matrix
+from lunar_rover_sim.sequences.further import FurtherCamera
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter, Sequence
 
 _CAMERAS = {topics.LEFT_IMAGE.name: 'cam0', topics.RIGHT_IMAGE.name: 'cam1'}
@@ -34,6 +36,8 @@ class EurocSequence(Sequence):
 
     needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name)
     uses = (topics.RIGHT_IMAGE.name, topics.IMU_RAW.name, topics.IMU_BIAS.name, topics.ODOM.name)
+    of_further = (topics.HAZARD_IMAGE,)
+    further_needs = 'they need their camera_info in the bag'
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
@@ -42,10 +46,11 @@ class EurocSequence(Sequence):
         self._has_bias = bag.has(topics.IMU_BIAS.name)
         for name, camera in _CAMERAS.items():
             if bag.has(name):
-                (folder / 'mav0' / camera / 'data').mkdir(parents=True)
-                self.line(f'mav0/{camera}/data.csv', '#timestamp [ns],filename')
                 mount = self.suite.T_imu_left if camera == 'cam0' else self.suite.T_imu_right
-                self._sensor(camera, self._camera_lines(mount))
+                self._begin(camera, self._camera_lines(mount))
+        self._further = {hazard.name: f'cam{k}' for k, hazard in enumerate(self.further, 2)}
+        for hazard in self.further:
+            self._begin(self._further[hazard.name], self._further_lines(hazard))
         if bag.has(topics.IMU_RAW.name):
             self.line(_IMU, _IMU_TITLE)
             self._sensor('imu0', self._imu_lines())
@@ -59,10 +64,14 @@ class EurocSequence(Sequence):
         """Write the pair and its line in times.txt."""
         for name, camera in _CAMERAS.items():
             if name in pixels:
-                self.png.write(self.folder / 'mav0' / camera / 'data' / f'{stamp_ns}.png',
-                               pixels[name])
-                self.line(f'mav0/{camera}/data.csv', f'{stamp_ns},{stamp_ns}.png')
+                self._image(camera, stamp_ns, pixels[name])
         self.line('times.txt', str(stamp_ns))
+
+    def further_images(self, camera: FurtherCamera, stamp_ns: int,
+                       pixels: dict[str, NDArray[Any]]) -> None:
+        """Write an image of a hazard camera, whose stamps are its own."""
+        self._image(self._further[camera.name], stamp_ns,
+                    pixels[camera.topics[topics.HAZARD_IMAGE]])
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Write IMU samples as they come, truth once its bias is there."""
@@ -88,7 +97,19 @@ class EurocSequence(Sequence):
             notes.append('no IMU in the bag: images are not trimmed, imu0 is missing')
         if not (self.folder / _TRUTH).exists():
             notes.append('no odometry in the bag: the ground truth is missing')
+        if self._further:
+            notes.append('hazard cameras: ' + ', '.join(
+                f'{folder} is {name}' for name, folder in self._further.items()))
         return notes
+
+    def _begin(self, camera: str, lines: list[str]) -> None:
+        (self.folder / 'mav0' / camera / 'data').mkdir(parents=True)
+        self.line(f'mav0/{camera}/data.csv', '#timestamp [ns],filename')
+        self._sensor(camera, lines)
+
+    def _image(self, camera: str, stamp_ns: int, pixels: NDArray[Any]) -> None:
+        self.png.write(self.folder / 'mav0' / camera / 'data' / f'{stamp_ns}.png', pixels)
+        self.line(f'mav0/{camera}/data.csv', f'{stamp_ns},{stamp_ns}.png')
 
     def _truth(self, stamp_ns: int, bias: Array) -> None:
         message = self._odometry.pop(stamp_ns)
@@ -113,6 +134,16 @@ class EurocSequence(Sequence):
                 f'intrinsics: [{numbers(suite.focal_px, suite.centre_px, separator=", ")}]',
                 'distortion_model: radial-tangential',
                 f'distortion_coefficients: [{numbers([k1, k2, p1, p2], separator=", ")}]']
+
+    def _further_lines(self, camera: FurtherCamera) -> list[str]:
+        c = camera.calibration
+        model = 'equidistant' if camera.is_fisheye else 'radial-tangential'
+        return ['sensor_type: camera', f'comment: simulated hazard camera {camera.name}',
+                *_transform(inverse(self.suite.T_base_imu) @ camera.T_base_camera),
+                f'resolution: [{c.width}, {c.height}]', 'camera_model: pinhole',
+                f'intrinsics: [{numbers(c.fx_fy_cx_cy_px, separator=", ")}]',
+                f'distortion_model: {model}',
+                f'distortion_coefficients: [{numbers(c.D[:4], separator=", ")}]']
 
     def _imu_lines(self) -> list[str]:
         noise = self.suite.noise

@@ -61,7 +61,8 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
             with PngWriter() as images, make(bag, partial, images) as sequence:
                 notes = _stream(bag, sequence, progress)
                 (partial / CALIBRATION_FILE).write_text(
-                    calibration_yaml(sequence.suite, kind, sequence.depth), encoding='utf-8')
+                    calibration_yaml(sequence.suite, kind, sequence.depth, sequence.further),
+                    encoding='utf-8')
             partial.rename(output)
     except OSError as error:
         raise SequenceError(f'{output}: cannot be written: {error.strerror or error}') from None
@@ -78,28 +79,50 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
               if bag.has(source) and _TYPES[name] != _CAMERA_INFO]
     names = {bag.resolve(sources[name]): name for name in wanted}
     images = [name for name in wanted if _TYPES[name] == _IMAGE]
-    sets = _ImageSets(bag, sequence, images, topics.IMU_RAW.name in wanted)
+    sets = _ImageSets(bag, sequence.images, images, topics.IMU_RAW.name in wanted)
+    further: dict[str, _ImageSets] = {}
+    for camera in sequence.further:
+        own = [camera.topics[topic] for topic in sequence.of_further if topic in camera.topics]
+        group = _ImageSets(bag, functools.partial(sequence.further_images, camera), own, False)
+        further.update(dict.fromkeys(own, group))
+        names.update({bag.resolve(name): name for name in own})
     for message in bag.raw(names):
         if progress is not None:
             progress()
         name = names[message.topic]
         decoded = bag.decode(message.data, message.msgtype)
-        if name in images:
-            sets.take(name, decoded)
+        if name in images or name in further:
+            (sets if name in images else further[name]).take(name, decoded)
             continue
         sequence.data(name, header_ns(decoded), decoded)
         if name == topics.IMU_RAW.name:
             sets.imu(header_ns(decoded))
-    return sets.finish()
+    return [*sets.finish(), *(note for group in dict.fromkeys(further.values())
+                              for note in group.lacking()),
+            *sequence.notes(), *_left_out(bag, sequence)]
+
+
+def _left_out(bag: Bag, sequence: Sequence) -> list[str]:
+    """Return a note on the hazard cameras that a sequence does not hold."""
+    there = {camera for full in bag.types if (camera := _hazard_of(bag, full)) is not None}
+    lacking = sorted(there.difference(camera.name for camera in sequence.further))
+    return [f'left out: hazard cameras {", ".join(lacking)}; '
+            + (sequence.further_needs or 'this format has no place for them')] if lacking else []
+
+
+def _hazard_of(bag: Bag, full: str) -> str | None:
+    """Return the hazard camera that a topic is an image of."""
+    known = topics.of_hazard(full.removeprefix(bag.namespace + '/'))
+    return known[1] if known is not None and known[0] is topics.HAZARD_IMAGE else None
 
 
 class _ImageSets:
     """Puts images of one stamp together and holds them until an IMU sample follows."""
 
-    def __init__(self, bag: Bag, sequence: Sequence, names: list[str],
+    def __init__(self, bag: Bag, take: Callable[[int, dict[str, Any]], None], names: list[str],
                  waits_for_imu: bool) -> None:
         self._bag = bag
-        self._sequence = sequence
+        self._take = take
         self._names = set(names)
         self._waits = waits_for_imu
         self._first_imu_ns: int | None = None
@@ -129,7 +152,7 @@ class _ImageSets:
             self._write(*self._held.pop(0))
 
     def _write(self, stamp_ns: int, entry: dict[str, Any]) -> None:
-        self._sequence.images(stamp_ns, entry)
+        self._take(stamp_ns, entry)
         self._written += 1
 
     def finish(self) -> list[str]:
@@ -141,9 +164,14 @@ class _ImageSets:
         if trimmed:
             notes.append(f'{trimmed} image sets left out ({self._before} at the beginning, '
                          f'{len(self._held)} at the end): no IMU sample before or after them')
+        return notes + self.lacking()
+
+    def lacking(self) -> list[str]:
+        """Return notes on the sets that were left out since an image was missing."""
+        notes = []
         for entry in self._open.values():
             self._lacking.update(self._names - set(entry))
         for name, count in sorted(self._lacking.items()):
             hint = _EVERY_DEPTH if name in _OF_DEPTH_FRAMES else ''
             notes.append(f'{count} image sets without {name} left out{hint}')
-        return notes + self._sequence.notes()
+        return notes

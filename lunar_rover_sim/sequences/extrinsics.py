@@ -36,7 +36,7 @@ def recorded_frame(bag: Bag, frame: str) -> Array:
     _check(frame)
     if frame == 'base':
         return np.eye(4)
-    found = _from_tf(bag, FRAMES[frame])
+    found = frame_from_tf(bag, FRAMES[frame])
     if found is not None:
         return found
     rover = recorded_rover(bag)
@@ -65,7 +65,8 @@ def _check(frame: str) -> None:
         raise ConfigError(f'frame: {frame!r} is not valid; {nearest(frame, FRAMES)}')
 
 
-def _from_tf(bag: Bag, child: str) -> Array | None:
+def frame_from_tf(bag: Bag, child: str) -> Array | None:
+    """Return T_base_child (4, 4) from the bag's tf_static; None where it lacks the frame."""
     if not bag.has(topics.TF_STATIC.name):
         return None
     parents: dict[str, tuple[str, Array]] = {}

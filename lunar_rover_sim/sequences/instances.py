@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
 from lunar_rover_sim.sequences.sensors import SensorSuite
@@ -43,12 +42,12 @@ class Instance:
         return int(self.mask.sum())
 
 
-def instances(pixels: dict[str, NDArray[Any]]) -> list[Instance]:
-    """Return the instances of a set of images by topic; without craters where the set has none."""
-    label = pixels[topics.LABELS.name].astype(np.int32)
+def instances(label: NDArray[Any], crater: NDArray[Any] | None = None) -> list[Instance]:
+    """Return the instances of (h, w) labels, and of (h, w) numbers of craters where given."""
+    label = label.astype(np.int32)
     found = list(_found(ROCK, np.where(label >= LABEL_FIRST_ROCK, label, 0)))
-    if topics.CRATERS.name in pixels:
-        found += _found(CRATER, pixels[topics.CRATERS.name].astype(np.int32))
+    if crater is not None:
+        found += _found(CRATER, crater.astype(np.int32))
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix
@@ -25,7 +25,7 @@ class PosedSequence(Sequence):
     """
 
     POSES = ''
-    uses: ClassVar[tuple[str, ...]] = (topics.ODOM.name,)
+    uses: tuple[str, ...] = (topics.ODOM.name,)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import yaml
 
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import Array, inverse
+from lunar_rover_sim.sequences.further import FurtherCamera
 from lunar_rover_sim.sequences.sensors import SensorSuite
 
 CALIBRATION_FILE = 'calibration.yaml'
 
 
 def calibration_yaml(suite: SensorSuite, kind: str,
-                     depth: Mapping[str, Mapping[str, Any]]) -> str:
+                     depth: Mapping[str, Mapping[str, Any]],
+                     further: Iterable[FurtherCamera] = ()) -> str:
     """Return cameras, mounts, IMU and depth units of a sequence as YAML.
 
-    kind: name of the format; depth: its depth images and their units.
+    kind: name of the format; depth: its depth images and their units; further: hazard cameras.
     Pixels are counted from the centre of the first one; T_a_b maps points of b to a; optical
     frames are x right, y down, z forward; noise is in continuous time.
     """
@@ -28,11 +30,20 @@ def calibration_yaml(suite: SensorSuite, kind: str,
                 'distortion_model': 'plumb_bob', 'k1_k2_p1_p2_k3': list(suite.distortion),
                 'T_imu_camera': _rows(T_imu_camera)}
 
+    def hazard(camera: FurtherCamera) -> dict[str, Any]:
+        c = camera.calibration
+        return {'width_px': c.width, 'height_px': c.height,
+                'fx_fy_cx_cy_px': list(c.fx_fy_cx_cy_px),
+                'distortion_model': c.distortion_model,
+                'k1_k2_k3_k4' if camera.is_fisheye else 'k1_k2_p1_p2_k3': c.D.tolist(),
+                'T_imu_camera': _rows(inverse(suite.T_base_imu) @ camera.T_base_camera)}
+
     noise = suite.noise
     document: dict[str, Any] = {
         'format': kind, 'frame_rate_hz': suite.frame_rate_hz,
         'baseline_m': round(suite.baseline_m, 9),
         'left': camera(suite.T_imu_left), 'right': camera(suite.T_imu_right),
+        **{camera.word: hazard(camera) for camera in further},
         'T_base_imu': _rows(suite.T_base_imu),
         'imu': {'rate_hz': suite.imu_rate_hz,
                 'accel_noise_density': noise.accel_noise_density,

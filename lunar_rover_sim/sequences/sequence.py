@@ -12,9 +12,11 @@ from typing import Any, ClassVar, TextIO, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.images import write_png
+from lunar_rover_sim.sequences.further import further_cameras, FurtherCamera
 from lunar_rover_sim.sequences.sensors import recorded_sensors, SensorSuite
 
 _THREADS = 2
@@ -60,11 +62,16 @@ class Sequence:
 
     needs, uses: topics of the contract that must, or may, be in the bag
     depth: units of the depth images, as they are written to calibration.yaml
+    of_further: which topics of hazard cameras the format has a place for, images first
+    further_needs: what such a camera needs to be written, for messages
+    further: the hazard cameras of the bag that it writes; `of_further` of each make a set
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
-    uses: ClassVar[tuple[str, ...]] = ()
-    depth: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    uses: tuple[str, ...] = ()
+    depth: Mapping[str, Mapping[str, Any]] = {}
+    of_further: ClassVar[tuple[topics.Topic, ...]] = ()
+    further_needs: ClassVar[str] = ''
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         for name in self.needs:
@@ -73,10 +80,21 @@ class Sequence:
         self.folder = folder
         self.png = png
         self.suite: SensorSuite = recorded_sensors(bag, self.needs)
+        self.further = [c for c in further_cameras(bag) if self.has_place_for(c)] \
+            if self.of_further else []
         self._files: dict[str, TextIO] = {}
+
+    def has_place_for(self, camera: FurtherCamera) -> bool:
+        """Return whether the images of a hazard camera are written."""
+        return True
 
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
         """Take one complete set of images, by topic."""
+        raise NotImplementedError
+
+    def further_images(self, camera: FurtherCamera, stamp_ns: int,
+                       pixels: dict[str, NDArray[Any]]) -> None:
+        """Take one complete set of a hazard camera, by its topics in the bag."""
         raise NotImplementedError
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:

@@ -7,9 +7,10 @@ image gives the pose of that camera, its axes forward, right, down, in a north-e
 along the optical axis, the sky 10,000; besides, as 16-bit PNG in mm, 0 where there is none or it
 lies beyond 65.5 m. times.txt holds the stamps [s], which the original lacks.
 
-Where the bag has labels, seg_left holds classes (seg_label_map.json names them), and flow leads to
-the next image: NUMBER_NUMBER_flow.npy, (h, w, 2) float32, right and down [px], with a mask of what
-the next image shows: 0 seen, 1 hidden, 100 outside.
+Where the bag has depth or labels of the right camera, they lie in depth_right, depth_right_mm and
+seg_right. Where it has labels, seg_left holds classes (seg_label_map.json names them), and flow
+leads to the next image: NUMBER_NUMBER_flow.npy, (h, w, 2) float32, right and down [px], with a
+mask of what the next image shows: 0 seen, 1 hidden, 100 outside.
 """
 
 from __future__ import annotations
@@ -49,26 +50,33 @@ class TartanAirSequence(PosedSequence):
     """Writes a TartanAir sequence; segmentation and flow where the bag has labels."""
 
     POSES = 'pose_left.txt'
-    depth = {'depth_left': {'npy_unit': 'm', 'along': 'optical axis', 'sky_m': SKY_M},
-             'depth_left_mm': {'png_counts_per_m': _MM_PER_M, 'along': 'optical axis',
-                               'missing': 0}}
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name,
              topics.TRUE_DEPTH.name)
-    uses = (topics.ODOM.name, topics.LABELS.name, topics.JOINT_STATES.name)
+    uses = (topics.ODOM.name, topics.LABELS.name, topics.JOINT_STATES.name,
+            topics.RIGHT_TRUE_DEPTH.name, topics.RIGHT_LABELS.name)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
         suite = self.suite
         self._mounts = {'left': suite.T_base_imu @ suite.T_imu_left,
                         'right': suite.T_base_imu @ suite.T_imu_right}
-        for name in ('image_left', 'image_right', 'depth_left', 'depth_left_mm'):
+        sides = ('left', 'right') if bag.has(topics.RIGHT_TRUE_DEPTH.name) else ('left',)
+        for side in sides:
+            self.depth = {**self.depth, f'depth_{side}': {
+                'npy_unit': 'm', 'along': 'optical axis', 'sky_m': SKY_M}, f'depth_{side}_mm': {
+                'png_counts_per_m': _MM_PER_M, 'along': 'optical axis', 'missing': 0}}
+        for name in ('image_left', 'image_right', *self.depth):
             (folder / name).mkdir()
         self._missing: list[str] = []
         self._segments = bag.has(topics.LABELS.name)
         self._flow = self._flow_files(bag)
-        if self._segments:
+        segmented = [side for side, topic in (('left', topics.LABELS),
+                                              ('right', topics.RIGHT_LABELS))
+                     if bag.has(topic.name)]
+        for side in segmented:
             check_pinhole(suite, str(bag.path))
-            (folder / 'seg_left').mkdir()
+            (folder / f'seg_{side}').mkdir()
+        if segmented:
             (folder / 'seg_label_map.json').write_text(json.dumps(
                 {'name_map': {name: k for k, name in CLASSES.items()}}, indent=1) + '\n',
                 encoding='ascii')
@@ -79,18 +87,26 @@ class TartanAirSequence(PosedSequence):
         for side, topic in (('left', topics.LEFT_IMAGE), ('right', topics.RIGHT_IMAGE)):
             self.png.write(self.folder / f'image_{side}' / f'{number}_{side}.png',
                            pixels[topic.name])
-        depth_m = pixels[topics.TRUE_DEPTH.name].astype(np.float32)
-        np.save(self.folder / 'depth_left' / f'{number}_left_depth.npy',
-                np.where(np.isfinite(depth_m), depth_m, np.float32(SKY_M)), allow_pickle=False)
-        self.png.write(self.folder / 'depth_left_mm' / f'{number}_left_depth.png',
-                       millimetres(depth_m))
-        if self._segments:
-            label = pixels[topics.LABELS.name]
-            np.save(self.folder / 'seg_left' / f'{number}_left_seg.npy', classes(label),
-                    allow_pickle=False)
-            if self._flow is not None:
-                self._flow.image(self.count, stamp_ns, depth_m, label)
+        for side, depth, labels in (
+                ('left', topics.TRUE_DEPTH, topics.LABELS),
+                ('right', topics.RIGHT_TRUE_DEPTH, topics.RIGHT_LABELS)):
+            if depth.name in pixels:
+                self._write_depth(f'{number}_{side}', side, pixels[depth.name])
+            if labels.name in pixels:
+                np.save(self.folder / f'seg_{side}' / f'{number}_{side}_seg.npy',
+                        classes(pixels[labels.name]), allow_pickle=False)
+        if self._flow is not None:
+            self._flow.image(self.count, stamp_ns,
+                             pixels[topics.TRUE_DEPTH.name].astype(np.float32),
+                             pixels[topics.LABELS.name])
         self.taken(stamp_ns)
+
+    def _write_depth(self, name: str, side: str, depth: NDArray[Any]) -> None:
+        depth_m = depth.astype(np.float32)
+        np.save(self.folder / f'depth_{side}' / f'{name}_depth.npy',
+                np.where(np.isfinite(depth_m), depth_m, np.float32(SKY_M)), allow_pickle=False)
+        self.png.write(self.folder / f'depth_{side}_mm' / f'{name}_depth.png',
+                       millimetres(depth_m))
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Keep poses and leg angles until their image comes."""

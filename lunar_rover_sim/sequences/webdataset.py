@@ -20,6 +20,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.files.images import png_bytes
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.sequences.further import FurtherCamera
 from lunar_rover_sim.sequences.instances import check_pinhole
 from lunar_rover_sim.sequences.posed import PosedSequence
 from lunar_rover_sim.sequences.sequence import PngWriter
@@ -37,11 +38,16 @@ EXTENSIONS = {
     topics.TRUE_DEPTH.name: 'depth.npy', topics.LABELS.name: 'labels.npy',
     topics.CRATERS.name: 'craters.npy', topics.SHADOW.name: 'shadow.png',
     topics.NORMALS.name: 'normals.npy', topics.OPTICAL_FLOW.name: 'optical_flow.npy',
-    topics.SCENE_FLOW.name: 'scene_flow.npy'}
+    topics.SCENE_FLOW.name: 'scene_flow.npy', topics.RIGHT_TRUE_DEPTH.name: 'right_depth.npy',
+    topics.RIGHT_LABELS.name: 'right_labels.npy', topics.RIGHT_CRATERS.name: 'right_craters.npy',
+    topics.RIGHT_SHADOW.name: 'right_shadow.png', topics.RIGHT_NORMALS.name: 'right_normals.npy'}
+# Of hazard cameras: what follows the camera in the extension.
+_FURTHER = {topics.HAZARD_IMAGE: '.png', topics.HAZARD_LABELS: '_labels.npy',
+            topics.HAZARD_CRATERS: '_craters.npy', topics.HAZARD_DEPTH: '_depth.npy'}
 _NEEDED = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name)
 _OF_PINHOLE = tuple(topic.name for topic in (
     topics.LABELS, topics.CRATERS, topics.SHADOW, topics.NORMALS, topics.OPTICAL_FLOW,
-    topics.SCENE_FLOW))
+    topics.SCENE_FLOW, *topics.OF_RIGHT))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,24 +62,45 @@ class ShardOptions:
     size: int = DEFAULT_SIZE
 
 
+@dataclasses.dataclass
+class _Sample:
+    """A sample that is not written yet; poses: None until they are known."""
+
+    stamp_ns: int
+    files: dict[str, bytes]
+    poses: dict[str, Any] | None
+
+
 class WebDatasetSequence(PosedSequence):
     """Writes the shards of a drive. Without odometry its samples have no poses."""
 
     POSES = METADATA
     needs = _NEEDED
+    of_further = tuple(_FURTHER)
+    further_needs = ('they need their camera_info in the bag; labels do not fit a pinhole with '
+                     'distortion')
     uses = (*(name for name in EXTENSIONS if name not in _NEEDED), topics.ODOM.name)
-    depth = {'depth.npy': {'npy_unit': 'm', 'along': 'optical axis', 'sky_m': float('inf')}}
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter,
                  options: ShardOptions = ShardOptions()) -> None:
         super().__init__(bag, folder, png)
         if any(bag.has(name) for name in _OF_PINHOLE):
             check_pinhole(self.suite, str(bag.path))
+        along = {EXTENSIONS[topic.name]: 'optical axis'
+                 for topic in (topics.TRUE_DEPTH, topics.RIGHT_TRUE_DEPTH) if bag.has(topic.name)}
+        along.update({camera.word + _FURTHER[topics.HAZARD_DEPTH]:
+                      'ray' if camera.is_fisheye else 'optical axis'
+                      for camera in self.further if topics.HAZARD_DEPTH in camera.topics})
+        self.depth = {name: {'npy_unit': 'm', 'along': axis, 'sky_m': float('inf')}
+                      for name, axis in along.items()}
         self._drive = key_part(options.drive or drive_name(bag.path))
         self._shards = ShardWriter(folder, options.size)
-        self._held: deque[tuple[int, dict[str, bytes]]] = deque()
+        self._held: deque[_Sample] = deque()
+        self._further: dict[int, dict[str, bytes]] = {}     # stamp [ns] → files
+        self._lost = 0
         self._mounts = {'left': self.suite.T_base_imu @ self.suite.T_imu_left,
-                        'right': self.suite.T_base_imu @ self.suite.T_imu_right}
+                        'right': self.suite.T_base_imu @ self.suite.T_imu_right,
+                        **{camera.word: camera.T_base_camera for camera in self.further}}
         self._written = 0
         self._world = (str(bag.first(topics.WORLD_HASH.name).data)
                        if bag.has(topics.WORLD_HASH.name) else '')
@@ -81,23 +108,39 @@ class WebDatasetSequence(PosedSequence):
             (folder / VOCABULARY_FILE).write_text(bag.first(topics.LABEL_INFO.name).data,
                                                   encoding='utf-8')
 
+    def has_place_for(self, camera: FurtherCamera) -> bool:
+        """Return whether its truth fits its images, where it has any."""
+        return camera.fits_truth or topics.HAZARD_LABELS not in camera.topics
+
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
-        """Encode a sample, and write it as soon as its pose is known."""
-        self._held.append((stamp_ns, {
-            EXTENSIONS[name]: png_bytes(image, _COMPRESSION) if EXTENSIONS[name].endswith('.png')
-            else npy_bytes(image) for name, image in pixels.items()}))
+        """Encode a sample, and write it as soon as all of it is known."""
+        self._write_all(stamp_ns)
+        self._held.append(_Sample(stamp_ns, {
+            EXTENSIONS[name]: _encoded(EXTENSIONS[name], image)
+            for name, image in pixels.items()}, None if self.has_truth else {}))
         self.taken(stamp_ns)
-        if not self.has_truth:
-            self._write({})
+
+    def further_images(self, camera: FurtherCamera, stamp_ns: int,
+                       pixels: dict[str, NDArray[Any]]) -> None:
+        """Keep the images of a hazard camera for the sample of their stamp."""
+        names = {name: camera.word + _FURTHER[topic] for topic, name in camera.topics.items()
+                 if topic in _FURTHER}
+        self._further.setdefault(stamp_ns, {}).update(
+            {names[name]: _encoded(names[name], image) for name, image in pixels.items()})
 
     def write_pose(self, T_odom_base: Array) -> None:
-        """Write the next sample with the poses of its cameras."""
-        self._write({f'T_odom_{side}': np.round(T_odom_base @ T, _DIGITS).tolist()
-                     for side, T in self._mounts.items()})
+        """Take the poses of the cameras of the next sample."""
+        next(s for s in self._held if s.poses is None).poses = {
+            f'T_odom_{side}': np.round(T_odom_base @ T, _DIGITS).tolist()
+            for side, T in self._mounts.items()}
 
     def notes(self) -> list[str]:
         """Finish the shards and write their index; return how many there are."""
         notes = super().notes()
+        self._write_all(None)
+        if self._lost:
+            notes.append(f'{self._lost} sets of hazard cameras left out: no sample has their '
+                         'stamp')
         self._shards.close()
         shards = self._shards.shards
         (self.folder / INDEX_FILE).write_text(index_text(self._drive, shards, {
@@ -110,8 +153,22 @@ class WebDatasetSequence(PosedSequence):
         self._shards.close()
         super().close()
 
-    def _write(self, poses: dict[str, Any]) -> None:
-        stamp_ns, files = self._held.popleft()
+    def _write_all(self, before_ns: int | None) -> None:
+        """Write the samples of earlier stamps whose poses are known; None: all."""
+        while self._held:
+            sample = self._held[0]
+            if sample.poses is None or (before_ns is not None and sample.stamp_ns >= before_ns):
+                break
+            self._held.popleft()
+            for ns in [ns for ns in self._further if ns < sample.stamp_ns]:
+                del self._further[ns]
+                self._lost += 1
+            files = {**sample.files, **self._further.pop(sample.stamp_ns, {})}
+            self._write(sample.stamp_ns, files, sample.poses)
+        if before_ns is None:
+            self._lost += len(self._further)
+
+    def _write(self, stamp_ns: int, files: dict[str, bytes], poses: dict[str, Any]) -> None:
         suite = self.suite
         metadata = {'drive': self._drive, 'world': self._world, 'stamp_ns': stamp_ns,
                     'fx_fy_cx_cy_px': [*map(float, suite.focal_px), *map(float, suite.centre_px)],
@@ -119,6 +176,10 @@ class WebDatasetSequence(PosedSequence):
         files[METADATA] = json.dumps(metadata).encode()
         self._shards.write(f'{self._drive}-{self._written:06d}', files)
         self._written += 1
+
+
+def _encoded(extension: str, image: NDArray[Any]) -> bytes:
+    return png_bytes(image, _COMPRESSION) if extension.endswith('.png') else npy_bytes(image)
 
 
 def drive_name(bag: Path) -> str:

@@ -13,39 +13,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.sequences.instances import (CATEGORIES, check_pinhole, instances, LEAST_PX,
-                                                 outline)
-from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
+from lunar_rover_sim.sequences.instances import CATEGORIES, Instance, LEAST_PX, outline
+from lunar_rover_sim.sequences.labelled import LabelledSequence
+from lunar_rover_sim.sequences.sequence import PngWriter
 
 _DIGITS = 6
 
 
-class YoloSequence(Sequence):
+class YoloSequence(LabelledSequence):
     """Writes a YOLO data set."""
-
-    needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name, topics.LABELS.name)
-    uses = (topics.CRATERS.name,)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
-        check_pinhole(self.suite, str(bag.path))
-        self._images = self._count = 0
+        self._found = 0
         for name in ('images', 'labels', 'boxes'):
             (folder / name).mkdir()
         for text in ('path: .', 'train: images', 'val: images', 'names:',
                      *(f'  {k}: {name}' for k, name in enumerate(CATEGORIES))):
             self.line('data.yaml', text)
 
-    def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
-        """Write the left image and a line for each instance."""
-        image = pixels[topics.LEFT_IMAGE.name]
+    def image(self, number: int, camera: str, stamp_ns: int, image: NDArray[Any],
+              found: list[Instance]) -> None:
+        """Write an image and a line for each instance."""
         height, width = image.shape[:2]
-        name = f'{self._images:06d}'
+        name = f'{number:06d}'
         self.png.write(self.folder / 'images' / f'{name}.png', image)
         labels, boxes = [], []
-        for instance in instances(pixels):
+        for instance in found:
             kind = CATEGORIES.index(instance.category)
             rows, columns = instance.mask.shape
             # Outlines go through the centres of pixels.
@@ -56,13 +51,12 @@ class YoloSequence(Sequence):
                                       columns / width, rows / height]))
         for folder, lines in (('labels', labels), ('boxes', boxes)):
             (self.folder / folder / f'{name}.txt').write_text(''.join(lines), encoding='ascii')
-        self.line('times.txt', f'{name} {stamp_ns}')
-        self._images += 1
-        self._count += len(labels)
+        self.line('times.txt', f'{name} {stamp_ns} {camera}')
+        self._found += len(labels)
 
     def notes(self) -> list[str]:
         """Return how many instances there are."""
-        return [f'{self._count} instances; what shows fewer than {LEAST_PX} pixels is left out; '
+        return [f'{self._found} instances; what shows fewer than {LEAST_PX} pixels is left out; '
                 'train and val are the same images, split them by drive']
 
 

@@ -2,7 +2,8 @@
 
 The folder of a benchmark holds `recordings/DRIVE` (one per scenario, swept value and seed, shared
 by all sensors) and `cells/DRIVE-SENSOR-SYSTEM` with a `result.json`, which is written when the
-cell is done. Whatever stops a benchmark, the same call does what is missing.
+cell is done. Whatever stops a benchmark, the same call does what is missing. `sequence` holds the
+exported recording while estimators work on it.
 """
 
 from __future__ import annotations
@@ -132,14 +133,15 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
     """
     done = []
     failed_drives: dict[Drive, str] = {}
-    for cell in cells:
-        kept = _read(cell, folder)
-        if kept is not None and not (kept.failed and retry):
-            step(kept, 'kept')
-            done.append(kept)
-            continue
-        done.append(_do(cell, folder, recorder, step, failed_drives))
-        step(done[-1], 'done')
+    with _OneSequence(folder / 'sequence') as sequence:
+        for cell in cells:
+            kept = _read(cell, folder)
+            if kept is not None and not (kept.failed and retry):
+                step(kept, 'kept')
+                done.append(kept)
+                continue
+            done.append(_do(cell, folder, recorder, step, failed_drives, sequence))
+            step(done[-1], 'done')
     return done
 
 
@@ -149,7 +151,7 @@ def cell_folder(folder: Path, cell: Cell) -> Path:
 
 
 def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step,
-        failed_drives: dict[Drive, str]) -> Cell:
+        failed_drives: dict[Drive, str], sequence: _OneSequence) -> Cell:
     system, sensor = cell.estimator.system, cell.estimator.sensor
     try:
         if cell.drive in failed_drives:
@@ -165,7 +167,8 @@ def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
         counter = _Counter(lambda text: step(cell, text))
-        result = run_on_bag(bag, cell.estimator, work, step=counter.begin, advance=counter.advance)
+        result = run_on_bag(bag, cell.estimator, work, step=counter.begin, advance=counter.advance,
+                            kept_sequence=sequence.folder(cell))
         finished = dataclasses.replace(cell, result=result)
     except LunarRoverSimError as error:
         finished = dataclasses.replace(cell, result=SlamResult(system, sensor, str(error)),
@@ -177,6 +180,31 @@ def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step
            {'request': _request(cell), 'failed': finished.failed,
             'result': finished.result.to_mapping()})
     return finished
+
+
+class _OneSequence:
+    """The exported sequence of one drive, which estimators that follow each other share."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._of: tuple[Drive, str] | None = None
+
+    def folder(self, cell: Cell) -> Path:
+        """Return the folder, without the sequence of another drive or format."""
+        needed = cell.drive, cell.estimator.format
+        if needed != self._of:
+            self._remove()
+            self._of = needed
+        return self._folder
+
+    def _remove(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def __enter__(self) -> _OneSequence:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._remove()
 
 
 class _Counter:

@@ -100,9 +100,10 @@ def _alike(errors: _Errors) -> str:
         said = SHOWN
     elif test.sign:
         said = CONTRADICTED
+    interval = 'too few seeds for an interval' if np.isnan(ratio.low) else \
+        f'90 % interval {np.exp(ratio.low):.2f} to {np.exp(ratio.high):.2f}'
     of = '' if not ratio.count else \
-        f'ratio {np.exp(ratio.value):.2f}, 90 % interval {np.exp(ratio.low):.2f} to ' \
-        f'{np.exp(ratio.high):.2f}, alike within {_ALIKE:g}; '
+        f'ratio {np.exp(ratio.value):.2f}, {interval}, alike within {_ALIKE:g}; '
     return f'{said}: {finding} ({of}{test.text()})'
 
 

@@ -75,18 +75,21 @@ class SlamResult:
 def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None = None,
                step: Step = lambda _text, _total: None,
                advance: Callable[[], None] = lambda: None,
-               keep_sequence: bool = False) -> SlamResult:
+               kept_sequence: Path | None = None) -> SlamResult:
     """Export a bag, run an estimator on it and judge the outcome.
 
     Settings, log, estimate.txt (TUM), evaluation.json and path.npz (`stamps_ns`, `truth_m`,
-    `estimate_m`, aligned) go to the existing `folder`. The sequence is removed again unless
-    `keep_sequence`. `echo` is called with each line of the log, `step` with what is being done and
-    in how many parts, None where nobody knows, `advance` after each of them.
+    `estimate_m`, aligned) go to the existing `folder`. `echo` is called with each line of the log,
+    `step` with what is being done and in how many parts, None where nobody knows, `advance` after
+    each of them.
+    kept_sequence: folder of the exported sequence, which stays; if it exists, it is the sequence
+    of this bag in the format of the estimator. None: the sequence is removed again.
     A lost track is a result. Raises SlamError, BagError, SequenceError or EvaluationError if
     there can be no result.
     """
-    sequence = folder / 'sequence'
-    shutil.rmtree(sequence, ignore_errors=True)
+    sequence = kept_sequence or folder / 'sequence'
+    if kept_sequence is None:
+        shutil.rmtree(sequence, ignore_errors=True)
     with open_bag(bag) as opened:
         truth = trajectory_of_topic(opened)
         kind = FORMATS[estimator.format]
@@ -94,15 +97,16 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         messages = sum(opened.counts[opened.resolve(name)] for name in kind.needs + kind.uses
                        if opened.has(name))
     distance_m = truth.length_m
-    step('exporting', messages)
-    export(bag, sequence, estimator.format, advance)
+    if not sequence.exists():
+        step('exporting', messages)
+        export(bag, sequence, estimator.format, advance)
     try:
         # Only of the built-in odometry is it known how far it is.
         step('estimating', len(euroc_reader.stamps_ns(sequence))
              if estimator.system == 'reference' else None)
         outcome = estimator.estimate(sequence, suite, folder, echo, advance)
     finally:
-        if not keep_sequence:
+        if kept_sequence is None:
             shutil.rmtree(sequence, ignore_errors=True)
     step('evaluating', None)
     known = SlamResult(estimator.system, estimator.sensor, outcome.reason, len(outcome.frames_ns),

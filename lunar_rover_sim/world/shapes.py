@@ -6,6 +6,7 @@ axial ratio near 1 : 0.8 : 0.6 (Fujiwara et al. 1978; Capaccioni et al. 1984).
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ _STEP = 2.0**-20        # lattice of the corners
 _SEED = 1969            # the library is the same in all worlds, so that meshes can be shared
 
 
+@functools.cache
 def library() -> tuple[RockShape, ...]:
     """Return the shapes: the same 16 at every call."""
     rng = np.random.default_rng(_SEED)

@@ -1,5 +1,7 @@
 """The map from velocity to stride: inverse, scaled, saturated, read and written."""
 
+import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -31,13 +33,17 @@ def test_the_map_is_inverted(table, forward, yaw_rate):
     assert back[1] == pytest.approx(yaw_rate, rel=0.02, abs=1e-3)
 
 
+@functools.cache
+def strides():
+    """Return turns, (n,), and the duty offset and the sweeps of each, (n, 3)."""
+    turns = np.linspace(-1.0, 1.0, 20001)
+    return turns, np.array([dataclasses.astuple(Stride.turning(1.0, turn))[1:] for turn in turns])
+
+
 def turn_of(stride):
     """Return the turn of a forward stride, found by trial."""
-    turns = np.linspace(-1.0, 1.0, 20001)
-    others = [Stride.turning(stride.phase_rate_hz, turn) for turn in turns]
-    return turns[np.argmin([abs(other.duty_offset - stride.duty_offset)
-                            + abs(other.left_sweep - stride.left_sweep)
-                            + abs(other.right_sweep - stride.right_sweep) for other in others])]
+    turns, others = strides()
+    return turns[np.argmin(np.abs(others - dataclasses.astuple(stride)[1:]).sum(axis=1))]
 
 
 @pytest.mark.parametrize('table', tables(), ids=['analytic', 'packaged'])

@@ -31,7 +31,9 @@ SMALL = {'world.size_m': 12.8, 'world.surroundings.samples': 257, 'seed': 3,
 def test_scans_in_a_bag(tmp_path):
     """The clouds are those of the same motion in Python, number by number."""
     scenario = Scenario.load('flat', {**SMALL, 'lidar_node.part': 'espros_tofcam635',
-                                      'rover.lidar.rpy_deg': [0.0, 20.0, 0.0]}, duration_s=0.45)
+                                      'rover.lidar.rpy_deg': [0.0, 10.0, 90.0],
+                                      'rover.lidar.position_m': [0.0, -0.35, 0.05],
+                                      'lidar_node.own_body': 'end'}, duration_s=0.45)
     result = record(scenario, tmp_path / 'run')
     # Rounded up to whole scans and frames: 0.5 s. The first scan is that of the second period.
     assert result.counts['/lidar/points'] == result.counts['/lidar/scan'] == 4
@@ -41,12 +43,14 @@ def test_scans_in_a_bag(tmp_path):
     lidar = Lidar.from_scenario(result.scenario)
     with open_bag(result.bag) as bag:
         states = {ns: pose_matrix(odom) for _, ns, odom in bag.messages(['/odom'])}
+        angles = {ns: legs.position[:4] for _, ns, legs in bag.messages(['/joint_states'])}
         clouds = [(ns, cloud) for _, ns, cloud in bag.messages(['/lidar/points'])]
         planar = [scan for _, _, scan in bag.messages(['/lidar/scan'])]
     for start, cloud in clouds:
         stamps = range(start, start + 100_000_001, 5_000_000)
         scan = lidar.scan(Motion([1e-9 * (s - start) for s in stamps],
-                                 [states[s] for s in stamps]), start // 100_000_000)
+                                 [states[s] for s in stamps], [angles[s] for s in stamps]),
+                          start // 100_000_000)
         points = np.frombuffer(cloud.data.tobytes(), POINT)
         assert np.array_equal(points, scan.cloud())
         assert cloud.is_dense and cloud.width == len(points) > 1000

@@ -29,8 +29,11 @@ SKY = ('render_node.sun.date=2026-11-28T00:00:00Z', 'render_node.sun.site.source
 
 
 def test_a_run_in_lockstep(tmp_path: Path) -> None:
-    """A second of the run is 14 h of the sky: after 0.28 s each the sun is 2 deg further."""
-    result = record(Scenario.load('flat', [*SMALL, *PLAIN, *SKY], duration_s=0.8),
+    """A second of the run is 14 h of the sky: after 0.28 s each the sun is 2 deg further.
+
+    The end lies between two frames with depth.
+    """
+    result = record(Scenario.load('flat', [*SMALL, *PLAIN, *SKY], duration_s=0.7),
                     tmp_path / 'run')
     assert not check(result.bag).failed
     render = result.scenario.render_node

@@ -134,10 +134,13 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
               'stereo/depth/image': Image, 'ground_truth/depth/image': Image,
               'stereo/depth/camera_info': CameraInfo, 'stereo/points2': PointCloud2,
               'stereo/left/image_raw/compressed': CompressedImage,
+              'ground_truth/right/labels': Image, 'ground_truth/right/normals': Image,
               'chase/image_raw': Image, 'chase/camera_info': CameraInfo,
               'chase/pose': PoseStamped, 'hazard/front/image_raw': Image,
               'hazard/front/camera_info': CameraInfo, 'hazard/rear/right/image_raw': Image,
-              'hazard/rear/right/camera_info': CameraInfo}
+              'hazard/rear/right/camera_info': CameraInfo,
+              'ground_truth/hazard/front/labels': Image,
+              'ground_truth/hazard/rear/right/depth/image': Image}
     received = {topic: peer.listen(kind, topic) for topic, kind in topics.items()}
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     odometry = at_rest_odometry()
@@ -177,6 +180,13 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     assert compressed.header == left.header
     assert np.array_equal(cv2.imdecode(np.frombuffer(bytes(compressed.data), np.uint8),
                                        cv2.IMREAD_UNCHANGED), pixels)
+    labels, normals = (received[f'ground_truth/right/{name}'][0] for name in ('labels', 'normals'))
+    assert (labels.encoding, normals.encoding) == ('mono16', '32FC3')
+    assert labels.header.frame_id == 'stereo_right_optical_frame'
+    label = np.frombuffer(bytes(labels.data), np.uint16)
+    # In optical axes: level ground points up, against y.
+    up = np.frombuffer(bytes(normals.data), np.float32).reshape(-1, 3)[label == 1]
+    assert len(up) > 1000 and up[:, 1].mean() < -0.7
     _check_chase(received)
     _check_hazards(received)
     _check_cloud(received['stereo/points2'][0], received['stereo/depth/image'][0],
@@ -196,6 +206,12 @@ def _check_hazards(received: dict[str, list[Any]]) -> None:
     assert right.distortion_model == 'plumb_bob' and right.k[0] == pytest.approx(160.0)
     assert right.p[3] == pytest.approx(-160.0 * 0.05)
     assert received['hazard/rear/right/image_raw'][0].header == right.header
+    label, depth = (received[f'ground_truth/hazard/{name}'][0]
+                    for name in ('front/labels', 'rear/right/depth/image'))
+    assert (label.encoding, label.header) == ('mono16', image.header)
+    assert 1 in np.frombuffer(bytes(label.data), np.uint16)
+    assert depth.header == right.header and depth.encoding == '32FC1'
+    assert 0.02 < np.frombuffer(bytes(depth.data), np.float32).min() < 1.0
 
 
 def _check_chase(received: dict[str, list[Any]]) -> None:

@@ -74,8 +74,8 @@ def test_boxes_are_those_of_the_instances() -> None:
     label[5:8, 10:14] = LABEL_FIRST_ROCK + 7
     label[0, 0:2] = LABEL_FIRST_ROCK + 8
     crater[10:16, 20:25] = 3
-    found = vision_conversions.detections(MSG, instances({
-        topics.LABELS.name: label, topics.CRATERS.name: crater}), Header(frame_id='eye'))
+    found = vision_conversions.detections(MSG, instances(
+        label, crater), Header(frame_id='eye'))
     rock, pit = found.detections
     assert (rock.id, pit.id) == ('rock 7', 'crater 2')
     for box, kind, centre, size in ((rock, 'rock', (12.0, 6.5), (4.0, 3.0)),

@@ -5,6 +5,7 @@ import dataclasses
 import gc
 
 import camera_scene as scene
+from conftest import PLAIN
 import moderngl
 import mujoco
 import numpy as np
@@ -248,6 +249,7 @@ def test_a_closed_renderer_refuses_to_draw(world):
     renderer.close()        # closing twice is no error
 
 
+@pytest.mark.usefixtures('new_contexts')
 def test_all_gl_objects_are_released(monkeypatch, world):
     """No owner forgets an object: moderngl lists what was dropped; released ones are invalid."""
     contexts = []
@@ -278,7 +280,7 @@ def test_all_gl_objects_are_released(monkeypatch, world):
 def test_a_renderer_of_a_scenario(world):
     """It takes seed, rover and configuration of the scenario, and its world unless one is given.
     """
-    scenario = Scenario.load('baseline', ['render_node.camera.width=160',
+    scenario = Scenario.load('baseline', [*PLAIN, 'render_node.camera.width=160',
                                           'render_node.camera.height=120'], seed=3)
     state = RoverPose(pose_on(world, 1.0, 0.0))
     with Renderer.from_scenario(scenario, world) as renderer:

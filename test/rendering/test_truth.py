@@ -16,7 +16,7 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz, se3, sun_direction, wxyz_from_rpy
 from lunar_rover_sim.rendering import crater_map, frame_targets
-from lunar_rover_sim.rendering.frame import FLOWS, StereoFrame
+from lunar_rover_sim.rendering.frame import FLOWS, RIGHT_TRUTH, StereoFrame
 from lunar_rover_sim.rendering.labels import (class_names, LABEL_FIRST_LEG, LABEL_FIRST_ROCK,
                                               LABEL_GROUND, LABEL_ROVER, LABEL_SKY, LAST_LABEL,
                                               rover_links, vocabulary)
@@ -82,8 +82,12 @@ def view():
         with pytest.raises(RenderError, match="layer 'shadows' is not valid"):
             drawn.render(state, 0, ('shadows',))
         alone = drawn.render(state, 0, ('label',))
-        frame = drawn.render(state, 0, LAYERS, other)
+        of_right = drawn.render(state, 0, RIGHT_TRUTH)
+        assert of_right.label is None and of_right.depth_m is None
+        frame = drawn.render(state, 0, (*LAYERS, *RIGHT_TRUTH), other)
         assert np.array_equal(alone.label, frame.label)
+        for name in RIGHT_TRUTH:    # alone as beside the left one
+            assert np.array_equal(of_right.layer(name), frame.layer(name)), name
         then = drawn.render(other, 0, ('radiance', 'depth'))
     rays = RayScene(world, SEEN)
     rays.place(state)
@@ -130,6 +134,40 @@ def test_labels_are_what_rays_hit(view):
     legs = {LABEL_FIRST_LEG, LABEL_FIRST_LEG + 1}
     assert {LABEL_GROUND, LABEL_ROVER} | legs <= set(found)
     assert (found >= LABEL_FIRST_ROCK).sum() > 20
+
+
+def test_the_right_camera_has_the_truth_of_its_own_rays(view):
+    """Depth, labels and normals of what its rays hit; craters and shadow of the same points."""
+    T = view.T_world_camera @ inverse(view.rig.T_base_left) @ view.rig.T_base_right
+    pixels = tuple(axis[:4000] for axis in view.pixels)
+    along = view.rig.rays()[pixels] @ T[:3, :3].T
+    depth, rock, link, normal = view.rays.cast(T[:3, 3], along)
+    expected = np.select([link == 0, link > 0, rock >= 0, depth > 0.0],
+                         [LABEL_ROVER, LABEL_FIRST_LEG + link - 1, LABEL_FIRST_ROCK + rock,
+                          LABEL_GROUND], LABEL_SKY)
+    frame, (rows, columns) = view.frame, pixels
+    label = frame.right_label
+    points = frame.right_depth_m[..., None] * (view.rig.rays() @ T[:3, :3].T) + T[:3, 3]
+    near = np.abs(points[..., :2]).max(axis=-1) < 6.3
+    compared = (off_edges(label) & (near | (label == LABEL_SKY)))[pixels]
+    assert compared.mean() > 0.8 and (label[pixels] == expected)[compared].mean() > 0.999
+    ground = compared & (expected == LABEL_GROUND) & (depth < 3.0)
+    np.testing.assert_allclose(frame.right_depth_m[pixels][ground], depth[ground], rtol=2e-3)
+    # What both cameras see of the ground: its disparity is that of the rig.
+    shift = view.rig.focal_px * view.rig.baseline_m / depth[ground]
+    rows, columns = rows[ground], np.rint(columns[ground] + shift).astype(int)
+    both = columns < CAMERA.width
+    rows, columns = rows[both], columns[both]
+    right = tuple(axis[ground][both] for axis in pixels)
+    seen = (frame.label[rows, columns] == LABEL_GROUND) & (
+        np.abs(frame.depth_m[rows, columns] / depth[ground][both] - 1.0) < 0.01)
+    assert seen.sum() > 300
+    for left, other, share in ((frame.crater, frame.right_crater, 0.98),
+                               (frame.shadow, frame.right_shadow, 0.9)):
+        apart = np.abs(left[rows, columns].astype(int) - other[right]).reshape(len(rows), -1)
+        assert (apart.max(axis=1)[seen] < 10).mean() > share
+    turn = angle_deg(frame.normal[rows, columns], frame.right_normal[right])
+    assert np.median(turn[seen]) < 1.0
 
 
 def test_normals_are_those_of_the_height_field_and_of_faces(view):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lunar_rover_sim.run.lockstep import StampGate
+from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 
 MS = 1_000_000
 
@@ -53,3 +53,28 @@ def test_behind_is_stricter_than_missing() -> None:
     gate.answer('a', 50)
     assert gate.missing(50) == {}
     assert gate.behind(50) == {'b': 0}
+
+
+def test_a_slow_topic_is_written_until_its_next_message_is_due() -> None:
+    """States every 5 ms, depth every 200 ms: what ends at 700 ms is complete with depth of 600."""
+    written = WrittenStamps({'odom': 5 * MS, 'depth': 200 * MS})
+    for ns in range(5 * MS, 701 * MS, 5 * MS):
+        assert written.write('odom', ns)
+    assert written.up_to_ns == 195 * MS
+    written.write('depth', 400 * MS)
+    assert written.up_to_ns == 595 * MS
+    written.write('depth', 600 * MS)
+    assert written.up_to_ns == 700 * MS
+    assert not written.write('scenario', 900 * MS)
+    written.restart()
+    written.write('odom', 5 * MS)
+    assert written.up_to_ns == 5 * MS
+
+
+def test_a_topic_of_no_known_period_is_written_up_to_its_stamp() -> None:
+    """Nobody knows when its next message is due."""
+    written = WrittenStamps({'odom': 5 * MS, 'other': 0})
+    written.write('odom', 700 * MS)
+    assert written.up_to_ns == 0
+    written.write('other', 600 * MS)
+    assert written.up_to_ns == 600 * MS

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.run.lockstep import StampGate
+from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario, scenario_names
 
@@ -102,23 +102,41 @@ def test_duration_is_rounded_up_to_whole_frames() -> None:
     assert resolve(Scenario.load('flat', ['run.duration_s=1.1'])).run.duration_s == 1.1
 
 
-@pytest.mark.parametrize(('frame_rate_hz', 'depth_every'),
-                         [(200, 1), (20, 1), (20, 2), (20, 20), (10, 1), (1, 1), (1, 3)])
-def test_the_recorder_may_lag_by_a_frame_with_depth_and_the_renderers_lag(
-        frame_rate_hz: int, depth_every: int) -> None:
-    """Until the next depth everything is written up to the one before: time must not stop."""
+@pytest.mark.parametrize(('frame_rate_hz', 'depth_every', 'frames'),
+                         [(200, 1, 3), (20, 1, 3), (20, 2, 7), (20, 20, 59), (10, 2, 7),
+                          (10, 20, 3), (1, 1, 3), (1, 3, 8)])
+def test_time_neither_stops_for_depth_nor_waits_for_one_after_the_end(
+        frame_rate_hz: int, depth_every: int, frames: int) -> None:
+    """Renderer and recorder are as late as they may be; the end lies between two depths."""
     scenario = resolve(Scenario.load('baseline', [
         f'render_node.frame_rate_hz={frame_rate_hz}', f'render_node.depth_every={depth_every}']))
     frame_ns, wait = 10**9 // frame_rate_hz, scenario.physics_node.wait
-    gate = StampGate(wait.lag_ns_by_topic())
-    # A renderer and a recorder that answer as late as they may: one frame is under way.
-    for now_ns in range(5_000_000, 3 * depth_every * frame_ns + 1, 5_000_000):
+    recorder = scenario.recorder_node
+    period_ns, gate = recorder.period_ns_by_topic(), StampGate(wait.lag_ns_by_topic())
+    assert period_ns['odom'] == 5_000_000
+    assert period_ns['stereo/left/image_raw'] == frame_ns
+    assert period_ns['stereo/depth/image'] == depth_every * frame_ns
+    written = WrittenStamps(period_ns)
+
+    def write(state_ns: int, frames_ns: int) -> None:
+        for name, ns in period_ns.items():
+            drawn = name.startswith(('stereo', 'ground_truth/depth'))
+            newest_ns = frames_ns // ns * ns if drawn else state_ns
+            if newest_ns:
+                written.write(name, newest_ns)
+        gate.answer('recorder/written', written.up_to_ns)
+
+    end_ns = frames * frame_ns
+    for now_ns in range(5_000_000, end_ns + 1, 5_000_000):
         gate.answer('joint_commands', now_ns)
         shown_ns = max(0, now_ns // frame_ns - 1) * frame_ns
         gate.answer('stereo/left/camera_info', shown_ns)
-        depth_ns = depth_every * frame_ns
-        gate.answer('recorder/written', max(0, shown_ns - frame_ns) // depth_ns * depth_ns)
+        write(now_ns, max(0, shown_ns - frame_ns))
         assert gate.is_open(now_ns), gate.missing(now_ns)
+    gate.answer('stereo/left/camera_info', end_ns)
+    assert gate.behind(end_ns)
+    write(end_ns, end_ns)
+    assert not gate.behind(end_ns)
 
 
 def test_lockstep_waits_for_the_nodes_of_the_run() -> None:

@@ -38,13 +38,15 @@ def truth(k: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a bag of 4 pairs; the right images show what the left ones do 5 frames later."""
     items = synthetic_bag.drive(0.4)
     times = [item.message.header.stamp for item in items if item.topic == topics.TRUE_DEPTH.name]
     for k, stamp in enumerate(times):
         ns = stamp.sec * 10**9 + stamp.nanosec
-        for topic, pixels in zip((topics.LABELS, topics.CRATERS), truth(k)):
+        for topic, pixels in zip((topics.LABELS, topics.CRATERS, topics.RIGHT_LABELS,
+                                  topics.RIGHT_CRATERS), (*truth(k), *truth(k + 5))):
             items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
-                ns, frames.LEFT_OPTICAL_FRAME, 'mono16', pixels)))
+                ns, topic.frame_id, 'mono16', pixels)))
     items.append(synthetic_bag.Item(topics.LABEL_INFO.name, topics.LABEL_INFO.type,
                                     synthetic_bag.msg('std_msgs/String', data=json.dumps(INFO))))
     return synthetic_bag.write(tmp_path_factory.mktemp('instances') / 'bag', items)
@@ -58,6 +60,11 @@ def expected(k: int) -> dict[tuple[int, int], np.ndarray]:
     return {**rocks, (1, 2): crater == 2}
 
 
+def shown(image: int) -> int:
+    """Return what of `truth` the image of a number shows: left and right images in turn."""
+    return image // 2 + 5 * (image % 2)
+
+
 def decoded(segmentation: dict) -> np.ndarray:
     """Return the mask of uncompressed run lengths."""
     counts = segmentation['counts']
@@ -67,17 +74,18 @@ def decoded(segmentation: dict) -> np.ndarray:
 
 def test_coco(bag: Path, tmp_path: Path) -> None:
     notes = export(bag, tmp_path / 'coco', 'coco')
-    assert '4 image sets' in notes[0] and '24 annotations' in notes[-1]
+    assert '4 image sets' in notes[0] and '48 annotations' in notes[-1]
     path = tmp_path / 'coco/annotations/instances.json'
     data = json.loads(path.read_text())
     assert [c['name'] for c in data['categories']] == ['rock', 'crater']
-    assert len({a['id'] for a in data['annotations']}) == 24
+    assert len({a['id'] for a in data['annotations']}) == 48
     for image in data['images']:
-        k = image['id']
+        k = shown(image['id'])
+        assert image['camera'] == ('left', 'right')[image['id'] % 2]
         assert (tmp_path / 'coco/images' / image['file_name']).is_file()
         assert (image['width'], image['height']) == (W, H)
         own = {(a['category_id'] - 1, a['number']): a for a in data['annotations']
-               if a['image_id'] == k}
+               if a['image_id'] == image['id']}
         assert set(own) == set(expected(k))
         for key, mask in expected(k).items():
             found = own[key]
@@ -92,19 +100,21 @@ def test_pycocotools_reads_it(bag: Path, tmp_path: Path) -> None:
     tools = pytest.importorskip('pycocotools.coco')
     export(bag, tmp_path / 'coco', 'coco')
     coco = tools.COCO(str(tmp_path / 'coco/annotations/instances.json'))
-    assert len(coco.getAnnIds()) == 24
+    assert len(coco.getAnnIds()) == 48
     for found in coco.loadAnns(coco.getAnnIds()):
         key = found['category_id'] - 1, found['number']
-        assert np.array_equal(coco.annToMask(found) > 0, expected(found['image_id'])[key])
+        assert np.array_equal(coco.annToMask(found) > 0, expected(shown(found['image_id']))[key])
 
 
 def test_yolo(bag: Path, tmp_path: Path) -> None:
     export(bag, tmp_path / 'yolo', 'yolo')
     names = yaml.safe_load((tmp_path / 'yolo/data.yaml').read_text())['names']
     assert names == {0: 'rock', 1: 'crater'}
-    assert len(list((tmp_path / 'yolo/images').iterdir())) == 4
-    for k in range(4):
-        masks = list(expected(k).items())
+    assert len(list((tmp_path / 'yolo/images').iterdir())) == 8
+    cameras = [line.split()[2] for line in (tmp_path / 'yolo/times.txt').read_text().splitlines()]
+    assert cameras == ['left', 'right'] * 4
+    for k in range(8):
+        masks = list(expected(shown(k)).items())
         outlines = (tmp_path / f'yolo/labels/{k:06d}.txt').read_text().splitlines()
         boxes = np.loadtxt(tmp_path / f'yolo/boxes/{k:06d}.txt')
         assert len(outlines) == len(boxes) == len(masks)

@@ -14,7 +14,7 @@ import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import SequenceError
-from lunar_rover_sim.frames import inverse, LEFT_OPTICAL_FRAME, R_BODY_OPTICAL, se3
+from lunar_rover_sim.frames import inverse, R_BODY_OPTICAL, se3
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.flow_files import seen_mask
@@ -139,9 +139,11 @@ def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
         label = np.where(np.isfinite(depth), 1, 0).astype(np.uint16)
         label[90:95, 60:70] = ROCK
         label[BODY], label[LEG] = 2, 4
-        items.append(synthetic_bag.Item(topics.LABELS.name, topics.LABELS.type,
-                                        synthetic_bag.image(k * 10**8, LEFT_OPTICAL_FRAME,
-                                                            'mono16', label)))
+        for topic, encoding, pixels in (
+                (topics.LABELS, 'mono16', label), (topics.RIGHT_LABELS, 'mono16', label[:, ::-1]),
+                (topics.RIGHT_TRUE_DEPTH, '32FC1', depth[:, ::-1].astype(np.float32))):
+            items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
+                k * 10**8, topic.frame_id, encoding, np.ascontiguousarray(pixels))))
     folder = tmp_path_factory.mktemp('labelled')
     notes = export(synthetic_bag.write(folder / 'bag', items), folder / 'P000', 'tartanair')
     assert not any('not written' in note for note in notes)
@@ -178,6 +180,14 @@ def test_segmentation_is_that_of_the_labels(labelled: Path) -> None:
     assert (seg[LEG] == names['rover front left leg']).all()
     assert (seg[~np.isfinite(depth_at(2))] == names['sky']).all()
     assert len(set(names.values())) == len(names)
+    right = np.load(labelled / 'seg_right/000001_right_seg.npy')
+    assert np.array_equal(right, seg[:, ::-1])
+    left, right = (np.load(labelled / f'depth_{side}/000001_{side}_depth.npy')
+                   for side in ('left', 'right'))
+    assert np.array_equal(right, left[:, ::-1])
+    assert (labelled / 'depth_right_mm/000001_right_depth.png').is_file()
+    calibration = yaml.safe_load((labelled / 'calibration.yaml').read_text())
+    assert calibration['depth_right'] == calibration['depth_left']
 
 
 def test_flow_leads_to_the_next_image(labelled: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import synthetic_bag
 
-from lunar_rover_sim import frames, topics
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import picture
 from lunar_rover_sim.cli.main import main
@@ -24,9 +24,11 @@ from lunar_rover_sim.sequences.webdataset import ShardOptions
 TOPICS = (topics.LEFT_IMAGE, topics.LEFT_INFO, topics.RIGHT_IMAGE, topics.RIGHT_INFO,
           topics.TRUE_DEPTH, topics.ODOM, topics.TF_STATIC, topics.WORLD_HASH)
 LAYERS = {topics.LABELS: ('mono16', (), np.uint16), topics.SHADOW: ('rgb8', (3,), np.uint8),
-          topics.OPTICAL_FLOW: ('32FC2', (2,), np.float32)}
+          topics.OPTICAL_FLOW: ('32FC2', (2,), np.float32),
+          topics.RIGHT_LABELS: ('mono16', (), np.uint16),
+          topics.RIGHT_TRUE_DEPTH: ('32FC1', (), np.float32)}
 EXTENSIONS = ['depth.npy', 'json', 'labels.npy', 'left.png', 'optical_flow.npy', 'right.png',
-              'shadow.png']
+              'right_depth.npy', 'right_labels.npy', 'shadow.png']
 
 
 @pytest.fixture(scope='module')
@@ -38,7 +40,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for topic, (encoding, channels, kind) in LAYERS.items():
             pixels = rng.integers(0, 200, (synthetic_bag.HEIGHT, synthetic_bag.WIDTH, *channels))
             items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
-                k * 10**8, frames.LEFT_OPTICAL_FRAME, encoding, pixels.astype(kind))))
+                k * 10**8, topic.frame_id, encoding, pixels.astype(kind))))
     items.append(synthetic_bag.Item(topics.LABEL_INFO.name, topics.LABEL_INFO.type,
                                     synthetic_bag.msg('std_msgs/String', data='{"rocks": {}}')))
     return synthetic_bag.write(tmp_path_factory.mktemp('web') / 'my.drive' / 'bag', items)
@@ -81,7 +83,9 @@ def test_samples_hold_what_the_bag_holds(shards: Path, bag: Path) -> None:
     with open_bag(bag) as source:
         for topic, extension in ((topics.LEFT_IMAGE, 'left.png'), (topics.SHADOW, 'shadow.png'),
                                  (topics.LABELS, 'labels.npy'), (topics.TRUE_DEPTH, 'depth.npy'),
-                                 (topics.OPTICAL_FLOW, 'optical_flow.npy')):
+                                 (topics.OPTICAL_FLOW, 'optical_flow.npy'),
+                                 (topics.RIGHT_LABELS, 'right_labels.npy'),
+                                 (topics.RIGHT_TRUE_DEPTH, 'right_depth.npy')):
             for (_, files), (_, _, message) in zip(found, source.messages([topic.name])):
                 if extension.endswith('npy'):
                     pixels = np.load(io.BytesIO(files[extension]), allow_pickle=False)

@@ -97,8 +97,14 @@ def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
     (folder / 'cells/baseline-seed2-stereo-command/result.json').unlink()   # stopped in a cell
     recorder.broken.clear()
     recorder.drives.clear()
-    done = benchmark.run(cells, folder, recorder=recorder)
+    steps: list[tuple[str, str]] = []
+    done = benchmark.run(cells, folder, lambda cell, text: steps.append((cell.name, text)),
+                         recorder=recorder)
     assert recorder.drives == ['low_albedo-seed1']
+    # A recording is exported once for all estimators, and no sequence stays.
+    assert [name for name, text in steps if text == 'exporting'] == [
+        'baseline-seed2-stereo-command', 'low_albedo-seed1-mono-command']
+    assert sorted(p.name for p in folder.iterdir()) == ['cells', 'recordings']
     assert (folder / 'cells/baseline-seed1-mono-command/result.json').stat().st_mtime_ns == first
     assert outcome(done) == [(cell.name, False) for cell in cells]
     assert not [p for p in (folder / 'recordings').iterdir() if p.name.startswith('.')]

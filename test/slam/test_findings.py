@@ -130,6 +130,12 @@ def test_and_not_shown_where_the_drives_decide_nothing() -> None:
             line} == {'not shown'}
 
 
+def test_two_drives_have_no_interval() -> None:
+    cells = [*drives('baseline', 'stereo', [0.05, 0.14]), *drives('baseline', 'mono', [0.04, 0.2])]
+    alike = next(line for line in findings(cells) if 'alike' in line)
+    assert 'too few seeds for an interval' in alike and 'nan' not in alike
+
+
 def test_failures_decide_first() -> None:
     """Small errors of the drives that went well do not make up for those that were lost."""
     sparse = drives('feature_sparse', 'stereo', [*[LOST] * 8, 1e-4, 1e-4])
