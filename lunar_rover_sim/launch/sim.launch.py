@@ -2,8 +2,8 @@
 
 The plan is that of `lunar_rover_sim run`, in the ROS domain of the shell, in any namespace. When
 physics_node has finished, or a signal has ended a node, the others are stopped and the recorder
-writes its bag. A node that dies ends the launch with an error and a non-zero status. What each
-node prints is in `DIR/logs` too.
+writes its bag. A node that dies ends the launch with an error and a non-zero status, unless
+`run.may_fail` names it. What each node prints is in `DIR/logs` too.
 """  # noqa: E501
 
 from pathlib import Path
@@ -19,8 +19,9 @@ from launch_ros.actions import Node
 
 from lunar_rover_sim.bag.marker import mark_failed
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.run.ending import Ending
 from lunar_rover_sim.run.plan import (BAG_FOLDER, LOG_FOLDER, prepare, resolve, SCENARIO_FILE,
-                                      STOP_ORDER, with_slam)
+                                      with_slam)
 from lunar_rover_sim.run.scenario import Scenario
 
 _ARGUMENTS = {
@@ -81,8 +82,8 @@ def _start(context):
                         ros_arguments=[*plan.ros_arguments(folder / SCENARIO_FILE)[1:], *options])
         for plan in prepare(scenario, folder, world)}
     ended = OnProcessExit(target_action=lambda action: action in nodes.values(),
-                          on_exit=_Ending(nodes, folder / BAG_FOLDER,
-                                          scenario.run.may_fail).on_exit)
+                          on_exit=_Exits(nodes, folder / BAG_FOLDER,
+                                         scenario.run.may_fail).on_exit)
     return [RegisterEventHandler(ended), *_logs(nodes, folder / LOG_FOLDER), *nodes.values()]
 
 
@@ -103,37 +104,30 @@ def _logs(nodes, folder):
     return actions
 
 
-class _Ending:
-    """Stops the nodes one by one, the recorder last, once physics_node or another has ended."""
+class _Exits:
+    """Does what is to follow when a node of one rover has ended."""
 
     def __init__(self, nodes, bag, may_fail):
         self._nodes = nodes
-        self._may_fail = may_fail
         self._bag = bag
-        self._failure = ''
+        self._ending = Ending(nodes, may_fail)
 
     def on_exit(self, event, context):
-        """Stop the next node; raise RuntimeError, which ends the launch, for one that has died.
+        """Stop the next node; raise RuntimeError, which ends the launch, if the run has failed.
 
-        Status 0 is that of physics at its end, and of every node after a signal: on Ctrl-C a node
-        may be faster than launch itself. The bag is marked once no recorder can finish it.
+        On Ctrl-C a node may be faster than launch itself.
         """
         name = next(name for name, node in self._nodes.items() if node is event.action)
-        if event.returncode != 0 and name in self._may_fail:
-            return LogInfo(msg=f'{name} has ended with status {event.returncode}; the run goes on')
-        if event.returncode != 0 and not context.is_shutdown:
-            self._failure = f'the run failed: {name} has ended with status {event.returncode}'
-        recorder = self._nodes.get('recorder_node', event.action)
-        if self._failure and (recorder is event.action or recorder.return_code is not None):
-            mark_failed(self._bag, self._failure)
-        if context.is_shutdown:
-            return None
-        if event.returncode != 0:
-            raise RuntimeError(f'{name} has ended with status {event.returncode}')
-        for other in STOP_ORDER:
-            node = self._nodes.get(other)
-            if node is not None and node.return_code is None:
-                return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
+        step = self._ending.after(name, event.returncode, context.is_shutdown)
+        if step.mark:
+            mark_failed(self._bag, step.mark)
+        if step.failure:
+            raise RuntimeError(step.failure)
+        if step.lost:
+            return LogInfo(msg=step.lost)
+        if step.stop:
+            node = self._nodes[step.stop]
+            return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
         # Without processes the launch ends by itself, once another rover has finished too.
         return None
 

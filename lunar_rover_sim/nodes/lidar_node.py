@@ -107,14 +107,18 @@ class LidarNode(node_main.GraphNode):
     # Output
 
     def work(self) -> None:
-        """Make the scans that are due."""
+        """Make the scans that are due; leave out those whose start has not been seen."""
         while self._is_due():
             assert self._next is not None
             period_ns, lockstep = self._config.period_ns, self._config.lockstep
+            # Where time does not wait for it, the node may have missed the first states.
+            first = -(-self._states[0][0] // period_ns)
             newest = self._states[-1][0] // period_ns - 1
-            if not lockstep and newest > self._next:
-                self._drops.add('Scans', newest - self._next)
-                self._next = newest
+            possible = first if lockstep else max(first, newest)
+            if possible > self._next:
+                self._drops.add('Scans', possible - self._next)
+                self._next = possible
+                continue
             start = self._next * period_ns
             read = self._read_topics()
             if read:

@@ -107,11 +107,15 @@ class NodeProcesses:
                 continue
             if name == 'physics_node' and status == 0:
                 return True
-            if name in self._may_fail:
-                self.lost.setdefault(name, f'{self._describe_end(name)}; the run goes on')
-                continue
-            raise GraphError(self._describe_end(name))
+            if not self._goes_on_without(name, self._describe_end(name)):
+                raise GraphError(self._describe_end(name))
         return False
+
+    def _goes_on_without(self, name: str, end: str) -> bool:
+        """Return whether the run goes on without a node; its first end is noted."""
+        if name in self._may_fail:
+            self.lost.setdefault(name, f'{end}; the run goes on')
+        return name in self._may_fail
 
     def suspended(self) -> list[str]:
         """Return the nodes that are suspended (SIGSTOP)."""
@@ -136,7 +140,8 @@ class NodeProcesses:
         """Stop all nodes, the recorder last; where time still goes on, one after the other.
 
         failed: the run has failed already; only the recorder is given time to finish.
-        Raises GraphError if a node does not stop in time or ends with an error.
+        Raises GraphError if a node does not stop in time or ends with an error, unless the run
+        goes on without it.
         """
         physics = self._processes.get('physics_node')
         if failed or (physics is not None and physics.poll() is not None):
@@ -171,8 +176,8 @@ class NodeProcesses:
                 problem = f'{name} did not stop within {limit_s:g} s and was killed'
                 if name == 'recorder_node':
                     mark_failed(self._folder / BAG_FOLDER, problem)
-                return [problem]
-        if process.returncode == 0 or name in self.lost:
+                return [] if self._goes_on_without(name, problem) else [problem]
+        if process.returncode == 0 or self._goes_on_without(name, self._describe_end(name)):
             return []
         if name == 'recorder_node' and process.returncode < 0:
             mark_failed(self._folder / BAG_FOLDER,

@@ -7,21 +7,28 @@ import re
 import time
 
 import numpy as np
+import psutil
 import pytest
 
-from lunar_rover_sim.bag.messages import pose_matrix
-from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.inspection.check import check
-from lunar_rover_sim.lidar.lidar import Lidar
-from lunar_rover_sim.lidar.motion import Motion
-from lunar_rover_sim.lidar.scan import POINT
-from lunar_rover_sim.run.node_processes import NodeProcesses
-from lunar_rover_sim.run.plan import NodePlan, SCENARIO_FILE
-from lunar_rover_sim.run.recording import record
-from lunar_rover_sim.run.scenario import Scenario
-
 pytestmark = pytest.mark.ros
+pytest.importorskip('rclpy')
+
+from nav_msgs.msg import Odometry  # noqa: E402  (needs rclpy)
+from peer import at_rest_odometry, running  # noqa: E402
+from sensor_msgs.msg import PointCloud2  # noqa: E402
+
+from lunar_rover_sim.bag.messages import header_ns, pose_matrix  # noqa: E402
+from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.errors import GraphError  # noqa: E402
+from lunar_rover_sim.inspection.check import check  # noqa: E402
+from lunar_rover_sim.lidar.lidar import Lidar  # noqa: E402
+from lunar_rover_sim.lidar.motion import Motion  # noqa: E402
+from lunar_rover_sim.lidar.scan import POINT  # noqa: E402
+from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
+from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
+from lunar_rover_sim.run.plan import NodePlan, SCENARIO_FILE  # noqa: E402
+from lunar_rover_sim.run.recording import record  # noqa: E402
+from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 SMALL = {'world.size_m': 12.8, 'world.surroundings.samples': 257, 'seed': 3,
          'recorder_node.topics': ['all', 'lidar/points', 'lidar/scan'],
@@ -59,6 +66,26 @@ def test_scans_in_a_bag(tmp_path):
     assert len(planar[0].ranges) == 160 and planar[0].range_max == 7.5
 
 
+def test_states_that_were_missed(peer, world_folder):
+    """Time does not wait for a node that may fail: its first scan is the first one seen whole."""
+    clouds = peer.listen(PointCloud2, 'lidar/points')
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry, sent = at_rest_odometry(), []
+
+    def send():
+        if poses.get_subscription_count():
+            sent.append(1_730_000_000 + 50_000_000 * len(sent))
+            odometry.header.stamp = time_msg(sent[-1])
+            poses.publish(odometry)
+
+    with running('lidar_node', '-p', f'world:={world_folder}', '-p', 'time_mode:=lockstep',
+                 '-p', 'part:=espros_tofcam635'):
+        peer.spin_until(lambda: len(clouds) > 2, meanwhile=send)
+    stamps = np.array([header_ns(cloud) for cloud in clouds])
+    assert sent[0] < stamps[0] < sent[-1] and not (stamps % 100_000_000).any()
+    assert (np.diff(stamps) == 100_000_000).all()
+
+
 @pytest.mark.parametrize('may_fail', [['lidar_node'], []])
 def test_a_node_that_dies(tmp_path, may_fail):
     """It is named with its reason; the others go on, or not, as the scenario says."""
@@ -74,3 +101,12 @@ def test_a_node_that_dies(tmp_path, may_fail):
             time.sleep(0.05)
         assert re.search("lidar_node ended with status 1: world: '' is .*; the run goes on",
                          nodes.lost['lidar_node'])
+
+
+def test_a_node_that_does_not_stop(tmp_path):
+    """It is killed and named; a run that goes on without it does not fail for that."""
+    (tmp_path / SCENARIO_FILE).write_text('{}')
+    with NodeProcesses([NodePlan('lidar_node', {})], tmp_path, 77, ['lidar_node']) as nodes:
+        psutil.Process().children()[-1].suspend()
+    assert re.search('lidar_node did not stop within .* was killed; the run goes on',
+                     nodes.lost['lidar_node'])
