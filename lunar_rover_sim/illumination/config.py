@@ -9,7 +9,8 @@ from lunar_rover_sim.illumination.dates import parse_date
 from lunar_rover_sim.parameters import group, param, Parameters
 
 OF_WORLD, GIVEN = 'world', 'given'
-LOWEST_DEG = -1.0       # of the sun: none of a disc of up to 2 deg is above the horizontal
+# Of the sun: none of a disc of up to 2 deg is above the horizontal. At this elevation it is off.
+LOWEST_DEG = -1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +51,8 @@ class SunConfig(Parameters):
     site: SunSiteConfig = group(SunSiteConfig)
     rate: float = param(1.0, 'seconds that the sky of a date goes on per second of the run; 0: '
                         'sun and Earth stand still', low=0.0, high=1e5)
+    allow_night: bool = param(False, 'the date may be one at which the sun is down; lamp and '
+                              'Earth may light the ground then')
     step_deg: float = param(0.05, 'all light is computed anew when the sun of a date has moved by '
                             'this', unit='deg', low=0.005, high=5.0)
 
@@ -69,9 +72,11 @@ class SunConfig(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class EarthConfig(Parameters):
-    """The Earth in the images, where the sun has a date."""
+    """The Earth, where the sun has a date."""
 
     drawn: bool = param(True, 'draw its disc where the date puts it; without a date there is none')
+    lights_ground: bool = param(False, 'draw its light on ground, rocks and rover (earthshine), '
+                                'at most 1.3e-4 of that of the sun; needs sun.date')
     geometric_albedo: float = param(0.434, 'brightness of the full disc over that of a white, '
                                     'flat one; 0.434 is that in V (Mallama et al., 2017)',
                                     low=0.0, high=2.0)

@@ -60,11 +60,11 @@ class EarthDisc:
 def earth_disc(sun: SunConfig, earth: EarthConfig) -> EarthDisc | None:
     """Return the Earth at the date of a sun that `sun_of_date` or `SunPath` returned.
 
-    None without a date, if it is not to be drawn, or if all of it is more than a degree below the
+    None without a date, or if all of it is more than a degree below the
     horizontal: a rover on a hill sees so far down.
     """
     site = given_site(sun.site)
-    if not sun.date or site is None or not earth.drawn:
+    if not sun.date or site is None:
         return None
     seen = sky(site, np.asarray(parse_date('sun.date', sun.date)))
     radius = math.radians(float(seen.earth.radius_deg))

@@ -30,7 +30,8 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
 
     Without a date it is returned as it is. A second call changes nothing.
     of_world: where the world lies, if it says so; used unless a site is given
-    Raises ConfigError if there is no site, or if the sun is below what is valid.
+    Raises ConfigError if there is no site, or if the sun is below what is valid. With
+    `sun.allow_night` it is returned at the lowest valid elevation then, where it lights nothing.
     """
     if not sun.date:
         return sun
@@ -40,6 +41,8 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
                           f'where on the Moon it is; set sun.site.source={GIVEN}, '
                           'sun.site.lon_deg and sun.site.lat_deg')
     azimuth_deg, elevation_deg = _sun_deg(site, parse_date('sun.date', sun.date))
+    if sun.allow_night:
+        elevation_deg = max(elevation_deg, LOWEST_DEG)
     try:
         return dataclasses.replace(
             sun, azimuth_deg=azimuth_deg, elevation_deg=elevation_deg,
@@ -47,7 +50,7 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
     except ConfigError as error:
         raise ConfigError(f'sun.date: {sun.date} at longitude {site.lon_deg:.4f}, latitude '
                           f'{site.lat_deg:.4f}: {error}; `lunar_rover_sim world sun` lists when '
-                          'it is up') from None
+                          'it is up; with sun.allow_night=true it may be down') from None
 
 
 def sun_after(sun: SunConfig, seconds: float) -> SunConfig:

@@ -80,3 +80,6 @@ class RenderConfig(Parameters):
         if self.camera.near_m >= self.camera.far_m:
             raise ConfigError(f'camera.near_m: {self.camera.near_m} is not valid; valid is '
                               f'< camera.far_m ({self.camera.far_m:g})')
+        if self.earth.lights_ground and not self.sun.date:
+            raise ConfigError('earth.lights_ground: true is not valid without a date, which says '
+                              'where the Earth is; set sun.date')

@@ -76,6 +76,13 @@ def set_uniform(program: moderngl.Program, **values: Any) -> None:
                 member.value = value
 
 
+def enable(context: moderngl.Context, flags: int, *, add: bool) -> None:
+    """Enable only these flags; with `add`, what is drawn is added to what is there."""
+    context.enable_only(flags | (context.BLEND if add else context.NOTHING))
+    if add:
+        context.blend_func = context.ONE, context.ONE
+
+
 def clear_window(target: moderngl.Framebuffer, window: tuple[int, int, int, int]) -> None:
     """Make a window (x, y, width, height) of a framebuffer the target, and clear it."""
     target.use()

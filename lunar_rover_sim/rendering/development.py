@@ -69,7 +69,7 @@ class Development(GlOwner):
                 self._auto.start(read())
             self.exposure_s = self._auto.exposure_s
         radiance, smear = self._motion.draw(passes, scene, self.exposure_s)
-        self._optics.draw(radiance, request.sides, scene.sun)
+        self._optics.draw(radiance, passes.lit.depth, request.sides, scene.sun)
         return self._sensor_pass.draw(radiance, request.sides, self.exposure_s,
                                       request.frame_index, smear)
 

@@ -32,7 +32,7 @@ class EarthPass:
 
     def relight(self, config: RenderConfig) -> None:
         """Move the Earth to the date of the sun."""
-        self._earth = earth_disc(config.sun, config.earth)
+        self._earth = earth_disc(config.sun, config.earth) if config.earth.drawn else None
         if self._earth is not None and not self._owned:
             self._make(self._earth)
 

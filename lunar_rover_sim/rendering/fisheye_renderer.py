@@ -128,7 +128,7 @@ class FisheyeRenderer(GlOwner):
         self._fisheye.clear(target, sides)
         for face, passes, marked, part in zip(self._faces, self._passes, self._marked,
                                               self._scenes):
-            if part.body is not None:
+            if part.shows_rover:
                 passes.mark_rover(part, marked.framebuffer)
                 self._fisheye.add_links(face, marked.link, target, sides)
 
@@ -150,11 +150,10 @@ class FisheyeRenderer(GlOwner):
             # A disc on a seam is seen from two faces, which agree.
             if scene.sun is not None:
                 sun = SeenSun(face.R_camera_face @ scene.sun.direction, scene.sun.irradiance)
-        bodies = [scene.body for scene in self._scenes if scene.body is not None]
         return dataclasses.replace(
             self._scenes[0], T_world_cameras=self._mount.poses(state), sun=sun,
             windows=[self._fisheye.window(side) for side in (LEFT, RIGHT)],
-            body=bodies[0] if bodies else None)
+            shows_rover=any(scene.shows_rover for scene in self._scenes))
 
     def _add_truth(self, raw: dict[str, NDArray[Any]], face: Face, scene: Scene,
                    side: int) -> None:

@@ -45,8 +45,8 @@ class FrameTargets:
     """Where the geometry of one frame is drawn.
 
     ground_depth: depth of the ground [m], both images; ground: framebuffers that it is drawn
-    through, of the left and the right camera; lit: the same, of all that is lit; views: the two
-    cameras
+    through, of the left and the right camera; lit: the same, of all that is lit; added: of its
+    radiance alone; views: the two cameras
     """
 
     def __init__(self, context: moderngl.Context, lit: LitTargets) -> None:
@@ -57,6 +57,7 @@ class FrameTargets:
         self._buffers = [context.depth_renderbuffer(self.size) for _ in range(2)]
         self.ground = [context.framebuffer([self.ground_depth], b) for b in self._buffers]
         self.lit = [context.framebuffer([lit.radiance, lit.depth], b) for b in self._buffers]
+        self.added = [context.framebuffer([lit.radiance], b) for b in self._buffers]
         self.views = [View(context) for _ in range(2)]
         self._truth: TruthTargets | None = None
 
@@ -71,7 +72,7 @@ class FrameTargets:
         """Release the GL objects."""
         if self._truth is not None:
             self._truth.release()
-        release_all(*self.views, *self.lit, *self.ground, *self._buffers,
+        release_all(*self.views, *self.added, *self.lit, *self.ground, *self._buffers,
                     self.ground_depth)
 
 

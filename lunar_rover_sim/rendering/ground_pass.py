@@ -11,7 +11,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.chunk_tree import CHUNK, level_ranges, Selection
 from lunar_rover_sim.rendering.config import DetailConfig
-from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.context import enable, load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.crater_map import CraterMap, ROW
 from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, lattice
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
@@ -189,14 +189,16 @@ class GroundPass:
         return GroundRows(first, max(first, middle), last, tracks, shadow)
 
     def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
-             ground_depth: moderngl.Texture, *, lit: bool) -> None:
+             ground_depth: moderngl.Texture, *, lit: bool, add: bool = False) -> None:
         """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
+
+        add: to what is there
 
         target: with the depth buffer that the meshes were drawn with; rows: see `rows`; where the
         meshes may be coarser than the grid, depth is refined first
         """
         # Depth rejects blocks of pixels of the sky before they are computed.
-        self._context.enable_only(self._context.DEPTH_TEST)
+        enable(self._context, self._context.DEPTH_TEST, add=add)
         self._context.depth_func = '>'
         kind = 'lit' if lit else 'unlit'
         for top, bottom, needs in rows.parts(lit=lit):

@@ -7,6 +7,7 @@ from typing import Any
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
+from lunar_rover_sim.illumination.config import LOWEST_DEG
 from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
 
 
@@ -19,7 +20,8 @@ def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, 
     values: dict[str, Any] = {
         'u_sun': tuple(sun_direction),
         'u_heading': tuple(sun_direction / horizontal),
-        'u_irradiance': config.sun.irradiance,
+        # A sun that is farther down is held at the lowest elevation.
+        'u_irradiance': config.sun.irradiance if config.sun.elevation_deg > LOWEST_DEG else 0.0,
         'u_sun_radius': math.radians(0.5 * config.sun.angular_diameter_deg),
         'u_rough': config.detail.relief_rms_slope / DetailConfig().relief_rms_slope,
         'u_rock_theta': math.tan(math.radians(rocks.theta_deg)),

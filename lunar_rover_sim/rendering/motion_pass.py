@@ -107,7 +107,7 @@ class MotionPass:
                        for side in twists), default=0.0)
         if longest < _STILL_PX:
             return Blurred(passes.lit.radiance)
-        sees_rover = self._sees_rover and scene.body is not None
+        sees_rover = self._sees_rover and scene.shows_rover
         if longest < _SMEAR_PX and self._smears and not sees_rover:
             passes.lit.depth.use(texture_units.GROUND_DEPTH)
             return Blurred(passes.lit.radiance, self._smear(twists, exposure_s))

@@ -77,11 +77,13 @@ class OpticsPass:
         self._radiance: moderngl.Texture | None = None
         self._target: moderngl.Framebuffer | None = None
 
-    def draw(self, radiance: moderngl.Texture, sides: Sequence[int], sun: SeenSun | None) -> None:
+    def draw(self, radiance: moderngl.Texture, depth: moderngl.Texture, sides: Sequence[int],
+             sun: SeenSun | None) -> None:
         """Change radiance to what the lens passes on, in place.
 
-        radiance: texture of float32 [W m-2 sr-1], the left image above the right one; sides: 0
-        left, 1 right; sun: what the cameras see of it, if anything
+        radiance: texture of float32 [W m-2 sr-1], the left image above the right one; depth: in a
+        texture of the same size, 0 for the sky; sides: 0 left, 1 right; sun: what the cameras see
+        of it, if anything
         """
         if self._lens.perfect:
             return
@@ -91,7 +93,7 @@ class OpticsPass:
             self._radiance, self._target = radiance, self._context.framebuffer([radiance])
         assert self._target is not None
         seen = None if sun is None else self._seen(sun)
-        stray = self._stray_irradiance(radiance, sides, seen) * self._amplified
+        stray = self._stray_irradiance(radiance, depth, sides, seen) * self._amplified
         self._context.enable_only(self._context.BLEND)
         w, h = self._image.width, self._image.height
         self._target.use()
@@ -114,13 +116,14 @@ class OpticsPass:
         return _Sun(sun.direction, self._image.place(sun.direction),
                     sun.irradiance * hood * self._image.pupil(sun.direction))
 
-    def _stray_irradiance(self, radiance: moderngl.Texture, sides: Sequence[int],
-                          sun: _Sun | None) -> Array:
+    def _stray_irradiance(self, radiance: moderngl.Texture, depth: moderngl.Texture,
+                          sides: Sequence[int], sun: _Sun | None) -> Array:
         """Return (2, rows + 1, columns + 1) glare of extended light, and the veil, at corners."""
         rows, columns = self._cells
         self._context.enable_only(self._context.NOTHING)
         radiance.use(0)
-        set_uniform(self._reduce, u_radiance=0)
+        depth.use(1)
+        set_uniform(self._reduce, u_radiance=0, u_depth=1)
         self._means.use()
         self._means.viewport = (0, min(sides) * rows, columns, len(sides) * rows)
         self._screens[self._reduce.glo].render(vertices=3)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
-from lunar_rover_sim.rendering.context import load_program, release_all
+from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.rock_meshes import coarse, facets, OCTAHEDRON, octahedron_axes
 from lunar_rover_sim.rendering.surface import Surface
@@ -111,9 +111,12 @@ class RockPass:
         aside2 = (offset**2).sum(axis=0) - ahead**2
         return bool(np.any((ahead > -radius) & (aside2 < reach**2)))
 
-    def draw(self, *, truth: bool = False) -> None:
-        """Draw the chosen rocks, lit or as normals and labels, into the framebuffer in use."""
-        self._context.enable_only(self._context.DEPTH_TEST | self._context.CULL_FACE)
+    def draw(self, *, truth: bool = False, add: bool = False) -> None:
+        """Draw the chosen rocks, lit or as normals and labels, into the framebuffer in use.
+
+        add: to what is there
+        """
+        enable(self._context, self._context.DEPTH_TEST | self._context.CULL_FACE, add=add)
         program = self._truth if truth else self._lit
         self._surface.bind_rocks(program)
         for kind, count in self._counts.items():

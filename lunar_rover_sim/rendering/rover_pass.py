@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.rendering import texture_units
-from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.context import enable, load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.scene import Uniforms
 from lunar_rover_sim.rover.description import RoverDescription
@@ -91,9 +91,13 @@ class RoverPass:
                 'u_body_light': (clearance[0], occluder[0], clearance[1], occluder[1]),
                 'u_ground_light': irradiance * surroundings}
 
-    def draw(self, T_world_links: Array, light: Uniforms, *, truth: bool = False) -> None:
-        """Draw the rover, lit or as normals and labels, into the framebuffer in use."""
-        self._context.enable_only(self._context.DEPTH_TEST)
+    def draw(self, T_world_links: Array, light: Uniforms, *, truth: bool = False,
+             add: bool = False) -> None:
+        """Draw the rover, lit or as normals and labels, into the framebuffer in use.
+
+        add: to what is there
+        """
+        enable(self._context, self._context.DEPTH_TEST, add=add)
         program = self._truth if truth else self._lit
         set_uniform(program, u_links=_columns(T_world_links), **light)
         self._arrays[program.glo].render()

@@ -61,7 +61,7 @@ class RoverShadow:
         self._map: moderngl.Texture | None = None
 
     def cast(self, T_world_links: Array, sun_axes: Array, *, seen: bool) -> Uniforms:
-        """Draw the map of the shadow and bind it; return where it is.
+        """Draw the map of the shadow for `bind`; return where it is.
 
         T_world_links: (links, 4, 4); sun_axes: (3, 3) as `rock_shadow.sun_axes`; seen: whether
         the shadow may be in view; if not, nothing is drawn
@@ -72,11 +72,14 @@ class RoverShadow:
             self._upload(self.silhouette(T_world_links, sun_axes))
         else:
             centre = centre + _NOWHERE_M * up
-        if self._map is not None:
-            self._map.use(texture_units.ROVER_SHADOW)
         return {'u_rover_map': texture_units.ROVER_SHADOW,
                 'u_rover_right': tuple(right / self._half_m),
                 'u_rover_up': tuple(up / self._half_m), 'u_rover_centre': tuple(centre)}
+
+    def bind(self) -> None:
+        """Bind the map."""
+        if self._map is not None:
+            self._map.use(texture_units.ROVER_SHADOW)
 
     def _upload(self, silhouette: F32) -> None:
         # A new texture: writing to one that is in use would wait for all drawing under way.

@@ -100,16 +100,29 @@ class SeenSun:
     T_world_views: list[Array] | None = None
 
 
+@dataclasses.dataclass(frozen=True)
+class SceneLight:
+    """What the light of one source needs of a frame.
+
+    rows: of the ground, as `GroundPass.rows`; shadow: uniforms of the rover's shadow; body: of the
+        light on the rover, None if it is out of view
+    """
+
+    rows: GroundRows
+    shadow: Uniforms
+    body: Uniforms | None
+
+
 @dataclasses.dataclass
 class Scene:
     """A frame whose geometry is drawn.
 
     state: what the frame shows; T_world_links: (links, 4, 4); T_world_cameras: (4, 4) of both
         cameras
-    windows: places of both images; rows: of the ground, as `GroundPass.rows`
-    shadow: uniforms of the rover's shadow; body: of the light on the rover, None if it is out of
-        view
+    windows: places of both images
+    lights: of each of `WorldPasses.sources`, the sun first
     sun: what the cameras see of the sun, None if it cannot reach their lenses
+    shows_rover: whether the rover is in view
     """
 
     request: Request
@@ -118,7 +131,6 @@ class Scene:
     T_world_links: Array
     T_world_cameras: list[Array]
     windows: list[Window]
-    rows: GroundRows = GroundRows()
-    shadow: Uniforms = dataclasses.field(default_factory=dict)
-    body: Uniforms | None = None
+    lights: list[SceneLight] = dataclasses.field(default_factory=list)
     sun: SeenSun | None = None
+    shows_rover: bool = False

@@ -19,9 +19,10 @@ from lunar_rover_sim.rendering.edge_pass import EdgePass
 from lunar_rover_sim.rendering.frame import FLOWS
 from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
 from lunar_rover_sim.rendering.gl_owner import GlOwner
+from lunar_rover_sim.rendering.ground_pass import Chosen
 from lunar_rover_sim.rendering.labels import link_label
-from lunar_rover_sim.rendering.projection import Projection
-from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
+from lunar_rover_sim.rendering.projection import Projection, ViewVolume
+from lunar_rover_sim.rendering.scene import LEFT, Request, Scene, SceneLight
 from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
@@ -77,8 +78,10 @@ class ScenePasses(GlOwner):
         # Both cameras decide what is drawn: an image does not depend on the other layers.
         cameras = self._mount.poses(state)
         volume = projection.view_volume(cameras, shared.world)
-        if shared.tracks is not None:
-            shared.tracks.update(volume)
+        sources = shared.sources if request.lit else (shared,)
+        for source in sources:
+            if source.tracks is not None:
+                source.tracks.update(volume)
         chosen = shared.ground.choose(volume)
         if shared.lamp is not None and request.lit:
             shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks)
@@ -94,38 +97,38 @@ class ScenePasses(GlOwner):
             targets.views[side].bind()
             clear_window(targets.ground[side], windows[side])
             if side == request.sides[-1]:   # meanwhile the driver draws the other side
-                shared.rocks.choose(volume, projection.focal_px, self._config.detail.rock_min_px)
-                shaded = self._cast_shadow(scene, chosen.boxes)
-                if shared.body.is_in_view(links, volume):
-                    scene.body = shared.body.light(links, shared.rover_shadow.radius_m,
-                                                   shared.sunlight, self._config.sun.irradiance)
-                scene.rows = shared.ground.rows(chosen, projection, cameras[LEFT], shaded)
+                scene.shows_rover = shared.body.is_in_view(links, volume)
+                scene.lights = [self._choose_lit(source, scene, volume, chosen)
+                                for source in sources]
             shared.ground.draw_depth(chosen)
         return scene
 
-    def _cast_shadow(self, scene: Scene, boxes: Array) -> Array:
-        """Draw the map of the rover's shadow, if any of it can be in view.
-
-        Return those of the (m, 2, 3) boxes around the chosen ground that it may fall on.
-        """
-        shadow, axes, links = self._shared.rover_shadow, self._shared.sun_axes, scene.T_world_links
-        shaded = shadow.may_shade(np.concatenate([boxes, self._shared.rocks.boxes]), links, axes)
-        scene.shadow = shadow.cast(links, axes, seen=bool(shaded.any()))
-        return boxes[shaded[:len(boxes)]]
+    def _choose_lit(self, source: WorldPasses, scene: Scene, volume: ViewVolume,
+                    chosen: Chosen) -> SceneLight:
+        """Return what the light of a source needs; choose rocks, draw the rover's shadow map."""
+        projection, links = self._projection, scene.T_world_links
+        source.rocks.choose(volume, projection.focal_px, self._config.detail.rock_min_px)
+        shadow, axes, boxes = source.rover_shadow, source.sun_axes, chosen.boxes
+        shaded = shadow.may_shade(np.concatenate([boxes, source.rocks.boxes]), links, axes)
+        cast = shadow.cast(links, axes, seen=bool(shaded.any()))
+        body = None
+        if scene.shows_rover:
+            body = source.body.light(links, shadow.radius_m, source.sunlight,
+                                     source.config.sun.irradiance)
+        rows = source.ground.rows(chosen, projection, scene.T_world_cameras[LEFT],
+                                  boxes[shaded[:len(boxes)]])
+        return SceneLight(rows, cast, body)
 
     def light(self, scene: Scene) -> None:
         """Light the ground, and draw rocks and the rover over it."""
         targets, request = scene.targets, scene.request
-        self._shared.set_uniforms(**scene.shadow)
+        for source, light in zip(self._shared.sources, scene.lights):
+            source.set_uniforms(**light.shadow)
         for side in request.sides:
             self._look_from(scene, side)
-            target = targets.lit[side]
-            target.depth_mask = False   # the depth buffer is that of the ground already
-            clear_window(target, scene.windows[side])
-            self._shared.ground.draw(target, scene.windows[side], scene.rows,
-                                     targets.ground_depth, lit=request.lit)
-            target.depth_mask = True
-            self._draw_objects(scene, target, side)
+            self._draw_ground(scene, side)
+            self._draw_objects(scene, targets.lit[side], side)
+            self._add_objects(scene, side)
         if request.lit:     # before edges are smoothed, those before the Earth among them
             self._earth.draw(scene)
         if request.lit and self._edges is not None:
@@ -137,6 +140,35 @@ class ScenePasses(GlOwner):
             if request.truth_of(side):
                 self._draw_truth(scene, side)
 
+    def _draw_ground(self, scene: Scene, side: int) -> None:
+        """Draw the ground under the sun, and add the light of other sources."""
+        targets = scene.targets
+        for number, (source, light) in enumerate(zip(self._shared.sources, scene.lights)):
+            target = targets.added[side] if number else targets.lit[side]
+            target.depth_mask = False   # the depth buffer is that of the ground already
+            if number == 0:
+                clear_window(target, scene.windows[side])
+            target.use()
+            source.rover_shadow.bind()
+            source.ground.draw(target, scene.windows[side], light.rows, targets.ground_depth,
+                               lit=scene.request.lit, add=number > 0)
+            target.depth_mask = True
+
+    def _add_objects(self, scene: Scene, side: int) -> None:
+        """Add the light of sources but the sun to rocks and the rover, which are drawn."""
+        self._context.depth_func = '<='
+        try:
+            for source, light in zip(self._shared.sources[1:], scene.lights[1:]):
+                target = scene.targets.added[side]
+                target.use()
+                target.viewport = scene.windows[side]
+                source.rover_shadow.bind()
+                source.rocks.draw(add=True)
+                if light.body is not None:
+                    source.body.draw(scene.T_world_links, light.body, add=True)
+        finally:
+            self._context.depth_func = '<'
+
     def _draw_truth(self, scene: Scene, side: int) -> None:
         """Draw what is true of the pixels of a camera, which are lit."""
         truth = scene.targets.truth
@@ -145,6 +177,7 @@ class ScenePasses(GlOwner):
         clear_window(truth.colour, scene.windows[side])
         craters = (self._shared.crater_map() if 'crater' in scene.request.truth_of(side)
                    else None)
+        self._shared.rover_shadow.bind()
         self._shared.ground.draw_truth(self.lit.depth, craters)
         self._context.depth_func = '<='
         try:
@@ -169,9 +202,11 @@ class ScenePasses(GlOwner):
     def _draw_objects(self, scene: Scene, target: Any, side: int, *, truth: bool = False) -> None:
         target.use()
         target.viewport = scene.windows[side]
+        self._shared.rover_shadow.bind()
         self._shared.rocks.draw(truth=truth)
-        if scene.body is not None:
-            self._shared.body.draw(scene.T_world_links, scene.body, truth=truth)
+        body = scene.lights[0].body
+        if body is not None:
+            self._shared.body.draw(scene.T_world_links, body, truth=truth)
 
     def flow(self, scene: Scene, K: Array, depth_m: NDArray[np.float32],
              label: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
@@ -182,7 +217,7 @@ class ScenePasses(GlOwner):
         other = scene.request.other
         assert other is not None
         links = self._shared.body.poses(other.T_world_base, other.joint_angle_rad)
-        seen = range(len(links)) if self._sees_rover and scene.body is not None else ()
+        seen = range(len(links)) if self._sees_rover and scene.shows_rover else ()
         model = FlowModel(K, depth_m, scene.T_world_cameras[LEFT], self._mount.poses(other)[LEFT],
                           [Moved(label == link_label(link), scene.T_world_links[link],
                                  links[link]) for link in seen])

@@ -29,6 +29,7 @@ class WorldLight:
     rock_light: as `Sunlight.rock_light`
     texels: of the ground, by level, until they are drawn with
     tiles, brightness: of the relief below the grid
+    earth: the light of the Earth on the same world; None if it is not drawn
     """
 
     sun: SunConfig
@@ -38,6 +39,7 @@ class WorldLight:
     texels: list[LevelTexels]
     tiles: ReliefTiles
     brightness: ReliefBrightness
+    earth: WorldLight | None = None
 
 
 def world_light(world: World, config: RenderConfig, seed: int, far_rocks: Rocks,

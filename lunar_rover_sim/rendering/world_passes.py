@@ -9,7 +9,8 @@ from typing import Any
 import moderngl
 
 from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
+from lunar_rover_sim.illumination.earthshine import earth_as_sun
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import set_uniform
@@ -40,6 +41,7 @@ class WorldPasses(GlOwner):
     sunlight, sun_axes: what the sun sees; ground, rocks, body, rover_shadow: passes;
     lamp: None without a lamp; tracks: None before `follow`
     programs: of all passes that compute light or truth
+    earth: passes of the light of the Earth, as if that were the sun; None if it is not drawn
     """
 
     def __init__(self, context: moderngl.Context, world: World, rover: RoverDescription,
@@ -56,7 +58,7 @@ class WorldPasses(GlOwner):
         self._surface = self._own(Surface(context, world))
         self._far_rocks = far_rocks(world, config.detail.far_rocks_m)
         self._texels = GroundTexels(world)
-        light = self.light_of(config.sun)
+        light = self._light_under(config)
         self._light_surface(light)
         sunlight = light.sunlight
         lamp = config.lamp.power_w > 0.0
@@ -71,6 +73,16 @@ class WorldPasses(GlOwner):
         self.tracks: TrackMap | None = None
         self._craters: CraterMap | None = None
         self._gather_programs()
+        self.earth = (self._own(WorldPasses(context, world, self.rover, _under_earth(config),
+                                            self.seed))
+                      if config.earth.lights_ground else None)
+
+    @property
+    def sources(self) -> tuple[WorldPasses, ...]:
+        """The passes of each source of light: of the sun, and of the Earth if it is up."""
+        if self.earth is None or not self.earth.config.sun.shines:
+            return (self,)
+        return self, self.earth
 
     def _gather_programs(self) -> None:
         self.programs = (*self.ground.programs, *self.rocks.programs, *self.body.programs)
@@ -82,6 +94,8 @@ class WorldPasses(GlOwner):
                                          self._track_sun()))
         self.ground.follow(self.tracks)
         self._gather_programs()
+        if self.earth is not None:
+            self.earth.follow(overlay)
 
     def _track_sun(self) -> TrackSun:
         sun = self.config.sun
@@ -96,8 +110,14 @@ class WorldPasses(GlOwner):
 
     def light_of(self, sun: SunConfig) -> WorldLight:
         """Compute the light of another sun; in any thread, while others draw."""
-        return world_light(self.world, dataclasses.replace(self.config, sun=sun), self.seed,
-                           self._far_rocks, self._texels)
+        config = dataclasses.replace(self.config, sun=sun)
+        light = self._light_under(config)
+        if not config.earth.lights_ground:
+            return light
+        return dataclasses.replace(light, earth=self._light_under(_under_earth(config)))
+
+    def _light_under(self, config: RenderConfig) -> WorldLight:
+        return world_light(self.world, config, self.seed, self._far_rocks, self._texels)
 
     def relight(self, light: WorldLight) -> None:
         """Move the sun; light: as `light_of` returned it, to be used once."""
@@ -107,6 +127,8 @@ class WorldPasses(GlOwner):
         if self.tracks is not None:
             self.tracks.relight(self._track_sun())
         self._set_constants()
+        if self.earth is not None and light.earth is not None:
+            self.earth.relight(light.earth)
 
     def _light_surface(self, light: WorldLight) -> None:
         self.sunlight, self.sun_axes = light.sunlight, light.sun_axes
@@ -122,3 +144,9 @@ class WorldPasses(GlOwner):
         """Set uniforms of all programs that have them."""
         for program in self.programs:
             set_uniform(program, **values)
+
+
+def _under_earth(config: RenderConfig) -> RenderConfig:
+    """Return the parameters of a world without sun and lamp on which the Earth shines."""
+    return dataclasses.replace(config, sun=earth_as_sun(config.sun, config.earth),
+                               earth=EarthConfig(), lamp=LampConfig())

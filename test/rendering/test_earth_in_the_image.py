@@ -126,6 +126,12 @@ def test_a_ridge_hides_half_of_it():
 def test_without_a_date_or_not_wanted():
     plain = dataclasses.replace(CRESCENT, date='')
     assert earth_disc(plain, EarthConfig()) is None
-    assert earth_disc(CRESCENT, EarthConfig(drawn=False)) is None
+    shown = []
+    for drawn_too in (True, False):
+        with renderer(CRESCENT, earth=EarthConfig(drawn=drawn_too)) as drawn:
+            pose, _ = towards(drawn, earth_disc(CRESCENT, EarthConfig()))
+            sky, _ = sky_of(drawn, pose)
+            shown.append(sky.any())
+    assert shown == [True, False]
     with pytest.raises(ConfigError, match='geometric_albedo: -1.0 is not valid; valid is >= 0'):
         EarthConfig(geometric_albedo=-1.0)

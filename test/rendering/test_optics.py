@@ -30,19 +30,26 @@ def context():
     context.release()
 
 
-def passed(context, config, images, sun=None):
-    """Return the (2, h, w) radiance behind the lens of (2, h, w) images."""
+def passed(context, config, images, sun=None, sky=None):
+    """Return the (2, h, w) radiance behind the lens of (2, h, w) images.
+
+    sky: (2, h, w) where it is; by default nowhere
+    """
     h, w = CAMERA.height, CAMERA.width
     projection = Projection(RIG.K, w, h, 0.02, 1e4)
     texture = context.texture((w, 2 * h), 1, np.asarray(images, np.float32).tobytes(), dtype='f4')
-    texture.filter = (context.NEAREST, context.NEAREST)
+    seen = np.ones((2, h, w)) if sky is None else np.where(sky, 0.0, 2.0)
+    depth = context.texture((w, 2 * h), 1, seen.astype(np.float32).tobytes(), dtype='f4')
+    for image in (texture, depth):
+        image.filter = (context.NEAREST, context.NEAREST)
     optics = OpticsPass(context, Lens(config, CAMERA), PinholeImage(projection), E)
     try:
-        optics.draw(texture, (0, 1), sun)
+        optics.draw(texture, depth, (0, 1), sun)
         return np.frombuffer(texture.read(), np.float32).reshape(2, h, w).astype(float)
     finally:
         optics.release()
         texture.release()
+        depth.release()
 
 
 def sun_at(x_px, y_px, irradiance=(E, E)):
@@ -62,6 +69,15 @@ def test_extended_light_is_conserved(context):
     for before, after in zip(images, out):
         assert (after * COS4).sum() == pytest.approx((before * COS4).sum(), rel=0.01)
     assert out[0, 130, 170] < 40.0      # what strays is missing
+
+
+def test_the_earth_in_the_sky_has_no_glare(context):
+    """Cells are coarser than its disc, and it may be brighter than the ground by far at night."""
+    images = np.zeros((2, 240, 320))
+    images[:, 40:60, 100:120] = 200.0
+    out = passed(context, STEEP, images, sky=images > 0.0)
+    assert not out[images == 0.0].any()
+    assert out[images > 0.0] == pytest.approx(200.0 * (1.0 - 0.25))
 
 
 @pytest.mark.parametrize('ghosts', [0.0, 1.0])

@@ -2,17 +2,14 @@
 
 import math
 
-from camera_scene import config, plane, pose, ROVER, SMOOTH
+from camera_scene import config, plane, pose, ROVER, SMOOTH, trodden
 import numpy as np
 import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import RenderError
-from lunar_rover_sim.regolith.fine_ground import FineGround
-from lunar_rover_sim.regolith.footprint import press
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
-from lunar_rover_sim.regolith.repose import relax
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.labels import LABEL_DISTURBED, LABEL_GROUND
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -21,18 +18,6 @@ from lunar_rover_sim.rover.pose import RoverPose
 SMALL = CameraConfig(width=320, height=240)
 LAYERS = ('left', 'depth', 'normal', 'label', 'radiance')
 LOW = RoverPose(pose(z=0.15, pitch_deg=25.0))
-
-
-def trodden(world, prints=8, x=0.45, seed=3):
-    """Return an overlay with prints of 2 cm in front of the camera."""
-    overlay, rng = Overlay(), np.random.default_rng(seed)
-    ground = FineGround(world.ground)
-    for _ in range(prints):
-        at = x + rng.uniform(-0.1, 0.3), rng.uniform(-0.15, 0.15)
-        z = world.ground.height_at_point(*at)
-        window = press(overlay, ground, (*at, z + 0.012), (*at, z - 0.008), 0.012, 0.5)
-        relax(overlay, ground, *window, 38.0)
-    return overlay
 
 
 def renderer(world, elevation_deg=6.0, azimuth_deg=90.0, **groups):

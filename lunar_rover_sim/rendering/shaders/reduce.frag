@@ -1,5 +1,7 @@
-// Mean radiance of cells of the image, from every second pixel of every second row.
+// Mean radiance of cells of the image, from every second pixel of every second row. The sky is left
+// out: stray light of the sun is computed apart, and the Earth has none.
 uniform sampler2D u_radiance;   // the left image above the right one
+uniform sampler2D u_depth;      // 0: sky
 uniform vec4 u_size;            // of one image [px]; 1 / size of both
 uniform float u_most;           // brighter light is that of the sun itself, and cut off
 uniform float u_rows;           // of cells of one image
@@ -13,7 +15,10 @@ void main() {
     // Sampled at pixel centres: on llvmpipe texelFetch takes longer.
     for (float y = first.y; y < min(first.y + float(CELL), u_size.y); y += 2.0)
         for (float x = first.x; x < min(first.x + float(CELL), u_size.x); x += 2.0)
-            sum += min(textureLod(u_radiance, vec2(x, y + side * u_size.y) * u_size.zw, 0.0).r,
-                       u_most);
+        {
+            vec2 at = vec2(x, y + side * u_size.y) * u_size.zw;
+            float light = min(textureLod(u_radiance, at, 0.0).r, u_most);
+            sum += textureLod(u_depth, at, 0.0).r == 0.0 ? 0.0 : light;
+        }
     o_mean = sum * (4.0 / float(CELL * CELL));
 }
