@@ -80,7 +80,9 @@ class GaitCalibration:
                                   f'< {high:g}')
         if not isinstance(self.conditions, Mapping):
             raise ConfigError(f'conditions: {brief(self.conditions)} is not a mapping')
-        if len(turns) < 2 or np.any(np.diff(turns) <= 0.0) or turns[0] != 0.0 or turns[-1] != 1.0:
+        # NaN is not greater than anything.
+        if (len(turns) < 2 or not np.all(np.diff(turns) > 0.0)
+                or turns[0] != 0.0 or turns[-1] != 1.0):
             raise ConfigError(f'turns: {list(self.turns)} is not valid; valid is increasing from 0'
                               ' to 1')
         if np.any(forward[:, 0] <= 0.0) or np.any(yaw_rate[:, -1] <= 0.0):

@@ -20,8 +20,10 @@ def test_height_is_no_distance():
     assert driven_distance_m([(0, (0.0, 0.0, 0.0)), (10**9, (3.0, 4.0, 12.0))]) == 5.0
 
 
-def test_of_every_step_the_first_and_the_last_of_all():
-    stamped = [(1_000_000_000 + k * 30_000_000, k) for k in range(10)]
+@pytest.mark.parametrize('first_ns', [1_000_000_000, 1_030_000_000, 99_999_999])
+def test_of_every_step_the_first_and_the_last_of_all(first_ns):
+    """Steps count from the first stamp, wherever that is."""
+    stamped = [(first_ns + k * 30_000_000, k) for k in range(10)]
     kept = list(every_step(stamped))
     assert [k for _, k in kept] == [0, 4, 7, 9]
     assert list(every_step(kept)) == kept

@@ -88,19 +88,52 @@ def test_latched_topics_are_offered_transient_local():
     assert contract_qos('/rover1/world_hash').durability.name == 'TRANSIENT_LOCAL'
     assert contract_qos('/tf_static').durability.name == 'TRANSIENT_LOCAL'
     assert contract_qos('/rover1/odom').durability.name == 'VOLATILE'
+    forever = (9223372036, 854775807)       # as ROS writes it: nothing is ever late
+    odom = contract_qos('/rover1/odom')
+    for time in (odom.deadline, odom.lifespan, odom.liveliness_lease_duration):
+        assert (time.sec, time.nsec) == forever
     # Else a replay would publish where no node of ROS listens.
     assert not contract_qos('/rover1/odom').avoid_ros_namespace_conventions
 
 
-def test_profiles_of_rclpy_are_taken():
+def rclpy_profile(**values):
+    """Return a profile as rclpy gives that of a publisher which it has discovered."""
     forever = types.SimpleNamespace(nanoseconds=2**63 - 1)
-    profile = types.SimpleNamespace(
+    return types.SimpleNamespace(**{**dict(
         history=3, depth=0, reliability=2, durability=2, deadline=forever, lifespan=forever,
-        liveliness=1, liveliness_lease_duration=forever, avoid_ros_namespace_conventions=False)
-    recorded = as_recorded(profile, '/user/points')
+        liveliness=1, liveliness_lease_duration=forever, avoid_ros_namespace_conventions=False),
+        **values})
+
+
+def test_profiles_of_rclpy_are_taken():
+    recorded = as_recorded(rclpy_profile(), '/user/points')
     assert (recorded.history.name, recorded.depth) == ('KEEP_LAST', 10)
     assert recorded.reliability.name == 'BEST_EFFORT'
     assert (recorded.deadline.sec, recorded.deadline.nsec) == (9223372036, 854775807)
+
+
+@pytest.mark.parametrize(('history', 'depth', 'expected'), [
+    (1, 3, ('KEEP_LAST', 3)), (2, 5, ('KEEP_ALL', 5)),      # known
+    (1, 0, ('KEEP_LAST', 1)), (2, 0, ('KEEP_LAST', 1)),     # no depth is given
+    (0, 7, ('KEEP_LAST', 1)), (3, 7, ('KEEP_LAST', 1)),     # the default of the system; unknown
+    (9, 7, ('KEEP_LAST', 1))])                              # not a history
+def test_history_and_depth_are_those_of_the_contract_where_unknown(history, depth, expected):
+    recorded = as_recorded(rclpy_profile(history=history, depth=depth), '/world_hash')
+    assert (recorded.history.name, recorded.depth) == expected
+
+
+def test_what_else_a_profile_says_is_recorded():
+    """Unknown members are those of the contract; times are split into seconds and the rest."""
+    later = types.SimpleNamespace(nanoseconds=2_500_000_000)
+    recorded = as_recorded(rclpy_profile(
+        deadline=later, lifespan=later, liveliness=3, liveliness_lease_duration=later,
+        avoid_ros_namespace_conventions=True), '/world_hash')
+    for time in (recorded.deadline, recorded.lifespan, recorded.liveliness_lease_duration):
+        assert (time.sec, time.nsec) == (2, 500_000_000)
+    assert recorded.liveliness.name == 'MANUAL_BY_TOPIC'
+    assert recorded.avoid_ros_namespace_conventions
+    unknown = as_recorded(rclpy_profile(reliability=9, durability=9, liveliness=9), '/world_hash')
+    assert unknown._replace(deadline=None) == contract_qos('/world_hash')._replace(deadline=None)
 
 
 def test_own_types_come_with_their_definition(tmp_path):

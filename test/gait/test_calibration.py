@@ -135,6 +135,37 @@ def test_a_map_that_cannot_be_written_is_an_error(tmp_path):
         GaitCalibration.default().save(tmp_path / 'none' / 'table.yaml')
 
 
+ROW = {'phase_rates_hz': (1.0, 2.0), 'turns': (0.0, 0.5, 1.0),
+       'forward_mps': ((0.1, 0.08, 0.0), (0.2, 0.16, 0.0)),
+       'yaw_rate_radps': ((0.0, 0.5, 1.0), (0.0, 1.0, 2.0))}
+
+
+@pytest.mark.parametrize('rates', [
+    (0.0, 2.0), (-1.0, 2.0), (2.0, 1.0), (1.0, 1.0), (1.0, 50.1), (1.0, math.inf),
+    (-math.inf, 1.0), (math.nan, 1.0), (1.0, math.nan)])
+def test_phase_rates_are_positive_finite_and_increasing(rates):
+    assert GaitCalibration(**ROW).phase_rates_hz == (1.0, 2.0)
+    with pytest.raises(ConfigError, match='phase_rates_hz: .* is not valid'):
+        GaitCalibration(**{**ROW, 'phase_rates_hz': rates})
+
+
+@pytest.mark.parametrize('turns', [
+    (0.0, 0.5, 0.9), (0.1, 0.5, 1.0), (-0.1, 0.5, 1.0), (0.0, 0.5, 1.1), (0.0, 0.0, 1.0),
+    (0.0, 1.0, 0.5), (0.0, math.nan, 1.0)])
+def test_turns_increase_from_0_to_1(turns):
+    with pytest.raises(ConfigError, match='turns: .* is not valid'):
+        GaitCalibration(**{**ROW, 'turns': turns})
+
+
+@pytest.mark.parametrize(('name', 'high'), [('duty_factor', 1.0), ('foot_width_deg', 180.0)])
+def test_duty_factor_and_width_of_feet_lie_between_their_bounds(name, high):
+    for value in (1e-6, 0.5 * high, math.nextafter(high, 0.0)):
+        assert getattr(GaitCalibration(**ROW, **{name: value}), name) == value
+    for value in (0.0, -0.1, high, 2.0 * high, math.nan, math.inf, '0.5', None):
+        with pytest.raises(ConfigError, match=f'{name}: .* is not valid'):
+            GaitCalibration(**ROW, **{name: value})
+
+
 @pytest.mark.parametrize(('text', 'message'), [
     ('turns: [', 'cannot be read'),
     ('3', 'is not a table'),

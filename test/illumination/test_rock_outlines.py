@@ -104,6 +104,23 @@ def test_cells_are_dark_where_their_ray_meets_a_rock(azimuth_deg, elevation_deg)
     assert np.array_equal(dark[free], expected[free])
 
 
+@pytest.mark.parametrize('elevation_deg', [4.0, 30.0, 65.0])
+@pytest.mark.parametrize('height_m', [-300.0, -20.0, 20.0, 300.0])
+def test_shadows_of_rocks_do_not_depend_on_where_height_counts_from(height_m, elevation_deg):
+    s = sun(140.0, elevation_deg)
+    dark = []
+    for base in (0.0, height_m):
+        grid = HeightGrid(np.full((N, N), base, np.float32), CELL)
+        outlines = rock_shadow.silhouettes(some_rocks(10, height=base), LIBRARY, s)
+        clearance, occluder = ShadowLevel(grid, s, None).clearance()
+        rock_shadow.stamp(clearance, occluder, grid, outlines, s)
+        dark.append(np.stack([clearance < 0.0,
+                              rock_shadow.share(grid, outlines, s, 0.0) > 127]))
+    assert dark[0].sum() > 100
+    # Single precision 300 m away from 0 is worth 0.03 mm.
+    assert np.mean(dark[0] != dark[1]) < 1e-3 * np.mean(dark[0])
+
+
 def test_nothing_is_stamped_for_a_sun_below_the_ground_or_without_rocks():
     grid = HeightGrid(np.zeros((N, N), np.float32), CELL)
     for s, rocks in ((sun(10.0, -2.0), some_rocks()), (sun(10.0, 5.0), some_rocks(0))):

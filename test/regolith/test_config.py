@@ -1,5 +1,7 @@
 """Soils: presets, overrides, gravity, and what is refused."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,27 @@ def test_every_number_of_a_preset_can_be_set():
     assert (soil.zeta_npm3, soil.friction, soil.cohesion_pa, soil.compacted, soil.repose_deg,
             soil.shear_m, soil.elastic_npm, soil.damping_nspm) == (
                 2e6, 0.7, 500.0, 0.1, 31.0, 0.007, 3000.0, 70.0)
+
+
+@pytest.mark.parametrize('name', PRESETS)
+def test_the_numbers_of_a_preset_are_valid_when_they_are_set_one_by_one(name):
+    soil = PRESETS[name]
+    ground = GroundConfig(
+        preset=name, bearing_mnpm3=soil.zeta_npm3 / 1e6, friction=soil.friction,
+        cohesion_kpa=soil.cohesion_pa / 1e3, compacted=soil.compacted, repose_deg=soil.repose_deg,
+        shear_mm=soil.shear_m * 1e3, elastic_npm=soil.elastic_npm, damping_nspm=soil.damping_nspm)
+    assert dataclasses.astuple(ground.soil(soil.gravity_mps2))[:9] == pytest.approx(
+        dataclasses.astuple(soil)[:9])
+
+
+@pytest.mark.parametrize('names', [('highland_loose', 'highland', 'highland_dense'),
+                                   ('poppy_loose', 'poppy_close')])
+def test_the_denser_a_soil_the_stronger(names):
+    """It bears more, its grains lock, and it has less room to be compacted."""
+    for looser, denser in zip(*(map(PRESETS.get, part) for part in (names, names[1:]))):
+        assert looser.zeta_npm3 < denser.zeta_npm3 and looser.compacted > denser.compacted
+        assert looser.friction <= denser.friction and looser.repose_deg <= denser.repose_deg
+        assert looser.shear_m > denser.shear_m
 
 
 @pytest.mark.parametrize('gravity', [1.62, 3.71, 9.81])

@@ -30,6 +30,25 @@ def test_the_rim_of_a_fresh_crater_is_as_loose_as_loose_highland():
     assert varies.factors(9.0, 0.0) == (1.0, 1.0)        # beyond the world
 
 
+def test_every_crater_around_counts_and_the_loosest_one_decides():
+    """In any order, craters outside of the world among them."""
+    x = np.array([40.0, 2.0, -2.0, -2.0, -60.0, 0.0])
+    y = np.array([0.0, 0.0, 0.0, 0.0, 3.0, 3.0])
+    ages = np.array([0.0, 0.0, 0.25, 0.4, 0.0, 0.1])
+    world = make_world()
+
+    def bearing(order, at):
+        craters = Craters(np.stack([x, y], axis=1)[order], np.full(len(order), 2.0), ages[order],
+                          np.zeros(len(order), np.int32))
+        return soil_map(dataclasses.replace(world, craters=craters), 1.0).factors(*at)[0]
+
+    for at, single in (((3.0, 0.0), 1), ((-3.0, 0.0), 2), ((0.0, 4.0), 5)):
+        alone = bearing([single], at)
+        assert alone < 0.9
+        for order in (list(range(6)), list(reversed(range(6))), [0, 4, 3, 5, 2, 1]):
+            assert bearing(order, at) == pytest.approx(alone, rel=1e-6)
+
+
 def test_old_craters_do_not_count_and_half_the_variation_is_half_in_logarithm():
     assert soil_map(cratered(0.6), 1.0).factors(3.0, 0.0) == (1.0, 1.0)
     assert soil_map(cratered(0.0), 0.5).factors(3.0, 0.0)[0] == pytest.approx(0.3 ** 0.5, rel=0.02)

@@ -100,6 +100,32 @@ def test_points_beyond_infinity_are_matched_up_to_the_right_edge():
     assert np.median(disparity.disparity_px[70:-8][seen]) == pytest.approx(-6.0, abs=0.02)
 
 
+@pytest.mark.parametrize(('least', 'disparity_px'), [
+    (-16, -14.0), (-16, -5.0), (-16, 20.0), (-7, -6.5), (0, 1.0), (5, 6.0), (8, 30.0)])
+def test_the_left_margin_has_the_whole_range_of_disparities(least, disparity_px):
+    """It is matched at half the resolution, with the bounds of the rest of the image."""
+    left, right = textured_pair(np.full(240, disparity_px))
+    config = SgmConfig(min_disparity=least, num_disparities=64)
+    disparity = SgmMatcher(config).match(left, right)
+    columns = slice(8 + max(int(disparity_px), 0), max(least + 64, 0))
+    seen = disparity.valid[70:-8, columns]
+    assert seen.size and seen.mean() > 0.9
+    found = disparity.disparity_px[70:-8, columns][seen]
+    assert np.median(np.abs(found - disparity_px)) < 0.3
+
+
+@pytest.mark.parametrize('least', [-16, 0, 6, 20])
+def test_what_has_no_match_is_invalid_in_the_left_margin_too(least):
+    """Two images of different ground: what is taken for a match by chance is as rare there."""
+    left = textured_pair(np.zeros(240), seed=1)[0]
+    right = textured_pair(np.zeros(240), seed=2)[0]
+    disparity = SgmMatcher(SgmConfig(min_disparity=least, num_disparities=64)).match(left, right)
+    margin, rest = (disparity.valid[70:-8, columns].mean()
+                    for columns in (slice(0, least + 64), slice(least + 64, None)))
+    assert 0.0 < rest < 0.4 and margin < 1.2 * rest
+    assert np.all(disparity.disparity_px[disparity.valid] >= least)
+
+
 @pytest.mark.parametrize('mode', ['sgbm', 'hh', 'hh4', '3way'])
 def test_slanted_plane(mode):
     truth = np.maximum(np.arange(240) - 60, 0) * 0.25 + 3.0

@@ -55,6 +55,13 @@ def test_a_seed_is_a_whole_number_from_0_on(seed, message):
         cached(preset('flat'), seed)
 
 
+@pytest.mark.parametrize('seed', [-2, -7, 0.5, 'one'])
+def test_the_seed_of_a_recipe_is_a_whole_number_or_that_of_the_scenario(seed):
+    assert WorldConfig.from_mapping({'seed': -1}).with_seed(4).seed == 4
+    with pytest.raises(ConfigError, match='seed: .* is not'):
+        WorldConfig.from_mapping({'seed': seed})
+
+
 def test_the_seed_of_the_recipe_wins():
     assert preset('flat').with_seed(7).seed == 7
     assert preset('flat').with_seed(0).seed == 0

@@ -45,6 +45,21 @@ def test_export_is_read_by_others(tmp_path, suffix):
     assert len(list(tmp_path.iterdir())) == 1  # no temporary file, no material beside it
 
 
+def test_the_ground_has_the_grey_of_its_albedo():
+    """128 stands for 1; of samples that are left out, the colours are too."""
+    world = worlds.small()
+    albedo = np.random.default_rng(0).uniform(0.0, 2.5, world.albedo.shape).astype(np.float32)
+    scene = export.to_scene(dataclasses.replace(world, albedo=albedo), 8, rocks=False)
+    ground = scene.geometry['ground']
+    colours = ground.visual.vertex_colors
+    i, j = np.round((ground.vertices[:, 1::-1] / world.ground.cell_m
+                     + 0.5 * (world.ground.n - 1))).astype(int).T
+    expected = np.minimum(128.0 * albedo[i, j], 255.0)
+    for channel in range(3):
+        assert np.abs(colours[:, channel] - expected).max() <= 1.0
+    assert np.all(colours[:, 3] == 255)
+
+
 def test_export_without_rocks_and_with_surroundings(tmp_path):
     world = worlds.small()
     scene = export.to_scene(world, 8, rocks=False, surroundings=True)

@@ -49,6 +49,18 @@ def test_rocks_do_not_end_at_the_edge_of_the_ground(world, rocks):
     assert np.all(rocks.diameter_m > 0.9 * least_diameter_m(rocks.position_m[:, :2]))
 
 
+def test_far_rocks_stand_beside_the_ground_and_not_on_it():
+    """None reaches its edge, and those of any size come as near as they may."""
+    crowded = worlds.small(rocks={'abundance': 0.25})
+    found = far_rocks(crowded, 60.0)
+    away = np.abs(found.position_m[:, :2]).max(axis=1) - crowded.ground.half_extent_m
+    gap = away - 0.5 * found.diameter_m
+    assert gap.min() > 0.0
+    for least_m, most_m, nearest_m in ((0.05, 0.15, 0.2), (0.15, 0.5, 0.3), (0.5, 2.0, 1.0)):
+        of_size = (found.diameter_m >= least_m) & (found.diameter_m < most_m)
+        assert gap[of_size].min() < nearest_m
+
+
 def test_rocks_stand_in_the_ground(world, rocks):
     ground = world.height_at(rocks.position_m[:, :2])
     above = (rocks.position_m[:, 2] - ground) / rocks.diameter_m

@@ -31,6 +31,15 @@ def hfield_model(ground: HeightGrid, extra: str = '') -> mujoco.MjModel:
     return model
 
 
+def test_arrays_of_a_built_world_cannot_be_written():
+    """Physics, light and pictures share them."""
+    world = build_world(WorldConfig.from_mapping(
+        {'size_m': 3.2, 'cell_m': 0.05, 'surroundings': {'samples': 65, 'extent_m': 50.0}}), 1)
+    heights = [level.heights_m for level in world.levels]
+    for array in (*heights, world.albedo, *vars(world.rocks).values()):
+        assert not array.flags.writeable
+
+
 def test_rays_meet_the_ground_where_the_world_says():
     # Heights are normalised float32: an error of about 1e-7 of the span, far below 1 mm.
     ground = worlds.small().ground

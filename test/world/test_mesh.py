@@ -97,6 +97,18 @@ def test_scale_centre_and_resolution(tmp_path):
     assert 0.002 < np.std(off) < 0.05
 
 
+def test_the_middle_of_a_file_that_lies_elsewhere_is_the_origin(tmp_path):
+    """Its coordinates may be those of a map; `center` counts from its middle."""
+    mesh, grid = bumps()
+    mesh.apply_translation([120.0, -45.0, 800.0])
+    mesh.export(tmp_path / 'map.ply')
+    xy = np.array([[1.0, 1.0], [-2.0, 0.5], [0.0, -3.0]])
+    for center in ([0.0, 0.0], [2.0, -1.0]):
+        world = build_world(config(tmp_path / 'map.ply', mesh={'center': center}), 0)
+        expected = grid.height_at(xy + center) - grid.height_at(center)
+        np.testing.assert_allclose(world.height_at(xy), expected, atol=1e-3)
+
+
 def holed(tmp_path):
     mesh, _ = bumps()
     centres = mesh.triangles_center

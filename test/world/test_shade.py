@@ -5,6 +5,7 @@ import pytest
 import worlds
 
 from lunar_rover_sim.world import crater_population, map_sheet, rockfield, shade
+from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
@@ -124,6 +125,20 @@ def test_the_sheet_shows_numbers_above_diameters():
     np.testing.assert_allclose(law[:, 1], expected)
     sun = curves(figure, 'horizon')['sun']
     np.testing.assert_allclose(sun, [[-110.0, 12.0]])
+
+
+@pytest.mark.parametrize(('samples', 'shown'), [(1025, 1025), (1027, 514), (2051, 684)])
+def test_maps_of_large_worlds_leave_samples_out(samples, shown):
+    """At most 1,025 of them are drawn along a side, evenly spaced over the whole of it."""
+    ramp = np.tile(np.linspace(0.0, 1.0, samples, dtype=np.float32), (samples, 1))
+    grid = HeightGrid(ramp, 0.05)
+    world = World((grid,), np.ones_like(ramp), flat_world([], []).rocks, (), WorldConfig(), '')
+    figure = map_sheet.sheet(world, azimuth_deg=90.0, elevation_deg=10.0)
+    height = next(axes for axes in figure.axes if axes.get_title() == 'height')
+    values = height.images[0].get_array()
+    step = (samples - 1) // (shown - 1)
+    assert values.shape == (shown, shown)
+    np.testing.assert_array_equal(values, ramp[::step, ::step])
 
 
 @pytest.mark.parametrize('variation', [0.03, 0.08])

@@ -39,6 +39,15 @@ def test_written_is_read(folder):
     assert np.array_equal(again.height_at([[0.5, 0.5]]), world.height_at([[0.5, 0.5]]))
 
 
+def test_what_was_found_while_building_is_kept(tmp_path):
+    """It may be of any kind that YAML has; a world without any has none after reading."""
+    report = {'file': '/moon/site.tif', 'holes': 3, 'center_lon_lat_deg': [12.5, -89.5]}
+    for name, kept in (('with', report), ('without', {})):
+        world = dataclasses.replace(worlds.world(**TINY), report=kept)
+        folder = world_folder.save_world(world, tmp_path / name)
+        assert world_folder.load_world(folder).report == kept
+
+
 def test_yaml_says_how_it_was_made(folder):
     document = yaml.safe_load((folder / 'world.yaml').read_text())
     assert document['world']['seed'] == 1
