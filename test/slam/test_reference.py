@@ -157,6 +157,19 @@ def test_tracks_come_home(drive) -> None:
     assert np.median(np.abs(there[found] - px[found] - (3.3, -2.6))) < 0.05
 
 
+@pytest.mark.parametrize('gain', [0.9, 1.0, 1.1])
+def test_exposure_may_change(gain: float) -> None:
+    """Ground with little texture is tracked while automatic exposure settles."""
+    faint = np.asarray(120 + 0.12 * (ground().astype(float) - 120), np.uint8)
+    first = view(faint, poses(1)[0])
+    nodded = poses(1)[0] @ se3(Rotation.from_rotvec([0.01, 0.0, 0.0]).as_matrix(), [0.0] * 3)
+    second = view(faint, nodded)
+    second = np.asarray(np.clip(np.rint(gain * second.astype(float)), 0, 255), np.uint8)
+    corners = detect(first, np.zeros((0, 2)), 200)
+    there, found = track(first, second, corners)
+    assert len(corners) > 100 and found.mean() > 0.8
+
+
 def test_bundle_finds_poses_and_points() -> None:
     """From poses 3 cm and 1 degree off, back to 1e-4 on exact observations."""
     rng = np.random.default_rng(1)

@@ -17,6 +17,7 @@ _LK = {'winSize': (15, 15), 'maxLevel': 3,
 _MAX_BACK_PX = 0.5      # a point tracked forth and back ends this close to its start
 _MAX_ROW_PX = 0.6       # largest difference in row within a rectified pair
 _DISPARITIES = 128      # search range [px]
+_STEADY = 0.02          # a change of gain by less does no harm
 _GRID = (6, 8)          # rows and columns of cells; corners are detected in each
 
 
@@ -45,15 +46,31 @@ def detect(image: Image, known_px: Array, wanted: int) -> Array:
 
 def track(before: Image, after: Image, px: Array,
           guess_px: Array | None = None) -> tuple[Array, NDArray[np.bool_]]:
-    """Track (n, 2) points into the next image; return their places and which were found."""
+    """Track (n, 2) points into the next image; return their places and which were found.
+
+    The exposure may change from image to image, as automatic exposure does at the start.
+    """
     if not len(px):
         return px, np.zeros(0, bool)
+    before = _as_bright(before, after)
     there, found = _flow(before, after, px, px if guess_px is None else guess_px)
     back, found_back = _flow(after, before, there, px)
     h, w = after.shape
     home = np.linalg.norm(back - px, axis=1) < _MAX_BACK_PX
     inside = ((there > BORDER_PX) & (there < (w - BORDER_PX, h - BORDER_PX))).all(axis=1)
     return there, found & found_back & home & inside
+
+
+def _as_bright(before: Image, after: Image) -> Image:
+    """Return an image with the mean and the contrast of the next one, unless they are close."""
+    (mean, spread), (next_mean, next_spread) = (
+        (float(m[0, 0]), float(s[0, 0])) for m, s in map(cv2.meanStdDev, (before, after)))
+    gain = next_spread / spread if spread > 0.0 else 1.0
+    if abs(gain - 1.0) < _STEADY:
+        return before
+    grey = np.arange(256.0)
+    return np.asarray(cv2.LUT(before, np.clip(np.rint(next_mean + gain * (grey - mean)), 0, 255)
+                              .astype(np.uint8)), np.uint8)
 
 
 def disparities(left: Image, right: Image, px: Array) -> Array:
