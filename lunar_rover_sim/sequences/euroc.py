@@ -128,22 +128,16 @@ class EurocSequence(Sequence):
     def _camera_lines(self, T_imu_camera: Array) -> list[str]:
         suite = self.suite
         k1, k2, p1, p2 = suite.distortion[:4]
-        return ['sensor_type: camera', 'comment: simulated', *_transform(T_imu_camera),
-                f'rate_hz: {suite.frame_rate_hz:g}',
-                f'resolution: [{suite.width}, {suite.height}]', 'camera_model: pinhole',
-                f'intrinsics: [{numbers(suite.focal_px, suite.centre_px, separator=", ")}]',
-                'distortion_model: radial-tangential',
-                f'distortion_coefficients: [{numbers([k1, k2, p1, p2], separator=", ")}]']
+        return [*_camera('simulated', T_imu_camera, (suite.width, suite.height),
+                         (suite.focal_px, suite.centre_px), 'radial-tangential',
+                         [k1, k2, p1, p2]), f'rate_hz: {suite.frame_rate_hz:g}']
 
     def _further_lines(self, camera: FurtherCamera) -> list[str]:
         c = camera.calibration
         model = 'equidistant' if camera.is_fisheye else 'radial-tangential'
-        return ['sensor_type: camera', f'comment: simulated hazard camera {camera.name}',
-                *_transform(inverse(self.suite.T_base_imu) @ camera.T_base_camera),
-                f'resolution: [{c.width}, {c.height}]', 'camera_model: pinhole',
-                f'intrinsics: [{numbers(c.fx_fy_cx_cy_px, separator=", ")}]',
-                f'distortion_model: {model}',
-                f'distortion_coefficients: [{numbers(c.D[:4], separator=", ")}]']
+        return _camera(f'simulated hazard camera {camera.name}',
+                       inverse(self.suite.T_base_imu) @ camera.T_base_camera,
+                       (c.width, c.height), (c.fx_fy_cx_cy_px,), model, c.D[:4])
 
     def _imu_lines(self) -> list[str]:
         noise = self.suite.noise
@@ -153,6 +147,15 @@ class EurocSequence(Sequence):
                 f'gyroscope_random_walk: {noise.gyro_bias_random_walk!r}',
                 f'accelerometer_noise_density: {noise.accel_noise_density!r}',
                 f'accelerometer_random_walk: {noise.accel_bias_random_walk!r}']
+
+
+def _camera(comment: str, T_imu_camera: Array, size: tuple[int, int], intrinsics: tuple[Any, ...],
+            model: str, distortion: Array | list[float]) -> list[str]:
+    """Return the lines of a camera; intrinsics: fx, fy, cx, cy, in any parts."""
+    return ['sensor_type: camera', f'comment: {comment}', *_transform(T_imu_camera),
+            f'resolution: [{size[0]}, {size[1]}]', 'camera_model: pinhole',
+            f'intrinsics: [{numbers(*intrinsics, separator=", ")}]', f'distortion_model: {model}',
+            f'distortion_coefficients: [{numbers(distortion, separator=", ")}]']
 
 
 def _transform(T: Array) -> list[str]:

@@ -2,13 +2,14 @@
 
 The folder of a benchmark holds `recordings/DRIVE` (one per scenario, swept value and seed, shared
 by all sensors) and `cells/DRIVE-SENSOR-SYSTEM` with a `result.json`, which is written when the
-cell is done. Whatever stops a benchmark, the same call does what is missing. `sequence` holds the
-exported recording while estimators work on it.
+cell is done. Whatever stops a benchmark, the same call does what is missing. `sequence-SYSTEM`
+holds the exported recording while estimators work on it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+import contextlib
 import dataclasses
 import json
 from pathlib import Path
@@ -133,14 +134,20 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
     """
     done = []
     failed_drives: dict[Drive, str] = {}
-    with _OneSequence(folder / 'sequence') as sequence:
+    with contextlib.ExitStack() as stack:
+        sequences: dict[str, _OneSequence] = {}
         for cell in cells:
+            system = cell.estimator.system
+            if system not in sequences:     # another benchmark of this folder may run others
+                sequences[system] = stack.enter_context(
+                    _OneSequence(folder / f'sequence-{system}'))
             kept = _read(cell, folder)
             if kept is not None and not (kept.failed and retry):
                 step(kept, 'kept')
                 done.append(kept)
                 continue
-            done.append(_do(cell, folder, recorder, step, failed_drives, sequence))
+            done.append(_do(cell, folder, recorder, step, failed_drives,
+                            sequences[system]))
             step(done[-1], 'done')
     return done
 
