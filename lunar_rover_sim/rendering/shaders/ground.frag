@@ -65,6 +65,10 @@ float mip(float level) {
     return max(whole + clamp((level - whole - 0.35) * (1.0 / 0.3), 0.0, 1.0), 0.0);
 }
 
+// Texels are means that are interpolated besides, and as wide as they are long: ones of the size of
+// a pixel blur more than the pixel does. With this offset as many pixels are in shadow as should be.
+const float SHARPER = 0.3;
+
 void main() {
     float depth = depth_at(gl_FragCoord.xy);
     vec3 ray = pixel_ray(pixel());
@@ -96,7 +100,7 @@ void main() {
     // on slopes that turn away from the camera either.
     float facing = dot(normalize(vec3(-ground.xy, 1.0)), view);
     float footprint = min(size / max(facing, 0.02), 12.0 * size);
-    float detail = min(mip(log2(footprint) + u_tile.w), float(RELIEF_LEVELS - 1));
+    float detail = min(mip(log2(footprint) + u_tile.w - SHARPER), float(RELIEF_LEVELS - 1));
     vec4 scales = relief_scales(detail);
     Relief relief = relief_at(xy, detail);
     Hapke soil = u_regolith;
