@@ -1,8 +1,8 @@
 """Relief below the grid does not repeat: distant views match no better than other worlds do."""
 
 import camera_scene as scene
-import cv2
 import numpy as np
+from repetition import features, inliers
 
 from lunar_rover_sim.camera.config import SensorConfig
 from lunar_rover_sim.rendering.config import RenderConfig
@@ -11,22 +11,6 @@ from lunar_rover_sim.rover.pose import RoverPose
 
 AWAY_M = [(6.4, 0.0), (0.0, 6.4), (5.1, 0.0), (0.0, 5.1), (1.6, 0.0), (0.0, -3.2), (1.0, 0.0),
           (0.5, 0.866025), (12.8, 0.0), (-9.3, 14.1)]
-
-
-def features(image):
-    """Return key points and descriptors of ORB."""
-    return cv2.ORB_create(1500).detectAndCompute(image, None)
-
-
-def inliers(a, b):
-    """Return the matches of two images' features that one homography explains."""
-    (points_a, found_a), (points_b, found_b) = a, b
-    matches = cv2.BFMatcher(cv2.NORM_HAMMING, True).match(found_a, found_b)
-    cv2.setRNGSeed(0)
-    mask = cv2.findHomography(np.float32([points_a[m.queryIdx].pt for m in matches]),
-                              np.float32([points_b[m.trainIdx].pt for m in matches]),
-                              cv2.RANSAC, 3.0)[1]
-    return 0 if mask is None else int(mask.sum())
 
 
 def test_distant_views_match_no_better_than_other_worlds():
