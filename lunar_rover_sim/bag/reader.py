@@ -19,6 +19,7 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import has_end
 from lunar_rover_sim.bag.file_counts import file_counts, is_count
 from lunar_rover_sim.bag.stamps import StampTable
+from lunar_rover_sim.bag.typestores import known_typestore
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.regular_file import check_regular
 from lunar_rover_sim.parameters import brief, nearest
@@ -58,6 +59,7 @@ class Bag:
             self._reader = AnyReader([self.path],
                                      default_typestore=get_typestore(Stores.ROS2_JAZZY))
             self._reader.open()
+            self._reader.typestore = known_typestore(self._reader.typestore)
         except Exception as error:  # whatever the parsers make of a file that is no bag
             raise BagError(f'{self.path}: cannot be read as a bag: {_words(error)}') from None
         try:

@@ -1,0 +1,39 @@
+"""Bags of the same definitions share what reads their types; others are read by their own."""
+
+import pytest
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.writer import BagWriter
+
+
+def written(path, definition):
+    """Return a bag of one message of four bytes, 1 2 3 4, of a type of this definition."""
+    with BagWriter(path) as writer:
+        writer.add_topic('/it', 'my_msgs/msg/It', definition=definition)
+        writer.write('/it', 'my_msgs/msg/It', b'\0\1\0\0\1\2\3\4', 0)
+    return path
+
+
+def test_a_type_of_the_same_name_is_read_by_the_definition_of_its_bag(tmp_path):
+    whole = written(tmp_path / 'whole', 'uint32 it\n')
+    halves = written(tmp_path / 'halves', 'uint16 it\nuint16 rest\n')
+    for _ in range(2):
+        with open_bag(whole) as bag:
+            assert bag.first('/it').it == 0x04030201
+        with open_bag(halves) as bag:
+            assert (bag.first('/it').it, bag.first('/it').rest) == (0x0201, 0x0403)
+
+
+@pytest.mark.parametrize('others', [0, 20])
+def test_equal_definitions_share_a_typestore_and_a_closed_bag_keeps_none(tmp_path, others):
+    """Of bags with many definitions between them, only some are kept."""
+    paths = [written(tmp_path / str(k), 'uint32 it\n') for k in range(2)]
+    with open_bag(paths[0]) as one, open_bag(paths[1]) as two:
+        assert one.typestore is two.typestore
+        first = one.typestore
+    for k in range(others):
+        with open_bag(written(tmp_path / f'other_{k}', f'uint32 it_{k}\n')) as bag:
+            assert getattr(bag.first('/it'), f'it_{k}') == 0x04030201
+    with open_bag(paths[0]) as again:
+        assert (again.typestore is first) == (others == 0)
+        assert again.first('/it').it == 0x04030201
