@@ -117,6 +117,50 @@ def test_depth_agrees_with_ray_casts(world, renderer):
     assert np.quantile(errors, 0.99) < 1e-2
 
 
+# These come next to the first use of `renderer`, whose relief is then still at hand.
+def test_rows_of_the_pair_correspond(world):
+    """A ground point has the same texture in both images; epipolar error < 0.05 px."""
+    config = scene.config(12.0, azimuth_deg=50.0, detail=scene.DetailConfig(),
+                          sensor=dataclasses.replace(scene.IDEAL, psf_sigma_px=0.5))
+    with Renderer(world, scene.ROVER, config, seed=3) as renderer:
+        frame = renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left', 'right', 'depth'))
+    focal, baseline = renderer.rig.focal_px, renderer.rig.baseline_m
+    left, right = frame.left.astype(float), frame.right.astype(float)
+    v, u = np.indices(left.shape)
+    near = np.isfinite(frame.depth_m) & (frame.depth_m < 2.0) & (left > 25) & (left < 200) \
+        & (u > 140)
+    shift = focal * baseline / frame.depth_m
+    best = []
+    for dv in (-0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2):
+        there = map_coordinates(right, [v[near] + dv, (u - shift)[near]], order=3, mode='nearest')
+        best.append(np.median(np.abs(there - left[near])))
+    offsets = np.array([-0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2])
+    a, b, _ = np.polyfit(offsets, best, 2)
+    assert abs(-b / (2 * a)) < 0.05
+    there = map_coordinates(right, [v[near], (u - shift)[near]], order=1, mode='nearest')
+    assert np.corrcoef(there, left[near])[0, 1] > 0.97
+
+
+def test_relief_below_the_grid_is_fixed_to_the_ground(world):
+    """Frames 1 mm apart: with all detail on, each pixel keeps within what was around it."""
+    config = scene.config(12.0, azimuth_deg=50.0, detail=scene.DetailConfig())
+    with Renderer(world, scene.ROVER, config, seed=3) as renderer:
+        poses = [pose_on(world, 0.0, 0.0) for _ in range(2)]
+        poses[1][0, 3] += 0.001
+        a, b = (renderer.render(RoverPose(p), 0, ('radiance', 'depth')) for p in poses)
+    from scipy.ndimage import maximum_filter, minimum_filter
+    scale = np.quantile(a.radiance[np.isfinite(a.depth_m)], 0.9)
+    low, high = minimum_filter(a.radiance, 3), maximum_filter(a.radiance, 3)
+    beyond = np.maximum(low - b.radiance, b.radiance - high) / scale
+    near = (a.depth_m > 1.0) & (a.depth_m < 30.0)       # at most 0.46 px of parallax
+    assert (beyond[near] > 0.05).mean() < 5e-3
+    # A line between two copies of the relief may move by a pixel.
+    assert (beyond[near & (a.depth_m > 2.0)] > 0.1).mean() < 1e-4
+    # Where the parallax is small the picture hardly changes at all.
+    far = (a.depth_m > 4.0) & (a.depth_m < 30.0)
+    assert np.corrcoef(a.radiance[far], b.radiance[far])[0, 1] > 0.99
+
+
 def test_depth_is_that_of_the_world_of_physics():
     """The same of a built world, its rocks' meshes included, in the model that is simulated."""
     built = worlds.small()
@@ -159,29 +203,6 @@ def test_depth_of_a_plane_is_analytic():
     near = expected < 30.0
     np.testing.assert_allclose(frame.depth_m[near], expected[near], rtol=2e-5)
     assert np.all(np.isinf(frame.depth_m[fall > 0.0]))
-
-
-def test_rows_of_the_pair_correspond(world):
-    """A ground point has the same texture in both images; epipolar error < 0.05 px."""
-    config = scene.config(12.0, azimuth_deg=50.0, detail=scene.DetailConfig(),
-                          sensor=dataclasses.replace(scene.IDEAL, psf_sigma_px=0.5))
-    with Renderer(world, scene.ROVER, config, seed=3) as renderer:
-        frame = renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left', 'right', 'depth'))
-    focal, baseline = renderer.rig.focal_px, renderer.rig.baseline_m
-    left, right = frame.left.astype(float), frame.right.astype(float)
-    v, u = np.indices(left.shape)
-    near = np.isfinite(frame.depth_m) & (frame.depth_m < 2.0) & (left > 25) & (left < 200) \
-        & (u > 140)
-    shift = focal * baseline / frame.depth_m
-    best = []
-    for dv in (-0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2):
-        there = map_coordinates(right, [v[near] + dv, (u - shift)[near]], order=3, mode='nearest')
-        best.append(np.median(np.abs(there - left[near])))
-    offsets = np.array([-0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2])
-    a, b, _ = np.polyfit(offsets, best, 2)
-    assert abs(-b / (2 * a)) < 0.05
-    there = map_coordinates(right, [v[near], (u - shift)[near]], order=1, mode='nearest')
-    assert np.corrcoef(there, left[near])[0, 1] > 0.97
 
 
 def test_same_input_same_bytes(world, renderer):
@@ -337,26 +358,6 @@ def test_nothing_pops(world):
     assert odd.mean() < 2e-4
     depth_change = np.abs(a.depth_m - b.depth_m)[both] / a.depth_m[both]
     assert np.quantile(depth_change, 0.99) < 0.01
-
-
-def test_relief_below_the_grid_is_fixed_to_the_ground(world):
-    """Frames 1 mm apart: with all detail on, each pixel keeps within what was around it."""
-    config = scene.config(12.0, azimuth_deg=50.0, detail=scene.DetailConfig())
-    with Renderer(world, scene.ROVER, config, seed=3) as renderer:
-        poses = [pose_on(world, 0.0, 0.0) for _ in range(2)]
-        poses[1][0, 3] += 0.001
-        a, b = (renderer.render(RoverPose(p), 0, ('radiance', 'depth')) for p in poses)
-    from scipy.ndimage import maximum_filter, minimum_filter
-    scale = np.quantile(a.radiance[np.isfinite(a.depth_m)], 0.9)
-    low, high = minimum_filter(a.radiance, 3), maximum_filter(a.radiance, 3)
-    beyond = np.maximum(low - b.radiance, b.radiance - high) / scale
-    near = (a.depth_m > 1.0) & (a.depth_m < 30.0)       # at most 0.46 px of parallax
-    assert (beyond[near] > 0.05).mean() < 5e-3
-    # A line between two copies of the relief may move by a pixel.
-    assert (beyond[near & (a.depth_m > 2.0)] > 0.1).mean() < 1e-4
-    # Where the parallax is small the picture hardly changes at all.
-    far = (a.depth_m > 4.0) & (a.depth_m < 30.0)
-    assert np.corrcoef(a.radiance[far], b.radiance[far])[0, 1] > 0.99
 
 
 def test_no_cracks(world, renderer):
