@@ -156,7 +156,7 @@ def validate(*arguments: str) -> int:
 
 def test_validate_imu_reads_the_noise_back(tmp_path, capsys):
     plot = tmp_path / 'allan.png'
-    assert validate('--set', 'gyro_bias_random_walk=1e-3', '-o', str(plot)) == 0
+    assert validate('--set', 'gyro_bias_random_walk=1e-3', '--rate', '50', '-o', str(plot)) == 0
     out = capsys.readouterr().out
     assert 'read back' in out and 'OUT' not in out
     assert plot.read_bytes().startswith(b'\x89PNG')
