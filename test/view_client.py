@@ -13,7 +13,7 @@ from typing import Any
 from websockets.sync.client import ClientConnection, connect
 
 _LIMIT_S = 20.0
-_MESSAGE = 1
+_MESSAGE, _TIME = 1, 2
 
 
 def free_port() -> int:
@@ -49,6 +49,14 @@ class Client:
         """Ask for a topic; number: of the subscription."""
         self._connection.send(json.dumps({'op': 'subscribe', 'subscriptions': [
             {'id': number, 'channelId': self.find(topic)['id']}]}))
+
+    def time_ns(self) -> int:
+        """Return the next time that the server tells [ns]."""
+        end_s = time.monotonic() + _LIMIT_S
+        while True:
+            data = self._receive(end_s)
+            if isinstance(data, bytes) and data[0] == _TIME:
+                return int(struct.unpack_from('<Q', data, 1)[0])
 
     def message(self) -> tuple[int, int, bytes]:
         """Return number, time [ns] and content of the next message."""

@@ -18,7 +18,8 @@ from lunar_rover_sim.bag.driven_distance import driven_distance_m
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, WorldError
-from lunar_rover_sim.inspection.truth_pictures import truth_figure
+from lunar_rover_sim.inspection.sensor_pictures import chase_figure, hazard_figures, lidar_figure
+from lunar_rover_sim.inspection.truth_pictures import truth_figures
 from lunar_rover_sim.world.cache import cache_folder
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import load_world
@@ -31,6 +32,8 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     """Write PNG pictures of a bag into the folder `output` and return their paths.
 
     stereo_<n>.png left and right image side by side, disparity and true depth below them;
+    truth.png and truth_right.png labels, craters, shadow, normals, flow; hazard_<name>.png image
+    and truth of each hazard camera; chase.png; lidar.png;
     trajectory.png over the hillshade of the world, where its folder is found (`world` names
     it); attitude.png and imu.png over time. Pictures of topics that the bag does not hold are left
     out. Raises BagError where nothing can be shown, or where `world` is another world.
@@ -50,7 +53,10 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
 
     with open_bag(path) as bag:
         _stereo(bag, save)
-        truth_figure(bag, save)
+        truth_figures(bag, save)
+        hazard_figures(bag, save)
+        chase_figure(bag, save)
+        lidar_figure(bag, save)
         if bag.has(bag.truth):
             odometry = series.read_odometry(bag)
             if len(odometry.stamps_ns):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -13,32 +13,43 @@ from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.rendering import layer_pictures
 
-_TOPICS = (topics.LABELS, topics.CRATERS, topics.SHADOW, topics.NORMALS, topics.OPTICAL_FLOW,
-           topics.SCENE_FLOW)
+_OF_LEFT = (topics.LABELS, topics.CRATERS, topics.SHADOW, topics.NORMALS, topics.OPTICAL_FLOW,
+            topics.SCENE_FLOW)
+_LEFT_OF = dict(zip(topics.OF_RIGHT, (topics.TRUE_DEPTH, topics.LABELS, topics.CRATERS,
+                                      topics.SHADOW, topics.NORMALS), strict=True))
 
 
-def truth_figure(bag: Bag, save: Callable[[Figure, str], None]) -> None:
-    """Draw what is there of the last frame that has all of it."""
-    wanted = [topic for topic in _TOPICS if bag.has(topic.name)]
+def truth_figures(bag: Bag, save: Callable[[Figure, str], None]) -> None:
+    """Draw what is there of the last frame that has all of it, for each camera of the pair."""
+    _figure(bag, _OF_LEFT, 'truth.png', save)
+    _figure(bag, topics.OF_RIGHT, 'truth_right.png', save)
+
+
+def _figure(bag: Bag, shown: Sequence[topics.Topic], file: str,
+            save: Callable[[Figure, str], None]) -> None:
+    wanted = [topic for topic in shown if bag.has(topic.name)]
     stamps = series.common_stamps(bag, [topic.name for topic in wanted])
     if not stamps:
         return
     names = {bag.resolve(topic.name): topic for topic in wanted}
+    found = {names[name]: message for name, _, message in
+             bag.messages(names, stamps[-1], stamps[-1] + 1)}
     figure = Figure(figsize=(10, 5.2), layout='constrained')
     panels = figure.subplots(2, 3).flat
     for axes in panels:
         axes.set_axis_off()
-    for axes, (name, _, message) in zip(figure.axes, bag.messages(names, stamps[-1],
-                                                                  stamps[-1] + 1)):
-        axes.set_title(names[name].name, fontsize=9)
-        pixels = series.picture(bag, message).pixels
-        axes.imshow(truth_picture(names[name], pixels)[..., ::-1])
+    for axes, topic in zip(figure.axes, (topic for topic in wanted if topic in found)):
+        axes.set_title(topic.name, fontsize=9)
+        pixels = series.picture(bag, found[topic]).pixels
+        axes.imshow(truth_picture(_LEFT_OF.get(topic, topic), pixels)[..., ::-1])
     figure.suptitle(f'{stamps[-1] * 1e-9:.3f} s', fontsize=9)
-    save(figure, 'truth.png')
+    save(figure, file)
 
 
 def truth_picture(topic: topics.Topic, pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Return (h, w, 3) BGR colours of an image of one of these topics."""
+    """Return (h, w, 3) BGR colours of an image of a topic of the left camera's truth."""
+    if topic is topics.TRUE_DEPTH:
+        return layer_pictures.depth_picture(np.asarray(pixels, np.float32))
     if topic is topics.LABELS:
         return layer_pictures.label_picture(np.asarray(pixels, np.int32))
     if topic is topics.CRATERS:

@@ -92,6 +92,13 @@ class RenderNode(node_main.GraphNode):
         self._awaited = list(config.await_readers)
         self._rate, self._drops, self._is_fed = Rate(0.0), Drops(), False
 
+        # Before topics are advertised: who sees those may send the first state, and the cameras
+        # that are prepared in between take seconds. Long queues also in real time: the state of a
+        # period may come while a frame is drawn.
+        self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
+                                 qos.requested(topics.JOINT_STATES, lockstep=True), raw=True)
+        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
+                                 qos.requested(topics.ODOM, lockstep=True), raw=True)
         self._publisher = FramePublisher(self, config, self._renderer.rig, self._wake_if_idle,
                                          self._wake_later)
         self._further = FurtherCameras(self, config, self._renderer, self._wake_if_idle)
@@ -100,11 +107,6 @@ class RenderNode(node_main.GraphNode):
         self._sun = MovingSun(self, config, self._renderer)
         LabelPublisher(self, self._renderer.rocks, world.craters, world.hash)
         refuse_other_worlds(self, config.world, world, config.lockstep)
-        # Long queues also in real time: the state of a period may come while a frame is drawn.
-        self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
-                                 qos.requested(topics.JOINT_STATES, lockstep=True), raw=True)
-        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
-                                 qos.requested(topics.ODOM, lockstep=True), raw=True)
         on_change(self, config, self._publisher.configure)
         Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})
         self.report_ready(config, f'world {world.hash[:12]}', (config.truth.name,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import queue
 import time
 
@@ -9,19 +10,22 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
 
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import ViewNodeConfig
 from lunar_rover_sim.run.live_view import HOST, LiveView
+from lunar_rover_sim.run.view_transforms import OdometryTransforms, transforms_of
 
 _POLL_S = 0.2
 _HISTORY = 5
 
 
 class ViewNode(node_main.GraphNode):
-    """Subscribes to what a client watches, and to nothing else.
+    """Subscribes to what a client watches, and then to the clock; to nothing else.
 
     It takes no part in lockstep: nobody waits for it, and a slow client loses messages.
     """
@@ -31,9 +35,14 @@ class ViewNode(node_main.GraphNode):
         config = declare(self, ViewNodeConfig)
         self._begun: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._view = LiveView(config.port, self._begun.put)
-        self._stamps = StampTable(get_typestore(Stores.ROS2_JAZZY))
+        store = get_typestore(Stores.ROS2_JAZZY)
+        self._stamps = StampTable(store)
+        self._transforms = OdometryTransforms(store)
+        self._makes_tf = importlib.util.find_spec('tf2_msgs') is None
+        self._odometry: dict[str, str] = {}     # by the topics of transforms that are made of it
         self._types: dict[str, str] = {}
         self._read: dict[str, Subscription] = {}
+        self._clock_reader: Subscription | None = None
         self.create_timer(_POLL_S, self._poll)
         self.report_ready(config, f'ws://{HOST}:{config.port}')
 
@@ -47,6 +56,7 @@ class ViewNode(node_main.GraphNode):
         for topic, types in self.get_topic_names_and_types():
             if topic not in self._types and self._view.offer(topic, types[0]):
                 self._types[topic] = types[0]
+                self._make_transforms(topic)
         begun = set()
         while not self._begun.empty():
             begun.add(self._begun.get())
@@ -56,19 +66,43 @@ class ViewNode(node_main.GraphNode):
             self.destroy_subscription(self._read.pop(topic))
         for topic in sorted(watched.difference(self._read)):
             self._subscribe(topic)
+        self._read_clock(bool(watched))
+
+    def _read_clock(self, wanted: bool) -> None:
+        """Tell clients the simulated time; where there is none, that of the wall."""
+        clock = topics.CLOCK
+        if not wanted and self._clock_reader is not None:
+            self.destroy_subscription(self._clock_reader)
+            self._clock_reader = None
+        elif wanted and self._clock_reader is None and clock.graph_name in self._types:
+            self._clock_reader = self.create_subscription(
+                message_class(clock.type), clock.graph_name,
+                lambda message: self._view.tell_time(time_ns(message.clock)),
+                qos.adapted(_HISTORY, False))
+        if wanted and self._clock_reader is None:
+            self._view.tell_time(time.time_ns())
+
+    def _make_transforms(self, topic: str) -> None:
+        """Offer transforms made of odometry, where those of the graph cannot be read."""
+        transforms = transforms_of(topic)
+        if self._makes_tf and transforms and self._view.offer(transforms, topics.TF.type):
+            self._types[transforms] = topics.TF.type
+            self._odometry[transforms] = topic
 
     def _subscribe(self, topic: str) -> None:
-        offers = self.get_publishers_info_by_topic(topic)
+        source = self._odometry.get(topic, topic)
+        offers = self.get_publishers_info_by_topic(source)
         durable = bool(offers) and all(
             info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in offers)
-        msgtype = self._types[topic]
+        msgtype = self._types[source]
 
         def callback(raw: bytes) -> None:
             stamp_ns = self._stamps.stamp_ns(msgtype, raw)
-            self._view.send(topic, time.time_ns() if stamp_ns is None else stamp_ns, raw)
+            self._view.send(topic, time.time_ns() if stamp_ns is None else stamp_ns,
+                            raw if source == topic else self._transforms.of(raw))
 
         self._read[topic] = self.create_subscription(
-            message_class(msgtype), topic, callback, qos.adapted(_HISTORY, durable), raw=True)
+            message_class(msgtype), source, callback, qos.adapted(_HISTORY, durable), raw=True)
 
 
 def main(args: list[str] | None = None) -> int:

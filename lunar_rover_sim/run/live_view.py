@@ -12,6 +12,7 @@ import importlib.util
 import socket
 import subprocess
 import sys
+import time
 from typing import Any
 
 from rosbags.typesys import get_typestore, Stores
@@ -23,6 +24,7 @@ from lunar_rover_sim.run.node_processes import ros_environment
 HOST = '127.0.0.1'
 _BACKLOG = 32       # messages kept for a slow client
 _END_S = 5.0
+_TELL_S = 0.02      # times are told no more often than this, in wall time
 
 
 class LiveView:
@@ -43,10 +45,12 @@ class LiveView:
         self._foxglove, self._context = foxglove, foxglove.Context()
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._channels: dict[str, Any] = {}
+        self._told_s = -_TELL_S
         try:
             self._server = foxglove.start_server(
                 name='lunar_rover_sim', host=HOST, port=port, context=self._context,
-                server_listener=Listener(), message_backlog_size=_BACKLOG)
+                capabilities=[foxglove.websocket.Capability.Time], server_listener=Listener(),
+                message_backlog_size=_BACKLOG)
         except RuntimeError as error:
             raise ConfigError(f'port: {port} cannot be served: {error}') from None
 
@@ -70,6 +74,16 @@ class LiveView:
     def send(self, topic: str, stamp_ns: int, raw: bytes) -> None:
         """Send a serialised message of an offered topic to those who watch it."""
         self._channels[topic].log(raw, log_time=stamp_ns)
+
+    def tell_time(self, time_ns: int) -> None:
+        """Tell all clients what time it is [ns] in the stamps of the messages.
+
+        A viewer that is not told takes its own clock, in which simulated stamps lie decades back.
+        """
+        now_s = time.monotonic()
+        if now_s - self._told_s >= _TELL_S:
+            self._told_s = now_s
+            self._server.broadcast_time(time_ns)
 
     def __enter__(self) -> LiveView:
         return self

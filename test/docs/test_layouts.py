@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 import pytest
@@ -24,6 +25,23 @@ NOT_SHOWN = {topics.NORMALS.name, topics.RIGHT_NORMALS.name, topics.OPTICAL_FLOW
              topics.SCENE_FLOW.name, topics.TELEPORT.name}
 EXPECTED = {topic.name.replace(NAME, 'front'): topic for topic in topics.CONTRACT
             if topic.type in SHOWN and topic.name not in NOT_SHOWN}
+# Properties of the displays of RViz 2 (rviz_default_plugins, those that may be of use here).
+CLOUD = {'Topic', 'Selectable', 'Style', 'Size (m)', 'Size (Pixels)', 'Alpha', 'Decay Time',
+         'Position Transformer', 'Color Transformer', 'Channel Name', 'Use rainbow',
+         'Invert Rainbow', 'Min Color', 'Max Color', 'Autocompute Intensity Bounds',
+         'Min Intensity', 'Max Intensity'}
+PROPERTIES: dict[str, set[str]] = {
+    'Grid': {'Reference Frame', 'Plane Cell Count', 'Cell Size', 'Color', 'Alpha', 'Plane'},
+    'TF': {'Show Names', 'Show Axes', 'Show Arrows', 'Marker Scale', 'Update Interval',
+           'Frame Timeout'},
+    'RobotModel': {'Visual Enabled', 'Collision Enabled', 'Update Interval', 'Alpha',
+                   'Description Source', 'Description File', 'Description Topic', 'TF Prefix'},
+    'Odometry': {'Topic', 'Position Tolerance', 'Angle Tolerance', 'Keep', 'Shape', 'Covariance'},
+    'Image': {'Topic', 'Normalize Range', 'Min Value', 'Max Value', 'Median window'},
+    'PointCloud2': CLOUD, 'LaserScan': CLOUD,
+    'Pose': {'Topic', 'Shape', 'Color', 'Alpha', 'Axes Length', 'Axes Radius'}}
+QOS = {'Value', 'Depth', 'History Policy', 'Reliability Policy', 'Durability Policy',
+       'Filter size'}
 
 
 @pytest.fixture(scope='module')
@@ -48,14 +66,48 @@ def test_foxglove(displays: dict[str, dict[str, Any]]) -> None:
     """Images in panels of their own, each placed in the layout; the rest in the scene."""
     document = json.loads((CONFIG / 'foxglove/lunar_rover.json').read_text())
     panels = document['configById']
-    images = {panel['imageMode']['imageTopic'][1:]: name for name, panel in panels.items()
-              if 'imageMode' in panel}
+    made_of = dict(_ends(script['sourceCode']) for script in document['userNodes'].values())
+    shown = [panel['imageMode']['imageTopic'] for panel in panels.values() if 'imageMode' in panel]
+    images = {made_of.pop(topic, topic)[1:] for topic in shown}
+    assert not made_of      # no script that nobody shows
     scene = {name[1:] for name in panels['3D!scene']['topics']}
     expected = {name for name, topic in EXPECTED.items() if SHOWN[topic.type] == 'Image'}
-    assert set(images) == expected
+    assert images == expected and len(shown) == len(expected)
     assert set(EXPECTED) - expected <= scene <= set(EXPECTED) | {'robot_description'}
-    placed = json.dumps(document['layout']) + json.dumps(panels['Tab!truth'])
-    assert all(f'"{panel}"' in placed for panel in panels)
+    placed = json.dumps(document['layout']) + json.dumps(panels['Tab!images'])
+    assert all(placed.count(f'"{panel}"') == 1 for panel in panels)
+
+
+def _ends(source: str) -> tuple[str, str]:
+    """Return what a script of Foxglove publishes, and what it reads."""
+    reads = re.search(r'inputs = \["(.+)"\]', source)
+    publishes = re.search(r'output = "(/studio_script/.+)"', source)
+    assert reads and publishes and f'Input<"{reads[1]}">' in source
+    return publishes[1], reads[1]
+
+
+def test_images_that_viewers_refuse_are_shown_otherwise() -> None:
+    """Depth as millimetres, since metres are drawn from 0 to 1; a fisheye without CameraInfo.
+
+    Lichtblick draws no image whose CameraInfo it does not know.
+    """
+    document = json.loads((CONFIG / 'foxglove/lunar_rover.json').read_text())
+    for panel in document['configById'].values():
+        mode = panel.get('imageMode', {'imageTopic': ''})
+        assert not mode['imageTopic'].endswith('depth/image')
+        assert 'hazard' not in mode.get('calibrationTopic', '')
+
+
+def test_rviz_has_no_property_that_its_displays_lack() -> None:
+    """RViz passes over names that it does not know, so that a slip is not seen."""
+    layout = yaml.safe_load((CONFIG / 'rviz/lunar_rover.rviz').read_text())
+    for display in layout['Visualization Manager']['Displays']:
+        kind = display['Class'].rpartition('/')[2]
+        assert set(display) <= {'Class', 'Name', 'Enabled', 'Value', *PROPERTIES[kind]}, kind
+        for topic in (display.get('Topic'), display.get('Description Topic')):
+            assert topic is None or set(topic) <= QOS
+        if kind == 'Odometry':
+            assert set(display['Shape']) <= {'Value', 'Axes Length', 'Axes Radius'}
 
 
 def test_colours_are_of_fields_that_clouds_have(displays: dict[str, dict[str, Any]]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+import importlib.util
 from pathlib import Path
 import signal
 import subprocess
@@ -23,12 +24,14 @@ from nav_msgs.msg import Odometry  # noqa: E402
 from peer import at_rest_odometry, ended, fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
+from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from sensor_msgs.msg import (CameraInfo, CompressedImage, Image, JointState,  # noqa: E402
                              PointCloud2)
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
+from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
 HAZARDS = [argument for name, value in (
@@ -495,9 +498,11 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
     """A client without ROS gets the bytes of messages; latched ones come to every client."""
     pytest.importorskip('foxglove')
     from rclpy.serialization import deserialize_message
+    from rosgraph_msgs.msg import Clock
     from std_msgs.msg import String
     from view_client import client, free_port
 
+    from lunar_rover_sim import topics
     from lunar_rover_sim.nodes import qos
     latched = peer.node.create_publisher(String, 'robot_description', qos.newest(durable=True))
     latched.publish(String(data='<robot/>'))
@@ -511,9 +516,43 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
         poses.publish(at_rest_odometry())
         number, _, data = first.message()
         assert number == 7 and deserialize_message(data, Odometry) == at_rest_odometry()
+        if importlib.util.find_spec('tf2_msgs') is None:
+            first.subscribe('/tf', 9)       # made of the odometry
+            peer.spin_until(lambda: poses.get_subscription_count() > 1)
+            poses.publish(at_rest_odometry())
+            got = {number: data for number, _, data in (first.message(), first.message())}
+            message = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(got[9], topics.TF.type)
+            assert [t.child_frame_id for t in message.transforms] == [
+                at_rest_odometry().child_frame_id]
+        clock = peer.node.create_publisher(Clock, '/clock', 10)
+        peer.spin_until(lambda: clock.get_subscription_count() > 0)
+        clock.publish(Clock(clock=time_msg(7_000_000_000)))
+        while first.time_ns() != 7_000_000_000:     # that of the wall, as long as there was none
+            pass
         first.subscribe('/robot_description', 8)
         assert deserialize_message(first.message()[2], String).data == '<robot/>'
         with client(port) as second:
             second.subscribe('/robot_description')
             assert deserialize_message(second.message()[2], String).data == '<robot/>'
     peer.spin_until(lambda: not poses.get_subscription_count())
+
+
+def test_render_node_listens_before_it_is_seen(world_folder: Path,
+                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its cameras take seconds to prepare: the first state may come as soon as topics are seen."""
+    from lunar_rover_sim.nodes import render_node
+    heard: list[set[str]] = []
+
+    def advertise(node: Any, *_: Any) -> None:
+        heard.append({subscription.topic_name for subscription in node.subscriptions})
+        raise GraphError('far enough')
+
+    monkeypatch.setattr(render_node, 'FramePublisher', advertise)
+    rclpy.init(args=['--ros-args', '-p', f'world:={world_folder}', '-p', 'camera.width:=64',
+                     '-p', 'camera.height:=48'])
+    try:
+        with pytest.raises(GraphError, match='far enough'):
+            render_node.RenderNode()
+    finally:
+        rclpy.shutdown()
+    assert {'/odom', '/joint_states'} <= heard[0]

@@ -69,6 +69,24 @@ def test_slow_client() -> None:
                 newest = busy.message()[1]
 
 
+def test_clients_are_told_the_time() -> None:
+    """Simulated time, and not each of many times: viewers draw anew at each."""
+    port = free_port()
+    with LiveView(port) as view:
+        view.offer('/odom', ODOM)
+        with client(port) as one:
+            one.subscribe('/odom')
+            wait_for(lambda: view.watched() == {'/odom'})
+            for k in range(50):
+                view.tell_time(1_000_000_000 + k)
+            time.sleep(0.1)
+            view.tell_time(2_000_000_000)
+            told = [one.time_ns()]
+            while told[-1] < 2_000_000_000:
+                told.append(one.time_ns())
+            assert told[0] == 1_000_000_000 and len(told) < 20
+
+
 def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A port that is taken and a missing package are told in one line, before anything runs."""
     with socket.socket() as taken:

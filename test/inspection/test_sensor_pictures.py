@@ -1,0 +1,75 @@
+"""`bag preview` shows the sensors besides the left camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import synthetic_bag as synthetic
+
+from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.inspection.bag_pictures import preview
+from lunar_rover_sim.lidar.scan import POINT
+
+NS = NS_PER_S // 10
+_DATATYPES = {'f4': 7, 'u2': 4}     # of PointField
+BESIDES = ['truth_right.png', 'hazard_front.png', 'hazard_rear_left.png', 'chase.png', 'lidar.png']
+
+
+def image(topic: str, encoding: str, pixels: np.ndarray) -> synthetic.Item:
+    return synthetic.Item(topic, 'sensor_msgs/msg/Image',
+                          synthetic.image(NS, 'frame', encoding, pixels))
+
+
+def cloud() -> synthetic.Item:
+    """Return a ring of 90 points, 3 m away."""
+    points = np.zeros(90, POINT)
+    angle = np.linspace(-np.pi, np.pi, 90)
+    points['x'], points['y'] = 3.0 * np.cos(angle), 3.0 * np.sin(angle)
+    points['z'], points['intensity'] = -0.3, 50.0 + 40.0 * np.cos(angle)
+    assert POINT.fields is not None
+    fields = [synthetic.msg('sensor_msgs/PointField', name=name, offset=place[1],
+                            datatype=_DATATYPES[place[0].str[1:]], count=1)
+              for name, place in POINT.fields.items()]
+    return synthetic.Item('lidar/points', 'sensor_msgs/msg/PointCloud2', synthetic.msg(
+        'sensor_msgs/PointCloud2', header=synthetic.header(NS, 'lidar_link'), height=1, width=90,
+        fields=fields, is_bigendian=False, point_step=POINT.itemsize,
+        row_step=90 * POINT.itemsize, data=np.frombuffer(points.tobytes(), np.uint8),
+        is_dense=True))
+
+
+@pytest.fixture(scope='module')
+def items() -> list[synthetic.Item]:
+    """Return images of each kind, with something in them."""
+    rng = np.random.default_rng(3)
+    gray = rng.integers(0, 256, (48, 64), dtype=np.uint8)
+    numbers = np.repeat(np.arange(48, dtype=np.uint16), 64).reshape(48, 64)
+    depth = np.linspace(0.5, 8.0, 48 * 64, dtype=np.float32).reshape(48, 64)
+    normals = np.broadcast_to(np.array([0.0, -0.6, -0.8], np.float32), (48, 64, 3)).copy()
+    found = [image(f'ground_truth/right/{name}', encoding, pixels) for name, encoding, pixels in (
+        ('depth/image', '32FC1', depth), ('labels', 'mono16', numbers),
+        ('craters', 'mono16', numbers), ('shadow', 'rgb8', np.repeat(gray[..., None], 3, axis=2)),
+        ('normals', '32FC3', normals))]
+    for camera in ('front', 'rear/left'):
+        found.append(image(f'hazard/{camera}/image_raw', 'mono8', gray))
+        found.append(image(f'ground_truth/hazard/{camera}/labels', 'mono16', numbers))
+    return [*found, image('ground_truth/hazard/front/depth/image', '32FC1', depth),
+            image('chase/image_raw', 'mono8', gray), cloud()]
+
+
+def test_each_has_its_picture(tmp_path: Path, items: list[synthetic.Item]) -> None:
+    bag = synthetic.write(tmp_path / 'bag', items)
+    paths = preview(bag, tmp_path / 'out')
+    assert [path.name for path in paths] == BESIDES
+    for path in paths:
+        picture = cv2.imread(str(path))
+        assert picture is not None and picture.std() > 5.0, path.name
+
+
+@pytest.mark.parametrize('part', ['ground_truth/right/labels', 'ground_truth/hazard/front/labels',
+                                  'hazard/front/image_raw', 'chase/image_raw', 'lidar/points'])
+def test_one_topic_is_enough(tmp_path: Path, items: list[synthetic.Item], part: str) -> None:
+    bag = synthetic.write(tmp_path / 'bag', [item for item in items if item.topic == part])
+    assert len(preview(bag, tmp_path / 'out')) == 1

@@ -1,0 +1,30 @@
+"""Transforms that the live view makes of odometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import synthetic_bag as synthetic
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import pose_matrix, transform_matrix
+from lunar_rover_sim.run.view_transforms import OdometryTransforms, transforms_of
+
+
+@pytest.mark.parametrize(('topic', 'transforms'), [
+    ('/odom', '/tf'), ('/rover_1/odom', '/rover_1/tf'), ('/ground_truth/odom', ''),
+    ('/rover_1/ground_truth/odom', ''), ('/wheel/odometry', ''), ('/my_odom', '')])
+def test_only_the_odometry_of_the_rover(topic: str, transforms: str) -> None:
+    assert transforms_of(topic) == transforms
+
+
+def test_the_pose_goes_through() -> None:
+    """Frames, stamp and pose of the transform are those of the odometry."""
+    item = next(i for i in synthetic.drive(0.1) if i.topic == 'odom')
+    raw = bytes(synthetic.STORE.serialize_cdr(item.message, topics.ODOM.type))
+    message = synthetic.STORE.deserialize_cdr(OdometryTransforms(synthetic.STORE).of(raw),
+                                              topics.TF.type)
+    (transform,) = message.transforms
+    assert transform.header == item.message.header
+    assert transform.child_frame_id == item.message.child_frame_id
+    np.testing.assert_array_equal(transform_matrix(transform), pose_matrix(item.message))
