@@ -53,6 +53,7 @@ setup(
         # 4 needs Python 3.11.
         'mujoco>=3.17,<5; python_version<"3.11"',
         'mujoco>=4,<5; python_version>="3.11"',
+        'numba>=0.58',
         # 1.26 for the rclpy of Ubuntu 24.04, 2 with the wheels.
         'numpy>=1.26,<3',
         'opencv-python-headless>=4.9,<6',

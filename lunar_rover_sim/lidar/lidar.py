@@ -138,14 +138,7 @@ class Lidar:
                               f'rover; valid is within {half:g} m of the origin, in x and y')
         if self._soft is not None:
             self._soft.update()
-        free = self._free
-        found = self._caster.cast(origin[free], direction[free], self._range_m)
-        if len(free) == len(direction):
-            hits = found
-        else:
-            hits = Hits.none(len(direction))
-            hits.distance_m[free], hits.target[free] = found.distance_m, found.target
-            hits.normal[free] = found.normal
+        hits = self._caster.cast(origin, direction, self._range_m, self._free)
         self._end_on_rover(hits, R_base, joint_angle_rad)
         return hits
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.frames import Array, se3
 from lunar_rover_sim.rover.pose import Posed
@@ -26,7 +26,14 @@ class Motion:
         self._angle_rad = None if joint_angle_rad is None else np.asarray(joint_angle_rad, float)
         poses = np.asarray(T_world_base, float)
         self._position_m = poses[:, :3, 3]
-        self._turn = Slerp(self._times_s, Rotation.from_matrix(poses[:, :3, :3]))
+        # From one pose to the next it turns about one axis: Rodrigues' formula,
+        # R (1 + sin a K + (1 - cos a) K K) with K u = axis x u.
+        R = self._R = poses[:-1, :3, :3]
+        turn = Rotation.from_matrix(R.transpose(0, 2, 1) @ poses[1:, :3, :3]).as_rotvec()
+        self._turn_rad = np.linalg.norm(turn, axis=1)
+        axis = turn / np.maximum(self._turn_rad, 1e-12)[:, None]
+        K = -np.cross(axis[:, None, :], np.eye(3))
+        self._R_K, self._R_K_K = R @ K, R @ K @ K
 
     @classmethod
     def of(cls, state: Posed, duration_s: float) -> Motion:
@@ -53,10 +60,12 @@ class Motion:
 
     def at(self, times_s: Array) -> tuple[Array, Array]:
         """Return (m, 3, 3) rotations and (m, 3) positions of base_link at (m,) times [s]."""
-        times = np.clip(times_s, self._times_s[0], self._times_s[-1])
-        position = np.stack([np.interp(times, self._times_s, axis)
-                             for axis in self._position_m.T], axis=-1)
-        if np.ptp(times) == 0.0:
-            R = self._turn(times[:1]).as_matrix()
-            return np.broadcast_to(R, (len(times), 3, 3)), position
-        return self._turn(times).as_matrix(), position
+        known = self._times_s
+        times = np.clip(times_s, known[0], known[-1])
+        position = np.stack([np.interp(times, known, axis) for axis in self._position_m.T],
+                            axis=-1)
+        k = np.clip(np.searchsorted(known, times, side='right') - 1, 0, len(known) - 2)
+        angle = self._turn_rad[k] * (times - known[k]) / (known[k + 1] - known[k])
+        R = (self._R[k] + np.sin(angle)[:, None, None] * self._R_K[k]
+             + (1.0 - np.cos(angle))[:, None, None] * self._R_K_K[k])
+        return R, position

@@ -66,16 +66,16 @@ class Scan:
         the order of firing. deskewed: `deskewed_m` instead of `points_m`
         """
         pattern, place = self.pattern, self.deskewed_m if deskewed else self.points_m
-        cloud = np.empty(len(pattern), POINT)
+        if organized:
+            kept = np.lexsort((pattern.column, pattern.ring))
+        else:
+            kept = np.flatnonzero(np.isfinite(self.returns.range_m))
+        cloud = np.empty(len(kept), POINT)
         for k, name in enumerate('xyz'):
-            cloud[name] = place[:, k]
-        cloud['intensity'] = self.returns.intensity
-        cloud['ring'], cloud['time'] = pattern.ring, pattern.time_s
-        if not organized:
-            return cloud[np.isfinite(self.returns.range_m)]
-        rows = np.empty((pattern.rings, pattern.columns), POINT)
-        rows[pattern.ring, pattern.column] = cloud
-        return rows
+            cloud[name] = place[kept, k]
+        cloud['intensity'] = self.returns.intensity[kept]
+        cloud['ring'], cloud['time'] = pattern.ring[kept], pattern.time_s[kept]
+        return cloud.reshape(pattern.rings, -1) if organized else cloud
 
     def planar(self, ring: int) -> PlanarScan:
         """Return a ring as a scan in the plane, as Nav2 reads it.

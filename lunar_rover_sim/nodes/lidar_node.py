@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import collections
+from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.serialization import deserialize_message
+from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from std_msgs.msg import Header
 
@@ -45,6 +46,8 @@ class LidarNode(node_main.GraphNode):
         world = load_own_world(config.world)
         self._lidar = Lidar(world, load_rover(config.rover or None), config, config.seed)
         self._ring = self._lidar.pattern.ring_at(config.horizontal_beam)
+        # Twenty states a scan: rosbags reads one in a fifth of the time that rclpy takes.
+        self._types: Any = get_typestore(Stores.ROS2_JAZZY)
         # States from the start of the next scan on, and that scan; None before the first state.
         self._states: collections.deque[tuple[int, bytes]] = collections.deque()
         self._next: int | None = 1 if config.lockstep else None
@@ -175,7 +178,7 @@ class LidarNode(node_main.GraphNode):
         times, poses = [], []
         for stamp, raw in self._states:
             times.append(1e-9 * (stamp - start))
-            poses.append(conversions.pose_of(deserialize_message(raw, Odometry)))
+            poses.append(conversions.pose_of(self._types.deserialize_cdr(raw, topics.ODOM.type)))
             if stamp >= end:
                 break
         if not self._angles:

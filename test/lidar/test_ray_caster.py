@@ -9,6 +9,7 @@ import pytest
 import worlds
 
 from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.lidar import ray_march
 from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
 from lunar_rover_sim.lidar.ray_caster import GROUND, NOTHING, RayCaster
 from lunar_rover_sim.lidar.rock_hulls import RockHulls
@@ -118,11 +119,24 @@ def test_rock_of_known_planes():
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    distance, found = hulls.meet(np.full(len(middle), rock), middle + 2.0 * normal, -normal)
-    assert np.allclose(distance, 2.0, atol=1e-6)
-    assert np.allclose(found, normal, atol=1e-3)
-    miss, _ = hulls.meet(np.full(len(middle), rock), middle + 2.0 * normal, normal)
-    assert np.isinf(miss).all()
+    for start, outward in zip(middle + 2.0 * normal, normal):
+        distance, *found = ray_march.meet_rock(hulls.arrays, rock, *start, *-outward)
+        assert np.isclose(distance, 2.0, atol=1e-6)
+        assert np.allclose(found, outward, atol=1e-3)
+        assert ray_march.meet_rock(hulls.arrays, rock, *start, *outward)[0] == np.inf
+        # From within.
+        assert ray_march.meet_rock(hulls.arrays, rock, *centre, *outward)[0] == np.inf
+
+
+def test_a_rock_beyond_the_range():
+    world = worlds.small(rocks={'abundance': 0.1})
+    rock = world.rocks.position_m[int(world.rocks.diameter_m.argmax())]
+    d = np.array([[0.0, 0.6, -0.8]])
+    hits = caster_of(world).cast(rock - 3.0 * d, d, 10.0)
+    assert hits.target[0] >= 0 and hits.distance_m[0] < 3.0
+    for beyond, met in ((1e-6, False), (-1e-6, True)):
+        again = caster_of(world).cast(rock - 3.0 * d, d, hits.distance_m[0] - beyond)
+        assert np.isfinite(again.distance_m[0]) == met and (again.target[0] != NOTHING) == met
 
 
 def test_prints_and_rims():
@@ -149,3 +163,57 @@ def test_prints_and_rims():
     same = np.abs((o + before.distance_m[:, None] * d)[:, :2]).max(axis=1) > 0.5
     assert np.array_equal(before.distance_m[same & ~over], after.distance_m[same & ~over])
     assert spot[over, 2].min() < -0.019 and spot[over, 2].max() > 0.009
+
+
+def test_changed_ground_is_met_where_it_is():
+    """Waves of 1 cm over 26 tiles: a march in steps of 0.1 mm meets the same places."""
+    world = worlds.small(**worlds.BARE)
+    hulls = RockHulls(world.rocks, world.rock_shapes)
+    pyramid = HeightPyramid(world.ground, hulls)
+    caster, overlay = RayCaster([pyramid], hulls), Overlay()
+    caster.soft = soft = SoftCells(pyramid, overlay)
+    along, across = np.meshgrid(np.linspace(0.0, 1.0, 481), np.linspace(0.0, 1.0, 41))
+    height = 0.01 * np.sin(16.0 * np.pi * along) * np.sin(2.0 * np.pi * across)
+    overlay.put(-240, -20, height, np.zeros_like(height))
+    soft.update()
+    rng = np.random.default_rng(3)
+    o = np.column_stack([rng.uniform(-1.0, 1.0, 400), rng.uniform(-0.1, 0.1, 400), np.zeros(400)])
+    o[:, 2] = world.height_at(o[:, :2]) + rng.uniform(0.05, 0.3, 400)
+    d = directions(400, -0.9, -0.05, 4)
+    hits = caster.cast(o, d, 3.0)
+    t = np.arange(0.0, 3.0, 1e-4)
+    changed = 0
+    for i in range(400):
+        place = o[i, :2] + t[:, None] * d[i, :2]
+        change = overlay.height_change(place)
+        below = o[i, 2] + t * d[i, 2] <= world.height_at(place) + change
+        if not below.any():
+            assert np.isinf(hits.distance_m[i])
+            continue
+        # 1e-4 m is one step of this march; at 3 deg a ray is 4e-4 m longer for 2e-5 m of height.
+        assert abs(hits.distance_m[i] - t[below.argmax()]) < 6e-4
+        changed += change[below.argmax()] != 0.0
+    assert changed > 60
+
+
+def test_scans_compile_nothing():
+    """What is compiled is there before the first scan, also for changed ground."""
+    world = make_world()
+    hulls = RockHulls(world.rocks, world.rock_shapes)
+    pyramid = HeightPyramid(world.ground, hulls)
+    caster, overlay = RayCaster([pyramid], hulls), Overlay()
+    known = len(ray_march.cast.signatures)
+    for soft in (None, SoftCells(pyramid, overlay)):
+        caster.soft = soft
+        overlay.put(0, 0, np.full((9, 9), 0.01), np.zeros((9, 9)))
+        if soft is not None:
+            soft.update()
+        caster.cast(np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.6, -0.8]]), 4.0)
+    assert len(ray_march.cast.signatures) == known >= 1
+
+
+def test_nowhere_to_keep_what_is_compiled():
+    """Numba finds no folder for a function without a file: it is compiled all the same."""
+    names = {}
+    exec('def twice(x): return 2 * x', names)
+    assert ray_march._compiled(names['twice'])(4) == 8
