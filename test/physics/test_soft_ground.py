@@ -202,33 +202,6 @@ def test_a_rod_leans_by_the_angle_to_the_normal_of_the_ground():
     assert tip.lean((1.0, 0.0, 0.1), (0.0, 0.0, 0.0)) == 2.0     # all but flat
 
 
-def test_a_tip_stands_on_the_wall_of_an_old_print():
-    """A wall of 31 deg, 30 mm below the untouched ground, compacted: it bears at its surface."""
-    with simulate(ground=soft(weak_slopes=False)) as simulation:
-        model, data = simulation.model, simulation.data
-        tips = [geom for geom in range(model.ngeom) if '_tip_' in model.geom(geom).name
-                and model.geom(geom).bodyid[0] <= 5 and data.geom_xpos[geom][2] < 2.0 * R]
-        assert len(tips) == 4
-        data.qpos[2] += 0.05
-        data.qvel[:] = 0.0
-        simulation.advance(1)
-        for geom in tips:
-            # 16 cm around each foot; the feet are farther apart.
-            first = np.round(data.geom_xpos[geom][:2] / 0.005).astype(int) - 16
-            across = (np.arange(33) - 16) * 0.005
-            change = np.tile(0.6 * across - 0.03, (33, 1))
-            simulation.overlay.put(int(first[0]), int(first[1]), change,
-                                   -PRESETS['highland'].compacted * change)
-        data.qpos[2] -= 0.07
-        data.qvel[:] = 0.0
-        simulation.advance(300)
-        cosine = 1.0 / np.hypot(1.0, 0.6)
-        for geom in tips:
-            x, y, z = data.geom_xpos[geom]
-            above = (z - float(simulation.overlay.height_change([x, y]))) * cosine - R
-            assert abs(above) < 0.0005
-
-
 def test_cohesion_bears():
     with simulate(ground=soft('highland_loose')) as loose, \
             simulate(ground=soft('highland_loose', cohesion_kpa=0.3)) as cohesive:
