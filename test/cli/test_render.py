@@ -131,7 +131,9 @@ def test_standing_is_square_to_the_slope():
         standing(world, np.inf, 0.0, 0.0)
 
 
-def test_preview_has_the_views_which_the_lamp_lights_without_sun(folder, tmp_path, monkeypatch):
+def test_preview_has_the_views_which_the_lamp_lights_without_sun(tmp_path, monkeypatch):
+    # Without rocks and relief there is less to draw.
+    folder = world_folder.save_world(worlds.small(**worlds.BARE), tmp_path / 'bare')
     views = []
     monkeypatch.setattr(snapshot, 'RenderConfig',
                         functools.partial(RenderConfig, detail=scene.SMOOTH))
