@@ -6,6 +6,7 @@
 Each pair of views stands 1 to 50 m apart, the logarithms of the distances evenly spread, in any
 direction, under one sun and with one heading, as a repetition would show best. Only ground nearer
 than `--depth` counts, or than the distance between views that stand closer: none of it is in both.
+The rover's shadow does not count, and the sensor has no fixed pattern: they are in all images.
 A third view has the place of the second in a world of another seed. Prints a table in Markdown:
 inliers of one homography, of the same world and of two, their mean difference with its 95 %
 interval (bootstrap over pairs), p of Wilcoxon's signed-rank test for more inliers in the same
@@ -66,11 +67,15 @@ def places(count, half_m, most_m, depth_m, tangent, rng):
 
 
 def view(renderer, place, number, depth_m):
-    """Return the features of the ground nearer than a depth in the left image of a place."""
+    """Return the features of the ground nearer than a depth in the left image of a place.
+
+    Not those of the rover's shadow: it is where it was in all images with one heading.
+    """
     state = RoverPose(standing(renderer.world, *place[:2], float(np.degrees(place[2]))))
     settle(renderer, state)
-    frame = renderer.render(state, number, ('left', 'depth'))
-    return features(frame.left, frame.depth_m < depth_m)
+    frame = renderer.render(state, number, ('left', 'depth', 'shadow'))
+    rover = cv2.dilate((frame.shadow[..., 1] > 0).astype(np.uint8), np.ones((25, 25)))
+    return features(frame.left, (frame.depth_m < depth_m) & (rover == 0))
 
 
 def row(name, count, most_m, depth_m):
