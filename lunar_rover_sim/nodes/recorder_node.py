@@ -163,8 +163,9 @@ class RecorderNode(node_main.GraphNode):
             self.get_logger().warning(f'{name}: {event.total_count} messages are lost',
                                       throttle_duration_sec=1.0)
 
-        self.create_subscription(cls, name, callback, profile, raw=True,
-                                 event_callbacks=SubscriptionEventCallbacks(message_lost=on_loss))
+        # A latched message is meant to be replaced by the next one.
+        events = None if latched else SubscriptionEventCallbacks(message_lost=on_loss)
+        self.create_subscription(cls, name, callback, profile, raw=True, event_callbacks=events)
 
     def _rate_status(self) -> Status:
         stands_still = self._newest_ns == self._newest_told_ns

@@ -41,6 +41,7 @@ def physics(peer: Peer, world: Path, *arguments: str) -> Iterator[list[Clock]]:
         yield clock
 
 
+@pytest.mark.alone
 def test_a_late_reader_gets_the_present_state_and_image(peer: Peer, world_folder: Path) -> None:
     """The first message is less than two periods old; latched topics come all the same."""
     with ExitStack() as stack:

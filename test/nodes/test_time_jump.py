@@ -21,6 +21,7 @@ from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.evaluation.trajectory_files import read_tum  # noqa: E402
 
 
+@pytest.mark.alone
 def test_every_node_goes_on_when_time_restarts(peer: Peer, world_folder: Path,
                                                tmp_path: Path) -> None:
     """Physics restarts: commands and frames come for the new time, one log line a node.
