@@ -148,11 +148,12 @@ def test_citation_has_the_version() -> None:
 def test_all_files_are_installed(prefix: Path) -> None:
     """Modules, shaders, templates: everything in the package, byte by byte."""
     folder = installed_package(prefix)
-    # Launch files are data: ros2 launch looks for them in share.
+    # Launch files are data: ros2 launch looks for them in share. Caches are those of Python and
+    # of Numba.
     wanted = {path.relative_to(PACKAGE) for path in PACKAGE.rglob('*')
-              if path.is_file() and path.suffix != '.pyc' and path.parent.name != 'launch'}
+              if path.is_file() and path.parent.name not in ('launch', '__pycache__')}
     installed = {path.relative_to(folder) for path in folder.rglob('*')
-                 if path.is_file() and path.suffix != '.pyc'}
+                 if path.is_file() and path.parent.name != '__pycache__'}
     assert installed == wanted
     for path in wanted:
         assert (folder / path).read_bytes() == (PACKAGE / path).read_bytes()
