@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import series
+from lunar_rover_sim.bag.hazard_topics import hazard_topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.scan_validity import lidar_cloud_problem, lidar_points
 from lunar_rover_sim.errors import BagError
@@ -26,15 +27,10 @@ _CLOUDS = topics.LIDAR_POINTS, topics.LIDAR_DESKEWED
 
 def hazard_figures(bag: Bag, save: Save) -> None:
     """Draw each hazard camera: the last image that has all of the truth, and that truth."""
-    cameras: dict[str, list[topics.Topic]] = {}
-    for full in bag.types:
-        known = topics.of_hazard(full.removeprefix(bag.namespace + '/'))
-        if known is not None and known[0] is not topics.HAZARD_INFO and bag.counts[full]:
-            cameras.setdefault(known[1], []).append(known[0])
-    for camera, kinds in sorted(cameras.items()):
-        named = {bag.resolve(topic.name): kind for topic, kind in
-                 zip(topics.hazard(camera), topics.OF_HAZARD) if kind in kinds}
-        stamps = series.common_stamps(bag, list(named))
+    for camera, names in hazard_topics(bag).items():
+        named = {bag.resolve(name): kind for kind, name in names.items()
+                 if kind is not topics.HAZARD_INFO}
+        stamps = series.common_stamps(bag, list(named)) if named else []
         if not stamps:
             continue
         figure = Figure(figsize=(10, 7.5), layout='constrained')

@@ -93,8 +93,9 @@ class OwnBody:
             axis = end / np.linalg.norm(end)
             for at, radius in ((np.zeros(3), rod_m), (end, rod_m), (end, tip_m)):
                 _note(nearest, normal, _sphere(o - at, d, radius), o - at, d)
-            across = np.eye(3) - np.outer(axis, axis)
-            _note(nearest, normal, _rod(o, d, end, axis, rod_m), o @ across, d @ across)
+            across_o, across_d = (v - (v @ axis)[:, None] * axis for v in (o, d))
+            distance = _rod(o @ axis, d @ axis, across_o, across_d, np.linalg.norm(end), rod_m)
+            _note(nearest, normal, distance, across_o, across_d)
         return nearest, normal
 
 
@@ -114,16 +115,18 @@ def _sphere(o: Array, d: Array, radius: float) -> Array:
     return np.where((rest >= 0.0) & (distance >= 0.0), distance, np.inf)
 
 
-def _rod(o: Array, d: Array, end: Array, axis: Array, radius: float) -> Array:
-    """Return where rays enter the side of a cylinder from the origin to `end`, else inf."""
-    o_axis, d_axis = o @ axis, d @ axis
-    across_o, across_d = o - o_axis[:, None] * axis, d - d_axis[:, None] * axis
+def _rod(o_axis: Array, d_axis: Array, across_o: Array, across_d: Array, length: np.floating,
+         radius: float) -> Array:
+    """Return where rays enter the side of a cylinder that begins at the origin, else inf.
+
+    o_axis, d_axis: (m,) origins and directions along the axis; across_o, across_d: (m, 3) across
+    """
     a = np.maximum(np.einsum('ij,ij->i', across_d, across_d), 1e-18)
     b = np.einsum('ij,ij->i', across_o, across_d)
     rest = b * b - a * (np.einsum('ij,ij->i', across_o, across_o) - radius * radius)
     distance = (-b - np.sqrt(np.maximum(rest, 0.0))) / a
     place = o_axis + distance * d_axis
-    inside = (place >= 0.0) & (place <= np.linalg.norm(end))
+    inside = (place >= 0.0) & (place <= length)
     return np.where((rest >= 0.0) & (distance >= 0.0) & inside, distance, np.inf)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import dataclasses
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.hazard_topics import hazard_topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import CameraCalibration, read_calibration
@@ -54,16 +55,9 @@ def further_cameras(bag: Bag) -> list[FurtherCamera]:
     One without CameraInfo is left out. Raises BagError where the bag does not say where a camera
     is on the rover.
     """
-    found: dict[str, dict[topics.Topic, str]] = {}
-    prefix = bag.namespace + '/'
-    for full in bag.types:
-        name = full.removeprefix(prefix)
-        known = topics.of_hazard(name)
-        if known is not None and bag.counts[full]:
-            found.setdefault(known[1], {})[known[0]] = name
     return [FurtherCamera(name, names, read_calibration(bag, names[topics.HAZARD_INFO]),
                           _place(bag, name))
-            for name, names in sorted(found.items())
+            for name, names in hazard_topics(bag).items()
             if {topics.HAZARD_IMAGE, topics.HAZARD_INFO} <= set(names)]
 
 

@@ -9,7 +9,6 @@ holds the exported recording while estimators work on it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-import contextlib
 import dataclasses
 import json
 from pathlib import Path
@@ -134,20 +133,17 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
     """
     done = []
     failed_drives: dict[Drive, str] = {}
-    with contextlib.ExitStack() as stack:
-        sequences: dict[str, _OneSequence] = {}
+    cells = list(cells)
+    # Another benchmark of this folder may run other systems at the same time.
+    systems = sorted({cell.estimator.system for cell in cells})
+    with _OneSequence(folder / '-'.join(['sequence', *systems])) as sequence:
         for cell in cells:
-            system = cell.estimator.system
-            if system not in sequences:     # another benchmark of this folder may run others
-                sequences[system] = stack.enter_context(
-                    _OneSequence(folder / f'sequence-{system}'))
             kept = _read(cell, folder)
             if kept is not None and not (kept.failed and retry):
                 step(kept, 'kept')
                 done.append(kept)
                 continue
-            done.append(_do(cell, folder, recorder, step, failed_drives,
-                            sequences[system]))
+            done.append(_do(cell, folder, recorder, step, failed_drives, sequence))
             step(done[-1], 'done')
     return done
 
