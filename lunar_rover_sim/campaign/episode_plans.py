@@ -12,6 +12,7 @@ from typing import Any
 from lunar_rover_sim.campaign.campaign_file import BASE, Campaign
 from lunar_rover_sim.campaign.design import episode_seed, GRID, grid_rows, unit_points
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.gait.calibration import is_packaged
 from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
 from lunar_rover_sim.run.plan import resolve
@@ -133,7 +134,7 @@ def _self_contained(scenario: Scenario) -> Scenario:
         name: dataclasses.replace(scenario.node(name), world='', rover='')
         for name in NODE_CONFIGS}
     gait = changes['gait_controller_node']
-    if gait.calibration:
+    if gait.calibration and not is_packaged(gait.calibration):
         gait = dataclasses.replace(gait, calibration=str(Path(gait.calibration).resolve()))
     changes['gait_controller_node'] = gait
     changes['shared'] = dataclasses.replace(scenario.shared, world='', rover='')

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         Ground(name).config()   # raises ConfigError for one that does not exist
     scenario = Scenario.load(args.scenario, args.overrides)
     gait, physics = scenario.gait_controller_node, scenario.physics_node
-    table = GaitCalibration.of(gait)
+    table = GaitCalibration.of(gait, physics.ground.name)
     overlays = [read_curve(path) for path in args.overlay]
     make_new(args.output)
 
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         if args.grounds:
             walking = bar.add_task('walking on soft ground')
             walks = locomotion_grounds.study(
-                terramechanics.WalkSettings(table, scenario.rover, physics, gait), args.grounds,
+                terramechanics.WalkSettings(scenario.rover, physics, gait), args.grounds,
                 sorted(set(args.speeds)), range(1, args.seeds + 1), args.workers,
                 lambda done, total: bar.update(walking, completed=done, total=total))
     text = locomotion_report.write_all(cases, overlays, tracking, args.output)

@@ -14,7 +14,6 @@ from lunar_rover_sim.cli.terminal import print_markdown
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.files.outputs import check_new_folder
-from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import terramechanics_anchors, terramechanics_report
 from lunar_rover_sim.studies.parallel import map_in_processes
@@ -55,8 +54,7 @@ def run(args: argparse.Namespace) -> int:
         Ground(name).config()   # raises ConfigError for one that does not exist
     scenario = Scenario.load(args.scenario, args.overrides)
     gait = scenario.gait_controller_node
-    settings = WalkSettings(GaitCalibration.of(gait), scenario.rover, scenario.physics_node, gait,
-                            args.speed, args.duration)
+    settings = WalkSettings(scenario.rover, scenario.physics_node, gait, args.speed, args.duration)
     make_new(args.output)
 
     console = Console()

@@ -13,7 +13,6 @@ from rich.progress import Progress
 from lunar_rover_sim.cli.terminal import print_markdown
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.outputs import check_folder
-from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import traverse_grounds, traverse_report
 from lunar_rover_sim.studies.terramechanics import Ground
@@ -56,8 +55,8 @@ def run(args: argparse.Namespace) -> int:
         if not low <= value < 1e6:
             raise ConfigError(f'{name}: {value:g} is not valid; valid is >= {low:g}')
     scenario = Scenario.load(args.scenario, args.overrides)
-    gait, physics = scenario.gait_controller_node, scenario.physics_node
-    settings = TraverseSettings(GaitCalibration.of(gait), scenario.rover, physics, gait,
+    physics = scenario.physics_node
+    settings = TraverseSettings(scenario.rover, physics, scenario.gait_controller_node,
                                 scenario.drive_node, args.duration)
     grounds = {name: Ground(name).config(physics.ground) for name in args.grounds} or {
         physics.ground.name: physics.ground}

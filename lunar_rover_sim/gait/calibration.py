@@ -14,14 +14,16 @@ import yaml
 
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.resources import config_path, packaged_names
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import brief, nearest
+from lunar_rover_sim.regolith.config import RIGID
 
 Array = NDArray[np.float64]
 
+_KIND = 'gait_calibration'
 _MOST_BYTES = 1 << 20
 DEAD_SPEED_MPS = 2e-4   # a slower command (forward, or at the feet by yaw) means to stand
 # Estimates for the default rover (0.3 m x 0.21 m between the feet, 8 cm spokes): advance per
@@ -34,6 +36,16 @@ _HEADER = """\
 # Map from velocity to gait, measured on flat ground: rows are phase rates, columns are turns
 # (0 straight on, 1 on the spot). Written by `lunar_rover_sim calibrate gait`.
 """
+
+
+def is_packaged(name: str) -> bool:
+    """Return whether a calibration is named that comes with the package; else it is a file."""
+    return name in packaged_names(_KIND)
+
+
+def packaged_calibration(ground: str) -> str:
+    """Return the name of the packaged calibration of a ground; without one, that of rigid."""
+    return ground if is_packaged(ground) else RIGID
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,9 +139,14 @@ class GaitCalibration:
                    conditions={'source': 'analytic'})
 
     @classmethod
-    def of(cls, config: GaitConfig) -> GaitCalibration:
-        """Return the map that a gait names, or the packaged one; raise ConfigError as `load`."""
-        return cls.load(config.calibration or config_path('gait_calibration.yaml'))
+    def of(cls, config: GaitConfig, ground: str = RIGID) -> GaitCalibration:
+        """Return the map that a gait names, or else the packaged one of a ground.
+
+        ground: `rigid`, or the name of a soil
+        Raises ConfigError as `load`.
+        """
+        name = config.calibration or packaged_calibration(ground)
+        return cls.load(config_path(f'{_KIND}s/{name}.yaml') if is_packaged(name) else name)
 
     @classmethod
     def load(cls, path: str | Path | None) -> GaitCalibration:
@@ -144,7 +161,8 @@ class GaitCalibration:
         except ConfigError as error:
             reason = str(error).removeprefix(f'{path}: ').removeprefix('cannot be read: ')
             raise ConfigError(f'calibration: {path} cannot be read: {reason}; make it with'
-                              ' `lunar_rover_sim calibrate gait`') from None
+                              ' `lunar_rover_sim calibrate gait`, or name a packaged one: '
+                              f'{", ".join(packaged_names(_KIND))}') from None
         fields = [f.name for f in dataclasses.fields(cls) if f.init]
         if not isinstance(document, dict):
             raise ConfigError(f'calibration: {path} is not a table of {", ".join(fields)}')

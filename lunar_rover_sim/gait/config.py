@@ -68,8 +68,9 @@ class GaitConfig(Parameters):
                                 unit='s', low=0.0, high=10.0, open_low=True, live=True)
     cmd_timeout_s: float = param(0.5, 'a velocity command older than this stops the rover',
                                  unit='s', low=0.0, open_low=True, live=True)
-    calibration: str = param('', 'file with the measured map from velocity to gait; empty: the'
-                             ' packaged one')
+    calibration: str = param('', 'measured map from velocity to gait: a file, or packaged for a'
+                             ' ground, rigid or highland; empty: in a run that of its ground,'
+                             ' else rigid')
 
     def validate(self) -> None:
         """Raise ConfigError where duty, foot width, smoothing or offsets are not compatible."""

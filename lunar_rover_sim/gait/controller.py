@@ -16,6 +16,7 @@ from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import brief
+from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
 
 Array = NDArray[np.float64]
@@ -45,6 +46,10 @@ class WalkingScenario(Protocol):
     @property
     def gait_controller_node(self) -> GaitConfig:
         """The parameters of the gait."""
+
+    @property
+    def physics_node(self) -> PhysicsConfig:
+        """The parameters of physics, which name the ground."""
 
     @property
     def rover(self) -> RoverDescription:
@@ -77,12 +82,12 @@ class GaitController:
 
     @classmethod
     def from_scenario(cls, scenario: WalkingScenario) -> GaitController:
-        """Return the controller of a scenario.
+        """Return the controller of a scenario, with the calibration of its ground.
 
         Raises ConfigError if its gait does not fit its rover or its calibration cannot be read.
         """
         config = scenario.gait_controller_node.for_rover(scenario.rover)
-        return cls(config, GaitCalibration.of(config))
+        return cls(config, GaitCalibration.of(config, scenario.physics_node.ground.name))
 
     @property
     def config(self) -> GaitConfig:

@@ -14,6 +14,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.gait.calibration import packaged_calibration
 from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LIDAR_TOPICS, LidarNodeConfig,
@@ -84,6 +85,9 @@ def resolve(scenario: Scenario) -> Scenario:
     duration_s = math.ceil(round(scenario.run.duration_s / step_s, 6)) * step_s
     duration_s = round(duration_s, 9)
     physics, gait = scenario.physics_node, scenario.gait_controller_node
+    # The gait controller does not know the ground.
+    gait = dataclasses.replace(gait, calibration=gait.calibration
+                               or packaged_calibration(physics.ground.name))
     recorder, render = scenario.recorder_node, scenario.render_node
     physics = dataclasses.replace(physics, ground_rate_hz=render.frame_rate_hz, sun=render.sun)
     if 'render_node' in nodes and SunPath(render.sun).step(round(1e9 * duration_s)):

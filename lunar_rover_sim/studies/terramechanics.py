@@ -52,9 +52,8 @@ class Ground:
 
 @dataclasses.dataclass(frozen=True)
 class WalkSettings:
-    """What walks: rover, physics, gait and its calibration; speed [m/s] and duration [s]."""
+    """What walks: rover, physics and gait; speed [m/s] and duration [s]."""
 
-    calibration: GaitCalibration
     rover: RoverDescription = RoverDescription()
     physics: PhysicsConfig = PhysicsConfig()
     gait: GaitConfig = GaitConfig()
@@ -110,7 +109,7 @@ def holding(walks: Sequence[GroundWalk]) -> list[GroundWalk]:
 
 def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> GroundWalk:
     rover, gait = settings.rover, settings.gait
-    controller = GaitController(gait, settings.calibration)
+    controller = GaitController(gait, GaitCalibration.of(gait, ground.name))
     weight = rover.total_mass_kg * settings.physics.gravity_mps2
     slope = math.radians(ground.slope_deg)
     uphill = np.array([math.cos(slope), 0.0, math.sin(slope)])

@@ -27,13 +27,12 @@ from lunar_rover_sim.world.world_folder import load_world
 
 @dataclasses.dataclass(frozen=True)
 class TraverseSettings:
-    """What drives: rover, physics, gait with its calibration, and path following.
+    """What drives: rover, physics, gait and path following.
 
     duration_s: simulated time of each drive [s]
     Raises ConfigError if the gait does not suit the spokes.
     """
 
-    calibration: GaitCalibration
     rover: RoverDescription = RoverDescription()
     physics: PhysicsConfig = PhysicsConfig()
     gait: GaitConfig = GaitConfig()
@@ -49,7 +48,8 @@ def traverse(world: World, seed: int, settings: TraverseSettings) -> Traverse:
     length_m = 1.5 * settings.drive.speed_mps * settings.duration_s
     plan = functools.partial(random_waypoints, world, length_m, np.random.default_rng(seed))
     with Simulation(world, settings.rover, settings.physics) as simulation:
-        controller = GaitController(settings.gait, settings.calibration)
+        controller = GaitController(settings.gait, GaitCalibration.of(
+            settings.gait, settings.physics.ground.name))
         return TraverseDrive(simulation, controller, settings.drive, plan,
                              world.ground).run(seed, settings.duration_s)
 

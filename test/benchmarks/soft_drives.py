@@ -89,7 +89,7 @@ class Drive:
         self.simulation = Simulation(world, RoverDescription(),
                                      PhysicsConfig(ground=self._ground, start=start))
         gait = GaitConfig()
-        self._controller = GaitController(gait, GaitCalibration.of(gait))
+        self._controller = GaitController(gait, GaitCalibration.of(gait, self._ground.name))
         self.overlay = self.simulation.overlay or Overlay()
         self._mirror = Overlay() if args.follow else None
         self._process = psutil.Process()

@@ -53,7 +53,7 @@ def campaign(folder: Path) -> None:
 
 def gait(folder: Path) -> None:
     """The packaged gait table."""
-    shutil.copy(config_path('gait_calibration.yaml'), folder / 'table.yaml')
+    shutil.copy(config_path('gait_calibrations/rigid.yaml'), folder / 'table.yaml')
 
 
 def published(folder: Path) -> None:

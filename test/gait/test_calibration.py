@@ -13,7 +13,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 
-PACKAGED = config_folder() / 'gait_calibration.yaml'
+PACKAGED = config_folder() / 'gait_calibrations/rigid.yaml'
 
 
 def tables():
@@ -128,6 +128,18 @@ def test_a_gait_names_its_map_or_has_the_packaged_one(tmp_path):
     own = GaitCalibration.of(GaitConfig(calibration=str(tmp_path / 'table.yaml')))
     assert own.turns == GaitCalibration.default().turns
     assert GaitCalibration.of(GaitConfig()) == GaitCalibration.load(PACKAGED)
+
+
+def test_a_ground_has_its_own_packaged_map_or_that_of_rigid_ground():
+    soft = GaitCalibration.of(GaitConfig(), 'highland')
+    assert soft.conditions['ground'] == 'highland'
+    assert GaitCalibration.of(GaitConfig(), 'poppy_loose') == GaitCalibration.load(PACKAGED)
+    assert GaitCalibration.of(GaitConfig(calibration='highland')) == soft
+    assert GaitCalibration.of(GaitConfig(calibration='rigid'), 'highland') == \
+        GaitCalibration.load(PACKAGED)
+    with pytest.raises(ConfigError, match='calibration: highlnd cannot be read: .*, or name a '
+                                          'packaged one: highland, rigid$'):
+        GaitCalibration.of(GaitConfig(calibration='highlnd'))
 
 
 def test_a_map_that_cannot_be_written_is_an_error(tmp_path):

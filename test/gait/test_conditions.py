@@ -9,7 +9,7 @@ from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.regolith.config import GroundConfig
 from lunar_rover_sim.rover.description import Chassis, Legs, RoverDescription
 
-PACKAGED = GaitCalibration.load(config_folder() / 'gait_calibration.yaml').conditions
+PACKAGED = GaitCalibration.load(config_folder() / 'gait_calibrations/rigid.yaml').conditions
 ANALYTIC = GaitCalibration.default().conditions
 
 

@@ -70,7 +70,7 @@ def test_a_calibration_that_is_missing_is_named() -> None:
 
 def test_a_number_beyond_all_bounds_in_a_table(tmp_path: Path) -> None:
     """It is no traceback of Python, which holds integers of any size."""
-    text = config_path('gait_calibration.yaml').read_text()
+    text = config_path('gait_calibrations/rigid.yaml').read_text()
     text = text.replace('turns: [', f'turns: [{10**400}, ')
     (tmp_path / 'table.yaml').write_text(text)
     with pytest.raises(ConfigError, match='table.yaml is not a table of numbers'):

@@ -9,6 +9,8 @@ import pytest
 import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.conditions import differences, ground_conditions, rover_conditions
 from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario, scenario_names
@@ -137,6 +139,27 @@ def test_time_neither_stops_for_depth_nor_waits_for_one_after_the_end(
     assert gate.behind(end_ns)
     write(end_ns, end_ns)
     assert not gate.behind(end_ns)
+
+
+@pytest.mark.parametrize(('name', 'calibration'), [
+    ('baseline', 'highland'), ('dem', 'highland'), ('feature_sparse', 'highland'),
+    ('flat', 'rigid'), ('low_albedo', 'highland'), ('permanent_shadow', 'highland')])
+def test_a_run_walks_by_the_calibration_of_its_ground(name: str, calibration: str) -> None:
+    """It was measured under the conditions of the scenario, so nothing is warned of."""
+    scenario = resolve(Scenario.load(name))
+    assert scenario.gait_controller_node.calibration == calibration
+    measured = GaitCalibration.of(scenario.gait_controller_node).conditions
+    assert differences(measured, {**rover_conditions(scenario.rover),
+                                  **ground_conditions(scenario.physics_node)}) == []
+
+
+def test_another_ground_or_calibration_than_the_packaged_ones() -> None:
+    """A ground without a calibration walks by that of rigid ground; one that is named stays."""
+    def calibration(*overrides: str) -> str:
+        return resolve(Scenario.load('baseline', overrides)).gait_controller_node.calibration
+    assert calibration('physics_node.ground.model=rigid') == 'rigid'
+    assert calibration('physics_node.ground.preset=highland_dense') == 'rigid'
+    assert calibration('gait_controller_node.calibration=own.yaml') == 'own.yaml'
 
 
 def test_lockstep_waits_for_the_nodes_of_the_run() -> None:

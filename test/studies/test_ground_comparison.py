@@ -8,8 +8,6 @@ import pytest
 
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import locomotion_grounds, traverse_grounds
 from lunar_rover_sim.studies.ground_comparison import (compare, comparison_text, estimate,
@@ -96,7 +94,7 @@ def test_a_resumed_study_drives_only_what_is_missing(tmp_path, capsys):
 
 
 def test_walks_on_several_grounds_are_pairs(tmp_path):
-    settings = WalkSettings(GaitCalibration.of(GaitConfig()), duration_s=4.2)
+    settings = WalkSettings(duration_s=4.2)
     walks = locomotion_grounds.study(settings, ['rigid', 'highland_loose'], [0.12], [2])
     rigid, loose = walks[0.12].values()
     assert len(rigid) == len(loose) == 1 and rigid[0].speed_mps != loose[0].speed_mps

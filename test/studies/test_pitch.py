@@ -88,7 +88,7 @@ def test_a_heavier_chassis_on_the_same_support_pitches_more():
 
 @pytest.fixture(scope='module')
 def case():
-    table = GaitCalibration.load(config_path('gait_calibration.yaml'))
+    table = GaitCalibration.load(config_path('gait_calibrations/rigid.yaml'))
     return study(table, speeds_mps=(0.12,), gravities_mps2=(1.62,), duration_s=15.0)[0]
 
 

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.studies import sandbot, terramechanics_report
 from lunar_rover_sim.studies.terramechanics import Ground, GroundWalk, measure, WalkSettings
@@ -16,7 +14,7 @@ from lunar_rover_sim.studies.terramechanics_anchors import Anchor, compared, pla
 
 
 def settings(duration_s=4.5):
-    return WalkSettings(GaitCalibration.of(GaitConfig()), duration_s=duration_s)
+    return WalkSettings(duration_s=duration_s)
 
 
 def test_soft_ground_costs_more_than_rigid_ground_and_lets_feet_sink():

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.files.resources import config_path
-from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.studies.traverse import traverse, TraverseSettings
 from lunar_rover_sim.studies.traverse_report import acceptable, plot_paths, report_text, write_csv
@@ -37,8 +35,7 @@ def with_rocks(world, xy, diameter_m):
 
 
 def drive(world, seconds, **config):
-    table = GaitCalibration.load(config_path('gait_calibration.yaml'))
-    settings = TraverseSettings(table, drive=DriveConfig(**config), duration_s=seconds)
+    settings = TraverseSettings(drive=DriveConfig(**config), duration_s=seconds)
     return traverse(world, 3, settings)
 
 

@@ -21,7 +21,7 @@ from lunar_rover_sim.studies.walking import flat_world, walk
 
 @pytest.fixture(scope='module')
 def table():
-    return GaitCalibration.load(config_path('gait_calibration.yaml'))
+    return GaitCalibration.load(config_path('gait_calibrations/rigid.yaml'))
 
 
 @pytest.fixture(scope='module')
