@@ -115,7 +115,7 @@ class CameraRenderer(GlOwner):
             raw['radiance'] = read_image(lit.framebuffer, 0, LEFT, size, self._pad)
         if request.developed:
             raw['pixels'] = self._development.take(self._passes, scene, lambda: read_image(
-                lit.framebuffer, 0, request.sides[0], size, self._pad))
+                lit.framebuffer, 0, request.lit_sides[0], size, self._pad))
         for side in request.sides:
             if request.depth_of(side):
                 raw[request.name('depth', side)] = read_image(lit.framebuffer, 1, side, size,

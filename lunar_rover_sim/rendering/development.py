@@ -59,9 +59,9 @@ class Development(GlOwner):
 
     def take(self, passes: LitPasses, scene: Scene,
              read: Callable[[], NDArray[Any]]) -> NDArray[Any]:
-        """Return the (2, h, w) pixels of a scene that has just been lit; only its sides are valid.
+        """Return the (2, h, w) pixels of a scene that has just been lit; valid on its lit sides.
 
-        read: returns the radiance of the first side, for the first exposure
+        read: returns the radiance of the first lit side, for the first exposure
         """
         request = scene.request
         if self._auto is not None:
@@ -69,8 +69,8 @@ class Development(GlOwner):
                 self._auto.start(read())
             self.exposure_s = self._auto.exposure_s
         radiance, smear = self._motion.draw(passes, scene, self.exposure_s)
-        self._optics.draw(radiance, passes.lit.depth, request.sides, scene.sun)
-        return self._sensor_pass.draw(radiance, request.sides, self.exposure_s,
+        self._optics.draw(radiance, passes.lit.depth, request.lit_sides, scene.sun)
+        return self._sensor_pass.draw(radiance, request.lit_sides, self.exposure_s,
                                       request.frame_index, smear)
 
     def images(self, pixels: NDArray[Any], request: Request) -> dict[str, NDArray[Any]]:
@@ -83,5 +83,5 @@ class Development(GlOwner):
                     image = np.repeat(image[..., None], 3, axis=2)
                 result[name] = image
         if self._auto is not None:
-            self._auto.follow(pixels[request.sides[0]])
+            self._auto.follow(pixels[request.lit_sides[0]])
         return result

@@ -74,7 +74,7 @@ class EarthPass:
         set_uniform(self._program, u_patch=0, u_depth=1)
         width, height = (int(n) for n in high - low)
         self._target.use()
-        for k in scene.request.sides:
+        for k in scene.request.lit_sides:
             x, y = scene.windows[k][:2]
             self._target.viewport = (x + int(low[0]), y + int(low[1]), width, height)
             set_uniform(self._program, u_corner=(float(x + first[0]), float(y + first[1])))

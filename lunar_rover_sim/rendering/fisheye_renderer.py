@@ -118,7 +118,7 @@ class FisheyeRenderer(GlOwner):
                 for name, image in raw.items()}
         if request.developed:
             pixels = self._development.take(self, self._whole(state), lambda: read_image(
-                self.lit.framebuffer, 0, sides[0], size, (0, 0)))
+                self.lit.framebuffer, 0, request.lit_sides[0], size, (0, 0)))
             out |= self._development.images(pixels, request)
         return StereoFrame(**out, exposure_s=self.exposure_s)
 

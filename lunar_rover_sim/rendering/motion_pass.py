@@ -102,7 +102,7 @@ class MotionPass:
         are about as short as a pixel, too; the point spread of the sensor takes them in.
         """
         exposure_s *= self._blur
-        twists = {side: self._twists(scene, side) for side in scene.request.sides}
+        twists = {side: self._twists(scene, side) for side in scene.request.lit_sides}
         longest = max((self._longest_path(scene, side, twists[side], exposure_s + self._roll_s)
                        for side in twists), default=0.0)
         if longest < _STILL_PX:

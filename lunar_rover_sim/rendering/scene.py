@@ -17,7 +17,7 @@ from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.rover.pose import RoverPose
 
 LEFT, RIGHT = 0, 1
-_SHADED = {'left', 'right', 'radiance'}
+_SHADED = ({'left', 'radiance'}, {'right'})     # layers that need light, by side
 _TRUTH = {'normal', 'label', 'crater', 'shadow'}
 _PREFIXES = ('', 'right_')      # of layers of truth, by side
 
@@ -71,9 +71,14 @@ class Request:
         return self.name('depth', side) in self.layers or (side == LEFT and self.flow)
 
     @property
+    def lit_sides(self) -> tuple[int, ...]:
+        """Cameras for which the light is computed; truth alone needs none."""
+        return tuple(side for side in (LEFT, RIGHT) if self.layers & _SHADED[side])
+
+    @property
     def lit(self) -> bool:
         """Whether the light is computed."""
-        return bool(self.layers & _SHADED)
+        return bool(self.lit_sides)
 
     @property
     def developed(self) -> bool:

@@ -133,7 +133,7 @@ class ScenePasses(GlOwner):
             self._earth.draw(scene)
         if request.lit and self._edges is not None:
             self._edges.draw([(targets.views[side], scene.windows[side])
-                              for side in request.sides])
+                              for side in request.lit_sides])
         if request.lit:
             self._sun.draw(scene)
         for side in request.sides:
@@ -143,7 +143,7 @@ class ScenePasses(GlOwner):
     def _draw_ground(self, scene: Scene, side: int) -> None:
         """Draw the ground under the sun, and add the light of other sources."""
         targets = scene.targets
-        for number, (source, light) in enumerate(zip(self._shared.sources, scene.lights)):
+        for number, (source, light) in enumerate(self._lights(scene, side)):
             target = targets.added[side] if number else targets.lit[side]
             target.depth_mask = False   # the depth buffer is that of the ground already
             if number == 0:
@@ -151,14 +151,19 @@ class ScenePasses(GlOwner):
             target.use()
             source.rover_shadow.bind()
             source.ground.draw(target, scene.windows[side], light.rows, targets.ground_depth,
-                               lit=scene.request.lit, add=number > 0)
+                               lit=side in scene.request.lit_sides, add=number > 0)
             target.depth_mask = True
+
+    def _lights(self, scene: Scene, side: int) -> list[tuple[WorldPasses, SceneLight]]:
+        """Return the sources of light of a camera; the sun also where there is but truth."""
+        every = list(zip(self._shared.sources, scene.lights))
+        return every if side in scene.request.lit_sides else every[:1]
 
     def _add_objects(self, scene: Scene, side: int) -> None:
         """Add the light of sources but the sun to rocks and the rover, which are drawn."""
         self._context.depth_func = '<='
         try:
-            for source, light in zip(self._shared.sources[1:], scene.lights[1:]):
+            for source, light in self._lights(scene, side)[1:]:
                 target = scene.targets.added[side]
                 target.use()
                 target.viewport = scene.windows[side]
@@ -187,7 +192,7 @@ class ScenePasses(GlOwner):
 
     def mark_rover(self, scene: Scene, target: moderngl.Framebuffer) -> None:
         """Draw which link of the rover each pixel of a lit scene shows, as `RoverPass.mark`."""
-        for side in scene.request.sides:
+        for side in scene.request.lit_sides:
             scene.targets.views[side].bind()
             clear_window(target, scene.windows[side])
             self._shared.body.mark(scene.T_world_links, self.lit.depth)

@@ -109,7 +109,7 @@ class SunPass:
         chosen = occluders.ground.choose(narrow)
         occluders.rocks.choose(narrow, self._projection.focal_px, self._rock_min_px)
         n = self._n
-        for side in scene.request.sides:
+        for side in scene.request.lit_sides:
             window = (0, side * n, n, n)
             self._views[side].place(views[side], self._narrow, narrow, window=window,
                                     size=(n, 2 * n))
@@ -170,7 +170,7 @@ class SunPass:
         self._patch.use(0)
         set_uniform(self._program, u_patch=0)
         width, height = high - low
-        for side in scene.request.sides:
+        for side in scene.request.lit_sides:
             x, y = scene.windows[side][:2]
             self._target.use()
             self._target.viewport = (x + int(low[0]), y + int(low[1]), int(width), int(height))

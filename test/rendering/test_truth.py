@@ -11,7 +11,7 @@ from ray_scene import RayScene
 import scipy.ndimage
 import worlds
 
-from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz, se3, sun_direction, wxyz_from_rpy
@@ -20,6 +20,7 @@ from lunar_rover_sim.rendering.frame import FLOWS, RIGHT_TRUTH, StereoFrame
 from lunar_rover_sim.rendering.labels import (class_names, LABEL_FIRST_LEG, LABEL_FIRST_ROCK,
                                               LABEL_GROUND, LABEL_ROVER, LABEL_SKY, LAST_LABEL,
                                               rover_links, vocabulary)
+from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import RoverPose
@@ -107,6 +108,33 @@ def view():
     rays.place(state)
     return Shot(drawn.rig, drawn.rocks, other, T, frame, then, rays, pixels, depth, rock, link,
                 normal, moved)
+
+
+def test_truth_of_the_other_camera_is_no_picture_of_it(monkeypatch):
+    """Only the camera whose image is asked for is developed, and exposure follows that."""
+    developed = []
+    draw = OpticsPass.draw
+    monkeypatch.setattr(OpticsPass, 'draw', lambda optics, radiance, depth, sides, sun: (
+        developed.append(tuple(sides)), draw(optics, radiance, depth, sides, sun))[1])
+    world = worlds.small()
+    config = scene.config(SUN.elevation_deg, SUN.azimuth_deg, camera=CAMERA,
+                          sensor=SensorConfig(exposure_mode='auto'))
+    state = RoverPose(standing(world, -1.5, 1.0, 40.0))
+    left_truth = ('depth', 'label', 'shadow')
+    for image, truth in (('left', RIGHT_TRUTH), ('right', left_truth)):
+        frames = []
+        developed.clear()
+        for layers in ((image,), (image, *truth), ('left', 'right', *truth)):
+            with Renderer(world, SEEN, config) as drawn:
+                frames.append([drawn.render(state, k, layers) for k in range(3)])
+        side = (0,) if image == 'left' else (1,)
+        assert developed == [side] * 6 + [(0, 1)] * 3
+        alone, beside, both = frames
+        for k in range(3):
+            assert alone[k].exposure_s == beside[k].exposure_s
+            assert np.array_equal(alone[k].layer(image), beside[k].layer(image))
+        for name in truth:
+            assert np.array_equal(beside[0].layer(name), both[0].layer(name)), name
 
 
 def refused(*args):
