@@ -116,3 +116,12 @@ class SlipMeter:
         """The (4,) slip ratios so far; NaN of a leg that has not swept its foot."""
         return np.divide(self.slipped_m, self.swept_m, out=np.full(4, math.nan),
                          where=self.swept_m != 0.0)
+
+    @property
+    def total(self) -> float:
+        """The slip ratio of all legs together so far; NaN if none has swept its foot.
+
+        In a curve the feet inside are dragged ahead, those outside slip back: it is what remains.
+        """
+        swept_m = float(self.swept_m.sum())
+        return float(self.slipped_m.sum()) / swept_m if swept_m else math.nan

@@ -19,10 +19,11 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
+from lunar_rover_sim.physics.foot_motion import SlipMeter
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH, RIGID
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.studies.walking import sloping_world, stance_way_m, STATE_PERIOD_S
+from lunar_rover_sim.studies.walking import sloping_world, STATE_PERIOD_S
 from lunar_rover_sim.world.model import World
 
 GROUNDS = (RIGID, 'highland_dense', 'highland', 'highland_loose')
@@ -67,7 +68,7 @@ class GroundWalk:
 
     outcome: 'walked', or why not
     speed_mps: along the slope, upward; lateral_mps: across it
-    slip: 1 - distance / distance that the feet in stance sweep
+    slip: of all feet, as `SlipMeter.total`
     transport: electric energy / (weight × distance), infinite where it does not get on
     power_w: mean electric power
     pitch_rms_deg: RMS of the pitch about its mean
@@ -116,9 +117,8 @@ def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> Gro
     simulation.apply_force(-ground.pull * weight * uphill)
     steps = max(1, round(STATE_PERIOD_S / settings.physics.step_s))
     period_s = steps * settings.physics.step_s
-    state, reference = simulation.state, None
-    swept = energy = 0.0
-    begin = state.position_m
+    state, feet = simulation.state, SlipMeter()
+    begin, energy = state.position_m, 0.0
     pitch, sinkage = [], [0.0]
     measured = 0
     for _ in range(round(settings.duration_s / period_s)):
@@ -126,12 +126,11 @@ def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> Gro
         legs = controller.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
         simulation.command(legs.velocity_radps)
         state = simulation.advance(steps)
-        angles = legs.angle_rad.tolist()
         if state.stamp_ns * 1e-9 <= SKIP_S:
             begin = state.position_m
-        elif reference is not None:
+        else:
             measured += 1
-            swept += stance_way_m(gait, rover.legs.spoke_length_m, angles, reference)
+            feet.add(simulation.foot_motion, period_s)
             for torque, speed in zip(state.motor_torque_nm.tolist(),
                                      state.joint_velocity_radps.tolist()):
                 energy += max(rover.motor.electric_power_w(torque, speed), 0.0) * period_s
@@ -139,11 +138,10 @@ def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> Gro
             contact = simulation.ground_contact
             if contact is not None:
                 sinkage.append(float(contact.sinkage_m.max()))
-        reference = angles
     way = state.position_m - begin
     distance, time_s = float(way @ uphill), measured * period_s
     dug_in = simulation.ground_contact is not None and simulation.ground_contact.dug_in
     return GroundWalk(
         ground, 'dug in' if dug_in else 'walked', distance / time_s, float(way[1]) / time_s,
-        1.0 - distance / swept, energy / (weight * distance) if distance > 0.01 else math.inf,
+        feet.total, energy / (weight * distance) if distance > 0.01 else math.inf,
         energy / time_s, float(np.std(pitch)), float(np.mean(sinkage)), max(sinkage))

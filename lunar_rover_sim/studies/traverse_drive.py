@@ -11,15 +11,16 @@ from scipy.ndimage import uniform_filter1d
 
 from lunar_rover_sim.errors import PhysicsError, StudyError
 from lunar_rover_sim.frames import Array, path_length
-from lunar_rover_sim.gait.controller import GaitController, LegCommand
+from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.path_following.driver import DONE, Driver, STOPPED
+from lunar_rover_sim.physics.foot_motion import SlipMeter
 from lunar_rover_sim.physics.penetration import TipPenetration
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.studies.traverse_result import (DRIVEN, DUG_IN, is_stranded, PATH_PERIOD_S,
                                                      STRANDED, TIPPED_OVER, Traverse)
-from lunar_rover_sim.studies.walking import stance_way_m, STATE_PERIOD_S
+from lunar_rover_sim.studies.walking import STATE_PERIOD_S
 from lunar_rover_sim.world.grid import HeightGrid
 
 REST_S = 5.0                   # a rover that is tilted past the limit has this time to come back
@@ -48,7 +49,7 @@ class TraverseDrive:
         self._back_up_periods = round(BACK_UP_S / self._period_s)
         self._next = 0                    # index of the waypoint ahead
         self._reached = self._stuck = self._tilted = 0
-        self._measurement = _Measurement(simulation, controller, ground, self._period_s)
+        self._measurement = _Measurement(simulation, ground, self._period_s)
         self._state = simulation.state
         self._waypoints = plan(self._state.position_m[:2])
         self._driver = self._make_driver()
@@ -126,29 +127,25 @@ class TraverseDrive:
                                        state.joint_velocity_radps)
         self._simulation.command(legs.velocity_radps)
         self._state = self._simulation.advance(self._steps)
-        self._measurement.add(legs)
+        self._measurement.add()
 
 
 class _Measurement:
     """What a drive sums up, period by period."""
 
-    def __init__(self, simulation: Simulation, controller: GaitController, ground: HeightGrid,
-                 period_s: float) -> None:
+    def __init__(self, simulation: Simulation, ground: HeightGrid, period_s: float) -> None:
         self._simulation = simulation
-        self._gait = controller.config
-        self._spoke_m = simulation.rover.legs.spoke_length_m
         self._period_s = period_s
         self._tips = TipPenetration(simulation, ground)
-        self._true_m = self._commanded_m = 0.0
+        self._feet = SlipMeter()
         self._mechanical_j = self._electric_j = 0.0
         self._tilts_deg: list[float] = []
         self._pitches_deg: list[float] = []
-        self._reference: list[float] | None = None
         self._penetration_m = 0.0
         self.path_m: list[Array] = []
 
-    def add(self, legs: LegCommand) -> None:
-        """Take in the state of the simulation after a period with this command."""
+    def add(self) -> None:
+        """Take in the state of the simulation after a period."""
         # Plain floats: on four numbers they take a third of the time of arrays.
         state, dt = self._simulation.state, self._period_s
         motor = self._simulation.rover.motor
@@ -159,13 +156,7 @@ class _Measurement:
             self._mechanical_j += max(torque * speed, 0.0) * dt
             self._electric_j += max(motor.electric_power_w(torque, speed), 0.0) * dt
         self._penetration_m = max(self._penetration_m, self._tips.deepest_m())
-        reference = legs.angle_rad.tolist()
-        if self._reference is not None:
-            commanded = stance_way_m(self._gait, self._spoke_m, reference, self._reference)
-            self._commanded_m += abs(commanded)
-            self._true_m += (math.copysign(1.0, commanded)
-                             * float(state.linear_velocity_mps[0]) * dt)
-        self._reference = reference
+        self._feet.add(self._simulation.foot_motion, dt)
 
     def result(self, seed: int, outcome: str, driven_s: float,
                counts: tuple[int, int, int]) -> Traverse:
@@ -180,7 +171,7 @@ class _Measurement:
             outcome = DUG_IN if contact is not None and contact.dug_in else STRANDED
         return Traverse(
             seed, outcome, driven_s, distance, *counts,
-            1.0 - self._true_m / self._commanded_m if self._commanded_m else math.nan,
+            self._feet.total,
             self._mechanical_j / (weight * distance) if distance else math.nan,
             self._electric_j / (weight * distance) if distance else math.nan,
             float(tilts.mean()), float(np.percentile(tilts, 95.0)), float(tilts.max()),

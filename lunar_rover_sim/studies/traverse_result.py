@@ -22,7 +22,7 @@ class Traverse:
         or an error of the simulation
     driven_s: simulated time [s]; distance_m: length of the horizontal path at 5 Hz [m]
     waypoints, stuck, tilted: waypoints reached, times stuck, times stopped by tilt and recovered
-    slip: 1 - true forward distance / commanded distance of the feet in stance
+    slip: of all feet, as `SlipMeter.total`
     transport_mechanical, transport_electric: energy / (mass gravity distance), of the positive
         power at the legs and of that drawn from the supply (nothing is recuperated)
     tilt_mean_deg, tilt_p95_deg, tilt_max_deg: angle between base z and the vertical [deg]

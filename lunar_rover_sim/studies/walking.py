@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import dataclasses
 import math
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import rpy_from_wxyz
-from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.world.config import preset
@@ -73,21 +72,6 @@ def sloping_world(slope_deg: float, half_extent_m: float = 5.0) -> World:
     x = (np.arange(ground.n) - (ground.n - 1) / 2) * ground.cell_m
     heights = np.tile(math.tan(math.radians(slope_deg)) * x, (ground.n, 1)).astype(np.float32)
     return dataclasses.replace(world, levels=(HeightGrid(heights, ground.cell_m),))
-
-
-def stance_way_m(gait: GaitConfig, spoke_length_m: float, angles_rad: Sequence[float],
-                 before_rad: Sequence[float]) -> float:
-    """Return the way [m] that legs in stance sweep backward between two sets of leg angles [rad].
-
-    It is the distance that the rover would go if no foot slipped.
-    """
-    pitch, half = gait.pitch_rad, math.radians(0.5 * gait.foot_width_deg)
-    swept = []
-    for now, last in zip(angles_rad, before_rad):
-        local = (now + 0.5 * pitch) % pitch - 0.5 * pitch
-        if abs(local) <= half:
-            swept.append((now - last) * math.cos(local))
-    return spoke_length_m * sum(swept) / len(swept) if swept else 0.0
 
 
 def walk(simulation: Simulation, controller: GaitController, duration_s: float,

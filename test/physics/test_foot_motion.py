@@ -9,7 +9,7 @@ import pytest
 
 from lunar_rover_sim.frames import wxyz_from_rpy
 from lunar_rover_sim.physics.config import ContactConfig
-from lunar_rover_sim.physics.foot_motion import FootObserver, SlipMeter
+from lunar_rover_sim.physics.foot_motion import FootMotion, FootObserver, SlipMeter
 
 L = ROVER.legs.spoke_length_m
 
@@ -35,6 +35,7 @@ def test_a_wheel_like_leg_slips_as_a_wheel():
         meter = SlipMeter()
         meter.add(motion, 0.005)
         assert meter.ratio == pytest.approx(np.full(4, ratio), abs=2e-3)
+        assert meter.total == pytest.approx(ratio, abs=2e-3)
 
 
 def test_a_slipping_turn_has_opposite_slip_on_both_sides():
@@ -59,7 +60,16 @@ def test_a_leg_in_the_air_neither_sweeps_nor_slips():
     motion = observer.observe(dataclasses.replace(state, contact_force_n=force))
     assert motion.loaded.tolist() == [True, True, False, True]
     assert motion.sweep_mps[2] == motion.slip_mps[2] == 0.0 < motion.slip_mps[0]
-    assert math.isnan(SlipMeter().ratio[0])
+    assert math.isnan(SlipMeter().ratio[0]) and math.isnan(SlipMeter().total)
+
+
+def test_legs_together_slip_by_what_they_sweep():
+    """A leg that sweeps three times as far counts three times as much."""
+    meter = SlipMeter()
+    meter.add(FootMotion(np.ones(4, bool), np.array([0.3, 0.1, 0.0, 0.0]),
+                         np.array([0.06, -0.01, 0.0, 0.0])), 2.0)
+    assert meter.ratio[:2] == pytest.approx([0.2, -0.1])
+    assert meter.total == pytest.approx(0.05 / 0.4)
 
 
 def test_slip_is_measured_along_the_slope():
@@ -88,5 +98,5 @@ def test_slip_grows_as_friction_falls():
             # Above a foot on the ground the rover goes on by what it sweeps and does not slip.
             went = np.sum(meter.swept_m - meter.slipped_m)
             assert went == pytest.approx(sum(expected), rel=0.1)
-            ratios.append(float(meter.slipped_m.sum() / meter.swept_m.sum()))
+            ratios.append(meter.total)
     assert -0.05 < ratios[0] < 0.15 and ratios[1] > ratios[0] + 0.1
