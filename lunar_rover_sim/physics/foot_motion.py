@@ -38,11 +38,13 @@ class FootMotion:
     loaded: (4,) whether the leg stands on something; sweep and slip are 0 where it does not
     sweep_mps: (4,) speed backward past the axle
     slip_mps: (4,) speed backward over the ground
+    axle_mps: (4,) speed of the axles ahead along the ground, loaded or not: sweep less slip
     """
 
     loaded: NDArray[np.bool_]
     sweep_mps: Array
     slip_mps: Array
+    axle_mps: Array
 
 
 class FootObserver:
@@ -73,13 +75,14 @@ class FootObserver:
         rate = R_world_base @ state.angular_velocity_radps
         past_axle = np.cross(rate + state.joint_velocity_radps[:, None] * axis,
                              to_ground - to_axle)
-        over_ground = (R_world_base @ state.linear_velocity_mps + np.cross(rate, to_axle)
-                       + past_axle)
+        axle = R_world_base @ state.linear_velocity_mps + np.cross(rate, to_axle)
         ahead = R_world_base[:, 0] - normal * (normal @ R_world_base[:, 0])[:, None]
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
         loaded = np.linalg.norm(state.contact_force_n, axis=1) > self._least_n
-        return FootMotion(loaded, -np.where(loaded, np.sum(past_axle * ahead, axis=1), 0.0),
-                          -np.where(loaded, np.sum(over_ground * ahead, axis=1), 0.0))
+        axle_mps = np.sum(axle * ahead, axis=1)
+        sweep_mps = -np.where(loaded, np.sum(past_axle * ahead, axis=1), 0.0)
+        return FootMotion(loaded, sweep_mps, np.where(loaded, sweep_mps - axle_mps, 0.0),
+                          axle_mps)
 
     def _height(self, tip: tuple[float, float, float]) -> float:
         """Return the height of a tip over the untouched ground [m]; infinite beyond it."""
@@ -101,13 +104,19 @@ class SlipMeter:
     """Sums up the ways of the feet.
 
     swept_m, slipped_m: (4,) ways backward past the axle and over the ground since the start
+    driven_m: of the rover, by the mean sweep of the legs that are loaded at a time
+    way_m: that it went along its heading, also while no leg is loaded
     """
 
     def __init__(self) -> None:
         self.swept_m, self.slipped_m = np.zeros(4), np.zeros(4)
+        self.driven_m = self.way_m = 0.0
 
     def add(self, motion: FootMotion, interval_s: float) -> None:
         """Add a motion that holds for a time [s]."""
+        loaded = max(1, np.count_nonzero(motion.loaded))
+        self.driven_m += float(motion.sweep_mps.sum()) / loaded * interval_s
+        self.way_m += float(motion.axle_mps.mean()) * interval_s
         self.swept_m += motion.sweep_mps * interval_s
         self.slipped_m += motion.slip_mps * interval_s
 
@@ -119,9 +128,9 @@ class SlipMeter:
 
     @property
     def total(self) -> float:
-        """The slip ratio of all legs together so far; NaN if none has swept its foot.
+        """The slip ratio of the rover so far, 1 - way / driven way; NaN if it was not driven.
 
-        In a curve the feet inside are dragged ahead, those outside slip back: it is what remains.
+        In a curve the feet inside are dragged ahead and those outside slip back; it is what
+        remains.
         """
-        swept_m = float(self.swept_m.sum())
-        return float(self.slipped_m.sum()) / swept_m if swept_m else math.nan
+        return 1.0 - self.way_m / self.driven_m if self.driven_m else math.nan

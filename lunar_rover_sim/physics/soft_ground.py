@@ -88,6 +88,8 @@ class SoftGround:
         """Move the planes to where the soil is, for the poses at the start of the next step."""
         mujoco.mj_kinematics(self._model, self._data)
         centres = self._centres.tolist()
+        if not math.isfinite(centres[0][0]):
+            return      # the motion has diverged, of all links at once: the caller will say so
         legs: Legs | None = None
         count = self._count
         if count >= self._walls.next_step:

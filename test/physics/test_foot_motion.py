@@ -63,13 +63,17 @@ def test_a_leg_in_the_air_neither_sweeps_nor_slips():
     assert math.isnan(SlipMeter().ratio[0]) and math.isnan(SlipMeter().total)
 
 
-def test_legs_together_slip_by_what_they_sweep():
-    """A leg that sweeps three times as far counts three times as much."""
+def test_the_rover_slips_by_the_way_that_it_does_not_get_on():
+    """It walks 0.08 m on four feet, slides back by 0.05 m on one, and by 0.03 m on none."""
     meter = SlipMeter()
-    meter.add(FootMotion(np.ones(4, bool), np.array([0.3, 0.1, 0.0, 0.0]),
-                         np.array([0.06, -0.01, 0.0, 0.0])), 2.0)
-    assert meter.ratio[:2] == pytest.approx([0.2, -0.1])
-    assert meter.total == pytest.approx(0.05 / 0.4)
+    all_legs, one = np.ones(4, bool), np.array([True, False, False, False])
+    for loaded, axle_mps in ((all_legs, 0.08), (one, -0.05), (~all_legs, -0.03)):
+        sweep_mps = 0.1 * loaded
+        meter.add(FootMotion(loaded, sweep_mps, (sweep_mps - axle_mps) * loaded,
+                             np.full(4, axle_mps)), 1.0)
+    assert meter.driven_m == pytest.approx(0.2) and meter.way_m == pytest.approx(0.0)
+    assert meter.total == pytest.approx(1.0)
+    assert meter.ratio == pytest.approx([0.85, 0.2, 0.2, 0.2])
 
 
 def test_slip_is_measured_along_the_slope():

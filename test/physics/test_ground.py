@@ -14,6 +14,7 @@ from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.regolith.config import GroundConfig
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 
@@ -178,10 +179,11 @@ def test_the_number_of_steps_is_a_whole_one(steps):
         assert simulation.advance(np.int64(1)).stamp_ns == simulation.config.step_ns
 
 
+@pytest.mark.parametrize('model', ['rigid', 'regolith'])
 @pytest.mark.parametrize('value', [np.nan, 1e9])
-def test_divergence_names_time_and_body(value, tmp_path, monkeypatch):
+def test_divergence_names_time_and_body(value, model, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with simulate() as simulation:
+    with simulate(ground=GroundConfig(model=model)) as simulation:
         simulation.advance(50)
         simulation.data.qvel[7] = value
         with pytest.raises(PhysicsError, match=r'diverged at 0.05\d s in body \w+'):
