@@ -3,14 +3,17 @@
 The folder of a benchmark holds `recordings/DRIVE` (one per scenario, swept value and seed, shared
 by all sensors) and `cells/DRIVE-SENSOR-SYSTEM` with a `result.json`, which is written when the
 cell is done. Whatever stops a benchmark, the same call does what is missing. `sequence-SYSTEM`
-holds the exported recording while estimators work on it.
+holds the exported recording while estimators work on it, and is locked: other systems may be run
+in the same folder at the same time, and not the same one twice.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 import dataclasses
+import fcntl
 import json
+import os
 from pathlib import Path
 import re
 import shutil
@@ -129,7 +132,7 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
     recorder: records a drive; takes the arguments of `run.recording.record`
 
     A cell that fails keeps its reason, and the others go on. Raises SlamError if the folder cannot
-    be written, or holds cells of other settings.
+    be written, holds cells of other settings, or another benchmark runs these systems in it.
     """
     done = []
     failed_drives: dict[Drive, str] = {}
@@ -186,11 +189,16 @@ def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step
 
 
 class _OneSequence:
-    """The exported sequence of one drive, which estimators that follow each other share."""
+    """The exported sequence of one drive, which estimators that follow each other share.
+
+    Its folder is locked while it is open, as a context manager; SlamError if it is already, or
+    cannot be written.
+    """
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self._locked, self._folder = folder, folder / 'exported'
         self._of: tuple[Drive, str] | None = None
+        self._lock: int | None = None
 
     def folder(self, cell: Cell) -> Path:
         """Return the folder, without the sequence of another drive or format."""
@@ -204,10 +212,29 @@ class _OneSequence:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def __enter__(self) -> _OneSequence:
+        try:
+            self._locked.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(self._locked, os.O_RDONLY | os.O_DIRECTORY)
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._unlock()
+            raise SlamError(f'{self._locked.parent}: another benchmark runs the same system in it;'
+                            ' wait for its end, or name another folder') from None
+        except OSError as error:
+            self._unlock()
+            raise SlamError(f'{self._locked.parent}: cannot be written: '
+                            f'{error.strerror}') from None
+        self._remove()      # left by a benchmark that was killed
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._remove()
+        shutil.rmtree(self._locked, ignore_errors=True)
+        self._unlock()
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
 
 class _Counter:

@@ -118,6 +118,24 @@ def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
         benchmark.run(plan(['baseline'], fake, 1, 3.0), folder, recorder=recorder)
 
 
+def test_one_benchmark_of_a_system_in_a_folder(tmp_path, bag, fake) -> None:
+    """Two would export into one folder, and judge each other's images; other systems may run."""
+    folder, cells = tmp_path / 'out', plan(['baseline'], fake, 1, 2.0)
+    other = plan(['baseline'], [Estimator('reference', 'mono')], 1, 2.0)
+    seen = []
+
+    def step(cell: Cell, text: str) -> None:
+        if text == 'evaluating' and not seen:
+            seen.append(outcome(benchmark.run(other, folder, recorder=Recorder(bag))))
+            with pytest.raises(SlamError, match='out: another benchmark runs the same system in'):
+                benchmark.run(cells, folder, recorder=Recorder(bag))
+
+    done = benchmark.run(cells, folder, step, recorder=Recorder(bag))
+    assert seen == [[('baseline-seed1-mono-reference', False)]]
+    assert outcome(done) == [(cell.name, False) for cell in cells]
+    assert sorted(p.name for p in folder.iterdir()) == ['cells', 'recordings']
+
+
 def test_steps_tell_how_far_they_are(tmp_path, bag) -> None:
     """Simulated time of a recording, messages of an export, frames of the built-in odometry."""
     cells = plan(['baseline'], [Estimator('reference', 'mono')], 1, 2.0)
