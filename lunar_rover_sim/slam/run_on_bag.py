@@ -18,6 +18,7 @@ from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.physics.tip_over import TipOver
 from lunar_rover_sim.run.child_process import Echo
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import FORMATS
@@ -109,7 +110,8 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         if kept_sequence is None:
             shutil.rmtree(sequence, ignore_errors=True)
     step('evaluating', None)
-    known = SlamResult(estimator.system, estimator.sensor, outcome.reason, len(outcome.frames_ns),
+    reason = '; '.join(filter(None, (outcome.reason, tipped_over(truth))))
+    known = SlamResult(estimator.system, estimator.sensor, reason, len(outcome.frames_ns),
                        distance_m=distance_m, duration_s=_span_s(truth), wall_s=outcome.wall_s)
     if outcome.trajectory is None:
         return known
@@ -119,8 +121,8 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
                           align='sim3' if estimator.sensor == 'mono' else 'se3',
                           estimate_frame=estimator.poses_of, frame_stamps_ns=outcome.frames_ns)
     except EvaluationError as error:
-        reason = '; '.join(filter(None, (outcome.reason, str(error))))
-        return dataclasses.replace(known, reason=reason, tracked_share=len(outcome.trajectory)
+        return dataclasses.replace(known, reason='; '.join(filter(None, (reason, str(error)))),
+                                   tracked_share=len(outcome.trajectory)
                                    / max(1, len(outcome.frames_ns)))
     atomic_write(folder / 'evaluation.json', json.dumps(judged.to_mapping(), indent=2) + '\n')
     np.savez(folder / 'path.npz', stamps_ns=judged.truth.stamps_ns,
@@ -129,6 +131,18 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         known, tracked_share=judged.tracked_share, ate_m=judged.ate_m.rmse, scale=judged.scale,
         ate_percent=100.0 * judged.ate_m.rmse / distance_m if distance_m else float('nan'),
         rpe_m=judged.rpe_distance_m.rmse, drift_percent=judged.drift_percent)
+
+
+def tipped_over(truth: Trajectory) -> str:
+    """Return when the rover tipped over, in words; empty if it did not.
+
+    A track that is lost then says little of the estimator.
+    """
+    tip_over = TipOver()
+    for stamp_ns, orientation_wxyz in zip(truth.stamps_ns, truth.orientations_wxyz):
+        if tip_over.has_begun(orientation_wxyz):
+            return f'the rover tipped over at {stamp_ns * 1e-9:.1f} s'
+    return ''
 
 
 def _span_s(trajectory: Trajectory) -> float:

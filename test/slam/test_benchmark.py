@@ -11,18 +11,21 @@ from pathlib import Path
 import shutil
 import sys
 
+import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import GraphError, SlamError
+from lunar_rover_sim.evaluation.trajectory import Trajectory
+from lunar_rover_sim.frames import wxyz_from_rpy
 from lunar_rover_sim.run.recording import Recording
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam import benchmark, table
 from lunar_rover_sim.slam.benchmark import Cell, Drive, plan
 from lunar_rover_sim.slam.benchmark_page import html_report
 from lunar_rover_sim.slam.estimators import Estimator
-from lunar_rover_sim.slam.run_on_bag import SlamResult
+from lunar_rover_sim.slam.run_on_bag import SlamResult, tipped_over
 
 # The truth as exported, of the IMU, a little too small, and nothing in the dark.
 FAKE = """\
@@ -134,6 +137,16 @@ def test_one_benchmark_of_a_system_in_a_folder(tmp_path, bag, fake) -> None:
     assert seen == [[('baseline-seed1-mono-reference', False)]]
     assert outcome(done) == [(cell.name, False) for cell in cells]
     assert sorted(p.name for p in folder.iterdir()) == ['cells', 'recordings']
+
+
+def test_a_rover_that_tips_over_is_named() -> None:
+    """Once, at its first time; one that leans is not."""
+    stamps_ns = np.arange(1, 7) * 500_000_000
+    turns = [wxyz_from_rpy(np.radians(roll_deg), 0.0, 1.0)
+             for roll_deg in (0.0, 60.0, 95.0, 120.0, 20.0, 100.0)]
+    truth = Trajectory(stamps_ns, np.zeros((6, 3)), np.array(turns))
+    assert tipped_over(truth) == 'the rover tipped over at 1.5 s'
+    assert tipped_over(Trajectory(stamps_ns[:2], np.zeros((2, 3)), np.array(turns[:2]))) == ''
 
 
 def test_steps_tell_how_far_they_are(tmp_path, bag) -> None:
