@@ -114,7 +114,7 @@ class SlipMeter:
 
     def add(self, motion: FootMotion, interval_s: float) -> None:
         """Add a motion that holds for a time [s]."""
-        loaded = max(1, np.count_nonzero(motion.loaded))
+        loaded = max(1, int(np.count_nonzero(motion.loaded)))
         self.driven_m += float(motion.sweep_mps.sum()) / loaded * interval_s
         self.way_m += float(motion.axle_mps.mean()) * interval_s
         self.swept_m += motion.sweep_mps * interval_s
