@@ -47,8 +47,8 @@ def report_text(anchors: Sequence[Anchor], walks: Sequence[GroundWalk]) -> str:
         lines.append(_row((a.name, f'{a.measured:.4g} {a.unit}'.strip(),
                            f'{a.low:.4g} to {high}', verdict, a.source)))
     lines += ['', '## Walks', '',
-              'Slip: 1 - way / way that the loaded feet sweep, along the heading. Transport: electric'
-              ' energy / (weight × distance). Pull: backward, over the weight.', '',
+              'Slip: 1 - way / way that the loaded feet sweep, along the heading. Transport:'
+              ' electric energy / (weight × distance). Pull: backward, over the weight.', '',
               _row(('ground', 'slope [°]', 'pull', 'outcome', 'speed [m/s]', 'slip [%]',
                     'transport', 'power [W]', 'pitch RMS [°]', 'sinkage [mm]', 'max')),
               _row(['---'] * 11)]
