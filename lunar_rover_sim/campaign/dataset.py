@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
-import fcntl
 import hashlib
 import json
 import os
@@ -20,6 +19,7 @@ from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, EPISODES, ERROR_FILE
 from lunar_rover_sim.campaign.manifest import MANIFEST, read_json, why_unfinished, write_json
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.files.lock import lock
 
 
 @dataclasses.dataclass
@@ -49,13 +49,10 @@ class Dataset:
         try:
             for name in (EPISODES, PARTIAL):
                 (self.folder / name).mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(self.folder / LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock = lock(self.folder / LOCK_FILE)
         except BlockingIOError:
-            self.close()
             raise CampaignError(f'{folder}: another campaign is writing into it') from None
         except OSError as error:
-            self.close()
             raise CampaignError(f'{folder}: cannot be written: {error.strerror}') from None
         # Left by a campaign that was interrupted.
         for left in (self.folder / PARTIAL).iterdir():

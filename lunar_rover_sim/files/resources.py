@@ -37,7 +37,7 @@ def config_path(name: str) -> Path:
 
 
 def packaged_names(kind: str) -> list[str]:
-    """Return the names of the packaged files of a kind: 'scenario' or 'campaign'."""
+    """Return the names of the packaged files of a kind: 'scenario', 'campaign', …"""
     return sorted(path.stem for path in (config_folder() / f'{kind}s').glob('*.yaml'))
 
 

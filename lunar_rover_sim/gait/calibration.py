@@ -14,7 +14,7 @@ import yaml
 
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.resources import config_path, packaged_names
+from lunar_rover_sim.files.resources import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
@@ -146,7 +146,7 @@ class GaitCalibration:
         Raises ConfigError as `load`.
         """
         name = config.calibration or packaged_calibration(ground)
-        return cls.load(config_path(f'{_KIND}s/{name}.yaml') if is_packaged(name) else name)
+        return cls.load(find_file(_KIND, name) if is_packaged(name) else name)
 
     @classmethod
     def load(cls, path: str | Path | None) -> GaitCalibration:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from pathlib import Path
 import tempfile
 from types import TracebackType
 
 from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.files.lock import lock
 
 # Domains whose ports stay clear of the ephemeral range on Linux.
 _FIRST, _LAST = 1, 101
@@ -41,13 +41,10 @@ class OwnDomain:
         candidates = [domain] if domain is not None else \
             [_FIRST + (start + k) % count for k in range(count)]
         for candidate in candidates:
-            file = os.open(folder / str(candidate), os.O_RDWR | os.O_CREAT, 0o600)
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                os.close(file)
+                self._file: int | None = lock(folder / str(candidate), 0o600)
+            except BlockingIOError:
                 continue
-            self._file: int | None = file
             self.id = candidate
             return
         if domain is not None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 import dataclasses
-import fcntl
 import json
 import os
 from pathlib import Path
@@ -22,6 +21,7 @@ from typing import Any
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import LunarRoverSimError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.lock import lock
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.run.plan import BAG_FOLDER
 from lunar_rover_sim.run.recording import record, Recording
@@ -214,14 +214,11 @@ class _OneSequence:
     def __enter__(self) -> _OneSequence:
         try:
             self._locked.mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(self._locked, os.O_RDONLY | os.O_DIRECTORY)
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock = lock(self._locked)
         except BlockingIOError:
-            self._unlock()
             raise SlamError(f'{self._locked.parent}: another benchmark runs the same system in it;'
                             ' wait for its end, or name another folder') from None
         except OSError as error:
-            self._unlock()
             raise SlamError(f'{self._locked.parent}: cannot be written: '
                             f'{error.strerror}') from None
         self._remove()      # left by a benchmark that was killed
@@ -229,9 +226,6 @@ class _OneSequence:
 
     def __exit__(self, *_: object) -> None:
         shutil.rmtree(self._locked, ignore_errors=True)
-        self._unlock()
-
-    def _unlock(self) -> None:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None

@@ -138,8 +138,8 @@ class Estimator:
         trajectory = read_estimate(found, frames_ns)
         reason = f'{Path(command[0]).name} {ended.words}' if ended.words else ''
         if found.name.lower().startswith(('kf_', 'keyframe')):
-            reason = '; '.join(filter(None, (reason, 'keyframes only')))
-        return Estimate(trajectory, _join(reason, _lost(trajectory, frames_ns)), self.poses_of,
+            reason = join(reason, 'keyframes only')
+        return Estimate(trajectory, join(reason, _lost(trajectory, frames_ns)), self.poses_of,
                         frames_ns, ended.wall_s)
 
     def _reference(self, sequence: Path, frames_ns: Stamps, timeout_s: float,
@@ -159,9 +159,9 @@ class Estimator:
         try:
             trajectory = odometry.trajectory()
         except SlamError:
-            return Estimate(None, _join(reason, 'lost: it located no frame'), 'left', frames_ns,
+            return Estimate(None, join(reason, 'lost: it located no frame'), 'left', frames_ns,
                             wall_s)
-        return Estimate(trajectory, _join(reason, _lost(trajectory, frames_ns)), 'left',
+        return Estimate(trajectory, join(reason, _lost(trajectory, frames_ns)), 'left',
                         frames_ns, wall_s)
 
     def _command(self, sequence: Path, path: Path,
@@ -268,5 +268,6 @@ def _lost(trajectory: Trajectory, frames_ns: Stamps) -> str:
     return f'lost at {trajectory.stamps_ns[-1] * 1e-9:.1f} s' if gap_s > 1.0 else ''
 
 
-def _join(*reasons: str) -> str:
+def join(*reasons: str) -> str:
+    """Return the reasons that are not empty, as one."""
     return '; '.join(filter(None, reasons))

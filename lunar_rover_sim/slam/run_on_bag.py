@@ -24,7 +24,7 @@ from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import FORMATS
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.slam import euroc_reader
-from lunar_rover_sim.slam.estimators import Estimator
+from lunar_rover_sim.slam.estimators import Estimator, join
 
 Step = Callable[[str, 'int | None'], None]
 
@@ -110,7 +110,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         if kept_sequence is None:
             shutil.rmtree(sequence, ignore_errors=True)
     step('evaluating', None)
-    reason = '; '.join(filter(None, (outcome.reason, tipped_over(truth))))
+    reason = join(outcome.reason, tipped_over(truth))
     known = SlamResult(estimator.system, estimator.sensor, reason, len(outcome.frames_ns),
                        distance_m=distance_m, duration_s=_span_s(truth), wall_s=outcome.wall_s)
     if outcome.trajectory is None:
@@ -121,7 +121,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
                           align='sim3' if estimator.sensor == 'mono' else 'se3',
                           estimate_frame=estimator.poses_of, frame_stamps_ns=outcome.frames_ns)
     except EvaluationError as error:
-        return dataclasses.replace(known, reason='; '.join(filter(None, (reason, str(error)))),
+        return dataclasses.replace(known, reason=join(reason, str(error)),
                                    tracked_share=len(outcome.trajectory)
                                    / max(1, len(outcome.frames_ns)))
     atomic_write(folder / 'evaluation.json', json.dumps(judged.to_mapping(), indent=2) + '\n')

@@ -14,6 +14,7 @@ import numpy as np
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.slam.benchmark import Cell
+from lunar_rover_sim.slam.estimators import join
 from lunar_rover_sim.slam.statistics import Median
 
 SUCCESS_SHARE = 0.9     # of the frames
@@ -75,7 +76,7 @@ def _what_went_wrong(cell: Cell) -> str:
         return result.reason
     share = f'tracked {100.0 * result.tracked_share:.0f} % of the frames'
     error = f', ATE of these {result.ate_m:.4f} m' if np.isfinite(result.ate_m) else ''
-    return '; '.join(filter(None, (share + error, result.reason)))
+    return join(share + error, result.reason)
 
 
 def rows_of(cells: Iterable[Cell]) -> list[Row]:

@@ -48,11 +48,12 @@ def main() -> int:
     parser.add_argument('--pairs', type=int, default=4)
     parser.add_argument('--preset', default='highland')
     args = parser.parse_args()
+    rigid = ('physics_node.ground.model=rigid',)
     soft = ('physics_node.ground.model=regolith', f'physics_node.ground.preset={args.preset}')
     for name, drive in DRIVES.items():
         logs = []
         for _ in range(args.pairs):
-            rigid_ms, soft_ms = per_frame_ms(drive), per_frame_ms([*drive, *soft])
+            rigid_ms, soft_ms = (per_frame_ms([*drive, *ground]) for ground in (rigid, soft))
             logs.append(math.log(soft_ms / rigid_ms))
             print(f'{name}: rigid {rigid_ms:.1f} ms, {args.preset} {soft_ms:.1f} ms a frame, '
                   f'ratio {soft_ms / rigid_ms:.3f}', flush=True)

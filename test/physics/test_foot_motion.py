@@ -102,5 +102,5 @@ def test_slip_grows_as_friction_falls():
             # Above a foot on the ground the rover goes on by what it sweeps and does not slip.
             went = np.sum(meter.swept_m - meter.slipped_m)
             assert went == pytest.approx(sum(expected), rel=0.1)
-            ratios.append(meter.total)
+            ratios.append(float(meter.slipped_m.sum() / meter.swept_m.sum()))
     assert -0.05 < ratios[0] < 0.15 and ratios[1] > ratios[0] + 0.1
