@@ -54,12 +54,14 @@ def run(args: argparse.Namespace) -> int:
     for name, errors in zip(_AXES, result.errors.T):
         rows.add_row(name, f'{errors.mean():+.3f}', f'{np.sqrt(np.mean(errors**2)):.3f}')
     out.print(rows)
+    if result.tipped_over:
+        out.print('left out, since the rover tipped over: seed '
+                  f'{", ".join(str(seed) for seed in result.tipped_over)}')
     low, high = result.interval
     out.print(f'squared error over stated covariance: {result.consistency:.2f}; '
               f'{low:.2f} to {high:.2f} if it is right')
     out.print('what fits these drives:')
     for name, value in dataclasses.asdict(result.measured).items():
-        text = f'{value:.3f}' if isinstance(value, float) else str(value)
-        out.print(f'  physics_node.wheel_odometry.{name}={text}', highlight=False, markup=False,
-                  soft_wrap=True)
+        out.print(f'  physics_node.wheel_odometry.{name}={value:.3f}', highlight=False,
+                  markup=False, soft_wrap=True)
     return 0 if result.consistent else 1

@@ -8,7 +8,7 @@ from rclpy.node import Node
 from lunar_rover_sim import topics
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.physics.wheel_odometry import WheelOdometry
+from lunar_rover_sim.physics.wheel_odometry import Rolling, WheelOdometry
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 
@@ -20,7 +20,8 @@ class WheelOdometryPublisher:
     """
 
     def __init__(self, node: Node, config: PhysicsNodeConfig, rover: RoverDescription) -> None:
-        self._config, self._rover = config, rover
+        self._config, self._rover = config.wheel_odometry, rover
+        self._rolling = Rolling.of(config.wheel_odometry, config.ground.name)
         self._interval_s = 1e-9 * config.state_period_ns
         self.publisher = node.create_publisher(Odometry, topics.WHEEL_ODOM.name,
                                                qos.offered(topics.WHEEL_ODOM))
@@ -36,7 +37,8 @@ class WheelOdometryPublisher:
             self.restart()
             return
         if self._odometry is None:
-            self._odometry = WheelOdometry(self._rover, self._config.wheel_odometry)
+            self._odometry = WheelOdometry(self._rover, self._config.counts_per_turn,
+                                           self._rolling)
         self._odometry.add(state.joint_angle_rad, self._interval_s)
         self.publisher.publish(conversions.wheel_odometry(self._odometry,
                                                           conversions.time_msg(stamp_ns)))

@@ -136,24 +136,35 @@ class ImuConfig(Parameters):
 class WheelOdometryConfig(Parameters):
     """Encoders of the legs, and what is known of the way that they do not see.
 
-    The defaults of scales and deviations are those of the packaged rover on `baseline`, as
-    `lunar_rover_sim validate odometry` measures them: soft or rougher ground, and another rover,
-    have others. The encoder's default is that of a Faulhaber IE2-512: 512 lines, four edges each,
-    on the shaft of the motor.
+    Scales and deviations are those that `physics/wheel_odometry.py` holds of the ground unless
+    they are given: rougher ground and another rover have others, which `lunar_rover_sim validate
+    odometry` measures. The encoder's default is that of a Faulhaber IE2-512: 512 lines, four
+    edges each, on the shaft of the motor.
     """
 
     counts_per_turn: int = param(2048, 'edges of the encoder per turn of the motor', low=1,
                                  high=2**20)
-    forward_scale: float = param(0.92, 'way of the rover over that of rolling feet', low=0.1,
-                                 high=2.0)
-    yaw_scale: float = param(0.78, 'turn of the rover over that of rolling feet', low=0.1,
-                             high=2.0)
-    forward_stddev: float = param(0.05, 'error along the heading, for each root of a metre that '
-                                  'the legs have rolled', unit='m/sqrt(m)', low=0.0, high=10.0)
-    lateral_stddev: float = param(0.035, 'error across the heading, likewise', unit='m/sqrt(m)',
-                                  low=0.0, high=10.0)
-    yaw_stddev: float = param(0.17, 'error of the heading, likewise', unit='rad/sqrt(m)', low=0.0,
-                              high=10.0)
+    forward_scale: float = param(FROM_PRESET, 'way of the rover over that of rolling feet, 0.1 to '
+                                 '2; -1: that of the ground', low=-1.0, high=2.0)
+    yaw_scale: float = param(FROM_PRESET, 'turn of the rover over that of rolling feet, 0.1 to 2; '
+                             '-1: that of the ground', low=-1.0, high=2.0)
+    forward_stddev: float = param(
+        FROM_PRESET, 'error along the heading, for each root of a metre that the legs have rolled,'
+        ' 0 to 10; -1: that of the ground', unit='m/sqrt(m)', low=-1.0, high=10.0)
+    lateral_stddev: float = param(FROM_PRESET, 'error across the heading, likewise',
+                                  unit='m/sqrt(m)', low=-1.0, high=10.0)
+    yaw_stddev: float = param(FROM_PRESET, 'error of the heading, likewise', unit='rad/sqrt(m)',
+                              low=-1.0, high=10.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError if a value is neither possible nor -1."""
+        for name, low, high in (('forward_scale', 0.1, 2.0), ('yaw_scale', 0.1, 2.0),
+                                ('forward_stddev', 0.0, 10.0), ('lateral_stddev', 0.0, 10.0),
+                                ('yaw_stddev', 0.0, 10.0)):
+            value = getattr(self, name)
+            if value != FROM_PRESET and not low <= value <= high:
+                raise ConfigError(f'{name}: {value:g} is not valid; valid is {low:g} to {high:g},'
+                                  ' or -1 for that of the ground')
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,9 +12,8 @@ from scipy import stats
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.physics.config import WheelOdometryConfig
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.wheel_odometry import RollingFeet, WheelOdometry
+from lunar_rover_sim.physics.wheel_odometry import Rolling, RollingFeet, WheelOdometry
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.parallel import map_in_processes
@@ -31,7 +30,8 @@ class OdometryStudy:
     """What drives say of the wheel odometry.
 
     drives: number of drives; rolled_m: way that their legs rolled, in all
-    measured: scales and deviations that fit these drives, with the encoder of the configuration
+    tipped_over: seeds of further drives, in which the rover tipped over: encoders do not see that
+    measured: scales and deviations that fit these drives
     errors: (n, 3) true pose less that of the odometry at the end of each drive, in the frame of
         its start: x, y [m], yaw [rad]
     consistency: squared errors at the end over their stated covariance, mean of the drives and of
@@ -42,8 +42,9 @@ class OdometryStudy:
     """
 
     drives: int
+    tipped_over: tuple[int, ...]
     rolled_m: float
-    measured: WheelOdometryConfig
+    measured: Rolling
     errors: Array
     consistency: float
     interval: tuple[float, float]
@@ -59,7 +60,8 @@ def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: 
     """Drive with random commands on the scenario's world of each seed; judge the odometry.
 
     duration_s: of each drive [s], at least one command long
-    Raises StudyError if there are fewer than three drives, or if the rover stood still.
+    Raises StudyError if there are fewer than three drives, if the rover tipped over in all but
+    two, or if it stood still.
     """
     if len(seeds) < LEAST_DRIVES:
         raise StudyError(f'{len(seeds)} drives are not valid; valid are at least {LEAST_DRIVES}')
@@ -67,7 +69,16 @@ def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: 
         raise StudyError(f'{duration_s:g} s are not valid; valid are at least {COMMAND_S:g} s')
     walks = map_in_processes(functools.partial(_drive, scenario, duration_s), seeds, workers,
                              lambda _, done, total: progress(done, total))
-    return judge(walks, scenario.rover, scenario.physics_node.wheel_odometry)
+    config = scenario.physics_node
+    result = judge(walks, scenario.rover, config.wheel_odometry.counts_per_turn,
+                   Rolling.of(config.wheel_odometry, config.ground.name))
+    return dataclasses.replace(result, tipped_over=tuple(seeds[k] for k in result.tipped_over))
+
+
+def _tips_over(recorded: Walk) -> bool:
+    """Return whether the rover ever lies on its side: its z axis leaves the upper half."""
+    roll, pitch, _ = recorded.rpy_rad.T
+    return bool(np.any(np.cos(roll) * np.cos(pitch) < 0.0))
 
 
 def _drive(scenario: Scenario, duration_s: float, seed: int) -> Walk:
@@ -84,10 +95,19 @@ def _drive(scenario: Scenario, duration_s: float, seed: int) -> Walk:
         return walk(simulation, GaitController.from_scenario(scenario), duration_s, command)
 
 
-def judge(walks: Sequence[Walk], rover: RoverDescription,
-          config: WheelOdometryConfig) -> OdometryStudy:
-    """Return what recorded walks say of the odometry of a configuration."""
-    rolled = [_rolled(each, rover, config) for each in walks]
+def judge(walks: Sequence[Walk], rover: RoverDescription, counts_per_turn: int,
+          rolling: Rolling) -> OdometryStudy:
+    """Return what recorded walks say of the odometry of an encoder and a way to roll.
+
+    Walks in which the rover tips over are left out; `tipped_over` holds their indices. Raises
+    StudyError if fewer than three are left, or if the rover stood still.
+    """
+    tipped_over = tuple(k for k, each in enumerate(walks) if _tips_over(each))
+    walks = [each for k, each in enumerate(walks) if k not in tipped_over]
+    if len(walks) < LEAST_DRIVES:
+        raise StudyError(f'{len(walks)} drives in which the rover does not tip over are not valid;'
+                         f' valid are at least {LEAST_DRIVES}')
+    rolled = [_rolled(each, RollingFeet(rover, counts_per_turn)) for each in walks]
     true = [each.steps() for each in walks]
     period = round(COMMAND_S / STATE_PERIOD_S)
     ways, steps = (np.concatenate([_sums(each, period) for each in kind])
@@ -99,20 +119,18 @@ def judge(walks: Sequence[Walk], rover: RoverDescription,
     missed = steps - np.column_stack([scales[0] * ways[:, 0], np.zeros(len(ways)),
                                       scales[1] * ways[:, 1]])
     stddev = np.sqrt(np.square(missed).sum(axis=0) / ways[:, 2].sum())
-    measured = dataclasses.replace(
-        config, forward_scale=scales[0], yaw_scale=scales[1], forward_stddev=float(stddev[0]),
-        lateral_stddev=float(stddev[1]), yaw_stddev=float(stddev[2]))
-    errors, squares = zip(*(_error(each, rover, config) for each in walks))
+    measured = Rolling(*scales, *(float(value) for value in stddev))
+    errors, squares = zip(*(_error(each, WheelOdometry(rover, counts_per_turn, rolling))
+                            for each in walks))
     freedom = 3 * len(walks)
     low, high = stats.chi2.interval(_CONFIDENCE, freedom)
-    return OdometryStudy(len(walks), float(sum(each[:, 2].sum() for each in rolled)), measured,
-                         np.array(errors), float(sum(squares) / freedom),
-                         (low / freedom, high / freedom))
+    rolled_m = float(sum(each[:, 2].sum() for each in rolled))
+    return OdometryStudy(len(walks), tipped_over, rolled_m, measured, np.array(errors),
+                         float(sum(squares) / freedom), (low / freedom, high / freedom))
 
 
-def _rolled(recorded: Walk, rover: RoverDescription, config: WheelOdometryConfig) -> Array:
+def _rolled(recorded: Walk, feet: RollingFeet) -> Array:
     """Return (n - 1, 3) forward ways [m], turns [rad] and ways of the legs [m]."""
-    feet = RollingFeet(rover, config.counts_per_turn)
     return np.array([dataclasses.astuple(feet.add(angles))
                      for angles in recorded.joint_angle_rad][1:])
 
@@ -125,10 +143,8 @@ def _sums(values: Array, length: int) -> Array:
     return values[:whole].reshape(-1, length, values.shape[1]).sum(axis=1)
 
 
-def _error(recorded: Walk, rover: RoverDescription,
-           config: WheelOdometryConfig) -> tuple[Array, float]:
+def _error(recorded: Walk, odometry: WheelOdometry) -> tuple[Array, float]:
     """Return the (3,) error at the end of a walk, and its square over the covariance."""
-    odometry = WheelOdometry(rover, config)
     for angles in recorded.joint_angle_rad:
         odometry.add(angles, STATE_PERIOD_S)
     yaw = recorded.rpy_rad[:, 2]

@@ -33,7 +33,7 @@ from lunar_rover_sim.physics.config import ImuConfig, WheelOdometryConfig  # noq
 from lunar_rover_sim.physics.imu import ImuNoise, ImuSample  # noqa: E402
 from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
-from lunar_rover_sim.physics.wheel_odometry import WheelOdometry  # noqa: E402
+from lunar_rover_sim.physics.wheel_odometry import Rolling, WheelOdometry  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
 from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
@@ -326,7 +326,9 @@ def test_velocity_commands() -> None:
 
 
 def test_wheel_odometry_says_what_it_does_not_know() -> None:
-    odometry = WheelOdometry(RoverDescription(), WheelOdometryConfig())
+    config = WheelOdometryConfig()
+    odometry = WheelOdometry(RoverDescription(), config.counts_per_turn,
+                             Rolling.of(config, 'highland'))
     for angle in np.linspace(0.0, 20.0, 100):
         odometry.add([0.8 * angle, angle, 0.8 * angle, angle], 0.005)
     msg = conversions.wheel_odometry(odometry, conversions.time_msg(5))
@@ -431,8 +433,8 @@ def test_the_solar_panel_is_read_when_due() -> None:
 
 def test_wheel_odometry_is_made_for_readers_and_begins_with_them(state: RoverState) -> None:
     node = Reader()
-    wheels = WheelOdometryPublisher(node, PhysicsNodeConfig(),     # type: ignore[arg-type]
-                                    RoverDescription())
+    config = PhysicsNodeConfig.from_mapping({'wheel_odometry': {'forward_scale': 0.8}})
+    wheels = WheelOdometryPublisher(node, config, RoverDescription())  # type: ignore[arg-type]
 
     def turn(*angles: float) -> None:
         for angle in angles:
@@ -442,7 +444,7 @@ def test_wheel_odometry_is_made_for_readers_and_begins_with_them(state: RoverSta
     node.readers = 1
     turn(0.3, 0.4)
     assert [m.pose.pose.position.x for m in node.sent] == [
-        0.0, pytest.approx(0.92 * 0.1 * (0.072 * np.cos(0.35) + 0.008), rel=0.01)]
+        0.0, pytest.approx(0.8 * 0.1 * (0.072 * np.cos(0.35) + 0.008), rel=0.01)]
     node.readers = 0
     turn(5.0)
     node.readers = 1

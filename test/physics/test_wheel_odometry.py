@@ -7,18 +7,20 @@ import numpy as np
 import pytest
 import worlds
 
-from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.errors import ConfigError, StudyError
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.config import PhysicsConfig, WheelOdometryConfig
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.wheel_odometry import RollingFeet, WheelOdometry
+from lunar_rover_sim.physics.wheel_odometry import Rolling, RollingFeet, WheelOdometry
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.studies.odometry import judge
 from lunar_rover_sim.studies.walking import walk
 
 ROVER = RoverDescription()
 FINE = 2**20
-UNSCALED = WheelOdometryConfig(counts_per_turn=FINE, forward_scale=1.0, yaw_scale=1.0)
+COUNTS = WheelOdometryConfig().counts_per_turn
+RIGID = Rolling.of(WheelOdometryConfig(), 'rigid')
+UNSCALED = dataclasses.replace(RIGID, forward_scale=1.0, yaw_scale=1.0)
 
 
 def ways(*angles: np.ndarray, counts: int = FINE) -> np.ndarray:
@@ -68,9 +70,7 @@ def test_ways_come_in_counts_of_the_encoder():
 
 def test_the_covariance_is_that_of_random_ways():
     """Of 3000 drives whose errors are drawn as the configuration states them."""
-    config = dataclasses.replace(UNSCALED, forward_stddev=0.05, lateral_stddev=0.03,
-                                 yaw_stddev=0.2)
-    odometry = WheelOdometry(ROVER, config)
+    odometry = WheelOdometry(ROVER, FINE, Rolling(1.0, 1.0, 0.05, 0.03, 0.2))
     rng = np.random.default_rng(1)
     pose = np.zeros((3000, 3))
     feet = RollingFeet(ROVER, FINE)
@@ -94,8 +94,25 @@ def test_the_covariance_is_that_of_random_ways():
     np.testing.assert_allclose(np.corrcoef(error.T), stated, atol=0.12)
 
 
+def test_each_ground_has_its_own_way_to_roll():
+    """What is given counts; what is not is that of the ground, and of `highland` elsewhere."""
+    highland = Rolling.of(WheelOdometryConfig(), 'highland')
+    assert highland.yaw_scale < RIGID.yaw_scale, 'sunken feet turn the rover less'
+    assert Rolling.of(WheelOdometryConfig(), 'mare') == highland
+    given = Rolling.of(WheelOdometryConfig(yaw_scale=0.6, lateral_stddev=0.0), 'rigid')
+    assert given == dataclasses.replace(RIGID, yaw_scale=0.6, lateral_stddev=0.0)
+
+
+@pytest.mark.parametrize('name, value, valid', [
+    ('forward_scale', 0.05, '0.1 to 2'), ('yaw_scale', 0.0, '0.1 to 2'),
+    ('yaw_stddev', -0.5, '0 to 10')])
+def test_impossible_ways_to_roll_are_refused(name, value, valid):
+    with pytest.raises(ConfigError, match=f'{name}: {value:g} is not valid; valid is {valid}, or'):
+        WheelOdometryConfig(**{name: value})
+
+
 def test_speed_and_its_variance():
-    odometry = WheelOdometry(ROVER, UNSCALED)
+    odometry = WheelOdometry(ROVER, FINE, UNSCALED)
     odometry.add([0.0] * 4, 0.005)
     assert not odometry.twist.any() and np.all(odometry.twist_variance > 0.0), 'counts round'
     odometry.add([0.01] * 4, 0.005)
@@ -118,20 +135,29 @@ def walks():
 
 def test_the_stated_covariance_is_honest(walks):
     """Not on a study of four walks alone: `validate odometry` has more. One promise is seen."""
-    result = judge(walks, ROVER, WheelOdometryConfig())
+    result = judge(walks, ROVER, COUNTS, RIGID)
     assert result.consistency < 2.5
     assert 0.8 < result.measured.forward_scale < 1.0 > result.measured.yaw_scale > 0.5
-    sure = dataclasses.replace(WheelOdometryConfig(), forward_stddev=0.005, lateral_stddev=0.003,
-                               yaw_stddev=0.01)
-    boasting = judge(walks, ROVER, sure)
+    sure = dataclasses.replace(RIGID, forward_stddev=0.005, lateral_stddev=0.003, yaw_stddev=0.01)
+    boasting = judge(walks, ROVER, COUNTS, sure)
     assert not boasting.consistent and boasting.consistency > 10.0
-    unscaled = judge(walks, ROVER, dataclasses.replace(
-        WheelOdometryConfig(), forward_scale=1.0, yaw_scale=1.0))
+    unscaled = judge(walks, ROVER, COUNTS, UNSCALED)
     assert np.mean(unscaled.errors**2) > np.mean(result.errors**2)
+
+
+def test_a_drive_that_tips_over_is_named_and_left_out(walks):
+    """Encoders see neither the fall nor that legs turn in the air."""
+    roll = np.linspace(0.0, math.pi, len(walks[1].time_s))
+    fallen = dataclasses.replace(walks[1], rpy_rad=walks[1].rpy_rad
+                                 + np.outer(roll, [1.0, 0.0, 0.0]))
+    result = judge([walks[0], fallen, *walks[2:]], ROVER, COUNTS, RIGID)
+    assert (result.drives, result.tipped_over) == (3, (1,))
+    with pytest.raises(StudyError, match='2 drives in which the rover does not tip over are not'):
+        judge([fallen, fallen, *walks[2:]], ROVER, COUNTS, RIGID)
 
 
 def test_a_rover_that_stands_tells_nothing(walks):
     still = [dataclasses.replace(each, joint_angle_rad=np.zeros_like(each.joint_angle_rad))
              for each in walks]
     with pytest.raises(StudyError, match='did not roll'):
-        judge(still, ROVER, WheelOdometryConfig())
+        judge(still, ROVER, COUNTS, RIGID)
