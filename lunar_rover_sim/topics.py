@@ -173,6 +173,17 @@ OF_RIGHT = tuple(
                         on_request=True)
     for left in (TRUE_DEPTH, LABELS, CRATERS, SHADOW, NORMALS))
 RIGHT_TRUE_DEPTH, RIGHT_LABELS, RIGHT_CRATERS, RIGHT_SHADOW, RIGHT_NORMALS = OF_RIGHT
+# Pictures of images of two or three floats, which viewers do not show.
+OF_COLOURS = tuple(
+    Topic(f'{shown.name}/image_color', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
+          shown.frame_id, f'rgb8, for viewers: {shown.name}, {colours}', on_request=True)
+    for shown, colours in (
+        (NORMALS, '127.5 (1 + n); black for the sky'),
+        (RIGHT_NORMALS, '127.5 (1 + n); black for the sky'),
+        (OPTICAL_FLOW, 'the hue is its direction, the brightness its length, full at 32 px'),
+        (SCENE_FLOW, 'the hue is its direction in the image, the brightness its length across '
+                     'it, full at 0.1 m')))
+NORMALS_COLOUR, RIGHT_NORMALS_COLOUR, FLOW_COLOUR, SCENE_FLOW_COLOUR = OF_COLOURS
 HAZARD_LABELS = Topic(f'ground_truth/hazard/{NAME}/labels', 'sensor_msgs/msg/Image', EVENT,
                       'render_node', f'hazard_{NAME}_optical_frame', 'as ground_truth/labels, of '
                       'a hazard camera', on_request=True)
@@ -246,10 +257,10 @@ CONTRACT: tuple[Topic, ...] = (
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER, SOLAR_POWER,
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
     DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
-    NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, LABEL_INFO, BOXES, LABEL_CLASSES, VISION_INFO,
-    CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN,
-    LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC, RECORDED,
-    DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+    NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES, LABEL_CLASSES,
+    VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, LIDAR_POINTS, LIDAR_DESKEWED,
+    LIDAR_SCAN, LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
+    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
 # Of a package that may not be installed.
 OF_VISION: tuple[Topic, ...] = (BOXES, LABEL_CLASSES, VISION_INFO)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)

@@ -21,12 +21,15 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import image_conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.vision_conversions import detections, vision_messages
+from lunar_rover_sim.rendering import layer_pictures
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.sequences.instances import instances
 from lunar_rover_sim.stereo.points import grey, points_from_depth
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 
 _BOTH = ('left', 'right')
+_NORMALS = ('normal', 'right_normal')
+_FULL_FLOW_PX, _FULL_FLOW_M = 32.0, 0.1     # whose colour is full; a choice, see `topics`
 # Topic → the layers of the renderer that it shows or is computed from. CameraInfos are published
 # last: they tell that the images of the frame are out.
 _LAYERS: dict[str, tuple[str, ...]] = {
@@ -39,6 +42,8 @@ _LAYERS: dict[str, tuple[str, ...]] = {
     topics.OPTICAL_FLOW.name: ('optical_flow',), topics.SCENE_FLOW.name: ('scene_flow',),
     **{topic.name: (layer,) for topic, layer in zip(topics.OF_RIGHT, (
         'right_depth', 'right_label', 'right_crater', 'right_shadow', 'right_normal'))},
+    topics.NORMALS_COLOUR.name: ('normal',), topics.RIGHT_NORMALS_COLOUR.name: ('right_normal',),
+    topics.FLOW_COLOUR.name: ('optical_flow',), topics.SCENE_FLOW_COLOUR.name: ('scene_flow',),
     topics.BOXES.name: ('label', 'crater'),
     topics.LEFT_INFO.name: (), topics.RIGHT_INFO.name: ()}
 _TOPICS = {topic.name: topic for topic in topics.CONTRACT if topic.name in _LAYERS}
@@ -46,13 +51,19 @@ _INFOS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name, topics.DEPTH_INFO.name)
 # Published for every frame, read or not: time may wait for them.
 _ALWAYS = (topics.LEFT_INFO.name, topics.RIGHT_INFO.name)
 _COMPRESSED = (topics.LEFT_COMPRESSED.name, topics.RIGHT_COMPRESSED.name)
+_COLOURS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.uint8]]] = {
+    topics.NORMALS_COLOUR.name: layer_pictures.normal_picture,
+    topics.RIGHT_NORMALS_COLOUR.name: layer_pictures.normal_picture,
+    topics.FLOW_COLOUR.name: lambda flow: layer_pictures.flow_picture(flow, _FULL_FLOW_PX),
+    topics.SCENE_FLOW_COLOUR.name: lambda flow: layer_pictures.flow_picture(flow, _FULL_FLOW_M)}
 _MATCHED = (topics.DISPARITY.name, topics.DEPTH.name, topics.POINTS.name)
+_DERIVED = (*_COMPRESSED, *_COLOURS, *_MATCHED)
 # Those of every n-th frame.
 _DEPTH = tuple(name for name, topic in _TOPICS.items() if topic.rate == topics.DEPTH_FRAME)
 
 
 class FramePublisher:
-    """Publishes a frame; what takes long, matching and compression, in a thread of its own.
+    """Publishes a frame; matching, compression and colours, which take long, in a thread.
 
     on_reader: called when the readers of a topic change
     on_derived: called from the thread when all of a frame has been published
@@ -115,6 +126,8 @@ class FramePublisher:
         R_world_camera: (3, 3) axes of both optical frames, in which normals are published
         Raises what the thread raised on the frame before.
         """
+        layers = {layer: pixels @ R_world_camera.astype(np.float32) if layer in _NORMALS
+                  else pixels for layer, pixels in layers.items()}
         for name in names:
             frame_id = _TOPICS[name].frame_id
             if name in _INFOS:
@@ -123,12 +136,10 @@ class FramePublisher:
                     self._rig, frame_id, self._rig.P_right if right else self._rig.P_left, stamp))
             elif name == topics.BOXES.name:
                 self._send(name, self._boxes(layers, Header(stamp=stamp, frame_id=frame_id)))
-            elif name not in _MATCHED and name not in _COMPRESSED:
-                pixels = layers[_LAYERS[name][0]]
-                if name in (topics.NORMALS.name, topics.RIGHT_NORMALS.name):
-                    pixels = pixels @ R_world_camera.astype(np.float32)
-                self._send(name, image_conversions.image(pixels, frame_id, stamp))
-        derived = [name for name in names if name in _MATCHED or name in _COMPRESSED]
+            elif name not in _DERIVED:
+                self._send(name, image_conversions.image(layers[_LAYERS[name][0]], frame_id,
+                                                         stamp))
+        derived = [name for name in names if name in _DERIVED]
         if derived:
             self.raise_error(wait=True)
             self._derived = self._thread.submit(
@@ -157,6 +168,10 @@ class FramePublisher:
                 pixels = layers[_LAYERS[name][0]]
                 self._send(name, image_conversions.compressed_image(
                     *compressed(pixels, self._compression[name]), _TOPICS[name].frame_id, stamp))
+            elif name in _COLOURS:
+                picture = _COLOURS[name](layers[_LAYERS[name][0]])
+                self._send(name, image_conversions.image(picture[..., ::-1],
+                                                         _TOPICS[name].frame_id, stamp))
         if not any(name in _MATCHED for name in names):
             return
         disparity = self._matcher.match(layers['left'], layers['right'])

@@ -23,6 +23,7 @@ from lunar_rover_sim.topics import Topic
 # An answer may refer to a state that has not reached this node yet, but not to a later one.
 _MAX_AHEAD_NS = 1_000_000_000
 _DISCOVERY_S = 0.02
+_NOTICE_S = 4.0     # without an answer, after which a warning tells who is awaited
 
 
 class LockstepListener:
@@ -64,6 +65,8 @@ class LockstepListener:
         self._relays = frozenset(relays)
         self._refused: dict[str, int] = {}      # topic → stamps refused so far
         self._last_progress_s = time.monotonic()
+        self._told = False      # of this wait
+        self._has_warned = False
         for topic in self._types:
             if topic in self._without_publisher:
                 self._subscribe(topic, self._types[topic])
@@ -95,9 +98,13 @@ class LockstepListener:
     def note_progress(self) -> None:
         """Restart the wait: time advanced, an answer came, or no answer is due."""
         self._last_progress_s = time.monotonic()
+        self._told = False
 
     def check_silence(self, now_ns: int) -> None:
-        """Raise GraphError, naming topic and node, if an answer is overdue [wall time]."""
+        """Raise GraphError, naming topic and node, if an answer is overdue [wall time].
+
+        Warns of the first long wait, and logs the others.
+        """
         missing = self.gate.missing(now_ns) or self.gate.behind(now_ns)
         if not missing:
             return
@@ -107,13 +114,26 @@ class LockstepListener:
         if now_ns <= STARTED_NS and not self._relays.isdisjoint(missing):
             started = False
         limit_s = self._wait.silence_s if started else self._wait.start_s
-        if time.monotonic() - self._last_progress_s < limit_s:
-            return
+        waited_s = time.monotonic() - self._last_progress_s
+        if waited_s >= limit_s:
+            raise GraphError(self._describe_silence(limit_s, now_ns, missing))
+        if started and waited_s >= _NOTICE_S and not self._told:
+            self._told = True
+            text = (f'{self._describe_silence(_NOTICE_S, now_ns, missing)}; waits for up to '
+                    f'{limit_s:g} s')
+            # A slow machine would repeat it at every frame.
+            if self._has_warned:
+                self._node.get_logger().info(text)
+            else:
+                self._node.get_logger().warning(text)
+            self._has_warned = True
+
+    def _describe_silence(self, waited_s: float, now_ns: int, missing: Mapping[str, int]) -> str:
         silent = '; '.join(f'{topic} (from {self._publishers(topic)}, last stamp {ns / 1e9:.3f} s'
                            + (f', {self._refused[topic]} refused)' if topic in self._refused
                               else ')') for topic, ns in missing.items())
-        raise GraphError(f'no answer for {limit_s:g} s at {now_ns / 1e9:.3f} s of simulated time '
-                         f'on {silent}')
+        return (f'no answer for {waited_s:g} s at {now_ns / 1e9:.3f} s of simulated time on '
+                f'{silent}')
 
     def _publishers(self, topic: str) -> str:
         infos = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))

@@ -89,16 +89,18 @@ def normal_picture(normal: NDArray[np.float32]) -> U8:
     return np.where(known, 127.5 + 127.5 * normal, 0.0).astype(np.uint8)[..., ::-1]
 
 
-def flow_picture(flow: NDArray[np.float32]) -> U8:
+def flow_picture(flow: NDArray[np.float32], full: float | None = None) -> U8:
     """Return (h, w, 3) BGR colours of optical flow or scene flow.
 
-    The hue is the direction in the image, the brightness the length across it; the 99th
-    percentile is full. NaN is dark grey.
+    The hue is the direction in the image: right red, down yellow-green, left cyan, up violet. The
+    brightness is the length across it, full at `full`, None: at the 99th percentile. NaN is dark
+    grey.
     """
     known = np.isfinite(flow).all(axis=-1)
     right, down = (np.where(known, flow[..., k], 0.0) for k in range(2))
     length = np.hypot(right, down)
-    full = float(np.percentile(length[known], 99)) if known.any() else 1.0
+    if full is None:
+        full = float(np.percentile(length[known], 99)) if known.any() else 1.0
     hue = (np.degrees(np.arctan2(down, right)) % 360.0) / 2.0
     hsv = np.stack([hue, np.full_like(hue, 255.0),
                     255.0 * np.clip(length / max(full, 1e-6), 0.0, 1.0)], axis=-1)

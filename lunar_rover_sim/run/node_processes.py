@@ -19,6 +19,7 @@ from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.child_process import dies_with_parent
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.run.ros_installation import discovery_environment
+from lunar_rover_sim.run.thread_states import is_at_work
 
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
 # left to add to it.
@@ -120,6 +121,23 @@ class NodeProcesses:
     def suspended(self) -> list[str]:
         """Return the nodes that are suspended (SIGSTOP)."""
         return [name for name, process in self._processes.items() if _is_suspended(process)]
+
+    def at_work(self) -> bool:
+        """Return whether any of them works at this moment, or would if it had a core."""
+        return any(is_at_work(process.pid) for process in self._processes.values())
+
+    def silent_participant(self, now_ns: int) -> str:
+        """Return which answer a node misses at a simulated time, as it has logged; '' if none.
+
+        The gait controller comes first: physics misses its answer in consequence.
+        """
+        at = f'at {now_ns / 1e9:.3f} s of simulated time'
+        for name in ('gait_controller_node', 'physics_node'):
+            if name in self._processes:
+                for line in self._log_lines(name):
+                    if ': no answer for' in line and at in line:
+                        return f'{name}: {line.partition("]: ")[2].rpartition(";")[0]}'
+        return ''
 
     def measure(self) -> None:
         """Update `cpu_s`."""

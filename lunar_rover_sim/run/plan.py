@@ -15,7 +15,6 @@ from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.gait.calibration import packaged_calibration
-from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LIDAR_TOPICS, LidarNodeConfig,
                                              NODE_CONFIGS)
@@ -35,8 +34,6 @@ STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node
 _RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
-# The renderer is silent while it computes the light of a sun that has moved.
-_LIGHT_S = 60.0
 _LIDAR_LAG_SCANS, _RECORDER_LAG_SCANS = 2, 4
 # The gait controller reports who is silent on cmd_vel after this share of the time that physics
 # allows. Otherwise physics would report the gait controller.
@@ -90,9 +87,6 @@ def resolve(scenario: Scenario) -> Scenario:
                                or packaged_calibration(physics.ground.name))
     recorder, render = scenario.recorder_node, scenario.render_node
     physics = dataclasses.replace(physics, ground_rate_hz=render.frame_rate_hz, sun=render.sun)
-    if 'render_node' in nodes and SunPath(render.sun).step(round(1e9 * duration_s)):
-        physics = dataclasses.replace(physics, wait=dataclasses.replace(
-            physics.wait, silence_s=max(physics.wait.silence_s, _LIGHT_S)))
     render = dataclasses.replace(render, await_ground=render.await_ground or (
         physics.ground.deforms and 'physics_node' in nodes))
     # In real time nothing is awaited, but time starts only when these topics have publishers.
@@ -230,6 +224,13 @@ def _unpublished(scenario: Scenario) -> tuple[topics.Topic, ...]:
     # tf2_msgs and vision_msgs may be missing.
     odometry = topics.ODOM if separate else topics.TRUE_ODOM
     return topics.TF, *topics.OF_VISION, odometry, *clock, *ground
+
+
+def awaits_others(scenario: Scenario) -> bool:
+    """Return whether time waits for programs that a resolved scenario does not start."""
+    of_run = {topic.name for topic in topics.CONTRACT if topic.node in scenario.run.nodes}
+    return not of_run.issuperset((*scenario.physics_node.wait.topics,
+                                  *scenario.gait_controller_node.wait.topics))
 
 
 def _participants(scenario: Scenario) -> tuple[str, ...]:

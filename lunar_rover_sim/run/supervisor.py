@@ -10,12 +10,17 @@ from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.clock_reader import ClockReader
 from lunar_rover_sim.run.lockstep import STARTED_NS
 from lunar_rover_sim.run.node_processes import NodeProcesses
+from lunar_rover_sim.run.plan import awaits_others
 from lunar_rover_sim.run.scenario import Scenario
 
 _POLL_S = 0.1
 # physics_node names the participant that it waits for before the supervisor names physics_node. It
 # begins to wait once it has started itself, which takes seconds.
 _SILENCE_MARGIN_S, _START_MARGIN_S = 1.0, 30.0
+# Time stands still and no node works: they wait for each other. A node that draws for a minute,
+# or that gets a tenth of a core, works.
+_IDLE_S = 6.5
+_WORKING_SHARE = 0.5    # of the looks at the nodes; idle ones wake up for a moment now and then
 # Time that physics has to leave after its last state.
 _LEAVE_S = 15.0
 
@@ -26,6 +31,8 @@ class Limits:
 
     silence_s: during the run; start_s: in its first simulated second, where time waits for the
         slowest node to start; None where time may stand still (paused, real time)
+    idle_s: during the run, where no node works or one is suspended; others: whether programs take
+        part that the run has not started, whose work cannot be seen
     end_ns: simulated time at which physics finishes [ns]; 0 for never
     timeout_s: wall time after which the run is stopped as failed; None for never
     """
@@ -34,6 +41,8 @@ class Limits:
     start_s: float | None
     end_ns: int
     timeout_s: float | None = None
+    idle_s: float = _IDLE_S
+    others: bool = False
 
     @classmethod
     def of(cls, scenario: Scenario, timeout_s: float | None = None) -> Limits:
@@ -41,13 +50,18 @@ class Limits:
         wait, end_ns = scenario.physics_node.wait, round(scenario.run.duration_s * 1e9)
         if not scenario.shared.lockstep:
             return cls(None, None, end_ns, timeout_s)
+        idle_s = _IDLE_S if wait.silence_s > _IDLE_S else wait.silence_s + _SILENCE_MARGIN_S
         return cls(wait.silence_s + _SILENCE_MARGIN_S, wait.start_s + _START_MARGIN_S, end_ns,
-                   timeout_s)
+                   timeout_s, idle_s, awaits_others(scenario))
 
-    def silence_limit_s(self, now_ns: int, suspended: bool) -> float | None:
+    def silence_limit_s(self, now_ns: int, suspended: bool, idle: bool) -> float | None:
         """Return how long the clock may stand still at `now_ns`; None for ever."""
-        starting = now_ns <= STARTED_NS and not suspended
-        limit_s = self.start_s if starting else self.silence_s
+        limit_s = self.silence_s
+        if limit_s is not None:
+            if suspended or (idle and not self.others and now_ns > STARTED_NS):
+                limit_s = self.idle_s
+            elif now_ns <= STARTED_NS:
+                limit_s = self.start_s
         if limit_s is not None and 0 < self.end_ns <= now_ns:
             limit_s += _LEAVE_S
         return limit_s
@@ -62,6 +76,7 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
     """
     start = last_progress = time.monotonic()
     last_ns, suspended = 0, nodes.suspended()
+    looks = working = 0     # since time stands still
     while True:
         if nodes.has_finished():
             on_progress(max(clock.now_ns(), limits.end_ns))
@@ -72,7 +87,10 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
         # A node that is suspended gets the same time as one that is silent.
         if now_ns != last_ns or now_suspended != suspended:
             last_ns, suspended, last_progress = now_ns, now_suspended, time.monotonic()
-        limit_s = limits.silence_limit_s(now_ns, bool(suspended))
+            looks = working = 0
+        looks, working = looks + 1, working + nodes.at_work()
+        limit_s = limits.silence_limit_s(now_ns, bool(suspended),
+                                         working < _WORKING_SHARE * looks)
         if limit_s is not None and time.monotonic() - last_progress > limit_s:
             raise GraphError(_describe_silence(nodes, suspended, limit_s, now_ns))
         if limits.timeout_s is not None and time.monotonic() - start > limits.timeout_s:
@@ -84,12 +102,13 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
 
 def _describe_silence(nodes: NodeProcesses, suspended: list[str], limit_s: float,
                       now_ns: int) -> str:
-    """Return why time stands still: a node's own error, a suspended node, else physics."""
+    """Return why time stands still: an error of a node, a suspended or silent one, or physics."""
     fatal = nodes.fatal_error()
     if fatal is not None:
         return fatal
     at = f'at {now_ns / 1e9:.3f} s of simulated time'
     if suspended:
         return f'{suspended[0]} is stopped (SIGSTOP) {at} (log: {nodes.log(suspended[0])})'
-    return (f'physics_node has been silent for {limit_s:g} s {at} '
-            f'(log: {nodes.log("physics_node")})')
+    return nodes.silent_participant(now_ns) or (
+        f'physics_node has been silent for {limit_s:g} s {at} '
+        f'(log: {nodes.log("physics_node")})')

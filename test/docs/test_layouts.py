@@ -20,11 +20,13 @@ CONFIG = Path(__file__).parents[2] / 'config'
 SHOWN = {'sensor_msgs/msg/Image': 'Image', 'sensor_msgs/msg/PointCloud2': 'PointCloud2',
          'sensor_msgs/msg/LaserScan': 'LaserScan', 'nav_msgs/msg/Odometry': 'Odometry',
          'nav_msgs/msg/Path': 'Path', 'geometry_msgs/msg/PoseStamped': 'Pose'}
-# Images of two or three floats, which neither shows; the pose that another simulator is told.
-NOT_SHOWN = {topics.NORMALS.name, topics.RIGHT_NORMALS.name, topics.OPTICAL_FLOW.name,
-             topics.SCENE_FLOW.name, topics.TELEPORT.name}
-EXPECTED = {topic.name.replace(NAME, 'front'): topic for topic in topics.CONTRACT
-            if topic.type in SHOWN and topic.name not in NOT_SHOWN}
+# Images of two or three floats: RViz shows their colours, Foxglove makes colours of them.
+FLOATS = {topic.name.removesuffix('/image_color') for topic in topics.OF_COLOURS}
+COLOURS = {topic.name for topic in topics.OF_COLOURS}
+# But for the pose that another simulator is told.
+ALL = {topic.name.replace(NAME, 'front'): topic for topic in topics.CONTRACT
+       if topic.type in SHOWN and topic is not topics.TELEPORT}
+EXPECTED = {name: topic for name, topic in ALL.items() if name not in FLOATS}
 # Properties of the displays of RViz 2 (rviz_default_plugins, those that may be of use here).
 CLOUD = {'Topic', 'Selectable', 'Style', 'Size (m)', 'Size (Pixels)', 'Alpha', 'Decay Time',
          'Position Transformer', 'Color Transformer', 'Channel Name', 'Use rainbow',
@@ -71,9 +73,9 @@ def test_foxglove(displays: dict[str, dict[str, Any]]) -> None:
     images = {made_of.pop(topic, topic)[1:] for topic in shown}
     assert not made_of      # no script that nobody shows
     scene = {name[1:] for name in panels['3D!scene']['topics']}
-    expected = {name for name, topic in EXPECTED.items() if SHOWN[topic.type] == 'Image'}
+    expected = {name for name, topic in ALL.items() if SHOWN[topic.type] == 'Image'} - COLOURS
     assert images == expected and len(shown) == len(expected)
-    assert set(EXPECTED) - expected <= scene <= set(EXPECTED) | {'robot_description'}
+    assert set(EXPECTED) - expected - COLOURS <= scene <= set(EXPECTED) | {'robot_description'}
     placed = json.dumps(document['layout']) + json.dumps(panels['Tab!images'])
     assert all(placed.count(f'"{panel}"') == 1 for panel in panels)
 

@@ -104,6 +104,31 @@ def test_of_several_early_answers_each_is_judged(gait: Gait) -> None:
     assert not gait.failure()
 
 
+def test_a_long_wait_is_told_before_it_is_an_error(
+        domain: int, capfd: pytest.CaptureFixture[str]) -> None:
+    """Who waits says so: a warning once, later waits in the log."""
+    rclpy.init(args=['--ros-args', '-p', 'time_mode:=lockstep', '-p', 'wait.topics:=[cmd_vel]',
+                     '-p', 'wait.lags_s:=[0.05]'])
+    gait = Gait()
+    try:
+        gait.velocity(Time(sec=WALL_TIME))
+        gait.state()
+        for _ in range(2):
+            time.sleep(4.1)
+            for _ in range(2):
+                for timer in gait.node.timers:
+                    timer.callback()
+            assert gait.node.failure is None
+            gait.velocity(Time(nanosec=1))
+    finally:
+        gait.node.destroy_node()
+        rclpy.try_shutdown()
+    lines = [line for line in capfd.readouterr().err.splitlines() if 'no answer for 4 s' in line]
+    assert [line.split(']')[0] for line in lines] == ['[WARN', '[INFO']
+    assert all('on cmd_vel (from' in line and line.endswith('waits for up to 60 s')
+               for line in lines)
+
+
 def test_time_without_a_state_is_no_silence(gait: Gait) -> None:
     """Physics that is started late, or was paused, leaves the others their full time."""
     time.sleep(SILENCE_S + 0.1)

@@ -138,6 +138,11 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
               'stereo/depth/camera_info': CameraInfo, 'stereo/points2': PointCloud2,
               'stereo/left/image_raw/compressed': CompressedImage,
               'ground_truth/right/labels': Image, 'ground_truth/right/normals': Image,
+              'ground_truth/right/normals/image_color': Image,
+              'ground_truth/normals/image_color': Image,
+              'ground_truth/optical_flow': Image, 'ground_truth/scene_flow': Image,
+              'ground_truth/optical_flow/image_color': Image,
+              'ground_truth/scene_flow/image_color': Image,
               'chase/image_raw': Image, 'chase/camera_info': CameraInfo,
               'chase/pose': PoseStamped, 'hazard/front/image_raw': Image,
               'hazard/front/camera_info': CameraInfo, 'hazard/rear/right/image_raw': Image,
@@ -190,10 +195,33 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     # In optical axes: level ground points up, against y.
     up = np.frombuffer(bytes(normals.data), np.float32).reshape(-1, 3)[label == 1]
     assert len(up) > 1000 and up[:, 1].mean() < -0.7
+    _check_colours(received, np.frombuffer(bytes(normals.data), np.float32).reshape(-1, 3))
     _check_chase(received)
     _check_hazards(received)
     _check_cloud(received['stereo/points2'][0], received['stereo/depth/image'][0],
                  received['stereo/depth/camera_info'][0], pixels)
+
+
+def _check_colours(received: dict[str, list[Any]], normal: np.ndarray) -> None:
+    """Normals and flows as viewers show them: rgb8, with the header of what they show."""
+    for name, images in received.items():
+        if name.endswith('image_color'):
+            assert images[0].encoding == 'rgb8' and images[0].step == 3 * images[0].width
+            shown = received.get(name.removesuffix('/image_color'))
+            assert shown is None or shown[0].header == images[0].header
+    colours = colours_of(received['ground_truth/right/normals/image_color'][0])
+    drawn = np.any(normal != 0.0, axis=1)
+    assert np.abs(colours[drawn] - 127.5 * (1.0 + normal[drawn])).max() <= 1.0
+    assert not colours[~drawn].any()
+    # From the pose of 3 s to the same one of 4 s nothing moves: black, after the unknown grey.
+    for name in ('optical', 'scene'):
+        flows = received[f'ground_truth/{name}_flow/image_color']
+        assert np.array_equal(np.unique(colours_of(flows[0])), [40])
+        assert set(np.unique(colours_of(flows[-1]))) <= {0, 40}
+
+
+def colours_of(image: Image) -> np.ndarray:
+    return np.frombuffer(bytes(image.data), np.uint8).reshape(-1, 3).astype(float)
 
 
 def _check_hazards(received: dict[str, list[Any]]) -> None:

@@ -1,0 +1,124 @@
+"""When a run counts as hung: time stands still, and none of its nodes works."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+import pytest
+
+from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.run.plan import resolve
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.supervisor import Limits, supervise
+from lunar_rover_sim.run.thread_states import is_at_work
+
+NOW_NS = 3_000_000_000
+SILENT = 'physics_node: no answer for 4 s at 3.000 s of simulated time on stereo/left/camera_info'
+
+
+class Clock:
+    """Time that stands still at 3 s."""
+
+    def now_ns(self) -> int:
+        return NOW_NS
+
+
+class Nodes:
+    """Nodes that work until some wall time after the first look, and finish at another one."""
+
+    def __init__(self, work_s: float, finish_s: float = 1e9) -> None:
+        self._start_s = time.monotonic()
+        self._work_s, self._finish_s = work_s, finish_s
+
+    def _elapsed_s(self) -> float:
+        return time.monotonic() - self._start_s
+
+    def has_finished(self) -> bool:
+        return self._elapsed_s() > self._finish_s
+
+    def at_work(self) -> bool:
+        return self._elapsed_s() < self._work_s
+
+    def suspended(self) -> list[str]:
+        return []
+
+    def fatal_error(self) -> None:
+        return None
+
+    def silent_participant(self, now_ns: int) -> str:
+        return SILENT
+
+    def measure(self) -> None:
+        pass
+
+
+def watch(nodes: Nodes, limits: Limits) -> bool:
+    return supervise(nodes, Clock(), limits, lambda _: None, lambda: False)  # type: ignore
+
+
+def test_who_works_for_long_is_not_silent() -> None:
+    """A frame may take three times as long as idle nodes may wait."""
+    limits = Limits(silence_s=5.0, start_s=5.0, end_ns=0, idle_s=0.4)
+    assert watch(Nodes(work_s=1e9, finish_s=1.2), limits)
+
+
+def test_nodes_that_all_wait_end_the_run_soon() -> None:
+    """With the answer that physics misses, long before the limit of one that works."""
+    start = time.monotonic()
+    with pytest.raises(GraphError, match='no answer for 4 s at 3.000 s .*camera_info'):
+        watch(Nodes(work_s=0.0), Limits(silence_s=20.0, start_s=20.0, end_ns=0, idle_s=0.4))
+    assert time.monotonic() - start < 2.0
+
+
+def test_work_that_never_ends_is_limited_too() -> None:
+    with pytest.raises(GraphError):
+        watch(Nodes(work_s=1e9), Limits(silence_s=0.6, start_s=20.0, end_ns=0, idle_s=0.3))
+
+
+def test_who_has_stopped_to_work_is_noticed() -> None:
+    """A node that has worked for a while and then hangs ends the run all the same."""
+    with pytest.raises(GraphError):
+        watch(Nodes(work_s=0.5), Limits(silence_s=20.0, start_s=20.0, end_ns=0, idle_s=0.4))
+
+
+def test_programs_that_the_run_has_not_started_are_given_their_time() -> None:
+    """Their work cannot be seen: a scenario says how long they may take."""
+    limits = Limits(silence_s=5.0, start_s=5.0, end_ns=0, idle_s=0.3, others=True)
+    assert watch(Nodes(work_s=0.0, finish_s=1.0), limits)
+    assert not Limits.of(resolve(Scenario.load('flat'))).others
+    own = ['physics_node.wait.topics=[my/pose]', 'physics_node.wait.lags_s=[0.1]']
+    assert Limits.of(resolve(Scenario.load('flat', own))).others
+    steered = ['run.nodes=[physics_node, gait_controller_node]',
+               'gait_controller_node.wait.topics=[cmd_vel]',
+               'gait_controller_node.wait.lags_s=[0.05]']
+    assert Limits.of(resolve(Scenario.load('flat', steered))).others
+
+
+def test_a_limit_below_that_of_idle_nodes_holds_for_them_too() -> None:
+    limits = Limits.of(resolve(Scenario.load('flat', ['physics_node.wait.silence_s=3.0'])))
+    assert limits.silence_s is not None and limits.idle_s <= limits.silence_s <= 4.0
+
+
+@pytest.mark.parametrize('code,works', [
+    ('while True: pass', True), ('import time; time.sleep(60)', False),
+    # Its main thread waits, as that of a renderer does while llvmpipe draws.
+    ('import threading\ndef f():\n while True: pass\nthreading.Thread(target=f).start()', True)])
+def test_work_of_a_process(tmp_path: Path, code: str, works: bool) -> None:
+    """By the states of its threads, whatever its name is."""
+    interpreter = tmp_path / ') R 1 ('
+    interpreter.symlink_to(sys.executable)
+    with subprocess.Popen([interpreter, '-S', '-c', f'print(flush=True)\n{code}'],
+                          stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(0.2)
+        looks = []
+        for _ in range(20):
+            looks.append(is_at_work(process.pid))
+            time.sleep(0.02)
+        process.kill()
+    assert (sum(looks) > 10) == works
+    assert not is_at_work(process.pid)
