@@ -19,11 +19,14 @@ from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.child_process import dies_with_parent
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.run.ros_installation import discovery_environment
-from lunar_rover_sim.run.thread_states import is_at_work
+from lunar_rover_sim.run.thread_states import is_at_work, Looks
 
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
-# left to add to it.
+# left to add to it. Who still works then is given more: a recorder reads a large bag again for its
+# checksums.
 _STOP_S = 15.0
+_STOP_AT_WORK_S = 600.0
+_POLL_S = 0.05
 _STOP_AFTER_FAILURE_S = 2.0
 
 _ENVIRONMENT = {
@@ -186,12 +189,12 @@ class NodeProcesses:
             # A suspended process does not receive SIGINT.
             patience_s = 0.0 if _is_suspended(process) else limit_s
             process.send_signal(signal.SIGINT)
-            try:
-                process.wait(patience_s)
-            except (subprocess.TimeoutExpired, psutil.TimeoutExpired):
+            start_s = time.monotonic()
+            if not _has_ended(process, patience_s):
                 process.kill()
                 process.wait()
-                problem = f'{name} did not stop within {limit_s:g} s and was killed'
+                problem = (f'{name} did not stop within {time.monotonic() - start_s:.0f} s and '
+                           'was killed')
                 if name == 'recorder_node':
                     mark_failed(self._folder / BAG_FOLDER, problem)
                 return [] if self._goes_on_without(name, problem) else [problem]
@@ -246,6 +249,22 @@ class NodeProcesses:
 
     def _log_lines(self, name: str) -> list[str]:
         return self.log(name).read_text(errors='replace').splitlines()
+
+
+def _has_ended(process: psutil.Popen, limit_s: float) -> bool:
+    """Wait until a process has ended; return False if it does not in time.
+
+    limit_s: of one that is idle; one of _STOP_S or more is longer for one that works
+    """
+    start_s, looks = time.monotonic(), Looks()
+    while process.poll() is None:
+        looks.add(is_at_work(process.pid))
+        waited_s = time.monotonic() - start_s
+        patient = limit_s >= _STOP_S and not looks.idle
+        if waited_s >= (_STOP_AT_WORK_S if patient else limit_s):
+            return False
+        time.sleep(_POLL_S)
+    return True
 
 
 def _is_suspended(process: psutil.Popen) -> bool:

@@ -12,6 +12,7 @@ from lunar_rover_sim.run.lockstep import STARTED_NS
 from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.plan import awaits_others
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.thread_states import Looks
 
 _POLL_S = 0.1
 # physics_node names the participant that it waits for before the supervisor names physics_node. It
@@ -20,7 +21,6 @@ _SILENCE_MARGIN_S, _START_MARGIN_S = 1.0, 30.0
 # Time stands still and no node works: they wait for each other. A node that draws for a minute,
 # or that gets a tenth of a core, works.
 _IDLE_S = 6.5
-_WORKING_SHARE = 0.5    # of the looks at the nodes; idle ones wake up for a moment now and then
 # Time that physics has to leave after its last state.
 _LEAVE_S = 15.0
 
@@ -76,7 +76,7 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
     """
     start = last_progress = time.monotonic()
     last_ns, suspended = 0, nodes.suspended()
-    looks = working = 0     # since time stands still
+    looks = Looks()     # since time stands still
     while True:
         if nodes.has_finished():
             on_progress(max(clock.now_ns(), limits.end_ns))
@@ -87,10 +87,9 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
         # A node that is suspended gets the same time as one that is silent.
         if now_ns != last_ns or now_suspended != suspended:
             last_ns, suspended, last_progress = now_ns, now_suspended, time.monotonic()
-            looks = working = 0
-        looks, working = looks + 1, working + nodes.at_work()
-        limit_s = limits.silence_limit_s(now_ns, bool(suspended),
-                                         working < _WORKING_SHARE * looks)
+            looks = Looks()
+        looks.add(nodes.at_work())
+        limit_s = limits.silence_limit_s(now_ns, bool(suspended), looks.idle)
         if limit_s is not None and time.monotonic() - last_progress > limit_s:
             raise GraphError(_describe_silence(nodes, suspended, limit_s, now_ns))
         if limits.timeout_s is not None and time.monotonic() - start > limits.timeout_s:

@@ -7,6 +7,23 @@ from pathlib import Path
 _WORKING = frozenset('RD')      # runs or waits for a core; waits for a disk
 
 
+class Looks:
+    """How often somebody was seen at work; who is idle wakes up for a moment now and then."""
+
+    def __init__(self) -> None:
+        self._count = self._working = 0
+
+    def add(self, working: bool) -> None:
+        """Note one look."""
+        self._count += 1
+        self._working += working
+
+    @property
+    def idle(self) -> bool:
+        """Whether less than half of the looks saw work."""
+        return 2 * self._working < self._count
+
+
 def is_at_work(pid: int) -> bool:
     """Return whether any thread of a process runs, would if it had a core, or waits for a disk.
 

@@ -266,6 +266,15 @@ def test_damage_is_found_and_named(tmp_path, good, damage):
     assert words in found[name]
 
 
+def test_snapshots_of_the_ground_come_with_every_reader(tmp_path, good):
+    """Three readers, of whom the recorder is the first: three in the bag, and nothing is wrong."""
+    change = next(i for i in good if i.topic == 'ground/changes')
+    items = copy.deepcopy(good)
+    items += [Item('ground/snapshot', 'sensor_msgs/msg/PointCloud2', change.message)] * 3
+    failed = check(synthetic.write(tmp_path / 'bag', items)).failed
+    assert 'latched' not in {finding.check for finding in failed}
+
+
 def every_second(items: list[Item], depth_every: int = 2) -> list[Item]:
     """Return the items with a scenario that asks for depth with every n-th frame."""
     items = [i for i in items if i.topic != 'ground/changes']

@@ -10,7 +10,9 @@ import time
 import pytest
 
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.run.plan import resolve
+from lunar_rover_sim.run import node_processes
+from lunar_rover_sim.run.node_processes import NodeProcesses
+from lunar_rover_sim.run.plan import NodePlan, resolve
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.supervisor import Limits, supervise
 from lunar_rover_sim.run.thread_states import is_at_work
@@ -100,6 +102,32 @@ def test_programs_that_the_run_has_not_started_are_given_their_time() -> None:
 def test_a_limit_below_that_of_idle_nodes_holds_for_them_too() -> None:
     limits = Limits.of(resolve(Scenario.load('flat', ['physics_node.wait.silence_s=3.0'])))
     assert limits.silence_s is not None and limits.idle_s <= limits.silence_s <= 4.0
+
+
+@pytest.mark.parametrize('code,killed', [
+    # Checksums of a large bag, for twice as long as an idle node is given.
+    ('end = time.monotonic() + 2.0\nwhile time.monotonic() < end: pass', False),
+    ('time.sleep(60.0)', True)])
+def test_who_works_while_it_is_stopped_is_given_time(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, killed: bool) -> None:
+    """A recorder that finishes a large bag is not killed; one that hangs is."""
+    script = tmp_path / 'node.py'
+    script.write_text('import signal, sys, time\n'
+                      f'def stop(*_):\n {code.replace(chr(10), chr(10) + " ")}\n sys.exit(0)\n'
+                      'signal.signal(signal.SIGINT, stop)\n'
+                      'signal.pthread_sigmask(signal.SIG_SETMASK, ())\n'
+                      'print("ready", flush=True)\nwhile True: time.sleep(0.1)\n')
+    monkeypatch.setattr(node_processes, '_STOP_S', 1.0)
+    monkeypatch.setattr(node_processes, 'dies_with_parent', lambda _: [sys.executable, script])
+    nodes = NodeProcesses([NodePlan('render_node', {})], tmp_path, 77)
+    while 'ready' not in nodes.log('render_node').read_text():
+        time.sleep(0.02)
+    if killed:
+        with pytest.raises(GraphError, match='render_node did not stop within 1 s and was killed'):
+            nodes.stop()
+    else:
+        nodes.stop()
+    nodes.kill()
 
 
 @pytest.mark.parametrize('code,works', [
