@@ -235,12 +235,14 @@ class NodeProcesses:
         """Return how a node ended, with the reason that it gave, and its log."""
         status = self._processes[name].returncode
         how = f'status {status}' if status >= 0 else signal.Signals(-status).name
-        lines = [line.strip() for line in self._log_lines(name) if line.strip()]
+        # What it logged of its work is no reason.
+        lines = [line.strip() for line in self._log_lines(name)
+                 if line.strip() and not line.startswith('[INFO]')]
         reason = self._fatal_line(name) or (lines[-1] if lines else '')
         if not reason and name == 'recorder_node':
             # A full disk has no room for its log, but the mark of the bag has reserved some.
             reason = why_incomplete(self._folder / BAG_FOLDER) or ''
-        return f'{name} ended with {how}: {reason or "no output"} (log: {self.log(name)})'
+        return f'{name} ended with {how}: {reason or "it gave no reason"} (log: {self.log(name)})'
 
     def _fatal_line(self, name: str) -> str:
         """Return the reason that a node gave for its end; '' if it gave none."""

@@ -104,6 +104,19 @@ def test_a_limit_below_that_of_idle_nodes_holds_for_them_too() -> None:
     assert limits.silence_s is not None and limits.idle_s <= limits.silence_s <= 4.0
 
 
+def test_what_a_killed_node_logged_of_its_work_is_no_reason(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = ('print("[INFO] [1.5] [lidar_node]: ready: seed 1", flush=True)\n'
+              'import os\nos.kill(os.getpid(), 9)')
+    monkeypatch.setattr(node_processes, 'dies_with_parent',
+                        lambda _: [sys.executable, '-c', script])
+    nodes = NodeProcesses([NodePlan('lidar_node', {})], tmp_path, 77)
+    with pytest.raises(GraphError, match='^lidar_node ended with SIGKILL: it gave no reason .log'):
+        while not nodes.has_finished():
+            time.sleep(0.02)
+    nodes.kill()
+
+
 @pytest.mark.parametrize('code,killed', [
     # Checksums of a large bag, for twice as long as an idle node is given.
     ('end = time.monotonic() + 2.0\nwhile time.monotonic() < end: pass', False),
