@@ -16,7 +16,7 @@ from peer import Peer  # noqa: E402  (needs rclpy)
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import Image  # noqa: E402
 
-COUNT = 5
+COUNT = 3
 SENDER = f"""
 import array, sys, time, rclpy
 from rclpy.qos import qos_profile_sensor_data
@@ -37,7 +37,7 @@ sys.stdin.readline()
 
 
 def test_a_burst_waits_in_shared_memory(peer: Peer) -> None:
-    """Best effort, and a reader that has no time for a second: all of 6 MB arrives.
+    """Best effort, and a reader that has no time for a second: all of 3.7 MB arrives, more than a default frame.
 
     The default segment of half a megabyte holds less than one image of 1.2 MB.
     """
