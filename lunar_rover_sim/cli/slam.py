@@ -109,7 +109,7 @@ def add_system_arguments(parser: argparse.ArgumentParser) -> None:
                         help='estimator (default: %(default)s)')
     parser.add_argument('--executable', type=Path, metavar='PATH',
                         help='of ORB-SLAM3: stereo_euroc, mono_euroc, rgbd_tum, ..., or their '
-                             'folder')
+                             'folder; or a Python that has the wheel pyorbslam3')
     parser.add_argument('--vocabulary', type=Path, metavar='PATH', help='of ORB-SLAM3')
     parser.add_argument('--run', default='', metavar='COMMAND', dest='command',
                         help='of the system `command`: with {sequence} (EuRoC), {settings}, '
