@@ -86,6 +86,9 @@ def curves(rows: Sequence[Row], judged: Sequence[Judged], parameter: str) -> Fig
     success.set_ylim(-4.0, 104.0)
     if any(r.successes for r in rows):
         error.set_yscale('log')
+        error.yaxis.set_major_formatter('{x:g}')
+        error.yaxis.set_minor_formatter('{x:g}')
+    error.set_xlim(success.get_xlim())
     success.legend(fontsize=8, loc='best')
     return figure
 

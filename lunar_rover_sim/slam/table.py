@@ -126,7 +126,9 @@ def markdown(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '
     """Return the table as Markdown, with the reasons below it."""
     titles, lines = text_cells(rows, paper or {}, parameter)
     table = ['| ' + ' | '.join(line) + ' |' for line in (titles, ['---'] * len(titles), *lines)]
-    reasons = [f'- {r.scenario} {r.value} {r.sensor}, {reason}'.replace('  ', ' ')
+    several = len({row.system for row in rows}) > 1
+    reasons = ['- ' + ' '.join(filter(None, (r.scenario, r.value, r.sensor,
+                                             r.system if several else ''))) + f', {reason}'
                for r in rows for reason in r.reasons]
     return '\n'.join([*table, *(['', 'What went wrong:', '', *reasons] if reasons else [])]) + '\n'
 

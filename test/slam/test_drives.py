@@ -189,6 +189,8 @@ def test_curves_of_a_sweep(tmp_path) -> None:
                   str(tmp_path / 'out')])
     assert args.run(args) == 0
     assert (tmp_path / 'out/table.png').stat().st_size > 10_000
+    assert '- baseline 2 stereo orbslam3, seed 1: tracked 0 %' in (
+        tmp_path / 'out/table.md').read_text()
     lines = (tmp_path / 'out/table.csv').read_text().splitlines()
     assert lines[0].startswith('scenario,value,sensor,system,drives,successes,success_low,')
     assert lines[1].startswith('baseline,2,stereo,reference,8,0,0.0,0.32')
