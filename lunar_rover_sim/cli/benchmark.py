@@ -9,13 +9,13 @@ from typing import Any
 
 from rich.console import Console
 
-from lunar_rover_sim.cli.slam import add_system_arguments, estimator_of
+from lunar_rover_sim.cli.slam import (add_paper_argument, add_system_arguments, estimator_of,
+                                      paper_of)
 from lunar_rover_sim.files.outputs import check_folder
-from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.slam import benchmark
 from lunar_rover_sim.slam.benchmark_report import write_report
-from lunar_rover_sim.slam.table import read_paper
+from lunar_rover_sim.slam.drives import seeds_of
 
 _SCENARIOS = ('baseline', 'feature_sparse', 'low_albedo')
 _PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
@@ -26,25 +26,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         'Simulate and record each scenario with several seeds, run an estimator with '
         'each sensor, and write SYSTEM.md, .csv and .tex, a table with 95 % '
-        'intervals, and SYSTEM.html, a report. What is done already is kept: the '
-        'same call goes on.')
+        'intervals, SYSTEM_drives.csv, every drive, SYSTEM.html, a report, and in a sweep '
+        'SYSTEM.png, its curves. What is done already is kept: the same call goes on. Parts of a '
+        'benchmark that ran on several machines are joined by `slam table`.')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
                         help='folder of the benchmark; may hold part of it')
     parser.add_argument('--scenarios', nargs='+', default=list(_SCENARIOS), metavar='SCENARIO')
     parser.add_argument('--sensors', nargs='+', choices=SENSORS, default=['mono', 'stereo'],
                         metavar='SENSOR', help=f'of {", ".join(SENSORS)} (default: mono stereo)')
-    parser.add_argument('--seeds', type=int, default=5, metavar='N',
-                        help='drives of each scenario, seeds 1 to N (default: %(default)s)')
+    parser.add_argument('--seeds', default='5', metavar='SEEDS',
+                        help='drives of each scenario: N for seeds 1 to N, FROM-TO, or several of '
+                             'these with commas (default: %(default)s)')
     parser.add_argument('--duration', type=float, default=40.0, metavar='S',
                         help='simulated time of a drive [s] (default: %(default)s)')
     parser.add_argument('--sweep', default='', metavar='NODE.PARAM=V1,V2,...',
                         help='drive each scenario with several values of a parameter')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
-    parser.add_argument('--paper', type=Path, metavar='FILE',
-                        help='published numbers for comparison, YAML: scenario: {sensor: {ate_m: '
-                             'number, scale: number}} (default: those of the three scenarios in '
-                             'config/published_slam.yaml; in a sweep, none)')
+    add_paper_argument(parser)
     parser.add_argument('--retry', action='store_true', help='repeat cells that failed')
     add_system_arguments(parser)
     parser.set_defaults(run=run, check_output=check_folder)
@@ -53,16 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Do what is missing, then write table and report."""
     parameter, _, values = args.sweep.partition('=')
-    published = args.paper
-    if published is None and not parameter:
-        published = config_path('published_slam.yaml')
-    paper = read_paper(published) if published is not None else None
+    paper = paper_of(args.paper, parameter)
     cells = benchmark.plan(args.scenarios, [estimator_of(args, s) for s in args.sensors],
-                           args.seeds, args.duration, parameter,
+                           seeds_of(args.seeds), args.duration, parameter,
                            [v for v in values.split(',') if v], args.overrides)
     # Errors in any scenario are reported now, not after hours.
     for drive in dict.fromkeys(cell.drive for cell in cells):
-        drive.load_scenario()
+        benchmark.scenario_of(drive)
     # SIGTERM stops a benchmark as Ctrl-C does: nodes in order, finished cells stay.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     console = Console()
@@ -78,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
             console.print(f'{finished}/{len(cells)} {_describe(cell)}', **_PLAIN)
 
         done = benchmark.run(cells, args.output, step, args.retry)
-    report = write_report(done, args.output, parameter, paper)
+    report = write_report([cell.judged(args.output) for cell in done], args.output, args.system,
+                          paper)
     console.print(report.table + '\n'.join(['', *report.findings]), **_PLAIN)
     for path in report.files:
         console.print(str(path), **_PLAIN)

@@ -15,13 +15,17 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import ConfigError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.folders import make_new
-from lunar_rover_sim.files.outputs import check_file, check_new_folder
+from lunar_rover_sim.files.outputs import check_file, check_folder, check_new_folder
+from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors
+from lunar_rover_sim.slam.benchmark_report import write_report
+from lunar_rover_sim.slam.drives import join
 from lunar_rover_sim.slam.estimators import Estimator, stock_program, SYSTEMS
 from lunar_rover_sim.slam.orb_descriptors import descriptors, open_sets
 from lunar_rover_sim.slam.run_on_bag import run_on_bag
+from lunar_rover_sim.slam.table import Paper, read_paper
 from lunar_rover_sim.slam.vocabulary import train
 
 
@@ -71,6 +75,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.add_argument('--seed', type=int, default=1, metavar='N',
                          help='seed of the clusters (default: %(default)s)')
     command.set_defaults(run=_train, check_output=check_file)
+    text = 'one table of the parts of a benchmark that ran on several machines'
+    command = group.add_parser('table', help=text, description=(
+        'Join the results of benchmarks, finished or not, and write table.md, .csv, .tex and '
+        '.html, the findings, and table_drives.csv, every drive; of a sweep also table.png, its '
+        'curves. Parts of several systems stand beside each other.'))
+    command.add_argument('sources', type=Path, nargs='+', metavar='PART',
+                         help='the folder of a benchmark, or a CSV of drives (SYSTEM_drives.csv)')
+    command.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
+                         help='folder for the table; an older one in it is replaced')
+    add_paper_argument(command)
+    command.set_defaults(run=_table, check_output=check_folder)
+
+
+def add_paper_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the argument that names published numbers; see `paper_of`."""
+    parser.add_argument('--paper', type=Path, metavar='FILE',
+                        help='published numbers for comparison, YAML: scenario: {sensor: {ate_m: '
+                             'number, scale: number}} (default: those of the three scenarios in '
+                             'config/published_slam.yaml; in a sweep, none)')
+
+
+def paper_of(path: Path | None, parameter: str) -> Paper | None:
+    """Return the published numbers of a file, or of the packaged one unless it is a sweep."""
+    if path is None and not parameter:
+        path = config_path('published_slam.yaml')
+    return read_paper(path) if path is not None else None
 
 
 def add_system_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,7 +109,7 @@ def add_system_arguments(parser: argparse.ArgumentParser) -> None:
                         help='estimator (default: %(default)s)')
     parser.add_argument('--executable', type=Path, metavar='PATH',
                         help='of ORB-SLAM3: stereo_euroc, mono_euroc, rgbd_tum, ..., or their '
-                             'folder')
+                             'folder; or a Python that has the wheel pyorbslam3')
     parser.add_argument('--vocabulary', type=Path, metavar='PATH', help='of ORB-SLAM3')
     parser.add_argument('--run', default='', metavar='COMMAND', dest='command',
                         help='of the system `command`: with {sequence} (EuRoC), {settings}, '
@@ -147,6 +177,16 @@ def _train(args: argparse.Namespace) -> int:
     console.print(f'{args.output}: {vocabulary.is_word.sum()} words of '
                   f'{sum(map(len, images))} descriptors of {len(images)} images',
                   highlight=False, markup=False, soft_wrap=True)
+    return 0
+
+
+def _table(args: argparse.Namespace) -> int:
+    judged = join(args.sources)
+    paper = paper_of(args.paper, judged[0].drive.parameter)
+    args.output.mkdir(parents=True, exist_ok=True)
+    report = write_report(judged, args.output, 'table', paper)
+    for line in (report.table, *report.findings, *map(str, report.files)):
+        print(line)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The configuration files of the package, installed or in the source tree."""
+"""The configuration files and programs of the package, installed or in the source tree."""
 
 from __future__ import annotations
 
@@ -33,6 +33,14 @@ def config_path(name: str) -> Path:
     path = config_folder() / name
     if not path.exists():
         raise ConfigError(f'{name}: no such packaged configuration file in {path.parent}')
+    return path
+
+
+def program_path(name: str) -> Path:
+    """Return the path of a packaged program of resource/; ConfigError if it is missing."""
+    path = config_folder().parent / 'resource' / name
+    if not path.is_file():
+        raise ConfigError(f'{path}: the packaged program is missing; install the package again')
     return path
 
 

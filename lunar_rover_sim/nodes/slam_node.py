@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from functools import reduce
 from pathlib import Path
 import shlex
 from tempfile import TemporaryDirectory
@@ -17,6 +18,7 @@ from sensor_msgs.msg import Image, Imu
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
 from lunar_rover_sim.errors import ConfigError, GraphError
+from lunar_rover_sim.files.resources import program_path
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, Status, WARN
@@ -28,7 +30,7 @@ from lunar_rover_sim.run.node_config import SlamNodeConfig
 from lunar_rover_sim.sequences.orbslam3_settings import settings
 from lunar_rover_sim.sequences.sensors import described_sensors, SensorSuite
 from lunar_rover_sim.slam import protocol
-from lunar_rover_sim.slam.program import SlamProgram
+from lunar_rover_sim.slam.program import SlamProgram, WHEEL_PROGRAM
 from lunar_rover_sim.slam.protocol import FrameSet
 
 try:
@@ -37,6 +39,7 @@ except ImportError:     # not in the wheels
     TFMessage = None
 
 _MOST_UNPAIRED = 20
+_COMPILED_MPS2 = 9.81       # gravity in ORB-SLAM3
 
 
 class SlamNode(node_main.GraphNode):
@@ -60,6 +63,11 @@ class SlamNode(node_main.GraphNode):
         self._drops, self._state, self._latencies_s = Drops(), protocol.INITIALISING, [0.0]
         self._tracked = self._answered = 0
         self._folder = TemporaryDirectory(prefix='slam_node_')
+        if config.has_imu and abs(config.gravity_mps2 - _COMPILED_MPS2) > 0.1:
+            self.get_logger().warning(
+                f'gravity is {config.gravity_mps2:g} m/s^2: ORB-SLAM3 has {_COMPILED_MPS2:g} '
+                'compiled in (GRAVITY_VALUE in ImuTypes.h), its wheel too, and finds a wrong scale'
+                ' from the IMU unless it is built with the other value')
         suite = described_sensors(load_rover(config.rover or None), config.camera, config.imu,
                                   config.frame_rate_hz, config.imu_rate_hz)
         self._program = SlamProgram(self._words(suite), description(suite, config),
@@ -94,14 +102,22 @@ class SlamNode(node_main.GraphNode):
         super().destroy_node()
 
     def _words(self, suite: SensorSuite) -> list[str]:
-        """Return the command; {settings} is the settings file of ORB-SLAM3, written here."""
+        """Return the command.
+
+        {settings} is the settings file of ORB-SLAM3, written here, {wheel} the packaged program
+        for a Python that has ORB-SLAM3 as a wheel.
+        """
         path = Path(self._folder.name) / 'settings.yaml'
         path.write_text(settings(suite, self._config.sensor), encoding='ascii')
         try:
             words = shlex.split(self._config.command)
         except ValueError as error:
             raise ConfigError(f'command: {self._config.command!r} is not valid: {error}') from None
-        return [word.replace('{settings}', str(path)) for word in words]
+        fields = {'{settings}': str(path)}
+        if '{wheel}' in self._config.command:
+            fields['{wheel}'] = str(program_path(WHEEL_PROGRAM))
+        return [reduce(lambda text, field: text.replace(*field), fields.items(), word)
+                for word in words]
 
     def _wake_later(self) -> None:
         if self.executor is not None:
@@ -205,6 +221,7 @@ def description(suite: SensorSuite, config: SlamNodeConfig) -> dict[str, Any]:
     return {'sensor': config.sensor, 'lockstep': config.lockstep, 'width': suite.width,
             'height': suite.height, 'fx': fx, 'fy': fy, 'cx': cx, 'cy': cy,
             'distortion': list(suite.distortion), 'baseline_m': suite.baseline_m,
+            'gravity_mps2': config.gravity_mps2,
             'frame_rate_hz': suite.frame_rate_hz, 'imu_rate_hz': suite.imu_rate_hz,
             'T_imu_left': suite.T_imu_left.tolist(),
             'gyro_noise_density': noise.gyro_noise_density,

@@ -252,7 +252,8 @@ class SlamNodeConfig(NodeConfig):
 
     command: str = param('', 'program that speaks the protocol of '
                          'docs/reference/slam_protocol.md, and its arguments; {settings} is a '
-                         'settings file of ORB-SLAM3')
+                         'settings file of ORB-SLAM3, {wheel} the packaged program for a Python '
+                         'that has the wheel of it')
     sensor: str = param('stereo', 'what the program gets',
                         choices=('mono', 'stereo', 'stereo-inertial'))
     frame_id: str = param('slam_map', 'frame of the poses: the map of the program')
@@ -268,6 +269,8 @@ class SlamNodeConfig(NodeConfig):
     frame_rate_hz: int = param(20, 'of the images; a run sets it, and camera, imu and '
                                'imu_rate_hz', unit='Hz', low=1, high=200)
     imu_rate_hz: int = param(200, 'of the IMU', unit='Hz', low=1, high=1000)
+    gravity_mps2: float = param(1.62, 'that the IMU feels; a run sets it', unit='m/s^2', low=0.0,
+                                high=30.0)
 
     @property
     def is_stereo(self) -> bool:

@@ -115,7 +115,8 @@ def resolve(scenario: Scenario) -> Scenario:
         lidar_node=_resolved_lidar(scenario),
         slam_node=dataclasses.replace(
             scenario.slam_node, camera=render.camera, imu=physics.imu,
-            frame_rate_hz=render.frame_rate_hz, imu_rate_hz=physics.state_rate_hz))
+            frame_rate_hz=render.frame_rate_hz, imu_rate_hz=physics.state_rate_hz,
+            gravity_mps2=physics.gravity_mps2))
 
 
 def _resolved_lidar(scenario: Scenario) -> LidarNodeConfig:

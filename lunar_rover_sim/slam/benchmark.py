@@ -14,7 +14,6 @@ import dataclasses
 import json
 import os
 from pathlib import Path
-import re
 import shutil
 from typing import Any
 
@@ -22,57 +21,19 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.errors import LunarRoverSimError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.lock import lock
-from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.run.plan import BAG_FOLDER
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.resumable import record_once
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.slam.drives import CELLS, Drive, Judged, load, RESULT
 from lunar_rover_sim.slam.estimators import Estimator
 from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
 
 # The topics that estimators and their evaluation need.
 _RECORDED = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,
              topics.TRUE_DEPTH, topics.ODOM, topics.IMU_RAW, topics.SCENARIO, topics.WORLD_HASH)
-_MAX_BYTES = 1 << 24  # of a result
 _START_S = 300.0     # wall time of the start of the nodes
 _SLOWEST = 60.0      # wall time over simulated time
-
-
-@dataclasses.dataclass(frozen=True)
-class Drive:
-    """One simulated drive.
-
-    scenario: packaged name, or path of a file
-    parameter, value: what a sweep changes, as NODE.PARAM and text; empty without a sweep
-    overrides: further settings of the scenario, NODE.PARAM=VALUE
-    """
-
-    scenario: str
-    seed: int
-    duration_s: float
-    parameter: str = ''
-    value: str = ''
-    overrides: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Name of the folder of its recording."""
-        swept = f'-{self.parameter}={self.value}' if self.parameter else ''
-        return re.sub(r'[^\w.=+-]', '_', f'{Path(self.scenario).stem}{swept}-seed{self.seed}')
-
-    @property
-    def settings(self) -> list[str]:
-        """All settings of the scenario, as NODE.PARAM=VALUE."""
-        return [*self.overrides, *([f'{self.parameter}={self.value}'] if self.parameter else [])]
-
-    def load_scenario(self) -> Scenario:
-        """Return the scenario, recorded with the topics that estimators need.
-
-        Raises ConfigError if a setting is not valid.
-        """
-        recorded = f'recorder_node.topics=[{",".join(topic.name for topic in _RECORDED)}]'
-        return Scenario.load(self.scenario, [recorded, *self.settings], seed=self.seed,
-                             duration_s=self.duration_s)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,33 +53,47 @@ class Cell:
         """Name of its folder."""
         return f'{self.drive.name}-{self.estimator.sensor}-{self.estimator.system}'
 
+    def judged(self, folder: Path) -> Judged:
+        """Return its result; folder: that of the benchmark."""
+        assert self.result is not None
+        return Judged(self.drive, self.result, self.failed, cell_folder(folder, self))
+
 
 Step = Callable[[Cell, str], None]
 
 
-def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: int,
+def scenario_of(drive: Drive) -> Scenario:
+    """Return the scenario of a drive, recorded with the topics that estimators need.
+
+    Raises ConfigError if a setting is not valid.
+    """
+    return drive.load_scenario(
+        f'recorder_node.topics=[{",".join(topic.name for topic in _RECORDED)}]')
+
+
+def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: Sequence[int],
          duration_s: float, parameter: str = '', values: Sequence[str] = (),
          overrides: Sequence[str] = ()) -> list[Cell]:
-    """Return the cells of a benchmark, recording by recording; seeds count from 1.
+    """Return the cells of a benchmark, recording by recording.
 
     parameter, values: what a sweep changes. Raises SlamError if an argument is not valid, there is
     nothing to do, or two cells would share a folder.
     """
-    if seeds < 1 or not scenarios or not estimators:
+    if not seeds or not scenarios or not estimators:
         raise SlamError(f'benchmark: {len(scenarios)} scenarios, {len(estimators)} sensors, '
-                        f'{seeds} seeds; valid is at least 1 of each')
+                        f'{len(seeds)} seeds; valid is at least 1 of each')
     if not duration_s > 0.0:
         raise SlamError(f'duration: {duration_s:g} is not valid; valid is > 0 [s]')
     if bool(parameter) != bool(values):
         raise SlamError('sweep: needs a parameter and its values, NODE.PARAM=V1,V2,...')
     cells = [Cell(Drive(scenario, seed, duration_s, parameter, value, tuple(overrides)), estimator)
              for scenario in scenarios for value in (values or ('',))
-             for seed in range(1, seeds + 1) for estimator in estimators]
+             for seed in seeds for estimator in estimators]
     names = [cell.name for cell in cells]
     if len(set(names)) < len(names):
         double = next(name for name in names if names.count(name) > 1)
         raise SlamError(f'benchmark: two cells are called {double}; name each scenario, '
-                        'sensor and value once')
+                        'seed, sensor and value once')
     return cells
 
 
@@ -153,7 +128,7 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
 
 def cell_folder(folder: Path, cell: Cell) -> Path:
     """Return the folder with the files of a cell."""
-    return folder / 'cells' / cell.name
+    return folder / CELLS / cell.name
 
 
 def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step,
@@ -182,7 +157,7 @@ def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step
     except OSError as error:
         raise SlamError(f'{folder}: cannot be written: {error.strerror or error}') from None
     assert finished.result is not None
-    _write(cell_folder(folder, cell) / 'result.json',
+    _write(cell_folder(folder, cell) / RESULT,
            {'request': _request(cell), 'failed': finished.failed,
             'result': finished.result.to_mapping()})
     return finished
@@ -254,7 +229,7 @@ def _record(drive: Drive, recordings: Path, recorder: Callable[..., Recording],
             progress: Callable[[int], None]) -> Path:
     """Return the bag of a drive, recorded now unless it is there."""
     folder = record_once(
-        drive.load_scenario(), recordings / drive.name, recorder=recorder,
+        scenario_of(drive), recordings / drive.name, recorder=recorder,
         timeout_s=_START_S + _SLOWEST * drive.duration_s, on_progress=progress,
         finish=lambda partial, _: _write(partial / 'drive.json', dataclasses.asdict(drive)))
     return folder / BAG_FOLDER
@@ -266,10 +241,10 @@ def _request(cell: Cell) -> Any:
 
 
 def _read(cell: Cell, folder: Path) -> Cell | None:
-    path = cell_folder(folder, cell) / 'result.json'
+    path = cell_folder(folder, cell) / RESULT
     if not path.exists():
         return None
-    kept = _load(path)
+    kept = load(path)
     try:
         if kept['request'] != _request(cell):
             raise SlamError(f'{path}: is the result of other settings; name another folder for '
@@ -282,13 +257,6 @@ def _read(cell: Cell, folder: Path) -> Cell | None:
 
 def _plain(value: Any) -> Any:
     return json.loads(json.dumps(value, default=str))
-
-
-def _load(path: Path) -> Any:
-    try:
-        return json.loads(read_text(path, _MAX_BYTES, SlamError))
-    except (ValueError, RecursionError) as error:
-        raise SlamError(f'{path}: cannot be read: {error}') from None
 
 
 def _write(path: Path, value: Any) -> None:

@@ -4,84 +4,116 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import io
-from pathlib import Path
 
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 import numpy as np
 
 from lunar_rover_sim.files.templates import data_uri, template
-from lunar_rover_sim.slam.benchmark import Cell, cell_folder
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.slam.drives import Judged
 from lunar_rover_sim.slam.table import is_success, Paper, Row, row_of, text_cells
 
 _MEASURES = {'ate_percent': 'ATE [% of distance]', 'scale': 'scale', 'tracked': 'tracked [%]'}
 
 
-def html_report(title: str, statement: Sequence[str], rows: Sequence[Row], cells: Sequence[Cell],
-                findings: Sequence[str], folder: Path, parameter: str = '',
+def html_report(title: str, statement: Sequence[str], rows: Sequence[Row],
+                judged: Sequence[Judged], findings: Sequence[str], parameter: str = '',
                 paper: Paper | None = None) -> str:
     """Return the report as HTML.
 
     statement, findings: sentences about the drives and what they show
-    folder: that of the benchmark; the paths are read from the folders of its cells
     parameter: what a sweep changes
     """
     columns, lines = text_cells(rows, paper or {}, parameter)
-    errors = _curves(rows, cells, parameter) if parameter else _bars(rows, cells)
+    errors = curves(rows, judged, parameter) if parameter else _bars(rows, judged)
     return template('lunar_rover_sim.slam', 'benchmark.html').render(
         title=title, statement=statement, columns=columns, rows=lines,
         findings=findings, failures=[f'{" ".join(filter(None, row.key))}, {reason}'
                                      for row in rows for reason in row.reasons],
-        errors_png=_png(errors), paths_png=_png(_paths(rows, cells, folder)))
+        errors_png=data_uri(png(errors), 'image/png'),
+        paths_png=data_uri(png(_paths(rows, judged)), 'image/png'))
 
 
 def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout='constrained')
 
 
-def _bars(rows: Sequence[Row], cells: Sequence[Cell]) -> Figure:
+def _bars(rows: Sequence[Row], judged: Sequence[Judged]) -> Figure:
     figure = _figure(12.0, 4.0)
-    labels = [f'{r.scenario}\n{r.sensor}' for r in rows]
+    several = len({row.system for row in rows}) > 1
+    labels = ['\n'.join([r.scenario, r.sensor, *([r.system] if several else [])]) for r in rows]
     for axis, (name, title) in zip(figure.subplots(1, 3), _MEASURES.items()):
-        _draw_values(axis, range(len(rows)), rows, cells, name, 'o')
+        _draw_values(axis, range(len(rows)), rows, judged, name, 'o')
         axis.set_xticks(range(len(rows)), labels, rotation=60, ha='right', fontsize=7)
         _scale_axis(axis, title)
     return figure
 
 
-def _curves(rows: Sequence[Row], cells: Sequence[Cell], parameter: str) -> Figure:
-    figure = _figure(12.0, 4.0)
+def curves(rows: Sequence[Row], judged: Sequence[Judged], parameter: str) -> Figure:
+    """Return success and error over the values of a sweep, a curve per scenario, sensor, system.
+
+    Whiskers are 95 % intervals: Wilson's of the share of successes, the bootstrap's of the median
+    error. Crosses are drives that succeeded.
+    """
+    figure = _figure(10.0, 4.0)
+    success, error = figure.subplots(1, 2)
     values = list(dict.fromkeys(r.value for r in rows))
     try:
         places = {v: float(v) for v in values}
     except ValueError:
         places = {v: float(k) for k, v in enumerate(values)}
-    for axis, (name, title) in zip(figure.subplots(1, 3), _MEASURES.items()):
-        for scenario, sensor in dict.fromkeys((r.scenario, r.sensor) for r in rows):
-            chosen = [r for r in rows if (r.scenario, r.sensor) == (scenario, sensor)]
-            _draw_values(axis, [places[r.value] for r in chosen], chosen, cells, name, 'o-',
-                         f'{scenario} {sensor}')
+    width = max(places.values()) - min(places.values()) or 1.0
+    lines = list(dict.fromkeys((r.scenario, r.sensor, r.system) for r in rows))
+    for k, line in enumerate(lines):
+        chosen = [r for r in rows if (r.scenario, r.sensor, r.system) == line]
+        # Beside each other, so that whiskers of equal height can be told apart.
+        at = [places[r.value] + 0.012 * width * (k - 0.5 * (len(lines) - 1)) for r in chosen]
+        shares = np.array([[r.success.value, r.success.low, r.success.high] for r in chosen])
+        drawn = _whiskers(success, at, 100.0 * shares, 'o-', ', '.join(line))
+        errors = np.array([[r.ate_m.value, r.ate_m.low, r.ate_m.high] for r in chosen])
+        _whiskers(error, at, 1e3 * errors, 'o-', colour=drawn)
+        for place, row in zip(at, chosen):
+            own = [1e3 * one.result.ate_m for one in judged
+                   if row_of(one) == row.key and is_success(one)]
+            error.plot(np.full(len(own), place), own, 'x', color=drawn, alpha=0.5)
+    for axis, title in ((success, 'drives that succeed [%]'), (error, 'ATE of these [mm]')):
+        axis.set_title(title, fontsize=10)
         axis.set_xticks(list(places.values()), list(places))
         axis.set_xlabel(parameter)
-        _scale_axis(axis, title)
-    axis.legend(fontsize=8)
+        axis.grid(alpha=0.3)
+    success.set_ylim(-4.0, 104.0)
+    if any(r.successes for r in rows):
+        error.set_yscale('log')
+        error.yaxis.set_major_formatter('{x:g}')
+        error.yaxis.set_minor_formatter('{x:g}')
+    error.set_xlim(success.get_xlim())
+    success.legend(fontsize=8, loc='best')
     return figure
 
 
-def _draw_values(axis: Axes, places: Sequence[float], rows: Sequence[Row], cells: Sequence[Cell],
-                 name: str, style: str, label: str = '') -> None:
+def _whiskers(axis: Axes, places: Sequence[float], values: Array, style: str, label: str = '',
+              colour: str | None = None) -> str:
+    """Draw (n, 3) values with their lower and upper ends, where there are any."""
+    middle = values[:, 0]
+    reach = np.nan_to_num(np.abs(values[:, 1:] - middle[:, None]))
+    drawn = axis.errorbar(places, middle, yerr=reach.T, fmt=style, capsize=4, label=label,
+                          color=colour)
+    return to_hex(drawn.lines[0].get_color())
+
+
+def _draw_values(axis: Axes, places: Sequence[float], rows: Sequence[Row],
+                 judged: Sequence[Judged], name: str, style: str) -> None:
     """Draw medians with their intervals, every success as a cross, every failure as a circle."""
     medians = [getattr(row, name) for row in rows]
-    middle = np.array([m.value for m in medians])
-    reach = np.nan_to_num([[m.value - m.low, m.high - m.value] for m in medians])
-    drawn = axis.errorbar(places, middle, yerr=reach.T, fmt=style, capsize=4, label=label)
-    colour = drawn.lines[0].get_color()
+    colour = _whiskers(axis, places, np.array([[m.value, m.low, m.high] for m in medians]), style)
     for place, row in zip(places, rows):
-        own = [c for c in cells if c.result is not None and row_of(c) == row.key]
+        own = [one for one in judged if row_of(one) == row.key]
         for good, marker in ((True, 'x'), (False, 'o')):
-            of_drives = [100.0 * c.result.tracked_share if name == 'tracked'
-                         else getattr(c.result, name)
-                         for c in own if c.result is not None and is_success(c) == good]
+            of_drives = [100.0 * one.result.tracked_share if name == 'tracked'
+                         else getattr(one.result, name)
+                         for one in own if is_success(one) == good]
             axis.plot(np.full(len(of_drives), place), of_drives, marker, color=colour, alpha=0.6,
                       markerfacecolor='none')
 
@@ -91,25 +123,25 @@ def _scale_axis(axis: Axes, title: str) -> None:
     axis.grid(alpha=0.3)
 
 
-def _paths(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> Figure:
+def _paths(rows: Sequence[Row], judged: Sequence[Judged]) -> Figure:
     columns = min(3, max(1, len(rows)))
     lines = max(1, -(-len(rows) // columns))
     figure = _figure(4.2 * columns, 3.8 * lines)
     axes = figure.subplots(lines, columns, squeeze=False).ravel()
+    several = len({row.system for row in rows}) > 1
     for axis in axes[len(rows):]:
         axis.set_axis_off()
     for axis, row in zip(axes, rows):
-        for cell in cells:
-            if row_of(cell) != row.key:
-                continue
-            path = cell_folder(folder, cell) / 'path.npz'
-            if not path.exists():
+        for one in judged:
+            path = one.folder / 'path.npz' if one.folder is not None else None
+            if row_of(one) != row.key or path is None or not path.exists():
                 continue
             with np.load(path) as data:
                 axis.plot(*data['truth_m'][:, :2].T, 'k', lw=1.0)
-                axis.plot(*data['estimate_m'][:, :2].T, lw=1.0, label=f'seed {cell.drive.seed}')
+                axis.plot(*data['estimate_m'][:, :2].T, lw=1.0, label=f'seed {one.drive.seed}')
         axis.set_aspect('equal', adjustable='datalim')
-        axis.set_title(' '.join(filter(None, (row.scenario, row.value, row.sensor))), fontsize=9)
+        names = (row.scenario, row.value, row.sensor, row.system if several else '')
+        axis.set_title(' '.join(filter(None, names)), fontsize=9)
         axis.set(xlabel='x [m]', ylabel='y [m]')
         axis.grid(alpha=0.3)
         if axis.get_legend_handles_labels()[1]:
@@ -117,7 +149,8 @@ def _paths(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> Figure:
     return figure
 
 
-def _png(figure: Figure) -> str:
+def png(figure: Figure) -> bytes:
+    """Return a figure as the bytes of a PNG file."""
     data = io.BytesIO()
     figure.savefig(data, format='png', dpi=100)
-    return data_uri(data.getvalue(), 'image/png')
+    return data.getvalue()

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import dataclasses
 from pathlib import Path
+import re
 import shlex
 import time
 
@@ -17,12 +18,14 @@ import numpy as np
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
+from lunar_rover_sim.files.resources import program_path
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.run.child_process import Echo, executable, run_program
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import SensorSuite
 from lunar_rover_sim.slam import euroc_reader
+from lunar_rover_sim.slam.program import WHEEL_PROGRAM
 from lunar_rover_sim.slam.reference.odometry import Odometry
 
 SYSTEMS = ('reference', 'orbslam3', 'command')
@@ -31,6 +34,7 @@ _SLOWEST = 10.0          # wall time over sequence time
 _STAMP_NS = 2000         # how far a written stamp may be off
 _TUM_STAMPS = 'rgb.txt'
 _MAX_BYTES = 1 << 30     # of a trajectory
+_WHEEL_SENSORS = ('mono', 'stereo', 'stereo-inertial')
 _FIELDS = ('sequence', 'settings', 'times', 'sensor', 'out')   # of a command
 
 
@@ -58,7 +62,8 @@ class Estimator:
 
     system: reference, orbslam3 or command
     sensor: mono, stereo, stereo-inertial or rgbd
-    program, vocabulary: files of ORB-SLAM3
+    program, vocabulary: files of ORB-SLAM3; a Python as the program is one that has the wheel
+        `pyorbslam3`, and runs `WHEEL_PROGRAM`
     command: command line of the system `command`, with the fields {sequence}, {settings},
         {times}, {sensor} and {out}, the TUM file to write
     frame: frame of the rover whose poses are estimated; empty for the default, see `poses_of`
@@ -89,6 +94,9 @@ class Estimator:
             if self.program is None or self.vocabulary is None:
                 raise SlamError('orbslam3: needs an executable and a vocabulary')
             executable(self.program)
+            if is_python(self.program) and self.sensor not in _WHEEL_SENSORS:
+                raise SlamError(f'sensor: {self.sensor!r} is not valid for the wheel of ORB-SLAM3;'
+                                f' valid are {", ".join(_WHEEL_SENSORS)}')
             if not self.vocabulary.is_file():
                 raise SlamError(f'{self.vocabulary}: there is no such vocabulary')
         if self.system == 'command':
@@ -173,7 +181,9 @@ class Estimator:
                 sequence, path, sequence / 'times.txt', self.sensor, folder / out))))), (out,)
         assert self.program is not None and self.vocabulary is not None
         program = executable(self.program)
-        command = [str(program), str(self.vocabulary.absolute()), str(path), str(sequence)]
+        wheel = [str(program_path(WHEEL_PROGRAM)), '--sensor', self.sensor]
+        command = [str(program), *(wheel if is_python(program) else ()),
+                   str(self.vocabulary.absolute()), str(path), str(sequence)]
         if self.format == 'euroc':
             command += [str(sequence / 'times.txt'), 'run']
         elif self.sensor == 'rgbd':
@@ -189,6 +199,11 @@ class Estimator:
             raise SlamError(f'command: {self.command!r} is not valid: {error}; valid '
                             f'fields are {", ".join(_FIELDS)}') from None
         return [str(executable(words[0])), *words[1:]]
+
+
+def is_python(program: Path) -> bool:
+    """Return whether a program is a Python, by its name."""
+    return re.fullmatch(r'python(\d+(\.\d+)*)?', program.name, re.ASCII) is not None
 
 
 def stock_program(path: Path | None, sensor: str) -> Path | None:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from lunar_rover_sim.slam.benchmark import Cell
+from lunar_rover_sim.slam.drives import Judged
 from lunar_rover_sim.slam.statistics import Comparison, CONFIDENCE, Median
 from lunar_rover_sim.slam.table import is_success, Row, rows_of
 
@@ -22,30 +22,30 @@ _ALIKE = 1.25           # factor between errors that count as alike
 _Errors = dict[tuple[str, str], dict[int, float]]
 
 
-def findings(cells: Sequence[Cell], parameter: str = '') -> list[str]:
-    """Return a sentence for each finding that the cells of one system can speak of.
+def findings(judged: Sequence[Judged], parameter: str = '') -> list[str]:
+    """Return a sentence for each finding that the drives of one system can speak of.
 
     For a sweep over `parameter` they say how many drives succeeded at each of its values.
     """
     if parameter:
-        return _successes(rows_of(cells), parameter)
-    errors = _errors_of(cells)
+        return _successes(rows_of(judged), parameter)
+    errors = _errors_of(judged)
     sensors = list(dict.fromkeys(sensor for _, sensor in errors))
     sentences = [_largest(errors, sensor) for sensor in sensors]
     sentences.append(_lowest(errors))
     sentences.append(_alike(errors))
     for scenario in (_BASELINE, _SPARSE, _DARK):
         for sensor in sensors:
-            sentences.append(_scale(cells, scenario, sensor))
+            sentences.append(_scale(judged, scenario, sensor))
     return [sentence for sentence in sentences if sentence]
 
 
-def _errors_of(cells: Iterable[Cell]) -> _Errors:
+def _errors_of(judged: Iterable[Judged]) -> _Errors:
     errors: _Errors = {}
-    for cell in cells:
-        if cell.result is not None and not cell.failed:
-            errors.setdefault((cell.drive.scenario, cell.estimator.sensor), {})[
-                cell.drive.seed] = cell.result.ate_m if is_success(cell) else float('inf')
+    for one in judged:
+        if not one.failed:
+            errors.setdefault((one.drive.scenario, one.result.sensor), {})[
+                one.drive.seed] = one.result.ate_m if is_success(one) else float('inf')
     return errors
 
 
@@ -107,13 +107,13 @@ def _alike(errors: _Errors) -> str:
     return f'{said}: {finding} ({of}{test.text()})'
 
 
-def _scale(cells: Sequence[Cell], scenario: str, sensor: str) -> str:
+def _scale(judged: Sequence[Judged], scenario: str, sensor: str) -> str:
     """Say whether the scale of stereo is near 1, and that of mono is not."""
-    own = [cell for cell in cells if is_success(cell)
-           and (cell.drive.scenario, cell.estimator.sensor) == (scenario, sensor)]
+    own = [one for one in judged if is_success(one)
+           and (one.drive.scenario, one.result.sensor) == (scenario, sensor)]
     if not own:
         return ''
-    away = Median.of(abs(cell.result.scale - 1.0) for cell in own if cell.result is not None)
+    away = Median.of(abs(one.result.scale - 1.0) for one in own)
     near = 0
     if np.isfinite(away.low):
         near = 1 if away.high <= _NEAR else -1 if away.low > _NEAR else 0

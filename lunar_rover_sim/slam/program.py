@@ -17,6 +17,8 @@ from lunar_rover_sim.run.child_process import dies_with_parent, executable
 from lunar_rover_sim.slam import protocol
 from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose
 
+# In resource/: what a Python with the wheel `pyorbslam3` runs as ORB-SLAM3.
+WHEEL_PROGRAM = 'orb_slam3/wheel.py'
 _END_S = 5.0        # for the program to end by itself
 _HUNG_S = 0.3
 _JOIN_S = 2.0

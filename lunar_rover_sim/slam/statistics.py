@@ -62,6 +62,27 @@ class Median:
 
 
 @dataclasses.dataclass(frozen=True)
+class Share:
+    """A share of all drives, 0 to 1, and its 95 % interval.
+
+    The interval is Wilson's (Journal of the American Statistical Association 22, 1927): it stays
+    within 0 and 1, and has a width where none or all of a few succeed. NaN without any drive.
+    """
+
+    value: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, successes: int, drives: int) -> Share:
+        """Return the share of `successes` among `drives`."""
+        if not drives:
+            return cls(float('nan'), float('nan'), float('nan'))
+        interval = stats.binomtest(successes, drives).proportion_ci(CONFIDENCE, 'wilson')
+        return cls(successes / drives, float(interval.low), float(interval.high))
+
+
+@dataclasses.dataclass(frozen=True)
 class Comparison:
     """How much larger the first of two paired sets of errors is.
 

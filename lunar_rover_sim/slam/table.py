@@ -13,9 +13,9 @@ import numpy as np
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.files.yaml_text import read_yaml
-from lunar_rover_sim.slam.benchmark import Cell
+from lunar_rover_sim.slam.drives import Judged
 from lunar_rover_sim.slam.estimators import join
-from lunar_rover_sim.slam.statistics import Median
+from lunar_rover_sim.slam.statistics import Median, Share
 
 SUCCESS_SHARE = 0.9     # of the frames
 _MAX_BYTES = 1 << 18
@@ -29,6 +29,7 @@ class Row:
     """All seeds of one scenario (and swept value), sensor and system.
 
     drives: number of drives; successes: those of which it tracked nearly all, see `is_success`
+    success: their share, with its interval
     reasons: what went wrong, drive by drive
     Medians of the successes: ate_m [m], ate_percent [% of the distance], scale, rpe_m [m per
     metre]; of all drives on which it ran: tracked [%]; of all drives: distance_m [m],
@@ -41,6 +42,7 @@ class Row:
     system: str
     drives: int
     successes: int
+    success: Share
     ate_m: Median
     ate_percent: Median
     scale: Median
@@ -52,51 +54,49 @@ class Row:
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """Scenario, value, sensor and system, which its cells share; see `row_of`."""
+        """Scenario, value, sensor and system, which its drives share; see `row_of`."""
         return self.scenario, self.value, self.sensor, self.system
 
 
-def row_of(cell: Cell) -> tuple[str, str, str, str]:
-    """Return the key of the row that a cell belongs to."""
-    return (cell.drive.scenario, cell.drive.value, cell.estimator.sensor, cell.estimator.system)
+def row_of(one: Judged) -> tuple[str, str, str, str]:
+    """Return the key of the row that a drive belongs to."""
+    return one.drive.scenario, one.drive.value, one.result.sensor, one.result.system
 
 
-def is_success(cell: Cell) -> bool:
+def is_success(one: Judged) -> bool:
     """Return whether the estimator has poses, in one map, of nearly all frames of the drive."""
-    result = cell.result
-    return (result is not None and not cell.failed and np.isfinite(result.ate_m)
-            and result.tracked_share >= SUCCESS_SHARE)
+    return (not one.failed and bool(np.isfinite(one.result.ate_m))
+            and one.result.tracked_share >= SUCCESS_SHARE)
 
 
-def _what_went_wrong(cell: Cell) -> str:
-    result = cell.result
-    if result is None:
-        return ''
-    if cell.failed or is_success(cell):
+def _what_went_wrong(one: Judged) -> str:
+    result = one.result
+    if one.failed or is_success(one):
         return result.reason
     share = f'tracked {100.0 * result.tracked_share:.0f} % of the frames'
     error = f', ATE of these {result.ate_m:.4f} m' if np.isfinite(result.ate_m) else ''
     return join(share + error, result.reason)
 
 
-def rows_of(cells: Iterable[Cell]) -> list[Row]:
-    """Return the rows of a table, in the order of their first cells."""
-    groups: dict[tuple[str, str, str, str], list[Cell]] = {}
-    for cell in cells:
-        groups.setdefault(row_of(cell), []).append(cell)
+def rows_of(judged: Iterable[Judged]) -> list[Row]:
+    """Return the rows of a table, in the order of their first drives."""
+    groups: dict[tuple[str, str, str, str], list[Judged]] = {}
+    for one in judged:
+        groups.setdefault(row_of(one), []).append(one)
     rows = []
     for (scenario, value, sensor, system), group in groups.items():
-        results = [c.result for c in group if c.result is not None]
-        # A lost track counts as zero; a cell that failed for another reason does not count.
-        ran = [c.result for c in group if c.result is not None and not c.failed]
-        good = [c.result for c in group if c.result is not None and is_success(c)]
-        reasons = [f'seed {c.drive.seed}: {text}' for c in group if (text := _what_went_wrong(c))]
+        # A lost track counts as zero; a drive that failed for another reason does not count.
+        ran = [one.result for one in group if not one.failed]
+        good = [one.result for one in group if is_success(one)]
+        reasons = [f'seed {one.drive.seed}: {text}' for one in group
+                   if (text := _what_went_wrong(one))]
         rows.append(Row(scenario, value, sensor, system, len(group), len(good),
+                        Share.of(len(good), len(group)),
                         Median.of(r.ate_m for r in good), Median.of(r.ate_percent for r in good),
                         Median.of(r.scale for r in good), Median.of(r.rpe_m for r in good),
                         Median.of(100.0 * r.tracked_share for r in ran),
-                        Median.of(r.distance_m for r in results),
-                        Median.of(r.duration_s for r in results), tuple(reasons)))
+                        Median.of(one.result.distance_m for one in group),
+                        Median.of(one.result.duration_s for one in group), tuple(reasons)))
     return rows
 
 
@@ -126,7 +126,9 @@ def markdown(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '
     """Return the table as Markdown, with the reasons below it."""
     titles, lines = text_cells(rows, paper or {}, parameter)
     table = ['| ' + ' | '.join(line) + ' |' for line in (titles, ['---'] * len(titles), *lines)]
-    reasons = [f'- {r.scenario} {r.value} {r.sensor}, {reason}'.replace('  ', ' ')
+    several = len({row.system for row in rows}) > 1
+    reasons = ['- ' + ' '.join(filter(None, (r.scenario, r.value, r.sensor,
+                                             r.system if several else ''))) + f', {reason}'
                for r in rows for reason in r.reasons]
     return '\n'.join([*table, *(['', 'What went wrong:', '', *reasons] if reasons else [])]) + '\n'
 
@@ -145,14 +147,15 @@ def csv_text(rows: Sequence[Row]) -> str:
     file = io.StringIO()
     writer = csv.writer(file, lineterminator='\n')
     writer.writerow(['scenario', 'value', 'sensor', 'system', 'drives', 'successes',
+                     'success_low', 'success_high',
                      *(f'{name}{end}' for name in names for end in ('', '_low', '_high', '_n')),
                      'reasons'])
     for row in rows:
         medians: list[Any] = [v for name in names
                               for v in dataclasses.astuple(getattr(row, name))]
         writer.writerow([row.scenario, row.value, row.sensor, row.system, row.drives,
-                         row.successes, *('' if v != v else v for v in medians),
-                         '; '.join(row.reasons)])
+                         row.successes, row.success.low, row.success.high,
+                         *('' if v != v else v for v in medians), '; '.join(row.reasons)])
     return file.getvalue()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 import shlex
+import subprocess
 import sys
 from typing import Any
 
@@ -151,12 +152,28 @@ def test_the_newest_frame_wins_and_the_imu_has_no_gap(peer: Peer, tmp_path: Path
     assert [s.status[0].message for s in statuses] == ['initialising', 'tracking', 'tracking']
     assert [(header_ns(pose), round(pose.pose.position.x, 6)) for pose in poses] \
         == [(200_000_000, 0.2), (250_000_000, 0.3)]
-    assert json.loads((tmp_path / 'settings').read_text())['sensor'] == 'stereo-inertial'
+    settings = json.loads((tmp_path / 'settings').read_text())
+    assert (settings['sensor'], settings['gravity_mps2']) == ('stereo-inertial', 1.62)
     if TFMessage is not None:
         found = [t for message in transforms for t in message.transforms]
         assert [(t.header.frame_id, t.child_frame_id) for t in found] \
             == [('slam_map', 'slam_camera')] * 2
         assert [t.transform.translation.x for t in found] == [p.pose.position.x for p in poses]
+
+
+@pytest.mark.parametrize(('sensor', 'gravity_mps2', 'warns'), [
+    ('stereo-inertial', 1.62, True), ('stereo-inertial', 9.81, False), ('stereo', 1.62, False)])
+def test_another_gravity_than_orb_slam3_has_is_warned_of(sensor: str, gravity_mps2: float,
+                                                         warns: bool) -> None:
+    """With an IMU; the program prints, and ends the node."""
+    ended = subprocess.run(
+        [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'slam_node', '--ros-args',
+         '-p', 'command:=ls /', '-p', f'sensor:={sensor}', '-p', f'gravity_mps2:={gravity_mps2}'],
+        capture_output=True, text=True, timeout=60)
+    assert 'does the program print to its standard output' in ended.stderr
+    warnings = [line for line in ended.stderr.splitlines() if '[WARN]' in line]
+    assert [f'gravity is {gravity_mps2:g} m/s^2: ORB-SLAM3 has 9.81' in line
+            for line in warnings] == [True] * warns
 
 
 @pytest.mark.skipif(TFMessage is not None, reason='tf2_msgs is installed')

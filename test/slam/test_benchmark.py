@@ -22,8 +22,9 @@ from lunar_rover_sim.frames import wxyz_from_rpy
 from lunar_rover_sim.run.recording import Recording
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam import benchmark, table
-from lunar_rover_sim.slam.benchmark import Cell, Drive, plan
+from lunar_rover_sim.slam.benchmark import Cell, plan
 from lunar_rover_sim.slam.benchmark_page import html_report
+from lunar_rover_sim.slam.drives import Drive, Judged
 from lunar_rover_sim.slam.estimators import Estimator
 from lunar_rover_sim.slam.run_on_bag import SlamResult, tipped_over
 
@@ -87,7 +88,7 @@ def reason(cell: Cell) -> str:
 
 def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
     """What is done stays, whatever ended the first call, and only what is missing is done."""
-    cells = [cell for cell in plan(['baseline', 'low_albedo'], fake, 2, 2.0)
+    cells = [cell for cell in plan(['baseline', 'low_albedo'], fake, (1, 2), 2.0)
              if cell.drive.name != 'low_albedo-seed2']
     assert len(cells) == 6
     folder = tmp_path / 'out'
@@ -118,13 +119,13 @@ def test_stopped_and_gone_on_with(tmp_path, bag, fake) -> None:
     mono, stereo = (cell.result.ate_m for cell in done[:2] if cell.result)
     assert mono < 1e-6 < stereo   # Sim(3) takes the scale out, SE(3) does not
     with pytest.raises(SlamError, match='other settings'):
-        benchmark.run(plan(['baseline'], fake, 1, 3.0), folder, recorder=recorder)
+        benchmark.run(plan(['baseline'], fake, (1,), 3.0), folder, recorder=recorder)
 
 
 def test_one_benchmark_of_a_system_in_a_folder(tmp_path, bag, fake) -> None:
     """Two would export into one folder, and judge each other's images; other systems may run."""
-    folder, cells = tmp_path / 'out', plan(['baseline'], fake, 1, 2.0)
-    other = plan(['baseline'], [Estimator('reference', 'mono')], 1, 2.0)
+    folder, cells = tmp_path / 'out', plan(['baseline'], fake, (1,), 2.0)
+    other = plan(['baseline'], [Estimator('reference', 'mono')], (1,), 2.0)
     seen = []
 
     def step(cell: Cell, text: str) -> None:
@@ -151,7 +152,7 @@ def test_a_rover_that_tips_over_is_named() -> None:
 
 def test_steps_tell_how_far_they_are(tmp_path, bag) -> None:
     """Simulated time of a recording, messages of an export, frames of the built-in odometry."""
-    cells = plan(['baseline'], [Estimator('reference', 'mono')], 1, 2.0)
+    cells = plan(['baseline'], [Estimator('reference', 'mono')], (1,), 2.0)
     steps: list[str] = []
     done = benchmark.run(cells, tmp_path / 'out', lambda _cell, text: steps.append(text),
                          recorder=Recorder(bag))
@@ -168,7 +169,7 @@ def test_steps_tell_how_far_they_are(tmp_path, bag) -> None:
 
 def test_failures_keep_their_reason_and_others_go_on(tmp_path, bag, fake) -> None:
     broken = Estimator('command', 'stereo', command='/bin/false {out}')
-    cells = plan(['baseline'], [fake[0], broken], 2, 2.0)
+    cells = plan(['baseline'], [fake[0], broken], (1, 2), 2.0)
     recorder = Recorder(bag)
     recorder.broken['baseline-seed1'] = GraphError('the rover fell over at 1.2 s')
     done = benchmark.run(cells, tmp_path / 'out', recorder=recorder)
@@ -179,7 +180,7 @@ def test_failures_keep_their_reason_and_others_go_on(tmp_path, bag, fake) -> Non
     assert recorder.drives == ['baseline-seed1', 'baseline-seed2']   # tried once, for both
     assert 'false: ended with status 1 and wrote no trajectory' in reason(done[3])
     assert reason(done[0]) == reason(done[1]) == 'the rover fell over at 1.2 s'
-    rows = table.rows_of(done)
+    rows = table.rows_of(cell.judged(tmp_path) for cell in done)
     text = table.markdown(rows)
     assert 'mono, seed 1: the rover fell over at 1.2 s' in text and 'status 1' in text
     assert [row.ate_m.count for row in rows] == [1, 0]
@@ -193,17 +194,17 @@ def test_failures_keep_their_reason_and_others_go_on(tmp_path, bag, fake) -> Non
 def test_bad_bag_is_a_reason(tmp_path, bag, fake) -> None:
     items = [item for item in synthetic.drive(1.0) if 'image' not in item.topic]
     without = synthetic.write(tmp_path / 'without', items)
-    done = benchmark.run(plan(['baseline'], fake, 1, 1.0), tmp_path / 'out',
+    done = benchmark.run(plan(['baseline'], fake, (1,), 1.0), tmp_path / 'out',
                          recorder=Recorder(without))
     assert all(cell.failed for cell in done)
     assert 'stereo/left/image_raw' in reason(done[0])
 
 
 @pytest.mark.parametrize('arguments, message', [
-    ((['baseline'], 0, 1.0), 'valid is at least 1'),
-    ((['baseline'], 1, 0.0), 'duration: 0 is not valid'),
-    ((['baseline', 'baseline'], 1, 1.0), 'two cells are called baseline-seed1'),
-    ((['baseline'], 1, 1.0, 'a.b'), 'sweep: needs a parameter and its values'),
+    ((['baseline'], (), 1.0), 'valid is at least 1'),
+    ((['baseline'], (1,), 0.0), 'duration: 0 is not valid'),
+    ((['baseline', 'baseline'], (1,), 1.0), 'two cells are called baseline-seed1'),
+    ((['baseline'], (1,), 1.0, 'a.b'), 'sweep: needs a parameter and its values'),
 ])
 def test_bad_plans(fake, arguments, message) -> None:
     scenarios, *rest = arguments
@@ -211,11 +212,9 @@ def test_bad_plans(fake, arguments, message) -> None:
         plan(scenarios, fake, *rest)
 
 
-def cells_of(results: dict[tuple[str, str], list[SlamResult]], value: str = '') -> list[Cell]:
-    return [Cell(Drive(scenario, seed, 40.0, value=value), Estimator('reference', sensor), result,
-                 failed=bool(result.reason) and not result.frames)
-            for (scenario, sensor), seeds in results.items()
-            for seed, result in enumerate(seeds, 1)]
+def judged_of(results: dict[tuple[str, str], list[SlamResult]]) -> list[Judged]:
+    return [Judged(Drive(scenario, seed, 40.0), result, bool(result.reason) and not result.frames)
+            for (scenario, _), seeds in results.items() for seed, result in enumerate(seeds, 1)]
 
 
 def result(sensor: str, ate_m: float, scale: float = 1.0, tracked: float = 1.0,
@@ -236,7 +235,7 @@ RESULTS = {
 
 def test_successes_and_medians() -> None:
     """A drive that lost its track has no error in the median, and says what it had."""
-    rows = {(r.scenario, r.sensor): r for r in table.rows_of(cells_of(RESULTS))}
+    rows = {(r.scenario, r.sensor): r for r in table.rows_of(judged_of(RESULTS))}
     good = rows['baseline', 'stereo']
     assert (good.successes, good.drives, good.ate_m.value, good.ate_m.count) == (3, 3, 0.012, 3)
     assert (good.ate_m.low, good.ate_m.high) == (0.010, 0.017)
@@ -251,8 +250,8 @@ def test_successes_and_medians() -> None:
 
 
 def test_formats(tmp_path) -> None:
-    cells = cells_of(RESULTS)
-    rows = table.rows_of(cells)
+    judged = judged_of(RESULTS)
+    rows = table.rows_of(judged)
     (tmp_path / 'paper.yaml').write_text('baseline: {stereo: {ate_m: 0.125, scale: 1.02}}\n')
     paper = table.read_paper(tmp_path / 'paper.yaml')
     text = table.markdown(rows, paper).splitlines()
@@ -265,7 +264,7 @@ def test_formats(tmp_path) -> None:
     assert [float(numbers[0][f'ate_m{end}']) for end in ('', '_low', '_high', '_n')] == [
         0.012, 0.010, 0.017, 3.0]
     assert numbers[0]['successes'] == '3' and numbers[2]['reasons'].endswith('no bag <at all>')
-    page = html_report('Benchmark', ['Stated.'], rows, cells, ['Found.'], tmp_path, paper=paper)
+    page = html_report('Benchmark', ['Stated.'], rows, judged, ['Found.'], paper=paper)
     assert 'Found.' in page
     assert page.count('data:image/png;base64,') == 2 and 'no bag &lt;at all&gt;' in page
     assert 'src="http' not in page and '<link' not in page and '<script' not in page
@@ -285,7 +284,7 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     """A sweep, from the command line to the files."""
     recorder = Recorder(bag)
     monkeypatch.setattr(benchmark, 'run', functools.partial(benchmark.run, recorder=recorder))
-    words = ['benchmark', '-o', str(tmp_path / 'out'), '--scenarios', 'flat', '--seeds', '2',
+    words = ['benchmark', '-o', str(tmp_path / 'out'), '--scenarios', 'flat', '--seeds', '2-3',
              '--duration', '2', '--sweep', 'render_node.sun.elevation_deg=2,10', '--system',
              'command', '--run', fake[0].command, '--estimate-frame', 'imu',
              '--sensors', 'mono']
@@ -294,11 +293,13 @@ def test_command_line(tmp_path, bag, fake, monkeypatch, capsys) -> None:
     assert len(recorder.drives) == 4
     printed = capsys.readouterr().out
     text = (tmp_path / 'out/command.md').read_text()
-    assert '2 drives of 2 s per line' in text and '| flat | 2 | mono | command | 2/2 |' in text
+    assert '2 drives of 2 s per line, seeds 2 to 3, 20 frames/s' in text
+    assert '| flat | 2 | mono | command | 2/2 |' in text
     assert '1.2500' in printed and 'flat, mono, render_node.sun.elevation_deg: 2 of 2' in printed
-    for name in ('command.csv', 'command.tex', 'command.html'):
+    for name in ('command.csv', 'command.tex', 'command.html', 'command.png',
+                 'command_drives.csv'):
         assert (tmp_path / 'out' / name).stat().st_size > 200
-    drive = json.loads((tmp_path / 'out/recordings').glob('*=2-seed1/drive.json').__next__()
+    drive = json.loads((tmp_path / 'out/recordings').glob('*=2-seed2/drive.json').__next__()
                        .read_text())
     assert drive['value'] == '2'
     recorder.drives.clear()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lunar_rover_sim.slam.benchmark import Cell, Drive
-from lunar_rover_sim.slam.estimators import Estimator
+from lunar_rover_sim.slam.drives import Drive, Judged
 from lunar_rover_sim.slam.findings import findings
 from lunar_rover_sim.slam.run_on_bag import SlamResult
 from lunar_rover_sim.slam.statistics import Comparison, Median
@@ -16,17 +15,17 @@ LOST = None
 
 
 def drives(scenario: str, sensor: str, errors: list[float | None],
-           scales: list[float] | None = None, value: str = '') -> list[Cell]:
-    """Return a cell per seed; LOST is a drive of which 40 % was tracked, with a small error."""
+           scales: list[float] | None = None, value: str = '') -> list[Judged]:
+    """Return a result per seed; LOST is a drive of which 40 % was tracked, with a small error."""
     scales = scales or [1.0] * len(errors)
-    return [Cell(Drive(scenario, seed, 60.0, value=value), Estimator('reference', sensor),
-                 SlamResult('reference', sensor, 'lost' if error is LOST else '', 1200,
-                            0.4 if error is LOST else 1.0, 0.001 if error is LOST else error,
-                            scale))
+    return [Judged(Drive(scenario, seed, 60.0, value=value),
+                   SlamResult('reference', sensor, 'lost' if error is LOST else '', 1200,
+                              0.4 if error is LOST else 1.0, 0.001 if error is LOST else error,
+                              scale))
             for seed, (error, scale) in enumerate(zip(errors, scales), 1)]
 
 
-def said(cells: list[Cell], what: str) -> str:
+def said(cells: list[Judged], what: str) -> str:
     """Return how the one sentence that holds `what` begins."""
     found, = (line for line in findings(cells) if what in line)
     return found.split(':')[0]
@@ -91,11 +90,11 @@ def test_many_pairs() -> None:
     assert Comparison.of(a + 0.2, a).p < 1e-3
 
 
-def table_one(sparse: float = 5.0, dark: float = 0.4) -> list[Cell]:
+def table_one(sparse: float = 5.0, dark: float = 0.4) -> list[Judged]:
     """Return drives as the paper has them: sparse worst, dark stereo lowest."""
     rng = np.random.default_rng(6)
 
-    def cell(scenario: str, sensor: str, factor: float) -> list[Cell]:
+    def cell(scenario: str, sensor: str, factor: float) -> list[Judged]:
         scales = rng.uniform(3.0, 40.0, 10) if sensor == 'mono' else rng.normal(1.0, 0.01, 10)
         return drives(scenario, sensor, list(factor * TEN * rng.uniform(0.97, 1.03, 10)),
                       scales.tolist())

@@ -1,0 +1,196 @@
+"""Drives of a benchmark: seeds, CSVs, and parts that are joined."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from lunar_rover_sim.cli.main import main, parse
+from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.slam.drives import (csv_of_drives, Drive, join, Judged, read_csv, read_folder,
+                                         seeds_of, text_of_seeds)
+from lunar_rover_sim.slam.run_on_bag import SlamResult
+from lunar_rover_sim.slam.statistics import Share
+
+
+def judged(seed: int, ate_m: float = 0.01, sensor: str = 'stereo', system: str = 'reference',
+           scenario: str = 'baseline', **of_drive) -> Judged:
+    """Return a drive of 60 s, of which all is tracked if it has an error."""
+    tracked = 1.0 if ate_m == ate_m else 0.0
+    return Judged(Drive(scenario, seed, **{'duration_s': 60.0, **of_drive}),
+                  SlamResult(system, sensor, '' if tracked else 'lost: it wrote no pose', 1200,
+                             tracked, ate_m, 0.1 + 0.9, 15.0 * ate_m, distance_m=7.0 / 3.0,
+                             duration_s=59.9, wall_s=70.0))
+
+
+def written(path: Path, drives: list[Judged]) -> Path:
+    path.write_text(csv_of_drives(drives))
+    return path
+
+
+def folder_of(path: Path, drives: list[Judged]) -> Path:
+    """Write the results of a benchmark as `benchmark` leaves them."""
+    for one in drives:
+        cell = path / 'cells' / f'{one.drive.name}-{one.result.sensor}-{one.result.system}'
+        cell.mkdir(parents=True)
+        (cell / 'result.json').write_text(json.dumps({
+            'request': {'drive': dataclasses.asdict(one.drive), 'estimator': {}},
+            'failed': one.failed, 'result': one.result.to_mapping()}))
+    return path
+
+
+@pytest.mark.parametrize(('text', 'seeds'), [
+    ('6', (1, 2, 3, 4, 5, 6)), ('1', (1,)), ('7-10', (7, 8, 9, 10)), ('4-4', (4,)),
+    ('1,4', (1, 4)), (' 1, 7 - 9 ', (1, 7, 8, 9))])
+def test_seeds(text: str, seeds: tuple[int, ...]) -> None:
+    assert seeds_of(text) == seeds
+
+
+@pytest.mark.parametrize('text', ['', '0', '-3', '10-7', '1,,2', 'all', '1-', '1.5', '0-4',
+                                  '1-99999999', '12345678901', '\u0665'])
+def test_bad_seeds_are_named(text: str) -> None:
+    with pytest.raises(SlamError, match='seeds: .* is not valid; valid'):
+        seeds_of(text)
+    with pytest.raises(SlamError, match='names 4 twice'):
+        seeds_of('1-5,4')
+
+
+def test_seeds_in_words() -> None:
+    assert text_of_seeds([3, 1, 2, 9, 12, 11, 1]) == '1 to 3, 9, 11 to 12'
+
+
+def test_a_csv_is_read_as_it_was_written(tmp_path) -> None:
+    """All digits, what is unknown, settings with commas and a reason with quotes."""
+    drives = [judged(1, overrides=('a.b=[1,2]', 'c.d=x')), judged(2, float('nan')),
+              judged(3, parameter='a.b', value='2', scenario='my "own", file.yaml'),
+              dataclasses.replace(judged(4), failed=True)]
+    read = read_csv(written(tmp_path / 'drives.csv', drives))
+    assert [repr(one) for one in read] == [repr(one) for one in drives]
+
+
+def test_a_csv_with_the_least_columns(tmp_path) -> None:
+    """One made by hand: what it does not say is unknown, the share of the error follows."""
+    path = tmp_path / 'old.csv'
+    path.write_text('scenario,seed,sensor,system,tracked_share,ate_m,scale,distance_m,of_us\n'
+                    'baseline,3,mono,orbslam3,0.97,0.014,1.2,7,x\n')
+    one, = read_csv(path)
+    assert one.result.ate_percent == pytest.approx(0.2)
+    assert one.drive.duration_s != one.drive.duration_s and not one.failed
+
+
+@pytest.mark.parametrize(('changed', 'said'), [
+    (('60,', '"a'), 'drives.csv: line 2: .*'),
+    (('reference', ' '), 'drives.csv: line 2: system is empty'),
+    (('baseline,,,1', 'baseline,,,one'), "line 2: seed: 'one' is not a whole number"),
+    ((',0.01,', ',many,'), "line 2: ate_m: 'many' is not a number"),
+    ((',1.0,0.01,', ',1.4,0.01,'), 'line 2: tracked_share: 1.4 is not valid'),
+    ((',1200,', ',inf,'), 'line 2: frames: inf is not valid'),
+    (('[],0', '[],yes'), "line 2: failed: 'yes' is not valid"),
+    (('[]', '{'), 'line 2: settings'),
+    (('ate_m', 'ate'), 'is no CSV of drives: it lacks ate_m')])
+def test_bad_csvs_are_named(tmp_path, changed: tuple[str, str], said: str) -> None:
+    text = csv_of_drives([judged(1)])
+    assert changed[0] in text
+    (tmp_path / 'drives.csv').write_text(text.replace(*changed, 1))
+    with pytest.raises(SlamError, match=said):
+        read_csv(tmp_path / 'drives.csv')
+
+
+def test_parts_are_joined(tmp_path) -> None:
+    """Two machines and an older CSV; what two of them hold counts once, in one order."""
+    first = folder_of(tmp_path / 'a', [judged(2), judged(1), judged(1, system='orbslam3')])
+    second = written(tmp_path / 'b.csv', [judged(3), judged(1), judged(1, sensor='mono')])
+    joined = join([second, first])
+    assert [(one.result.sensor, one.result.system, one.drive.seed) for one in joined] == [
+        ('mono', 'reference', 1), ('stereo', 'reference', 1), ('stereo', 'reference', 2),
+        ('stereo', 'reference', 3), ('stereo', 'orbslam3', 1)]
+    assert [one.folder is not None for one in joined] == [False, False, True, False, True]
+    assert len(read_folder(first)) == 3
+
+
+def test_values_of_a_sweep_are_in_order(tmp_path) -> None:
+    drives = [judged(1, parameter='a.b', value=value) for value in ('10', '2', 'auto')]
+    assert [one.drive.value for one in join([written(tmp_path / 'a.csv', drives)])] == [
+        '2', '10', 'auto']
+
+
+@pytest.mark.parametrize(('other', 'said'), [
+    (judged(1, 0.02), 'baseline-seed1 stereo reference: .*a.csv and .*b.csv have different res'),
+    (judged(2, duration_s=40.0), 'lasts 40 s, baseline-seed1 in .* 60 s: these are no parts'),
+    (judged(2, overrides=('render_node.frame_rate_hz=10',)),
+     'has settings render_node.frame_rate_hz=10, baseline-seed1 in .* none'),
+    (judged(2, parameter='a.b', value='1'), 'parts sweep different parameters: a.b, none')])
+def test_what_is_no_part_is_refused(tmp_path, other: Judged, said: str) -> None:
+    parts = [written(tmp_path / 'a.csv', [judged(1)]), written(tmp_path / 'b.csv', [other])]
+    with pytest.raises(SlamError, match=said):
+        join(parts)
+
+
+def test_what_was_recorded_makes_no_difference(tmp_path) -> None:
+    """Nor does a CSV that does not say how long its drives were."""
+    narrow = judged(2, overrides=('recorder_node.topics=[odom]',))
+    unknown = judged(3, duration_s=float('nan'))
+    parts = [written(tmp_path / f'{k}.csv', [one])
+             for k, one in enumerate((judged(1), narrow, unknown))]
+    assert len(join(parts)) == 3
+    with pytest.raises(SlamError, match='0.csv: baseline-seed1 stereo reference is in it twice'):
+        join([written(tmp_path / '0.csv', [judged(1), judged(1)])])
+
+
+def test_a_folder_without_results_is_named(tmp_path) -> None:
+    with pytest.raises(SlamError, match='holds no results of a benchmark'):
+        join([tmp_path])
+    folder_of(tmp_path / 'a', [judged(1)])
+    next((tmp_path / 'a').glob('cells/*/result.json')).write_text('{}')
+    with pytest.raises(SlamError, match='result.json: is not a result of a benchmark'):
+        join([tmp_path / 'a'])
+
+
+def test_the_share_of_successes_has_an_interval_where_all_succeed() -> None:
+    """Wilson: of eight, all: from 1 / (1 + z^2 / 8)."""
+    share = Share.of(8, 8)
+    assert (share.value, share.high) == (1.0, 1.0)
+    assert share.low == pytest.approx(1.0 / (1.0 + 1.959964**2 / 8.0), rel=1e-6)
+    assert Share.of(0, 0).value != Share.of(0, 0).value
+
+
+def test_command_line(tmp_path, capsys) -> None:
+    """Six seeds of two systems from two machines: one table, findings of each system."""
+    drives = [judged(seed, 0.01 * factor + 0.001 * seed, sensor, system, scenario)
+              for system in ('reference', 'orbslam3') for sensor in ('mono', 'stereo')
+              for scenario, factor in (('baseline', 1.0), ('feature_sparse', 3.0))
+              for seed in range(1, 7)]
+    parts = [written(tmp_path / f'{k}.csv', [one for one in drives if one.drive.seed % 2 == k])
+             for k in (0, 1)]
+    args = parse(['slam', 'table', *map(str, parts), '-o', str(tmp_path / 'out' / 'deep')])
+    assert args.run(args) == 0
+    printed = capsys.readouterr().out
+    assert 'orbslam3: shown: mono is worst on feature_sparse' in printed
+    assert 'reference: shown: stereo is worst on feature_sparse' in printed
+    out = tmp_path / 'out' / 'deep'
+    assert '6 drives of 60 s per line, seeds 1 to 6' in (out / 'table.md').read_text()
+    assert len(read_csv(out / 'table_drives.csv')) == len(drives)
+    assert {p.name for p in out.iterdir()} == {'table.md', 'table.csv', 'table.tex', 'table.html',
+                                               'table_drives.csv'}
+    assert main(['slam', 'table', str(tmp_path), '-o', str(tmp_path / 'x')]) == 1
+    assert 'holds no results' in capsys.readouterr().err
+
+
+def test_curves_of_a_sweep(tmp_path) -> None:
+    """Two systems over three values; one value at which nothing succeeds."""
+    drives = [judged(seed, float('nan') if value == '2' else 0.01 * seed, system=system,
+                     parameter='render_node.sun.elevation_deg', value=value)
+              for system in ('reference', 'orbslam3') for value in ('2', '6', '15')
+              for seed in range(1, 9)]
+    args = parse(['slam', 'table', str(written(tmp_path / 'a.csv', drives)), '-o',
+                  str(tmp_path / 'out')])
+    assert args.run(args) == 0
+    assert (tmp_path / 'out/table.png').stat().st_size > 10_000
+    assert '- baseline 2 stereo orbslam3, seed 1: tracked 0 %' in (
+        tmp_path / 'out/table.md').read_text()
+    lines = (tmp_path / 'out/table.csv').read_text().splitlines()
+    assert lines[0].startswith('scenario,value,sensor,system,drives,successes,success_low,')
+    assert lines[1].startswith('baseline,2,stereo,reference,8,0,0.0,0.32')

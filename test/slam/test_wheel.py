@@ -1,0 +1,149 @@
+"""ORB-SLAM3 as a wheel: resource/orb_slam3/wheel.py with a stand-in for its interface."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+import synthetic_bag as synthetic
+
+from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.files.resources import program_path
+from lunar_rover_sim.slam import protocol
+from lunar_rover_sim.slam.estimators import Estimator, is_python
+from lunar_rover_sim.slam.program import SlamProgram, WHEEL_PROGRAM
+from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose
+from lunar_rover_sim.slam.run_on_bag import run_on_bag
+
+STUB = Path(__file__).parent / 'pyorbslam3_stub'
+LEFT = np.arange(12, dtype=np.uint8).reshape(3, 4)
+TURN = Rotation.from_rotvec([0.0, 3.1, 0.02])       # of the stand-in
+
+
+@pytest.fixture
+def wheel(monkeypatch, tmp_path) -> list[str]:
+    """Return the command that starts the program, with the stand-in, and a settings file."""
+    monkeypatch.setenv('PYTHONPATH', str(STUB))
+    (tmp_path / 'orb.yaml').write_text('%YAML:1.0\n')
+    return [sys.executable, str(program_path(WHEEL_PROGRAM))]
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory) -> Path:
+    items = synthetic.drive(0.6, state_hz=100, only=synthetic.FOR_ESTIMATORS)
+    return synthetic.write(tmp_path_factory.mktemp('wheel') / 'bag', items)
+
+
+def feed(program: SlamProgram, stamps_ns: range, images, imu: bool = False) -> list[TrackedPose]:
+    """Send frames one after the other; return the answers."""
+    answers: list[TrackedPose] = []
+
+    def wait() -> None:
+        deadline = time.monotonic() + 20.0
+        while program.is_busy:
+            program.check()
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+
+    for stamp_ns in stamps_ns:
+        wait()
+        if imu:
+            program.send_imu([(stamp_ns - 1000, (0.1,) * 3, (1.0,) * 3)])
+        program.send(FrameSet(stamp_ns, images))
+        wait()
+        taken = program.take()
+        assert taken is not None
+        answers.append(taken[0])
+    return answers
+
+
+@pytest.mark.parametrize(('sensor', 'count'), [('mono', 1), ('stereo', 2), ('stereo-inertial', 2)])
+def test_behind_pipes(wheel, tmp_path, sensor: str, count: int) -> None:
+    """What ORB-SLAM3 prints is not between the answers; poses are those of the wheel."""
+    program = SlamProgram([*wheel, 'voc.txt', str(tmp_path / 'orb.yaml'), sensor], {}, 20.0, 20.0)
+    inertial = sensor == 'stereo-inertial'
+    try:
+        answers = feed(program, range(2_000_000_000, 2_000_003_000, 1000), (LEFT,) * count,
+                       inertial)
+    finally:
+        program.close()
+    assert [a.state for a in answers] == [protocol.INITIALISING, protocol.TRACKING,
+                                          protocol.TRACKING]
+    assert [a.stamp_ns for a in answers] == [2_000_000_000, 2_000_001_000, 2_000_002_000]
+    assert answers[2].position_m == pytest.approx(
+        (3.0, 11.0 * count, 2.000001 if inertial else 0.0), abs=1e-9)
+    w, x, y, z = answers[2].wxyz
+    assert (Rotation.from_quat([x, y, z, w]) * TURN.inv()).magnitude() < 1e-6
+
+
+@pytest.mark.parametrize(('words', 'said'), [
+    (['voc', 'orb.yaml', 'stereo-inertail'], 'sensors are mono, stereo, stereo-inertial'),
+    (['voc', 'orb.yaml', 'sequence', 'times', 'run'], 'sensors are mono'),
+    (['voc', 'missing.yaml', 'stereo'], 'missing.yaml')])
+def test_what_is_wrong_is_named_in_a_line(wheel, words: list[str], said: str, tmp_path) -> None:
+    ended = subprocess.run([*wheel, *words], capture_output=True, text=True, timeout=60,
+                           cwd=tmp_path)
+    assert ended.returncode != 0
+    assert said in ended.stderr.splitlines()[-1] and 'Traceback' not in ended.stderr
+
+
+@pytest.mark.skipif(find_spec('pyorbslam3') is not None, reason='this Python has the wheel')
+def test_a_python_without_the_wheel_is_named(monkeypatch, tmp_path) -> None:
+    monkeypatch.delenv('PYTHONPATH', raising=False)
+    ended = subprocess.run([sys.executable, str(program_path(WHEEL_PROGRAM)), 'v', 's', 'mono'],
+                           capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 1
+    assert f'pyorbslam3 cannot be imported by {sys.executable}' in ended.stderr
+
+
+@pytest.mark.parametrize('sensor', ['mono', 'stereo', 'stereo-inertial'])
+def test_in_place_of_the_example_programs(wheel, bag, tmp_path, sensor: str) -> None:
+    """`--executable PYTHON`: every frame but the first has the pose that the stand-in gave it."""
+    (tmp_path / 'voc.txt').write_text('words')
+    (tmp_path / 'out').mkdir()
+    estimator = Estimator('orbslam3', sensor, Path(sys.executable), tmp_path / 'voc.txt')
+    result = run_on_bag(bag, estimator, tmp_path / 'out')
+    assert result.reason == ''
+    assert result.tracked_share == pytest.approx(1.0 - 1.0 / result.frames)
+    log = (tmp_path / 'out/log.txt').read_text()
+    assert f'reads {tmp_path}/voc.txt' in log
+    rows = np.loadtxt(tmp_path / 'out/f_run.txt')
+    assert len(rows) == result.frames - 1 and (tmp_path / 'out/kf_run.txt').exists()
+    assert rows[:, 1].tolist() == list(range(2, result.frames + 1))
+    # Samples of the IMU come up to the frame, not beyond.
+    after_s = rows[:, 3] - 1e-9 * rows[:, 0]
+    assert (np.abs(after_s) < 1e-6).all() if sensor == 'stereo-inertial' else not rows[:, 3].any()
+
+
+def test_under_the_name_of_an_example(wheel, bag, tmp_path) -> None:
+    """A link called mono_euroc is one; where no frame is tracked there is no trajectory."""
+    link = tmp_path / 'mono_euroc'
+    link.symlink_to(wheel[1])
+    folder = tmp_path / 'sequence/mav0/cam0/data'
+    folder.mkdir(parents=True)
+    (tmp_path / 'times.txt').write_text('1000000000\n')
+    synthetic_png(folder / '1000000000.png')
+    ended = subprocess.run([wheel[0], str(link), 'voc', 'orb.yaml', 'sequence', 'times.txt', 'a'],
+                           capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert 'no frame was tracked' in ended.stdout and not (tmp_path / 'f_a.txt').exists()
+
+
+def synthetic_png(path: Path) -> None:
+    assert cv2.imwrite(str(path), LEFT)
+
+
+def test_which_programs_are_a_python(tmp_path) -> None:
+    assert [is_python(Path(name)) for name in ('/x/bin/python', 'python3', 'python3.11')] == [
+        True] * 3
+    assert not any(is_python(Path(name)) for name in ('stereo_euroc', 'python-slam', 'python3.x'))
+    (tmp_path / 'voc').write_text('')
+    with pytest.raises(SlamError, match="'rgbd' is not valid for the wheel of ORB-SLAM3"):
+        Estimator('orbslam3', 'rgbd', Path(sys.executable), tmp_path / 'voc')
