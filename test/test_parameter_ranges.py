@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import math
 import pkgutil
+import re
 
 import pytest
 
@@ -238,3 +239,62 @@ def test_parameter_sets_cannot_be_changed():
         one = kind()
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(one, dataclasses.fields(kind)[0].name, None)
+
+
+# Bounds that are not round, and why. A bound is to be remembered: it is one unless it has a reason.
+REASONS = {
+    'CraterConfig.irregularity.high': 'the radii of an outline would cross',
+    'GaitConfig.spokes.high': 'a dozen', 'Legs.spokes.high': 'a dozen',
+    'GroundConfig.friction.high': 'the tangent of 58 deg',
+    'HazardCameraConfig.horizontal_fov_deg.high': 'the widest lens that is sold',
+    'HazardCameraConfig.image_circle_deg.high': 'the widest lens that is sold',
+    'SunSensorConfig.field_of_view_deg.high': 'short of what a plane could see',
+    'StarTrackerConfig.cross_arcsec.high': 'ten degrees',
+    'StarTrackerConfig.roll_arcsec.high': 'ten degrees',
+    'SgmConfig.pre_filter_cap.high': 'of OpenCV',
+}
+
+
+def is_round(bound):
+    """Return whether a bound has one digit, is of powers of two, a known angle, or just below."""
+    def one_digit(value):
+        return value == 0 or float(f'{value:.0e}') == value
+
+    size = abs(bound)
+    return (one_digit(size) or size % 15 == 0 and size <= 360
+            or any(math.log2(size + more).is_integer() for more in (-1, 0, 1) if size + more > 0)
+            or any(one_digit(round(whole - size, 9)) and 0.0 < whole - size <= 0.1 * whole
+                   for whole in (1.0, 90.0)))
+
+
+@pytest.mark.parametrize('kind', SETS, ids=lambda kind: kind.__name__)
+def test_bounds_are_round_numbers_or_have_a_reason(kind):
+    odd = [f'{kind.__name__}.{field.name}.{end}' for field in dataclasses.fields(kind)
+           if 'info' in field.metadata
+           for end in ('low', 'high')
+           if (bound := getattr(field.metadata['info'], end)) is not None and not is_round(bound)]
+    assert [name for name in odd if name not in REASONS] == []
+
+
+OVERRIDES = [pytest.param(kind, name, *map(float, span.groups()), id=f'{kind.__name__}.{name}')
+             for kind, name, info in parameters()
+             for span in [re.search(r'([-.\de+]+) to ([-.\de+]+); -1:', info.doc)] if span]
+
+
+@pytest.mark.parametrize('kind,name,low,high', OVERRIDES)
+def test_what_replaces_a_known_value_has_bounds_of_its_own(kind, name, low, high):
+    """-1 leaves the known value; else the bounds hold that the documentation names."""
+    for value in (-1.0, low, high):
+        assert getattr(kind(**{name: value}), name) == value
+    for value in (-1.0 - 1e-9, -1.0 + 1e-9, -1e-9, low - 1e-9, high * (1.0 + 1e-9)):
+        with pytest.raises(ConfigError, match=name):
+            kind(**{name: value})
+    assert is_round(low) and (is_round(high) or f'{kind.__name__}.{name}.high' in REASONS)
+
+
+def test_round_numbers():
+    """One more or one less than a bound of two digits is not round."""
+    for bound in (45.0, 90, 360.0, 64, 65, 4097, 8192, 0.99, 0.9, 0.3, 1e-5, 20000, 89.0, 100):
+        assert is_round(bound) and is_round(-bound)
+    for bound in (46.0, 44.0, 91, 359.0, 101, 99, 1.3, 1.99, 20001, 1.005, 8190, 61.0):
+        assert not is_round(bound)
