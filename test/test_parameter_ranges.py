@@ -241,7 +241,7 @@ def test_parameter_sets_cannot_be_changed():
             setattr(one, dataclasses.fields(kind)[0].name, None)
 
 
-# Bounds that are not round, and why. A bound is to be remembered: it is one unless it has a reason.
+# Bounds that are not round, and why. A bound is to be remembered: one that is odd has a reason.
 REASONS = {
     'CraterConfig.irregularity.high': 'the radii of an outline would cross',
     'GaitConfig.spokes.high': 'a dozen', 'Legs.spokes.high': 'a dozen',

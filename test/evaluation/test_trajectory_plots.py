@@ -12,7 +12,7 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
-from lunar_rover_sim.evaluation.trajectory_evaluation import Evaluation, evaluate
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate, Evaluation
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import load
 
