@@ -10,15 +10,17 @@ import re
 
 import pytest
 
-from lunar_rover_sim.camera.chase import ChaseCameraConfig
+from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig
+from lunar_rover_sim.camera.compression_config import CompressionConfig
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
+from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.illumination.config import LampConfig, SunConfig
+from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
 from lunar_rover_sim.parameters import Parameters
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run import node_config
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.world.config import CraterConfig, MeshConfig, ReliefConfig, RockConfig
 
@@ -239,6 +241,35 @@ def test_parameter_sets_cannot_be_changed():
         one = kind()
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(one, dataclasses.fields(kind)[0].name, None)
+
+
+@pytest.mark.parametrize('kind,name', [
+    pytest.param(kind, name, id=f'{kind.__name__}.{name}') for kind, name, info in parameters()
+    if info.low is not None and info.unit != 'deg' and name not in PLACES
+    and ' adds ' not in info.doc])
+def test_what_is_no_direction_and_no_place_is_not_negative(kind, name):
+    """But for -1, where it means something else."""
+    info = kind.__dataclass_fields__[name].metadata['info']
+    assert info.low >= 0.0 or (
+        info.low == -1 and ('-1' in info.doc or getattr(kind(), name) == -1))
+
+
+def test_the_defaults_of_all_nodes_go_together():
+    """Rates divide one another, ranges are not empty, the matcher fits into the image."""
+    for name in ('PhysicsNodeConfig', 'RenderNodeConfig'):
+        assert getattr(node_config, name)() == getattr(node_config, name)()
+
+
+def test_what_is_extra_is_off_until_it_is_asked_for():
+    assert not ChaseConfig().enabled and LampConfig().power_w == 0.0
+    assert not SunConfig().allow_night and not EarthConfig().lights_ground
+    assert not HazardConfig().stereo
+
+
+@pytest.mark.parametrize('kind', [CompressionConfig])
+def test_what_only_the_next_message_depends_on_is_live(kind):
+    assert all(field.metadata['info'].live for field in dataclasses.fields(kind)
+               if field.name != 'enabled')
 
 
 # Bounds that are not round, and why. A bound is to be remembered: one that is odd has a reason.

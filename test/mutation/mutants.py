@@ -139,10 +139,13 @@ def lots_of(mutant: Mutant, code: str, executed: Executed, limit_s: float) -> li
     """Return the tests of a mutant: first those of its room, then all others.
 
     Tests of the room execute the changed statement; of the others, those of other statements of
-    the module count too, for lines whose result is kept somewhere.
+    the module count too, for lines whose result is kept somewhere. For what is computed at import
+    count also the tests that look at all rooms.
     """
     room = mutant.module.partition('/')[0]
     direct = executed.of_line(mutant.module, mutant.line, code)
+    if not executed.is_in_function(mutant.line, code):
+        direct |= {test for test in executed.seconds if test.startswith('test/test_')}
     near = {test for test in direct if test.startswith((f'test/{room}/', 'test/test_'))}
     first = quickest(near, executed.seconds, limit_s)
     others = (direct | executed.of_module(mutant.module)) - set(first)
