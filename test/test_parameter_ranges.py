@@ -293,7 +293,8 @@ def is_round(bound):
 
     size = abs(bound)
     return (one_digit(size) or size % 15 == 0 and size <= 360
-            or any(math.log2(size + more).is_integer() for more in (-1, 0, 1) if size + more > 0)
+            or any(math.log2(size + more).is_integer() for more in (-1, 0, 1)
+                   if size >= 2 and size == int(size) and size + more > 0)
             or any(one_digit(round(whole - size, 9)) and 0.0 < whole - size <= 0.1 * whole
                    for whole in (1.0, 90.0)))
 
@@ -327,5 +328,5 @@ def test_round_numbers():
     """One more or one less than a bound of two digits is not round."""
     for bound in (45.0, 90, 360.0, 64, 65, 4097, 8192, 0.99, 0.9, 0.3, 1e-5, 20000, 89.0, 100):
         assert is_round(bound) and is_round(-bound)
-    for bound in (46.0, 44.0, 91, 359.0, 101, 99, 1.3, 1.99, 20001, 1.005, 8190, 61.0):
+    for bound in (46.0, 44.0, 91, 359.0, 101, 99, 1.3, 1.5, 1.99, 20001, 1.005, 8190, 61.0):
         assert not is_round(bound)
