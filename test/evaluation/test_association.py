@@ -35,12 +35,15 @@ def by_definition(truth, stamp, tolerance_ns):
     return None
 
 
-@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('seed', range(4))
 @pytest.mark.parametrize('tolerance_ns', [0, 3, 5])
-def test_each_pose_is_that_of_the_definition(seed, tolerance_ns):
-    """Stamps of a few ns: many agree, many are just as far as the tolerance, some lie outside."""
+@pytest.mark.parametrize('start', [0, 1_400_000_000_000_000_000])
+def test_each_pose_is_that_of_the_definition(seed, tolerance_ns, start):
+    """Stamps of a few ns: many agree, many are just as far as the tolerance, some lie outside.
+
+    They count from the start of a simulation, or from 1970, which doubles do not hold.
+    """
     rng = np.random.default_rng(seed)
-    start = 1_400_000_000_000_000_000       # as of today, in ns: doubles do not hold it
     truth = poses(start + np.sort(rng.choice(200, 50, replace=False)), seed)
     estimate = poses(start + np.sort(rng.choice(np.arange(-9, 210), 90, replace=False)), seed + 9)
     expected = [by_definition(truth, s, tolerance_ns) for s in estimate.stamps_ns.tolist()]

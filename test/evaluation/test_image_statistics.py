@@ -116,6 +116,15 @@ def test_matches_are_counted_on_their_rows_within_the_search():
     assert np.isnan(measures(GreyPair('', left))[0]['ORB matches'])
 
 
+def test_white_is_white():
+    """Full scale is not black: patches of it on black have corners, and their pair matches."""
+    left, right = ((image > 0.5).astype(np.float32) for image in scene())
+    found = measures(GreyPair('', left, right))[0]
+    assert found['ORB keypoints'] > 60 and found['ORB matches'] > 30
+    half = measures(GreyPair('', 0.5 * left))[0]
+    assert half['ORB keypoints'] == pytest.approx(found['ORB keypoints'], rel=0.3)
+
+
 def test_density_and_error_of_matching():
     """All ground that both see is matched; truth that is off by 2 px makes all of it bad."""
     left, right = scene()

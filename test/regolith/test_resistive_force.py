@@ -30,6 +30,21 @@ def test_plates_in_poppy_seeds(soil, down_n, aside_n):
 
 
 @pytest.mark.parametrize('shape', [GENERIC, POPPY_LOOSE, POPPY_CLOSE])
+def test_the_force_is_the_fourier_series_of_the_paper(shape):
+    """Li et al. (2013), supplement: terms cos and sin of 2 pi (m beta / pi + n gamma / 2 pi)."""
+    rng = np.random.default_rng(2)
+    up = {(0, 0): (shape.a00, 0.0), (1, 0): (shape.a10, 0.0), (1, 1): (0.0, shape.b11),
+          (0, 1): (0.0, shape.b01), (-1, 1): (0.0, shape.b_11)}
+    back = {(1, 1): (shape.c11, 0.0), (0, 1): (shape.c01, 0.0), (-1, 1): (shape.c_11, 0.0),
+            (1, 0): (0.0, shape.d10)}
+    for beta, gamma in [*rng.uniform(-HALF, HALF, (40, 2)), (0.7, HALF), (0.7, -HALF)]:
+        expected = [sum(a * np.cos(2.0 * m * beta + n * gamma)
+                        + b * np.sin(2.0 * m * beta + n * gamma)
+                        for (m, n), (a, b) in terms.items()) for terms in (back, up)]
+        assert shape.alpha(beta, gamma) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize('shape', [GENERIC, POPPY_LOOSE, POPPY_CLOSE])
 def test_a_motion_backward_is_the_mirror_of_one_forward(shape):
     rng = np.random.default_rng(1)
     beta, gamma = rng.uniform(-HALF, HALF, 50), rng.uniform(-HALF, HALF, 50)
