@@ -17,8 +17,11 @@ from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfi
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
+from lunar_rover_sim.illumination.solar_panel import SolarPanelConfig
+from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
+from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
 from lunar_rover_sim.parameters import Parameters
-from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
+from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig, PowerMonitorConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run import node_config
 from lunar_rover_sim.stereo.config import SgmConfig
@@ -207,6 +210,29 @@ def test_the_default_sensor_is_four_pixels_of_its_data_sheet():
     assert sensor.shot_noise and sensor.read_noise and sensor.fixed_pattern
     # Photons of sunlight carry 2 to 4e-19 J: fewer electrons than one for each.
     assert 1e17 < sensor.electrons_per_joule < 1.0 / 3e-19
+
+
+def test_the_instruments_of_the_default_rover_are_those_of_their_data_sheets():
+    """They stand on the deck behind the mast; monitors measure up to 4 A; Earth's albedo in V."""
+    chassis = RoverDescription().chassis
+    for instrument in (SunSensorConfig(), StarTrackerConfig(), SolarPanelConfig()):
+        x, y, z = instrument.position_m
+        assert -0.5 * chassis.length_m < x < 0.0 and abs(y) < 0.5 * chassis.width_m
+        assert 0.5 * chassis.height_m < z < chassis.height_m
+    power = PowerMonitorConfig()
+    assert power.shunt_range_v / power.shunt_ohm == pytest.approx(4.096)
+    assert power.shunt_ohm == 0.02
+    assert EarthConfig().geometric_albedo == 0.434
+
+
+def test_gait_arrays_are_those_of_animals():
+    """Of a pace the legs of one side move together, of a bound those in front."""
+    left_front, right_front, left_rear, right_rear = GaitConfig(gait='bound').offsets
+    assert left_front == right_front and left_rear == right_rear
+    assert (left_front - left_rear) % 1.0 == 0.5
+    left_front, right_front, left_rear, right_rear = GaitConfig(gait='pace').offsets
+    assert left_front == left_rear and right_front == right_rear
+    assert (left_front - right_front) % 1.0 == 0.5
 
 
 def test_the_default_images_have_usual_shapes():

@@ -1,5 +1,7 @@
 """Resistive force theory against the identities of its formula and published plates."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -86,3 +88,11 @@ def test_the_apollo_15_penetrometer_stands_on_dense_highland():
     soil = PRESETS['highland_dense']
     _, force = plate_force_n(soil.shape, soil.zeta_npm3, 1.0, 0.16, 0.0, HALF)
     assert force == pytest.approx(348e3, rel=0.02)
+
+
+@pytest.mark.parametrize('packing', [POPPY_LOOSE, POPPY_CLOSE])
+def test_all_grains_have_about_the_generic_shape(packing):
+    """Li et al. (2013): over the bearing of a flat plate the coefficients hardly differ."""
+    for field in dataclasses.fields(GENERIC):
+        own = getattr(packing, field.name) / packing.bearing
+        assert own == pytest.approx(getattr(GENERIC, field.name), abs=0.07)
