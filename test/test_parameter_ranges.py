@@ -280,6 +280,14 @@ def test_what_is_no_direction_and_no_place_is_not_negative(kind, name):
         info.low == -1 and ('-1' in info.doc or getattr(kind(), name) == -1))
 
 
+@pytest.mark.parametrize('kind', SETS, ids=lambda kind: kind.__name__)
+def test_a_bound_that_is_not_valid_itself_is_nothing(kind):
+    """Any length, time or angle that is greater than 0 may be small."""
+    for field in dataclasses.fields(kind):
+        info = field.metadata.get('info')
+        assert info is None or not info.open_low or info.low == 0.0
+
+
 def test_the_defaults_of_all_nodes_go_together():
     """Rates divide one another, ranges are not empty, the matcher fits into the image."""
     for name in ('PhysicsNodeConfig', 'RenderNodeConfig'):
