@@ -6,18 +6,24 @@ import dataclasses
 import importlib
 import math
 import pkgutil
+import re
 
 import pytest
 
-from lunar_rover_sim.camera.chase import ChaseCameraConfig
+from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig
+from lunar_rover_sim.camera.compression_config import CompressionConfig
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
+from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.illumination.config import LampConfig, SunConfig
+from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
+from lunar_rover_sim.illumination.solar_panel import SolarPanelConfig
+from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
+from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
 from lunar_rover_sim.parameters import Parameters
-from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
+from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig, PowerMonitorConfig
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run import node_config
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.world.config import CraterConfig, MeshConfig, ReliefConfig, RockConfig
 
@@ -206,6 +212,29 @@ def test_the_default_sensor_is_four_pixels_of_its_data_sheet():
     assert 1e17 < sensor.electrons_per_joule < 1.0 / 3e-19
 
 
+def test_the_instruments_of_the_default_rover_are_those_of_their_data_sheets():
+    """They stand on the deck behind the mast; monitors measure up to 4 A; Earth's albedo in V."""
+    chassis = RoverDescription().chassis
+    for instrument in (SunSensorConfig(), StarTrackerConfig(), SolarPanelConfig()):
+        x, y, z = instrument.position_m
+        assert -0.5 * chassis.length_m < x < 0.0 and abs(y) < 0.5 * chassis.width_m
+        assert 0.5 * chassis.height_m < z < chassis.height_m
+    power = PowerMonitorConfig()
+    assert power.shunt_range_v / power.shunt_ohm == pytest.approx(4.096)
+    assert power.shunt_ohm == 0.02
+    assert EarthConfig().geometric_albedo == 0.434
+
+
+def test_gait_arrays_are_those_of_animals():
+    """Of a pace the legs of one side move together, of a bound those in front."""
+    left_front, right_front, left_rear, right_rear = GaitConfig(gait='bound').offsets
+    assert left_front == right_front and left_rear == right_rear
+    assert (left_front - left_rear) % 1.0 == 0.5
+    left_front, right_front, left_rear, right_rear = GaitConfig(gait='pace').offsets
+    assert left_front == left_rear and right_front == right_rear
+    assert (left_front - right_front) % 1.0 == 0.5
+
+
 def test_the_default_images_have_usual_shapes():
     """4 : 3 for the sensors of the rover, 16 : 9 for the film."""
     for camera, wide, high in ((CameraConfig(), 4, 3), (HazardCameraConfig(), 4, 3),
@@ -238,3 +267,100 @@ def test_parameter_sets_cannot_be_changed():
         one = kind()
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(one, dataclasses.fields(kind)[0].name, None)
+
+
+@pytest.mark.parametrize('kind,name', [
+    pytest.param(kind, name, id=f'{kind.__name__}.{name}') for kind, name, info in parameters()
+    if info.low is not None and info.unit != 'deg' and name not in PLACES
+    and ' adds ' not in info.doc])
+def test_what_is_no_direction_and_no_place_is_not_negative(kind, name):
+    """But for -1, where it means something else."""
+    info = kind.__dataclass_fields__[name].metadata['info']
+    assert info.low >= 0.0 or (
+        info.low == -1 and ('-1' in info.doc or getattr(kind(), name) == -1))
+
+
+@pytest.mark.parametrize('kind', SETS, ids=lambda kind: kind.__name__)
+def test_a_bound_that_is_not_valid_itself_is_nothing(kind):
+    """Any length, time or angle that is greater than 0 may be small."""
+    for field in dataclasses.fields(kind):
+        info = field.metadata.get('info')
+        assert info is None or not info.open_low or info.low == 0.0
+
+
+def test_the_defaults_of_all_nodes_go_together():
+    """Rates divide one another, ranges are not empty, the matcher fits into the image."""
+    for name in ('PhysicsNodeConfig', 'RenderNodeConfig'):
+        assert getattr(node_config, name)() == getattr(node_config, name)()
+
+
+def test_what_is_extra_is_off_until_it_is_asked_for():
+    assert not ChaseConfig().enabled and LampConfig().power_w == 0.0
+    assert not SunConfig().allow_night and not EarthConfig().lights_ground
+    assert not HazardConfig().stereo
+
+
+@pytest.mark.parametrize('kind', [CompressionConfig])
+def test_what_only_the_next_message_depends_on_is_live(kind):
+    assert all(field.metadata['info'].live for field in dataclasses.fields(kind)
+               if field.name != 'enabled')
+
+
+# Bounds that are not round, and why. A bound is to be remembered: one that is odd has a reason.
+REASONS = {
+    'CraterConfig.irregularity.high': 'the radii of an outline would cross',
+    'GaitConfig.spokes.high': 'a dozen', 'Legs.spokes.high': 'a dozen',
+    'GroundConfig.friction.high': 'the tangent of 58 deg',
+    'HazardCameraConfig.horizontal_fov_deg.high': 'the widest lens that is sold',
+    'HazardCameraConfig.image_circle_deg.high': 'the widest lens that is sold',
+    'SunSensorConfig.field_of_view_deg.high': 'short of what a plane could see',
+    'StarTrackerConfig.cross_arcsec.high': 'ten degrees',
+    'StarTrackerConfig.roll_arcsec.high': 'ten degrees',
+    'SgmConfig.pre_filter_cap.high': 'of OpenCV',
+}
+
+
+def is_round(bound):
+    """Return whether a bound has one digit, is of powers of two, a known angle, or just below."""
+    def one_digit(value):
+        return value == 0 or float(f'{value:.0e}') == value
+
+    size = abs(bound)
+    return (one_digit(size) or size % 15 == 0 and size <= 360
+            or any(math.log2(size + more).is_integer() for more in (-1, 0, 1)
+                   if size >= 2 and size == int(size) and size + more > 0)
+            or any(one_digit(round(whole - size, 9)) and 0.0 < whole - size <= 0.1 * whole
+                   for whole in (1.0, 90.0)))
+
+
+@pytest.mark.parametrize('kind', SETS, ids=lambda kind: kind.__name__)
+def test_bounds_are_round_numbers_or_have_a_reason(kind):
+    odd = [f'{kind.__name__}.{field.name}.{end}' for field in dataclasses.fields(kind)
+           if 'info' in field.metadata
+           for end in ('low', 'high')
+           if (bound := getattr(field.metadata['info'], end)) is not None and not is_round(bound)]
+    assert [name for name in odd if name not in REASONS] == []
+
+
+OVERRIDES = [pytest.param(kind, name, *map(float, span.groups()), id=f'{kind.__name__}.{name}')
+             for kind, name, info in parameters()
+             for span in [re.search(r'([-.\de+]+) to ([-.\de+]+); -1:', info.doc)] if span]
+
+
+@pytest.mark.parametrize('kind,name,low,high', OVERRIDES)
+def test_what_replaces_a_known_value_has_bounds_of_its_own(kind, name, low, high):
+    """-1 leaves the known value; else the bounds hold that the documentation names."""
+    for value in (-1.0, low, high):
+        assert getattr(kind(**{name: value}), name) == value
+    for value in (-1.0 - 1e-9, -1.0 + 1e-9, -1e-9, low - 1e-9, high * (1.0 + 1e-9)):
+        with pytest.raises(ConfigError, match=name):
+            kind(**{name: value})
+    assert is_round(low) and (is_round(high) or f'{kind.__name__}.{name}.high' in REASONS)
+
+
+def test_round_numbers():
+    """One more or one less than a bound of two digits is not round."""
+    for bound in (45.0, 90, 360.0, 64, 65, 4097, 8192, 0.99, 0.9, 0.3, 1e-5, 20000, 89.0, 100):
+        assert is_round(bound) and is_round(-bound)
+    for bound in (46.0, 44.0, 91, 359.0, 101, 99, 1.3, 1.5, 1.99, 20001, 1.005, 8190, 61.0):
+        assert not is_round(bound)

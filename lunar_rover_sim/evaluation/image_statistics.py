@@ -111,7 +111,7 @@ def spectrum_slope(image: F32, ground: NDArray[np.bool_]) -> float:
     count = np.bincount(ring[inside], minlength=_RINGS)
     total = np.bincount(ring[inside], power.ravel()[inside], _RINGS)
     centre = np.bincount(ring[inside], radius.ravel()[inside], _RINGS)
-    used = (count > 0) & (total > 0.0)
+    used = total > 0.0
     if used.sum() < 3:
         return float('nan')
     return float(np.polyfit(np.log(centre[used] / count[used]),

@@ -7,9 +7,10 @@ terradynamics of legged locomotion on granular media, Science 339, 2013), with
     alpha_x = C11 cos(2b + g) + C01 cos g + C-11 cos(-2b + g) + D10 sin 2b
 
 b (beta) is the tilt of the plate: 0 if it faces down, > 0 if it faces forward and down, pi/2 if it
-faces forward. g (gamma) is the direction of motion below the horizontal: 0 forward, pi/2 down. For
-|g| > pi/2 the plate is mirrored: b -> -b, g -> +-pi - g, alpha_x -> -alpha_x. alpha_z > 0 pushes
-up, alpha_x > 0 backward, against a motion forward. Only faces that lead are pushed.
+faces forward. g (gamma) is the direction of motion below the horizontal: 0 forward, pi/2 down. A
+motion backward, |g| > pi/2, is the mirror image of one forward, b -> -b, g -> +-pi - g, alpha_x ->
+-alpha_x, under which the series does not change. alpha_z > 0 pushes up, alpha_x > 0 backward,
+against a motion forward. Only faces that lead are pushed.
 """
 
 from __future__ import annotations
@@ -37,17 +38,12 @@ class ResistiveForce:
     def alpha(self, beta_rad: ArrayLike,
               gamma_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (alpha_x, alpha_z) in the unit of the coefficients; arrays are broadcast."""
-        beta, gamma = np.broadcast_arrays(np.asarray(beta_rad, float),
-                                          np.asarray(gamma_rad, float))
-        back = np.abs(gamma) > 0.5 * np.pi
-        sign = np.where(back, -1.0, 1.0)
-        b = sign * beta
-        g = np.where(back, np.copysign(np.pi, gamma) - gamma, gamma)
+        b, g = np.broadcast_arrays(np.asarray(beta_rad, float), np.asarray(gamma_rad, float))
         alpha_z = (self.a00 + self.a10 * np.cos(2.0 * b) + self.b11 * np.sin(2.0 * b + g)
                    + self.b01 * np.sin(g) + self.b_11 * np.sin(-2.0 * b + g))
         alpha_x = (self.c11 * np.cos(2.0 * b + g) + self.c01 * np.cos(g)
                    + self.c_11 * np.cos(-2.0 * b + g) + self.d10 * np.sin(2.0 * b))
-        return sign * alpha_x, alpha_z
+        return alpha_x, alpha_z
 
     @property
     def bearing(self) -> float:

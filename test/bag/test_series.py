@@ -7,7 +7,7 @@ import pytest
 import synthetic_bag as synthetic
 
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.series import read_imu, read_odometry
+from lunar_rover_sim.bag.series import CameraCalibration, read_imu, read_odometry
 
 
 @pytest.fixture(scope='module')
@@ -48,3 +48,12 @@ def test_odometry(bag, items):
     twists = [m.twist.twist for m in poses]
     np.testing.assert_array_equal(series.twists, np.hstack([
         numbers([t.linear for t in twists], 'xyz'), numbers([t.angular for t in twists], 'xyz')]))
+
+
+def test_a_calibration_by_its_numbers():
+    """Principal point and focal lengths differ; the right camera lies a baseline away."""
+    K = np.array([[410.0, 0.0, 321.5], [0.0, 430.0, 238.25], [0.0, 0.0, 1.0]])
+    P = np.hstack([K, [[-410.0 * 0.12], [0.0], [0.0]]])
+    found = CameraCalibration(640, 480, K, np.zeros(5), np.eye(3), P, 'plumb_bob', 'right')
+    assert found.fx_fy_cx_cy_px == (410.0, 430.0, 321.5, 238.25)
+    assert found.baseline_m == pytest.approx(0.12)

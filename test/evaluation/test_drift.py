@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.evaluation.trajectory import Trajectory
-from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate, EvaluationOptions
 from lunar_rover_sim.evaluation.trajectory_files import read_euroc, read_tum
 
 
@@ -50,6 +50,67 @@ def test_relative_errors_over_time_are_those_of_a_second():
     assert evaluate(truth, estimate, align='none').rpe_time_m.mean == pytest.approx(0.02)
     twice = evaluate(truth, estimate, align='none', time_s=2.0)
     assert twice.rpe_time_m.mean == pytest.approx(0.04)
+
+
+def test_options_are_kept_and_have_usual_values():
+    """Pairs a metre and a second apart; 20 ms between an estimate and the truth."""
+    truth = path(bent())
+    result = evaluate(truth, truth)
+    assert result.options == EvaluationOptions() == EvaluationOptions('se3', 0.02, 1.0, 1.0)
+    other = evaluate(truth, truth, align='yaw', tolerance_s=0.5, distance_m=2.0, time_s=3.0)
+    assert other.options == EvaluationOptions('yaw', 0.5, 2.0, 3.0)
+
+
+@pytest.mark.parametrize('angle_deg,scatter,told', [
+    (5.1, 0.0, True), (4.9, 0.0, False), (20.0, 0.19, True), (20.0, 0.21, False)])
+def test_a_turn_that_all_orientations_share_is_told(angle_deg, scatter, told):
+    """More than 5 deg, and alike to a fifth."""
+    truth = path(bent())
+    angles = np.radians(angle_deg * (1.0 + scatter * np.resize([-1.0, 1.0], len(truth))))
+    half = np.stack([np.cos(angles / 2), np.sin(angles / 2), 0 * angles, 0 * angles], axis=1)
+    estimate = Trajectory(truth.stamps_ns, truth.positions_m, half, 'turned')
+    pairs = np.arange(len(truth) // 2 * 2)
+    result = evaluate(truth.select(pairs), estimate.select(pairs), align='none')
+    assert (result.turned_deg is not None) == told
+    if told:
+        assert result.turned_deg == pytest.approx(angle_deg)
+
+
+def test_the_share_tracked_counts_images_with_a_pose_near_them():
+    """Within the tolerance, and within half of the time between images."""
+    truth = path(bent())
+    images = truth.stamps_ns[::10]                      # 1 s apart
+    estimate = truth.select(np.arange(3, 201, 20))      # 0.3 s after every second image
+
+    def share(stamps, **options):
+        return evaluate(truth, estimate, align='none', frame_stamps_ns=stamps,
+                        **options).tracked_share
+
+    assert share(images, tolerance_s=0.3) == pytest.approx(10.0 / 21.0)
+    assert share(images, tolerance_s=0.299999999) == 0.0
+    assert share(images[::2], tolerance_s=5.0) == pytest.approx(10.0 / 11.0)
+    assert share(images, tolerance_s=5.0) == pytest.approx(10.0 / 21.0)     # 0.5 s at most
+    assert share(images[:1], tolerance_s=5.0) == 1.0
+    # Without images the truth counts, at the estimate's own rate; never more than all.
+    assert share(np.zeros(0, np.int64)) == pytest.approx(10.0 / 11.0)
+    every = truth.select(np.arange(201))
+    assert evaluate(truth, every, align='none').tracked_share == 1.0
+    doubled = evaluate(truth.select(np.arange(0, 201, 2)), every, align='none', tolerance_s=0.05)
+    assert doubled.tracked_share <= 1.0
+
+
+def test_results_as_plain_values():
+    """NaN is None; angles are in degrees; the transform is written out."""
+    truth = path(np.zeros((20, 3)))
+    told = evaluate(truth, truth, align='none').to_mapping()
+    assert told['scale'] is None and told['drift_percent'] is None and told['unmatched'] == 0
+    assert told['poses'] == 20 and told['ate_m']['count'] == 20 and told['align'] == 'none'
+    assert told['rpe_distance_m']['rmse'] is None and told['rpe_distance_m']['count'] == 0
+    assert told['alignment'] == {'rotation': np.eye(3).tolist(), 'translation_m': [0.0] * 3,
+                                 'scale': 1.0}
+    moved = evaluate(path(bent()), path(2.0 * bent() + [1.0, 2.0, 3.0]), align='yaw').to_mapping()
+    assert moved['scale'] == pytest.approx(0.5)
+    assert moved['alignment']['rotation'][2] == [0.0, 0.0, 1.0]
 
 
 def test_a_rover_that_stands_has_no_drift_in_percent():

@@ -169,6 +169,41 @@ def test_turns_increase_from_0_to_1(turns):
         GaitCalibration(**{**ROW, 'turns': turns})
 
 
+@pytest.mark.parametrize('column', [0.0, -0.1])
+def test_the_first_column_walks_and_the_last_one_turns(column):
+    """Nothing less than some motion, at any phase rate."""
+    for name, at in (('forward_mps', 0), ('yaw_rate_radps', -1)):
+        for row in (0, 1):
+            table = [list(values) for values in ROW[name]]
+            table[row][at] = column
+            with pytest.raises(ConfigError, match='must walk forward and the last one turn left'):
+                GaitCalibration(**{**ROW, name: table})
+
+
+@pytest.mark.parametrize(('name', 'most'), [('forward_mps', 10.0), ('yaw_rate_radps', 50.0)])
+def test_speeds_have_bounds_and_feet_may_slip_a_little_backward(name, most):
+    """Up to a tenth of the largest; a faster phase rate is not slower by more than a tenth."""
+    at = 0 if name == 'forward_mps' else -1
+
+    def table(**entries):
+        rows = [list(values) for values in ROW[name]]
+        for place, value in entries.items():
+            row, column = (0, at) if place == 'slow' else (1, at) if place == 'fast' else (1, 1)
+            rows[row][column] = value
+        return GaitCalibration(**{**ROW, name: rows})
+
+    largest = max(max(row) for row in ROW[name])
+    table(middle=-0.1 * largest)
+    table(slow=1.0, fast=most)
+    table(slow=1.0, fast=0.9)
+    with pytest.raises(ConfigError, match=f'{name}: .* is not valid'):
+        table(middle=-0.101 * largest)
+    with pytest.raises(ConfigError, match=f'{name}: .* is not valid'):
+        table(slow=1.0, fast=most * 1.001)
+    with pytest.raises(ConfigError, match='must not be slower by more than 10 %'):
+        table(slow=largest, fast=0.899 * largest)
+
+
 @pytest.mark.parametrize(('name', 'high'), [('duty_factor', 1.0), ('foot_width_deg', 180.0)])
 def test_duty_factor_and_width_of_feet_lie_between_their_bounds(name, high):
     for value in (1e-6, 0.5 * high, math.nextafter(high, 0.0)):

@@ -106,6 +106,45 @@ def test_the_field_of_view_and_shadow_silence_the_sun_sensor():
     assert one.measure(dataclasses.replace(seen(0.0, 0.0), share=0.4), np.eye(3)) is None
 
 
+@pytest.mark.parametrize('yaw_deg', [0.0, 125.0, -40.0])
+def test_a_head_sees_a_cone_about_where_it_looks(yaw_deg):
+    """44 deg off its axis in any direction is seen, 46 deg is not; its errors are about it."""
+    config = SunSensorConfig(heads_yaw_deg=(yaw_deg,), heads_elevation_deg=30.0,
+                             field_of_view_deg=90.0, enabled=False)
+    head = SunSensor(config, np.random.default_rng(1))
+    axis = sun_direction(yaw_deg, 30.0)
+    level = np.array([-np.sin(np.radians(yaw_deg)), np.cos(np.radians(yaw_deg)), 0.0])
+    upward = np.cross(axis, level)
+    for turn in np.arange(0.0, 2.0 * np.pi, 0.7):
+        aside = np.cos(turn) * level + np.sin(turn) * upward
+        for off_deg, sees in ((0.0, True), (44.0, True), (46.0, False), (134.0, False)):
+            off = np.radians(off_deg)
+            sun = SeenSun(np.cos(off) * axis + np.sin(off) * aside, 1.0)
+            assert (head.measure(sun, np.eye(3)) is not None) == sees
+    blurred = SunSensor(dataclasses.replace(config, enabled=True, bias_deg=0.0, noise_deg=2.0),
+                        np.random.default_rng(2))
+    found = np.array([blurred.measure(SeenSun(axis, 1.0), np.eye(3)) for _ in range(400)])
+    for across in (level, upward):
+        assert np.degrees(np.arctan2(found @ across, found @ axis)).std() == pytest.approx(
+            2.0, rel=0.15)
+
+
+@pytest.mark.parametrize('share,seen_by', [(0.49, False), (0.5, True)])
+def test_a_head_is_silent_when_too_little_of_the_disc_is_seen(share, seen_by):
+    sensor = SunSensor(ALL, np.random.default_rng(1))
+    sun = dataclasses.replace(seen(0.0, 20.0), share=share)
+    assert (sensor.measure(sun, np.eye(3)) is not None) == seen_by
+    assert SunSensor(SunSensorConfig(heads_yaw_deg=()), np.random.default_rng(1)).measure(
+        seen(0.0, 20.0), np.eye(3)) is None
+
+
+def test_a_single_point_that_sees_no_ground_beyond_sees_all_of_a_low_sun():
+    """A world that ends at the fine ground has no horizon beyond it."""
+    world = make_world()
+    view = SunView(world, SunConfig(azimuth_deg=20.0, elevation_deg=-0.1))
+    assert view.seen_from(np.array([4.999, 4.999, 0.0]), EVERYTHING_CLEAR).share == 1.0
+
+
 @pytest.mark.parametrize('elevation', [0.0, 6.0, 15.0, 60.0])
 def test_the_heads_cover_the_sky_also_on_slopes(elevation):
     sensor = SunSensor(ALL, np.random.default_rng(1))

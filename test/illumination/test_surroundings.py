@@ -29,6 +29,17 @@ def test_a_plane_sends_back_its_albedo_of_what_falls_on_it(elevation_deg, albedo
     assert all(np.abs(irradiance).max() < 1e-4 * expected for irradiance, _ in seen.scattered)
 
 
+def test_places_of_any_shape_have_their_exitance():
+    """A single one, a list, a picture; beyond all levels there is none."""
+    seen = visibility(scene.plane(n=129), 40.0, 30.0)
+    places = np.random.default_rng(1).uniform(-1.0, 1.0, (4, 3, 2))
+    found = seen.surroundings_at(places)
+    assert found.shape == (4, 3) and seen.surroundings_at(places[0]).shape == (3,)
+    assert seen.surroundings_at(places[0, 0]).shape == ()
+    np.testing.assert_array_equal(found[1], seen.surroundings_at(places[1]))
+    assert found.min() > 0.0 and seen.surroundings_at((1e9, 0.0)) == 0.0
+
+
 @pytest.mark.parametrize('elevation_deg', [0.1, 0.2])
 def test_a_sun_that_stands_half_in_the_horizon_lights_by_its_share(elevation_deg):
     """Linear over the disc of 0.533 deg, as narrow as the strip between two samples is."""

@@ -15,18 +15,13 @@ from __future__ import annotations
 
 import argparse
 import ast
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 import csv
 import dataclasses
-import fnmatch
 import itertools
 import os
 import pathlib
-import queue
 import random
-import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -34,11 +29,16 @@ import tempfile
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 import cosmic_ray.plugins
-import yaml
+from executed import Executed, quickest
+from forked import (Chosen, forked, load_libraries, outcome_of, PACKAGE, ROOT, run_collecting,
+                    Server, Tree)
+import measuring
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-PACKAGE = 'lunar_rover_sim'
-CONFIG = pathlib.Path(__file__).with_name('tests_of_modules.yaml')
+HERE = pathlib.Path(__file__).resolve().parent
+ROOMS = ('bag', 'camera', 'evaluation', 'gait', 'illumination', 'physics', 'regolith', 'stereo',
+         'world')
+TESTS = [*(f'test/{room}' for room in ROOMS), 'test/inspection', 'test/rendering',
+         'test/test_frames.py', 'test/test_parameter_ranges.py', 'test/test_values.py']
 # Changes that make sense for the types at hand: a shifted float would only raise a TypeError.
 ARITHMETIC, COMPARISONS = 'Add Sub Mul Div FloorDiv Mod Pow', 'Eq NotEq Lt LtE Gt GtE'
 OPERATORS = {f'core/Replace{kind}Operator_{one}_{other}'
@@ -62,24 +62,13 @@ class Mutant:
     before: str
     after: str
     outcome: str = ''
-
-
-def rules() -> list[tuple[str, list[str]]]:
-    """Return (pattern of modules, their tests) in the order in which they are tried."""
-    return list(yaml.safe_load(CONFIG.read_text(encoding='utf-8')).items())
-
-
-def tests_of(module: str) -> list[str]:
-    """Return the test files of a module: those of the first pattern that matches it."""
-    return next(tests for pattern, tests in rules() if fnmatch.fnmatch(module, pattern))
+    by: str = ''    # the test that failed
 
 
 def modules() -> list[str]:
-    """Return the modules that have tests here, relative to the package."""
-    everything = sorted(path.relative_to(ROOT / PACKAGE).as_posix()
-                        for path in (ROOT / PACKAGE).rglob('*.py'))
-    return [name for name in everything if not name.endswith('__init__.py')
-            and any(fnmatch.fnmatch(name, pattern) for pattern, _ in rules())]
+    """Return the modules of the rooms, relative to the package."""
+    return sorted(path.relative_to(ROOT / PACKAGE).as_posix() for room in ROOMS
+                  for path in (ROOT / PACKAGE / room).glob('*.py') if path.stem != '__init__')
 
 
 def places(module: str) -> Iterator[list[tuple[str, str, int]]]:
@@ -136,57 +125,31 @@ def draw(number: int, seed: int) -> list[Mutant]:
     return list(itertools.islice(filter(None, mutants), number))
 
 
-class Tree:
-    """A copy of the working tree, in which one module at a time is changed."""
+def applied(mutant: Mutant, code: str) -> str | None:
+    """Return the code with the change; None where the line is no more."""
+    lines = code.split('\n')
+    found = [i for i, line in enumerate(lines) if line == mutant.before]
+    if not found:
+        return None
+    lines[min(found, key=lambda i: abs(i + 1 - mutant.line))] = mutant.after
+    return '\n'.join(lines)
 
-    def __init__(self, folder: pathlib.Path) -> None:
-        self.folder = folder
-        self.output = ''    # of the newest run of tests
-        listed = subprocess.run(['git', 'ls-files', '-z', '-co', '--exclude-standard'], cwd=ROOT,
-                                check=True, capture_output=True, text=True).stdout
-        for name in filter(None, listed.split('\0')):
-            if (ROOT / name).is_file():
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy(ROOT / name, folder / name)
-        # Compiled files are checked by content: times are too coarse for quick changes.
-        subprocess.run([sys.executable, '-m', 'compileall', '-q', '--invalidation-mode',
-                        'checked-hash', PACKAGE], cwd=folder, check=True)
 
-    def judge(self, mutant: Mutant, timeout_s: float) -> str:
-        """Return what the tests say of a mutant; 'gone' where its line is no more."""
-        path = self.folder / PACKAGE / mutant.module
-        original = path.read_text(encoding='utf-8')
-        lines = original.split('\n')
-        found = [i for i, line in enumerate(lines) if line == mutant.before]
-        if not found:
-            return 'gone'
-        lines[min(found, key=lambda i: abs(i + 1 - mutant.line))] = mutant.after
-        path.write_text('\n'.join(lines), encoding='utf-8')
-        try:
-            return self.run(tests_of(mutant.module), timeout_s)
-        finally:
-            path.write_text(original, encoding='utf-8')
+def lots_of(mutant: Mutant, code: str, executed: Executed, limit_s: float) -> list[list[str]]:
+    """Return the tests of a mutant: first those of its room, then all others.
 
-    def run(self, tests: list[str], timeout_s: float) -> str:
-        """Return whether tests pass ('survived'), fail ('killed') or take too long."""
-        environment = {**os.environ, 'PYTHONPATH': str(self.folder),
-                       'PYTHONDONTWRITEBYTECODE': '1'}
-        process = subprocess.Popen(
-            ['nice', '-n', '10', sys.executable, '-m', 'pytest', '-x', '-q', '--no-header',
-             '-p', 'no:cacheprovider', *tests], cwd=self.folder, env=environment,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
-        try:
-            output, _ = process.communicate(timeout=timeout_s)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
-            self.output = 'timeout'
-            return 'timeout'
-        # 0: all passed; 1: one failed; 2: the change cannot be imported. Others: a fault of ours.
-        if process.returncode not in (0, 1, 2):
-            raise RuntimeError(f'pytest {" ".join(tests)}: {output[-2000:]}')
-        self.output = output
-        return 'survived' if process.returncode == 0 else 'killed'
+    Tests of the room execute the changed statement; of the others, those of other statements of
+    the module count too, for lines whose result is kept somewhere. For what is computed at import
+    count also the tests that look at all rooms.
+    """
+    room = mutant.module.partition('/')[0]
+    direct = executed.of_line(mutant.module, mutant.line, code)
+    if not executed.is_in_function(mutant.line, code):
+        direct |= {test for test in executed.seconds if test.startswith('test/test_')}
+    near = {test for test in direct if test.startswith((f'test/{room}/', 'test/test_'))}
+    first = quickest(near, executed.seconds, limit_s)
+    others = (direct | executed.of_module(mutant.module)) - set(first)
+    return [lot for lot in (first, quickest(others, executed.seconds, limit_s)) if lot]
 
 
 def write(path: pathlib.Path, sample: list[Mutant]) -> None:
@@ -201,41 +164,141 @@ def read(path: pathlib.Path) -> list[Mutant]:
     """Read what `write` wrote."""
     with path.open(newline='', encoding='utf-8') as file:
         return [Mutant(row['module'], int(row['line']), row['before'], row['after'],
-                       row['outcome']) for row in csv.DictReader(file)]
+                       row['outcome'], row['by']) for row in csv.DictReader(file)]
 
 
-def test(path: pathlib.Path, jobs: int, again: bool, timeout_s: float, clean: bool) -> None:
-    """Test the mutants of a file that have no outcome yet, or those that survived."""
-    sample = read(path)
-    todo = [m for m in sample if m.outcome in (('survived',) if again else ('',))]
+def measure(path: pathlib.Path, jobs: int, tests: list[str]) -> None:
+    """Run the tests unchanged and write which lines each executes; other tests are kept."""
     with tempfile.TemporaryDirectory() as folder:
-        trees: queue.SimpleQueue[Tree] = queue.SimpleQueue()
-        for job in range(jobs):
-            trees.put(Tree(pathlib.Path(folder) / str(job)))
+        tree, found = Tree(pathlib.Path(folder)), pathlib.Path(folder) / 'lines'
+        found.mkdir()
+        environment = {**os.environ, 'PYTHONPATH': f'{tree.folder}:{HERE}',
+                       'OPENBLAS_NUM_THREADS': '1', measuring.FOLDER: str(found)}
+        subprocess.run(['nice', sys.executable, '-m', 'pytest', '-p', 'measuring', '-q', '-m',
+                        'not ros', '-n', str(jobs), '--dist', 'worksteal', *tests],
+                       cwd=tree.folder, env=environment)
+        executed = Executed.merged(found.iterdir())
+    if path.exists():
+        executed = Executed.load(path).updated(executed)
+    executed.save(path)
+    print(f'{len(executed.seconds)} tests, {sum(executed.seconds.values()):.0f} s of CPU time')
 
-        def judge(mutant: Mutant) -> None:
-            tree = trees.get()
-            try:
-                mutant.outcome = tree.judge(mutant, timeout_s)
-            finally:
-                trees.put(tree)
-            write(path, sample)
-            print(f'{mutant.outcome:8} {mutant.module}:{mutant.line}: {mutant.after.strip()}',
-                  flush=True)
 
-        # The whole suite must pass before a failure means anything.
-        tree = trees.get()
-        for tests in sorted({tuple(tests_of(m.module)) for m in todo}) if clean else ():
-            if tree.run(list(tests), 10.0 * timeout_s) != 'survived':
-                sys.exit(f'{" ".join(tests)}: fails without any change\n{tree.output[-2000:]}')
-        trees.put(tree)
-        with ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(judge, todo))
+class Judge:
+    """Tests the mutants of a file by several processes at a time, and writes what comes out."""
+
+    def __init__(self, path: pathlib.Path, executed: Executed, jobs: int, limit_s: float,
+                 folder: pathlib.Path) -> None:
+        self.path, self.executed, self.jobs, self.limit_s = path, executed, jobs, limit_s
+        self.folder = folder
+        self.sample = read(path)
+
+    def chosen(self, tests: list[str], slot: int, module: str,
+               to_the_end: bool = False) -> Chosen:
+        """Return the tests for a process; worlds are kept unless their building is changed."""
+        worlds = None if module.startswith('world/') else self.folder / 'worlds'
+        return Chosen(tests, self.executed.seconds, self.folder / f'failures-{slot}', worlds,
+                      to_the_end)
+
+    def cpu_s(self, tests: list[str]) -> float:
+        """Return the CPU time after which a process with these tests is endless."""
+        return 3.0 * sum(self.executed.seconds[name] for name in tests) + 20.0
+
+    def judge(self, todo: list[Mutant], run: Callable[[Mutant, str, Chosen, int], int],
+              original: Callable[[str], str]) -> None:
+        """Test mutants. `run` runs tests of one, with its code, in one of the slots."""
+        free, running = list(range(self.jobs)), {}
+
+        def begin(mutant: Mutant, code: str, lots: list[list[str]], slot: int) -> None:
+            chosen = self.chosen(lots[0], slot, mutant.module)
+            pid = forked(lambda: run(mutant, code, chosen, slot), self.cpu_s(lots[0]),
+                         self.folder / f'log-{slot}')
+            running[pid] = mutant, code, lots[1:], slot
+
+        todo = list(todo)
+        while todo or running:
+            while todo and free:
+                mutant = todo.pop(0)
+                before = original(mutant.module)
+                code = applied(mutant, before)
+                lots = lots_of(mutant, before, self.executed, self.limit_s)
+                if code is None or not lots:
+                    self.write(mutant, 'gone' if code is None else 'survived')
+                else:
+                    begin(mutant, code, lots, free.pop())
+            if running:
+                pid, status = os.wait()
+                mutant, code, lots, slot = running.pop(pid)
+                outcome = outcome_of(pid, status)
+                if outcome == 'survived' and lots:
+                    begin(mutant, code, lots, slot)
+                    continue
+                names = (self.folder / f'failures-{slot}').read_text(encoding='utf-8')
+                self.write(mutant, outcome, names.partition('\n')[0])
+                free.append(slot)
+
+    def write(self, mutant: Mutant, outcome: str, by: str = '') -> None:
+        """Write an outcome, also into the file."""
+        mutant.outcome, mutant.by = outcome, by
+        write(self.path, self.sample)
+        print(f'{outcome:8} {mutant.module}:{mutant.line}: {mutant.after.strip()}  {by}',
+              file=sys.__stderr__, flush=True)
+
+    def withdraw(self, run: Callable[[Chosen], int]) -> None:
+        """Take back what tests have noticed that fail without any change too."""
+        blamed = sorted({m.by for m in self.sample if m.by in self.executed.seconds})
+        chosen = self.chosen(blamed, 0, '', to_the_end=True)
+        os.waitpid(forked(lambda: run(chosen), self.cpu_s(blamed), self.folder / 'log-0'), 0)
+        wrong = set((self.folder / 'failures-0').read_text(encoding='utf-8').splitlines())
+        for mutant in self.sample:
+            if mutant.by in wrong:
+                self.write(mutant, '')
+        if wrong:
+            print('fail without any change:', *sorted(wrong), file=sys.__stderr__)
+
+
+def test(path: pathlib.Path, executed: Executed, jobs: int, limit_s: float, again: bool) -> None:
+    """Test the mutants of a file that have no outcome yet, or those that survived."""
+    load_libraries()
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        trees = [Tree(folder / str(slot)) for slot in range(jobs)]
+
+        def in_functions(judge: Judge) -> list[Mutant]:
+            return [m for m in judge.sample if not m.outcome and executed.is_in_function(
+                m.line, (ROOT / PACKAGE / m.module).read_text(encoding='utf-8'))]
+
+        def serve(server: Server) -> None:
+            judge = Judge(path, executed, jobs, limit_s, folder)
+            judge.judge(in_functions(judge),
+                        lambda mutant, code, chosen, _: server.run_changed(mutant.module, code,
+                                                                           chosen),
+                        lambda module: server.tree.path(module).read_text(encoding='utf-8'))
+
+        if not again:
+            files = sorted({test.partition('::')[0] for test in executed.seconds})
+            pid = os.fork()
+            if not pid:
+                Server(trees[0], serve).run(files)
+            os.waitpid(pid, 0)
+        judge = Judge(path, executed, jobs, limit_s, folder)
+        originals = {module: trees[0].path(module).read_text(encoding='utf-8')
+                     for module in modules()}
+
+        def run(module: str, code: str, chosen: Chosen, slot: int) -> int:
+            for name, text in {**originals, module: code}.items():
+                trees[slot].path(name).write_text(text, encoding='utf-8')
+            return run_collecting(trees[slot], chosen)
+
+        judge.judge([m for m in judge.sample if m.outcome in (('survived',) if again else ('',))],
+                    lambda mutant, *others: run(mutant.module, *others), originals.__getitem__)
+        first = modules()[0]
+        judge.withdraw(lambda chosen: run(first, originals[first], chosen, 0))
 
 
 def summarise(sample: list[Mutant]) -> None:
     """Print the counts, and every survivor as a difference."""
-    killed = sum(mutant.outcome in ('killed', 'timeout') for mutant in sample)
+    killed = sum(mutant.outcome in ('killed', 'endless') for mutant in sample)
     survivors = [mutant for mutant in sample if mutant.outcome == 'survived']
     print(f'{killed} of {killed + len(survivors)} mutants killed')
     for mutant in survivors:
@@ -248,21 +311,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(dest='command', required=True)
     drawing = commands.add_parser('draw', help='draw a random sample')
+    measuring_ = commands.add_parser('measure', help='find which tests execute which lines')
     testing = commands.add_parser('test', help='run the tests on a sample')
     for command in (drawing, testing):
         command.add_argument('results', type=pathlib.Path)
     drawing.add_argument('--number', type=int, default=200)
     drawing.add_argument('--seed', type=int, default=1)
-    testing.add_argument('--jobs', type=int, default=1)
+    for command in (measuring_, testing):
+        command.add_argument('lines', type=pathlib.Path)
+        command.add_argument('--jobs', type=int, default=2)
+    measuring_.add_argument('tests', nargs='*', default=TESTS,
+                            help='by default those of the rooms, and what looks at all of them')
     testing.add_argument('--again', action='store_true', help='test the survivors once more')
-    testing.add_argument('--unchecked', action='store_true',
-                         help='do not run the tests without any change first')
-    testing.add_argument('--timeout', type=float, default=120.0, metavar='S')
+    testing.add_argument('--limit', type=float, default=15.0, metavar='S',
+                         help='CPU time of the tests of each mutant')
     args = parser.parse_args()
     if args.command == 'draw':
         write(args.results, draw(args.number, args.seed))
+    elif args.command == 'measure':
+        measure(args.lines, args.jobs, args.tests)
     else:
-        test(args.results, args.jobs, args.again, args.timeout, not args.unchecked)
+        test(args.results, Executed.load(args.lines), args.jobs, args.limit, args.again)
         summarise(read(args.results))
 
 

@@ -49,6 +49,49 @@ def test_every_crater_around_counts_and_the_loosest_one_decides():
             assert bearing(order, at) == pytest.approx(alone, rel=1e-6)
 
 
+@pytest.mark.parametrize('age', [0.0, 0.2, 0.49])
+def test_looseness_around_a_crater_is_that_of_its_law(age):
+    """0.3 of the rim's at the centre, in a parabola to the rim, then r^-3, 0 from 4 radii on."""
+    radius, x0, y0 = 1.1, -0.7, 0.5
+    craters = Craters(np.array([[x0, y0]]), np.array([2.0 * radius]), np.array([age]),
+                      np.zeros(1, np.int32))
+    grid = soil_map(dataclasses.replace(make_world(), craters=craters), 1.0).looseness
+    assert grid.half_extent_m >= make_world().ground.half_extent_m
+    axis = (np.arange(grid.n) - (grid.n - 1) / 2) * grid.cell_m
+    rho = np.hypot(axis[None, :] - x0, axis[:, None] - y0) / radius
+    law = np.where(rho < 1.0, 0.3 + 0.7 * rho**2, np.where(rho < 4.0, 1.0 / rho.clip(1.0)**3, 0.0))
+    clear = np.abs(rho - 4.0) > 1e-6
+    np.testing.assert_allclose(grid.heights_m[clear], ((1.0 - age / 0.5) * law)[clear], atol=1e-6)
+
+
+@pytest.mark.parametrize('diameter_m,counts', [(0.5, True), (0.4999, False)])
+def test_small_craters_are_left_out(diameter_m, counts):
+    craters = Craters(np.array([[1.0, -2.0]]), np.array([diameter_m]), np.zeros(1),
+                      np.zeros(1, np.int32))
+    varies = soil_map(dataclasses.replace(make_world(), craters=craters), 1.0)
+    assert (varies.factors(1.0, -2.0)[0] < 1.0) == counts
+
+
+@pytest.mark.parametrize('slope_x,slope_y', [(0.3, 0.0), (0.0, -0.4), (0.25, 0.25), (-0.1, 0.05)])
+def test_looseness_of_a_plane_is_linear_in_the_tangent(slope_x, slope_y):
+    """Of 10 to 30 deg; towards the border the slope over half a metre is cut short."""
+    x = (np.arange(401) - 200) * 0.025
+    world = make_world(slope_x * x[None, :] + slope_y * x[:, None])
+    tangent, (low, high) = np.hypot(slope_x, slope_y), np.tan(np.radians([10.0, 30.0]))
+    loose = float(np.clip((tangent - low) / (high - low), 0.0, 1.0))
+    varies = soil_map(world, 1.0)
+    for at in ((0.0, 0.0), (3.1, -4.2), (-4.5, 0.7)):
+        assert varies.looseness.height_at_point(*at) == pytest.approx(loose, abs=1e-4)
+        bearing, friction = varies.factors(*at)
+        assert bearing == pytest.approx(0.3 ** loose, rel=1e-3)
+        assert friction == pytest.approx((0.65 / 0.84) ** loose, rel=1e-3)
+    # A crater on a slope: what is firm of each is multiplied.
+    craters = Craters(np.array([[0.0, 0.0]]), np.array([2.0]), np.zeros(1), np.zeros(1, np.int32))
+    both = soil_map(dataclasses.replace(world, craters=craters), 1.0)
+    assert both.looseness.height_at_point(2.0, 0.0) == pytest.approx(
+        1.0 - (1.0 - loose) * (1.0 - 1.0 / 8.0), abs=0.01)
+
+
 def test_old_craters_do_not_count_and_half_the_variation_is_half_in_logarithm():
     assert soil_map(cratered(0.6), 1.0).factors(3.0, 0.0) == (1.0, 1.0)
     assert soil_map(cratered(0.0), 0.5).factors(3.0, 0.0)[0] == pytest.approx(0.3 ** 0.5, rel=0.02)

@@ -67,6 +67,15 @@ def test_ground_that_is_steep_by_itself_stays():
     assert overlay.memory_bytes < 20 * TILE * TILE * 9
 
 
+def test_calm_soil_is_not_written_again():
+    """Gentle slopes stay as they are, and nobody is told of a change."""
+    overlay, fine = Overlay(), FineGround(flat(slope=0.1))
+    overlay.put(-2, -2, np.full((5, 5), 0.001), np.zeros((5, 5)))
+    writes = overlay.writes
+    relax(overlay, fine, -10, -10, 20, 20, 38.0)
+    assert overlay.writes == writes and overlay.residue_m == pytest.approx(0.0, abs=1e-7)
+
+
 def test_a_print_is_the_ball():
     overlay, ground = Overlay(), flat()
     press(overlay, FineGround(ground), (0.0, 0.0, R - 0.004), (0.0, 0.0, R - 0.004), R, 1.0)

@@ -1,5 +1,7 @@
 """Resistive force theory against the identities of its formula and published plates."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,21 @@ def test_plates_in_poppy_seeds(soil, down_n, aside_n):
     aside = plate_force_n(soil.shape, soil.zeta_npm3, 1e-3, 0.05, HALF, 0.0)
     assert down[1] == pytest.approx(down_n, abs=0.05)
     assert aside[0] == pytest.approx(aside_n, abs=0.05)
+
+
+@pytest.mark.parametrize('shape', [GENERIC, POPPY_LOOSE, POPPY_CLOSE])
+def test_the_force_is_the_fourier_series_of_the_paper(shape):
+    """Li et al. (2013), supplement: terms cos and sin of 2 pi (m beta / pi + n gamma / 2 pi)."""
+    rng = np.random.default_rng(2)
+    up = {(0, 0): (shape.a00, 0.0), (1, 0): (shape.a10, 0.0), (1, 1): (0.0, shape.b11),
+          (0, 1): (0.0, shape.b01), (-1, 1): (0.0, shape.b_11)}
+    back = {(1, 1): (shape.c11, 0.0), (0, 1): (shape.c01, 0.0), (-1, 1): (shape.c_11, 0.0),
+            (1, 0): (0.0, shape.d10)}
+    for beta, gamma in [*rng.uniform(-HALF, HALF, (40, 2)), (0.7, HALF), (0.7, -HALF)]:
+        expected = [sum(a * np.cos(2.0 * m * beta + n * gamma)
+                        + b * np.sin(2.0 * m * beta + n * gamma)
+                        for (m, n), (a, b) in terms.items()) for terms in (back, up)]
+        assert shape.alpha(beta, gamma) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize('shape', [GENERIC, POPPY_LOOSE, POPPY_CLOSE])
@@ -71,3 +88,11 @@ def test_the_apollo_15_penetrometer_stands_on_dense_highland():
     soil = PRESETS['highland_dense']
     _, force = plate_force_n(soil.shape, soil.zeta_npm3, 1.0, 0.16, 0.0, HALF)
     assert force == pytest.approx(348e3, rel=0.02)
+
+
+@pytest.mark.parametrize('packing', [POPPY_LOOSE, POPPY_CLOSE])
+def test_all_grains_have_about_the_generic_shape(packing):
+    """Li et al. (2013): over the bearing of a flat plate the coefficients hardly differ."""
+    for field in dataclasses.fields(GENERIC):
+        own = getattr(packing, field.name) / packing.bearing
+        assert own == pytest.approx(getattr(GENERIC, field.name), abs=0.07)

@@ -60,6 +60,32 @@ def test_the_ground_has_the_grey_of_its_albedo():
     assert np.all(colours[:, 3] == 255)
 
 
+def test_a_fine_part_takes_the_place_of_the_ground_below_it():
+    """Off the middle, wider than high: faces with all corners within it are left out."""
+    world = worlds.small()
+    cell = world.ground.cell_m
+    x, y = cell * np.arange(-40.0, 91.0, 0.5), cell * np.arange(-120.0, -59.0, 0.5)
+    height = world.ground.height_at(np.stack(np.meshgrid(x, y), axis=-1)) - 0.01
+    scene = export.to_scene(world, 4, rocks=False, fine=export.FinePart(x, y, height))
+    whole = export.to_scene(world, 4, rocks=False).geometry['ground']
+    ground, fine = scene.geometry['ground'], scene.geometry['fine']
+    assert set(scene.geometry) == {'ground', 'fine'}
+    np.testing.assert_array_equal(ground.vertices, whole.vertices)
+    gone = {tuple(f) for f in whole.faces.tolist()} - {tuple(f) for f in ground.faces.tolist()}
+    assert len(ground.faces) + len(gone) == len(whole.faces)
+    for face in whole.faces.tolist():
+        corners = whole.vertices[face][:, :2]
+        within = ((corners >= [x[0] - 1e-9, y[0] - 1e-9])
+                  & (corners <= [x[-1] + 1e-9, y[-1] + 1e-9])).all()
+        assert (tuple(face) in gone) == within
+    # 128 by 60 cells of the ground lie within, that is 32 by 15 of its every fourth.
+    assert len(gone) == 2 * 32 * 15
+    assert len(fine.vertices) == height.size and len(fine.faces) == 2 * 261 * 121
+    np.testing.assert_allclose(fine.bounds[:, :2], [[x[0], y[0]], [x[-1], y[-1]]])
+    assert (fine.face_normals[:, 2] > 0.0).all()
+    assert (fine.visual.vertex_colors == [128, 128, 128, 255]).all()
+
+
 def test_export_without_rocks_and_with_surroundings(tmp_path):
     world = worlds.small()
     scene = export.to_scene(world, 8, rocks=False, surroundings=True)

@@ -224,3 +224,9 @@ def test_each_crater_is_drawn_where_it_is_resolved():
             # Craters of the levels between came down from the coarser one.
             came = (craters.level == k - 1) & (craters.diameter_m >= 8.0 * level.cell_m)
             assert craters.diameter_m[came].max() < 24.0 * level.cell_m
+
+
+def test_the_origin_of_a_made_up_world_is_its_height_over_nothing():
+    """Level ground has none; else it is the relief at the origin, which was taken off."""
+    assert worlds.small(**worlds.BARE).report['origin_height_m'] == 0.0
+    assert worlds.small().report['origin_height_m'] != 0.0

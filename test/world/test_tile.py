@@ -42,6 +42,58 @@ def test_a_slope_goes_on_beyond_the_tile_without_a_step_and_settles(along, pixel
     np.testing.assert_allclose(row[::-1], -row, atol=0.15)
 
 
+def uneven(x_low=-9.0, x_high=21.0, y_low=-15.0, y_high=6.0, pixel_m=3.0, seed=1):
+    """Return a tile off the middle, wider than high, of random heights."""
+    x = np.arange(x_low, x_high + 0.5 * pixel_m, pixel_m)
+    y = np.arange(y_low, y_high + 0.5 * pixel_m, pixel_m)
+    heights = np.random.default_rng(seed).normal(size=(len(y), len(x))).astype(np.float32)
+    return tile.Tile(heights, x, y, pixel_m)
+
+
+def means_over_pixels(heights, axis, part):
+    """Return the means of heights over the pixels of a tile, by counting cells."""
+    cell_m, found = axis[1] - axis[0], np.zeros(part.heights_m.shape)
+    for j, y in enumerate(part.y_m):
+        for i, x in enumerate(part.x_m):
+            wy, wx = (np.clip(np.minimum(axis + cell_m / 2, at + part.pixel_m / 2)
+                              - np.maximum(axis - cell_m / 2, at - part.pixel_m / 2), 0.0, None)
+                      / part.pixel_m for at in (y, x))
+            found[j, i] = wy @ heights @ wx
+    return found
+
+
+def test_heights_of_a_tile_are_those_of_its_spline():
+    """Wherever it lies; samples of the level fall on its pixels."""
+    part, axis = uneven(), axis_m(121, 0.5)
+    ground = np.random.default_rng(2).normal(size=(121, 121)).astype(np.float32)
+    # What is to be kept reaches beyond the tile: nothing is blended.
+    tile.lay(ground, 0.5, part, 30.0)
+    rows, columns = (np.isin(axis, at) for at in (part.y_m, part.x_m))
+    np.testing.assert_allclose(ground[np.ix_(rows, columns)], part.heights_m, atol=1e-4)
+
+
+def test_detail_changes_no_mean_over_a_pixel():
+    """Added to a level, it is taken off again at the scale of the tile."""
+    part, axis = uneven(), axis_m(121, 0.5)
+    ground = np.random.default_rng(2).normal(size=(121, 121)).astype(np.float32)
+    tile.restore(ground, 0.5, part, 30.0, rounds=12)
+    inner = slice(1, -1), slice(1, -1)
+    np.testing.assert_allclose(means_over_pixels(ground, axis, part)[inner],
+                               part.heights_m[inner], atol=0.02)
+
+
+@pytest.mark.parametrize('x_high,y_high', [(-8.0, 6.0), (21.0, -14.0)])
+def test_less_than_two_pixels_are_no_terrain(x_high, y_high):
+    """A single row or column of pixels says nothing of slopes; the level stays as it is."""
+    part = uneven(x_high=x_high, y_high=y_high)
+    assert 1 in part.heights_m.shape
+    ground = np.random.default_rng(2).normal(size=(121, 121)).astype(np.float32)
+    before = ground.copy()
+    tile.restore(ground, 0.5, part, 30.0)
+    tile.lay(ground, 0.5, part, 30.0)
+    np.testing.assert_array_equal(ground, before)
+
+
 def test_craters_that_a_model_would_show_are_left_out_in_and_around_its_area():
     """An area of 40 m by 20 m, off the origin, pixels of 2 m: those of 3 m reach 3.9 m."""
     source = SimpleNamespace(area_m=(-10.0, 30.0, -5.0, 15.0), pixel_m=2.0)
