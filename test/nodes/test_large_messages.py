@@ -37,7 +37,7 @@ sys.stdin.readline()
 
 
 def test_a_burst_waits_in_shared_memory(peer: Peer) -> None:
-    """Best effort, and a reader that has no time for a second: all of 3.7 MB arrives, more than a default frame.
+    """Best effort, a reader without time for a second: 3.7 MB arrive, more than a default frame.
 
     The default segment of half a megabyte holds less than one image of 1.2 MB.
     """
