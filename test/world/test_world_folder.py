@@ -170,6 +170,16 @@ def test_indices_are_checked(folder):
     damaged(folder, 'rocks.npz: shape: indices beyond')
 
 
+@pytest.mark.parametrize('index', [-1, 10**6])
+def test_faces_name_corners_that_are_there(folder, index):
+    with np.load(folder / 'shapes.npz') as archive:
+        arrays = dict(archive)
+    arrays['faces_1'] = arrays['faces_1'].copy()
+    arrays['faces_1'][2, 1] = index
+    np.savez(folder / 'shapes.npz', **arrays)
+    damaged(folder, 'not a triangle mesh')
+
+
 def test_a_bomb_is_not_unpacked(folder):
     with zipfile.ZipFile(folder / 'rocks.npz', 'w', zipfile.ZIP_DEFLATED) as archive:
         archive.writestr('shape.npy', bytes(100_000_000))
