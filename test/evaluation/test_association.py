@@ -16,10 +16,9 @@ def poses(stamps_ns, seed):
                       wxyz(Rotation.random(len(stamps_ns), random_state=seed)), f'poses {seed}')
 
 
-def by_definition(truth, stamp, tolerance_ns):
-    """Return the true (position, rotation) at a stamp, or None."""
-    stamps = truth.stamps_ns.tolist()
-    place = {s: (truth.positions_m[i], truth.rotations[i]) for i, s in enumerate(stamps)}
+def by_definition(place, stamp, tolerance_ns):
+    """Return the true (position, rotation) at a stamp, or None; place: those of the truth."""
+    stamps = list(place)
     if stamp in place:
         return place[stamp]
     before = max((s for s in stamps if s < stamp), default=None)
@@ -46,7 +45,8 @@ def test_each_pose_is_that_of_the_definition(seed, tolerance_ns, start):
     rng = np.random.default_rng(seed)
     truth = poses(start + np.sort(rng.choice(200, 50, replace=False)), seed)
     estimate = poses(start + np.sort(rng.choice(np.arange(-9, 210), 90, replace=False)), seed + 9)
-    expected = [by_definition(truth, s, tolerance_ns) for s in estimate.stamps_ns.tolist()]
+    place = dict(zip(truth.stamps_ns.tolist(), zip(truth.positions_m, truth.rotations)))
+    expected = [by_definition(place, s, tolerance_ns) for s in estimate.stamps_ns.tolist()]
     kept = [i for i, pose in enumerate(expected) if pose is not None]
     found = associate(truth, estimate, tolerance_ns * 1e-9)
     assert found.unmatched == 90 - len(kept) > 0 and found.truth.name == truth.name
