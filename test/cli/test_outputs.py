@@ -20,7 +20,7 @@ WORDS = {
     'dataset shards': ['dataset'], 'dataset show': ['dataset'], 'evaluate images': ['a', 'b'],
     'evaluate trajectory': ['a.txt', 'b.txt'], 'render': ['flat'], 'rover export': [],
     'run': ['flat'], 'slam settings': ['flat'], 'slam run': ['bag'],
-    'slam train-vocabulary': ['images'], 'validate imu': [],
+    'slam table': ['part'], 'slam train-vocabulary': ['images'], 'validate imu': [],
     'validate locomotion': [], 'validate stereo': ['flat'], 'validate terramechanics': [],
     'validate traverse': [], 'world build': [], 'world export': ['world'],
     'world preview': ['world'], 'world sun': ['0', '-89']}
@@ -48,6 +48,7 @@ INPUTS = [
     'run {folder} -o {new}', 'run flat --world {file} -o {new}',
     'run flat --world {none} -o {new}',
     'slam settings {folder} -o {new}', 'slam run {folder} -o {new}', 'slam run {file} -o {new}',
+    'slam table {folder} -o {new}', 'slam table {file} -o {new}', 'slam table {none} -o {new}',
     'slam train-vocabulary {file} -o {new}.txt', 'slam train-vocabulary {folder} -o {new}.txt',
     'validate imu --set {folder} -o {new}.png', 'validate stereo {folder} -o {new}',
     'validate locomotion --overlay {folder} -o {new}', 'validate traverse {folder} -o {new}',
