@@ -188,7 +188,7 @@ class Server:
         for function in gc.get_objects():
             if isinstance(function, FunctionType):
                 self.functions.setdefault(function.__code__.co_filename, []).append(function)
-        gc.freeze()
+        gc.freeze()     # before forks, as its documentation says: a collection would copy pages
         self.serve(self)
         return True
 
