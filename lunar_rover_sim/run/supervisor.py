@@ -88,7 +88,8 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
         if now_ns != last_ns or now_suspended != suspended:
             last_ns, suspended, last_progress = now_ns, now_suspended, time.monotonic()
             looks = Looks()
-        looks.add(nodes.at_work())
+        else:
+            looks.add(nodes.at_work())
         limit_s = limits.silence_limit_s(now_ns, bool(suspended), looks.idle)
         if limit_s is not None and time.monotonic() - last_progress > limit_s:
             raise GraphError(_describe_silence(nodes, suspended, limit_s, now_ns))

@@ -154,7 +154,8 @@ def run(words: list[str], sensor: str) -> None:
     stamps_ns = [int(word) for word in Path(times).read_text().split()]
     imu = (np.loadtxt(folder / 'imu0/data.csv', delimiter=',', ndmin=2)
            if sensor == 'stereo-inertial' else np.zeros((0, 7)))
-    imu_s = 1e-9 * imu[:, 0]
+    imu[:, 0] *= 1e-9       # ns to s
+    imu_s = imu[:, 0]
     read_image = image_reader()
     tracker = Tracker(vocabulary, settings, sensor)
     before_s = -np.inf
@@ -163,7 +164,7 @@ def run(words: list[str], sensor: str) -> None:
                   for camera in ('cam0', 'cam1')[:1 if sensor == 'mono' else 2]]
         chosen = (imu_s > before_s) & (imu_s <= 1e-9 * stamp_ns) if k else imu_s < 0.0
         start_s = time.monotonic()
-        tracker.track(stamp_ns, images, np.column_stack([imu_s, imu[:, 1:]])[chosen])
+        tracker.track(stamp_ns, images, imu[chosen])
         # Mapping goes on beside it: frames do not come faster than in reality.
         if k + 1 < len(stamps_ns):
             period_s = 1e-9 * (stamps_ns[k + 1] - stamp_ns)
