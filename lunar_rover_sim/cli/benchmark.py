@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         dest='overrides', help='override one parameter; may be repeated')
     add_paper_argument(parser)
     parser.add_argument('--retry', action='store_true', help='repeat cells that failed')
+    parser.add_argument('--jobs', type=int, default=1, metavar='N',
+                        help='drives at the same time; each keeps one to two cores busy '
+                             '(default: %(default)s)')
     add_system_arguments(parser)
     parser.set_defaults(run=run, check_output=check_folder)
 
@@ -73,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
             finished += 1
             console.print(f'{finished}/{len(cells)} {_describe(cell)}', **_PLAIN)
 
-        done = benchmark.run(cells, args.output, step, args.retry)
+        done = benchmark.run(cells, args.output, step, args.retry, args.jobs)
     report = write_report([cell.judged(args.output) for cell in done], args.output, args.system,
                           paper)
     console.print(report.table + '\n'.join(['', *report.findings]), **_PLAIN)

@@ -2,19 +2,26 @@
 
 The folder of a benchmark holds `recordings/DRIVE` (one per scenario, swept value and seed, shared
 by all sensors) and `cells/DRIVE-SENSOR-SYSTEM` with a `result.json`, which is written when the
-cell is done. Whatever stops a benchmark, the same call does what is missing. `sequence-SYSTEM`
-holds the exported recording while estimators work on it, and is locked: other systems may be run
-in the same folder at the same time, and not the same one twice.
+cell is done. Whatever stops a benchmark, the same call does what is missing.
+`sequences-SYSTEM/DRIVE` holds an exported recording while estimators work on it.
+`sequences-SYSTEM` is locked: other systems may be run in the same folder at the same time, and not
+the same one twice.
+
+Several drives may be under way at once, each in a thread of its own: nodes and estimators are
+other processes, and what is left for the threads is a fraction of the work.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 import dataclasses
 import json
 import os
 from pathlib import Path
 import shutil
+import threading
 from typing import Any
 
 from lunar_rover_sim import topics
@@ -98,32 +105,48 @@ def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: Seque
 
 
 def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: None,
-        retry: bool = False, recorder: Callable[..., Recording] = record) -> list[Cell]:
+        retry: bool = False, jobs: int = 1,
+        recorder: Callable[..., Recording] = record) -> list[Cell]:
     """Do what is missing, and return all cells with their results.
 
     step: called with the cell and what is being done, and how far that is, at last with `done` or
-        `kept`
+        `kept`; by one thread at a time
     retry: do failed cells again
+    jobs: drives that are recorded or judged at the same time
     recorder: records a drive; takes the arguments of `run.recording.record`
 
     A cell that fails keeps its reason, and the others go on. Raises SlamError if the folder cannot
     be written, holds cells of other settings, or another benchmark runs these systems in it.
     """
-    done = []
-    failed_drives: dict[Drive, str] = {}
+    if jobs < 1:
+        raise SlamError(f'jobs: {jobs} is not valid; valid is 1 or more')
     cells = list(cells)
+    drives: dict[Drive, list[Cell]] = {}
+    for cell in cells:
+        drives.setdefault(cell.drive, []).append(cell)
+    stop, one_at_a_time = threading.Event(), threading.Lock()
+
+    def tell(cell: Cell, text: str) -> None:
+        if stop.is_set():
+            raise _Stopped
+        with one_at_a_time:
+            step(cell, text)
+
     # Another benchmark of this folder may run other systems at the same time.
     systems = sorted({cell.estimator.system for cell in cells})
-    with _OneSequence(folder / '-'.join(['sequence', *systems])) as sequence:
-        for cell in cells:
-            kept = _read(cell, folder)
-            if kept is not None and not (kept.failed and retry):
-                step(kept, 'kept')
-                done.append(kept)
-                continue
-            done.append(_do(cell, folder, recorder, step, failed_drives, sequence))
-            step(done[-1], 'done')
-    return done
+    with _sequences(folder, systems) as sequences, ThreadPoolExecutor(jobs) as pool:
+        pending = [pool.submit(_do_drive, of_drive, folder, sequences / drive.name, recorder, tell,
+                               retry, stop.is_set) for drive, of_drive in drives.items()]
+        try:
+            ended, _ = wait(pending, return_when=FIRST_EXCEPTION)
+            for future in ended:
+                future.result()
+        finally:
+            # After an error, or Ctrl-C: the others end early, nodes in order.
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+    done = {cell.name: cell for future in pending for cell in future.result()}
+    return [done[cell.name] for cell in cells]
 
 
 def cell_folder(folder: Path, cell: Cell) -> Path:
@@ -131,79 +154,97 @@ def cell_folder(folder: Path, cell: Cell) -> Path:
     return folder / CELLS / cell.name
 
 
-def _do(cell: Cell, folder: Path, recorder: Callable[..., Recording], step: Step,
-        failed_drives: dict[Drive, str], sequence: _OneSequence) -> Cell:
-    system, sensor = cell.estimator.system, cell.estimator.sensor
-    try:
-        if cell.drive in failed_drives:
-            raise SlamError(failed_drives[cell.drive])
+class _Stopped(Exception):
+    """The benchmark is being stopped."""
+
+
+def _do_drive(cells: Sequence[Cell], folder: Path, sequence: Path,
+              recorder: Callable[..., Recording], step: Step, retry: bool,
+              stop: Callable[[], bool]) -> list[Cell]:
+    """Do what is missing of the cells of one drive, which share its recording.
+
+    sequence: where it is exported; removed in the end
+    """
+    done, bag, failure, exported = [], None, '', ''
+
+    def recorded(cell: Cell) -> Path:
+        nonlocal failure
+        if failure:
+            raise SlamError(failure)
         step(cell, 'recording')
         try:
-            bag = _record(cell.drive, folder / 'recordings', recorder, lambda now_ns: step(
-                cell, f'recording, {now_ns / 1e9:.0f} of {cell.drive.duration_s:g} s'))
+            return _record(cell.drive, folder / 'recordings', recorder, lambda now_ns: step(
+                cell, f'recording, {now_ns / 1e9:.0f} of {cell.drive.duration_s:g} s'), stop)
         except LunarRoverSimError as error:
-            failed_drives[cell.drive] = str(error)
+            failure = str(error)
             raise
-        work = cell_folder(folder, cell)
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir(parents=True)
-        counter = _Counter(lambda text: step(cell, text))
-        result = run_on_bag(bag, cell.estimator, work, step=counter.begin, advance=counter.advance,
-                            kept_sequence=sequence.folder(cell))
-        finished = dataclasses.replace(cell, result=result)
-    except LunarRoverSimError as error:
-        finished = dataclasses.replace(cell, result=SlamResult(system, sensor, str(error)),
-                                       failed=True)
-    except OSError as error:
-        raise SlamError(f'{folder}: cannot be written: {error.strerror or error}') from None
-    assert finished.result is not None
-    _write(cell_folder(folder, cell) / RESULT,
-           {'request': _request(cell), 'failed': finished.failed,
-            'result': finished.result.to_mapping()})
-    return finished
+
+    try:
+        for cell in cells:
+            kept = _read(cell, folder)
+            if kept is not None and not (kept.failed and retry):
+                step(kept, 'kept')
+                done.append(kept)
+                continue
+            try:
+                bag = bag or recorded(cell)
+                if cell.estimator.format != exported:
+                    shutil.rmtree(sequence, ignore_errors=True)
+                    exported = cell.estimator.format
+                finished = _judge(cell, bag, sequence, folder, step, stop)
+            except LunarRoverSimError as error:
+                finished = dataclasses.replace(cell, failed=True, result=SlamResult(
+                    cell.estimator.system, cell.estimator.sensor, str(error)))
+            except OSError as error:
+                raise SlamError(f'{folder}: cannot be written: '
+                                f'{error.strerror or error}') from None
+            if stop():
+                raise _Stopped
+            assert finished.result is not None
+            _write(cell_folder(folder, cell) / RESULT,
+                   {'request': _request(cell), 'failed': finished.failed,
+                    'result': finished.result.to_mapping()})
+            done.append(finished)
+            step(finished, 'done')
+    finally:
+        shutil.rmtree(sequence, ignore_errors=True)
+    return done
 
 
-class _OneSequence:
-    """The exported sequence of one drive, which estimators that follow each other share.
+def _judge(cell: Cell, bag: Path, sequence: Path, folder: Path, step: Step,
+           stop: Callable[[], bool]) -> Cell:
+    """Return the cell with what its estimator made of the recording."""
+    work = cell_folder(folder, cell)
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    counter = _Counter(lambda text: step(cell, text))
+    return dataclasses.replace(cell, result=run_on_bag(
+        bag, cell.estimator, work, step=counter.begin, advance=counter.advance,
+        kept_sequence=sequence, stop=stop))
 
-    Its folder is locked while it is open, as a context manager; SlamError if it is already, or
-    cannot be written.
+
+@contextmanager
+def _sequences(folder: Path, systems: Sequence[str]) -> Iterator[Path]:
+    """Yield the empty folder for exported recordings, locked until the context ends.
+
+    Raises SlamError if it is locked already, or cannot be written.
     """
-
-    def __init__(self, folder: Path) -> None:
-        self._locked, self._folder = folder, folder / 'exported'
-        self._of: tuple[Drive, str] | None = None
-        self._lock: int | None = None
-
-    def folder(self, cell: Cell) -> Path:
-        """Return the folder, without the sequence of another drive or format."""
-        needed = cell.drive, cell.estimator.format
-        if needed != self._of:
-            self._remove()
-            self._of = needed
-        return self._folder
-
-    def _remove(self) -> None:
-        shutil.rmtree(self._folder, ignore_errors=True)
-
-    def __enter__(self) -> _OneSequence:
-        try:
-            self._locked.mkdir(parents=True, exist_ok=True)
-            self._lock = lock(self._locked)
-        except BlockingIOError:
-            raise SlamError(f'{self._locked.parent}: another benchmark runs the same system in it;'
-                            ' wait for its end, or name another folder') from None
-        except OSError as error:
-            raise SlamError(f'{self._locked.parent}: cannot be written: '
-                            f'{error.strerror}') from None
-        self._remove()      # left by a benchmark that was killed
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        shutil.rmtree(self._locked, ignore_errors=True)
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+    path = folder / '-'.join(['sequences', *systems])
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        locked = lock(path)
+    except BlockingIOError:
+        raise SlamError(f'{folder}: another benchmark runs the same system in it; wait for its '
+                        'end, or name another folder') from None
+    except OSError as error:
+        raise SlamError(f'{folder}: cannot be written: {error.strerror}') from None
+    try:
+        for left in path.iterdir():     # by a benchmark that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+        os.close(locked)
 
 
 class _Counter:
@@ -226,11 +267,12 @@ class _Counter:
 
 
 def _record(drive: Drive, recordings: Path, recorder: Callable[..., Recording],
-            progress: Callable[[int], None]) -> Path:
+            progress: Callable[[int], None], stop: Callable[[], bool]) -> Path:
     """Return the bag of a drive, recorded now unless it is there."""
     folder = record_once(
         scenario_of(drive), recordings / drive.name, recorder=recorder,
         timeout_s=_START_S + _SLOWEST * drive.duration_s, on_progress=progress,
+        should_stop=stop,
         finish=lambda partial, _: _write(partial / 'drive.json', dataclasses.asdict(drive)))
     return folder / BAG_FOLDER
 

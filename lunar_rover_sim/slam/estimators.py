@@ -118,13 +118,14 @@ class Estimator:
         return self.frame or ('imu' if self.sensor == 'stereo-inertial' else 'left')
 
     def estimate(self, sequence: Path, suite: SensorSuite, folder: Path,
-                 echo: Echo | None = None,
-                 advance: Callable[[], None] = lambda: None) -> Estimate:
+                 echo: Echo | None = None, advance: Callable[[], None] = lambda: None,
+                 stop: Callable[[], bool] = lambda: False) -> Estimate:
         """Run on an exported sequence; settings, log and results go to the existing `folder`.
 
-        `echo` is called with each line of the log, `advance` after each frame of the reference. A
-        lost track is a result. Raises SlamError if a program fails without a result or writes
-        an invalid one, ProcessError if it cannot be started.
+        `echo` is called with each line of the log, `advance` after each frame of the reference;
+        a program is ended early once `stop` returns True. A lost track is a result. Raises
+        SlamError if a program fails without a result or writes an invalid one, ProcessError if it
+        cannot be started.
         """
         sequence, folder = sequence.absolute(), folder.absolute()
         frames_ns = _frames_ns(sequence, self.format)
@@ -135,7 +136,8 @@ class Estimator:
         path = folder / 'settings.yaml'
         path.write_text(settings(suite, self.sensor, features=self.features), encoding='ascii')
         command, results = self._command(sequence, path, folder)
-        ended = run_program(command, folder / 'log.txt', timeout_s, folder=folder, echo=echo)
+        ended = run_program(command, folder / 'log.txt', timeout_s, folder=folder, echo=echo,
+                            stop=stop)
         found = next((folder / name for name in results if (folder / name).is_file()
                       and (folder / name).stat().st_size), None)
         last = f'; its last line: {ended.last_line}' if ended.last_line else ''
@@ -152,15 +154,15 @@ class Estimator:
 
     def _reference(self, sequence: Path, frames_ns: Stamps, timeout_s: float,
                    advance: Callable[[], None]) -> Estimate:
-        start, start_cpu = time.monotonic(), time.process_time()
+        start, start_cpu = time.monotonic(), time.thread_time()
         camera = euroc_reader.read_camera(sequence, self.sensor == 'stereo')
         odometry = Odometry(camera)
         reason = ''
         for frame in euroc_reader.read_frames(sequence, camera):
             odometry.add(frame)
             advance()
-            # Processor time, so that the result does not depend on what else the machine runs.
-            if time.process_time() - start_cpu > timeout_s:
+            # Processor time of this thread: the result does not depend on what else runs.
+            if time.thread_time() - start_cpu > timeout_s:
                 reason = f'was ended after {timeout_s:.0f} s'
                 break
         wall_s = time.monotonic() - start

@@ -76,7 +76,8 @@ class SlamResult:
 def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None = None,
                step: Step = lambda _text, _total: None,
                advance: Callable[[], None] = lambda: None,
-               kept_sequence: Path | None = None) -> SlamResult:
+               kept_sequence: Path | None = None,
+               stop: Callable[[], bool] = lambda: False) -> SlamResult:
     """Export a bag, run an estimator on it and judge the outcome.
 
     Settings, log, estimate.txt (TUM), evaluation.json and path.npz (`stamps_ns`, `truth_m`,
@@ -105,7 +106,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
         # Only of the built-in odometry is it known how far it is.
         step('estimating', len(euroc_reader.stamps_ns(sequence))
              if estimator.system == 'reference' else None)
-        outcome = estimator.estimate(sequence, suite, folder, echo, advance)
+        outcome = estimator.estimate(sequence, suite, folder, echo, advance, stop)
     finally:
         if kept_sequence is None:
             shutil.rmtree(sequence, ignore_errors=True)

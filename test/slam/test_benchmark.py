@@ -10,6 +10,9 @@ import json
 from pathlib import Path
 import shutil
 import sys
+import threading
+import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,7 +67,8 @@ class Recorder:
         self.broken: dict[str, BaseException] = {}
 
     def __call__(self, scenario: Scenario, folder: Path, timeout_s: float,
-                 on_progress: Callable[[int], None]) -> Recording:
+                 on_progress: Callable[[int], None],
+                 should_stop: Callable[[], bool]) -> Recording:
         name = f'{scenario.name}-seed{scenario.shared.seed}'
         self.drives.append(name)
         folder.mkdir()
@@ -126,7 +130,7 @@ def test_one_benchmark_of_a_system_in_a_folder(tmp_path, bag, fake) -> None:
     """Two would export into one folder, and judge each other's images; other systems may run."""
     folder, cells = tmp_path / 'out', plan(['baseline'], fake, (1,), 2.0)
     other = plan(['baseline'], [Estimator('reference', 'mono')], (1,), 2.0)
-    seen = []
+    seen: list[list[tuple[str, bool]]] = []
 
     def step(cell: Cell, text: str) -> None:
         if text == 'evaluating' and not seen:
@@ -138,6 +142,54 @@ def test_one_benchmark_of_a_system_in_a_folder(tmp_path, bag, fake) -> None:
     assert seen == [[('baseline-seed1-mono-reference', False)]]
     assert outcome(done) == [(cell.name, False) for cell in cells]
     assert sorted(p.name for p in folder.iterdir()) == ['cells', 'recordings']
+
+
+def test_drives_at_the_same_time(tmp_path, bag, fake) -> None:
+    """Two at once, each recorded once and judged by itself; the results are in order."""
+    both = threading.Barrier(2, timeout=60.0)
+
+    class TwoAtOnce(Recorder):
+
+        def __call__(self, *args: Any, **options: Any) -> Recording:
+            both.wait()     # breaks, and fails the drive, unless another is being recorded too
+            return super().__call__(*args, **options)
+
+    recorder, cells = TwoAtOnce(bag), plan(['baseline'], fake, (1, 2, 3, 4), 2.0)
+    done = benchmark.run(cells, tmp_path / 'out', jobs=2, recorder=recorder)
+    assert outcome(done) == [(cell.name, False) for cell in cells]
+    assert sorted(recorder.drives) == [f'baseline-seed{seed}' for seed in (1, 2, 3, 4)]
+    alone = benchmark.run(cells, tmp_path / 'alone', recorder=Recorder(bag))
+    for cell, other in zip(done, alone):
+        assert cell.result is not None and other.result is not None
+        assert {**cell.result.to_mapping(), 'wall_s': 0.0} == {
+            **other.result.to_mapping(), 'wall_s': 0.0}
+    assert sorted(p.name for p in (tmp_path / 'out').iterdir()) == ['cells', 'recordings']
+    with pytest.raises(SlamError, match='jobs: 0 is not valid; valid is 1 or more'):
+        benchmark.run(cells, tmp_path / 'out', jobs=0)
+
+
+def test_an_interrupt_of_one_drive_ends_all(tmp_path, bag) -> None:
+    """Nothing goes on, and what was under way leaves no result: not a failure, but nothing."""
+    started = tmp_path / 'started'
+    slow = Estimator('command', 'mono', command=f'/bin/sh -c "touch {started}; sleep 600" {{out}}')
+    recorder, cells = Recorder(bag), plan(['baseline', 'low_albedo'], [slow], (1,), 2.0)
+
+    class Interrupted(Recorder):
+
+        def __call__(self, scenario: Scenario, *args: Any, **options: Any) -> Recording:
+            if scenario.name == 'low_albedo':
+                while not started.exists():
+                    time.sleep(0.01)
+                raise KeyboardInterrupt
+            return recorder(scenario, *args, **options)
+
+    start_s = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        benchmark.run(cells, tmp_path / 'out', jobs=2, recorder=Interrupted(bag))
+    assert time.monotonic() - start_s < 60.0    # the program of the other drive sleeps 600 s
+    assert not list((tmp_path / 'out').glob('cells/*/result.json'))
+    assert recorder.drives == ['baseline-seed1']
+    assert sorted(p.name for p in (tmp_path / 'out').iterdir()) == ['cells', 'recordings']
 
 
 def test_a_rover_that_tips_over_is_named() -> None:
