@@ -73,7 +73,7 @@ def _what_went_wrong(one: Judged) -> str:
     result = one.result
     if one.failed or is_success(one):
         return result.reason
-    share = f'tracked {100.0 * result.tracked_share:.0f} % of the frames'
+    share = f'tracked {100.0 * result.tracked_share:.3g} % of the frames'
     error = f', ATE of these {result.ate_m:.4f} m' if np.isfinite(result.ate_m) else ''
     return join(share + error, result.reason)
 
