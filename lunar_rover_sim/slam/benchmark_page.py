@@ -8,6 +8,7 @@ import io
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 import numpy as np
 
 from lunar_rover_sim.files.templates import data_uri, template
@@ -87,7 +88,9 @@ def curves(rows: Sequence[Row], judged: Sequence[Judged], parameter: str) -> Fig
     if any(r.successes for r in rows):
         error.set_yscale('log')
         error.yaxis.set_major_formatter('{x:g}')
-        error.yaxis.set_minor_formatter('{x:g}')
+        low, high = error.get_ylim()
+        # The powers of ten say enough of a wide range; more labels would not find room.
+        error.yaxis.set_minor_formatter('{x:g}' if high < 20.0 * low else NullFormatter())
     error.set_xlim(success.get_xlim())
     success.legend(fontsize=8, loc='best')
     return figure

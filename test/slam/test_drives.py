@@ -6,14 +6,17 @@ import dataclasses
 import json
 from pathlib import Path
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 import pytest
 
 from lunar_rover_sim.cli.main import main, parse
 from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.slam.benchmark_page import curves
 from lunar_rover_sim.slam.drives import (csv_of_drives, Drive, join, Judged, read_csv, read_folder,
                                          seeds_of, text_of_seeds)
 from lunar_rover_sim.slam.run_on_bag import SlamResult
 from lunar_rover_sim.slam.statistics import Share
+from lunar_rover_sim.slam.table import rows_of
 
 
 def judged(seed: int, ate_m: float = 0.01, sensor: str = 'stereo', system: str = 'reference',
@@ -194,3 +197,20 @@ def test_curves_of_a_sweep(tmp_path) -> None:
     lines = (tmp_path / 'out/table.csv').read_text().splitlines()
     assert lines[0].startswith('scenario,value,sensor,system,drives,successes,success_low,')
     assert lines[1].startswith('baseline,2,stereo,reference,8,0,0.0,0.32')
+
+
+@pytest.mark.parametrize('most_m', [0.02, 0.6])
+def test_errors_of_a_wide_range_are_labelled(most_m) -> None:
+    """Half a millimetre to most_m; at least two labels, and none over another."""
+    drives = [judged(seed, ate_m, parameter='a.b', value=value)
+              for value, ate_m in (('1', 0.0005), ('2', most_m)) for seed in (1, 2, 3)]
+    figure = curves(rows_of(drives), drives, 'a.b')
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axis = figure.axes[1].yaxis
+    boxes = sorted(((box.y0, box.y1) for label in [
+        *axis.get_ticklabels(), *axis.get_ticklabels(minor=True)] if label.get_text()
+        for box in [label.get_window_extent()]
+        if figure.axes[1].bbox.y0 <= box.y0 and box.y1 <= figure.axes[1].bbox.y1))
+    assert len(boxes) >= 2
+    assert all(upper[0] >= lower[1] for lower, upper in zip(boxes, boxes[1:]))
