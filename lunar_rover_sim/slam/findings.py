@@ -25,10 +25,12 @@ _Errors = dict[tuple[str, str], dict[int, float]]
 def findings(judged: Sequence[Judged], parameter: str = '') -> list[str]:
     """Return a sentence for each finding that the drives of one system can speak of.
 
-    For a sweep over `parameter` they say how many drives succeeded at each of its values.
+    For a sweep over `parameter` they say how many drives succeeded at each of its values, and
+    whether the errors of neighbouring values differ.
     """
     if parameter:
-        return _successes(rows_of(judged), parameter)
+        rows = rows_of(judged)
+        return _successes(rows, parameter) + _steps(rows, judged)
     errors = _errors_of(judged)
     sensors = list(dict.fromkeys(sensor for _, sensor in errors))
     sentences = [_largest(errors, sensor) for sensor in sensors]
@@ -49,9 +51,9 @@ def _errors_of(judged: Iterable[Judged]) -> _Errors:
     return errors
 
 
-def _compare(errors: _Errors, first: tuple[str, str], second: tuple[str, str]) -> Comparison:
-    seeds = sorted(errors[first].keys() & errors[second].keys())
-    return Comparison.of([errors[first][s] for s in seeds], [errors[second][s] for s in seeds])
+def _compare(first: dict[int, float], second: dict[int, float]) -> Comparison:
+    seeds = sorted(first.keys() & second.keys())
+    return Comparison.of([first[s] for s in seeds], [second[s] for s in seeds])
 
 
 def _largest(errors: _Errors, sensor: str) -> str:
@@ -59,7 +61,7 @@ def _largest(errors: _Errors, sensor: str) -> str:
     others = [(s, sensor) for s in (_BASELINE, _DARK) if (s, sensor) in errors]
     if (_SPARSE, sensor) not in errors or not others:
         return ''
-    tests = {key: _compare(errors, (_SPARSE, sensor), key) for key in others}
+    tests = {key: _compare(errors[_SPARSE, sensor], errors[key]) for key in others}
     return _sentence(f'{sensor} is worst on {_SPARSE}', [t.sign for t in tests.values()], tests)
 
 
@@ -69,7 +71,7 @@ def _lowest(errors: _Errors) -> str:
     others = [key for key in errors if key != own]
     if own not in errors or not others:
         return ''
-    tests = {key: _compare(errors, own, key) for key in others}
+    tests = {key: _compare(errors[own], errors[key]) for key in others}
     return _sentence(f'stereo on {_DARK} has the lowest error of all',
                      [-t.sign for t in tests.values()], tests)
 
@@ -94,7 +96,7 @@ def _alike(errors: _Errors) -> str:
     seeds = [s for s in sorted(mono.keys() & stereo.keys())
              if np.isfinite([mono[s], stereo[s]]).all() and mono[s] > 0.0 < stereo[s]]
     ratio = Median.of((np.log(mono[s] / stereo[s]) for s in seeds), confidence=2 * CONFIDENCE - 1)
-    test = _compare(errors, (_BASELINE, 'mono'), (_BASELINE, 'stereo'))
+    test = _compare(mono, stereo)
     said = NOT_SHOWN
     if np.isfinite(ratio.low) and max(-ratio.low, ratio.high) <= np.log(_ALIKE):
         said = SHOWN
@@ -132,4 +134,20 @@ def _successes(rows: Sequence[Row], parameter: str) -> list[str]:
         own = [r for r in rows if (r.scenario, r.sensor) == (scenario, sensor)]
         parts = [f'{r.successes} of {r.drives} drives succeed at {r.value}' for r in own]
         sentences.append(f'{scenario}, {sensor}, {parameter}: {"; ".join(parts)}')
+    return sentences
+
+
+def _steps(rows: Sequence[Row], judged: Sequence[Judged]) -> list[str]:
+    """Say of each value and the next one at which the error is larger, failures first."""
+    sentences = []
+    for scenario, sensor in dict.fromkeys((r.scenario, r.sensor) for r in rows):
+        values = [r.value for r in rows if (r.scenario, r.sensor) == (scenario, sensor)]
+        errors = [_errors_of(one for one in judged if one.drive.value == value).get(
+            (scenario, sensor), {}) for value in values]
+        for k, (value, following) in enumerate(zip(values, values[1:])):
+            test = _compare(errors[k], errors[k + 1])
+            said = {1: f'{SHOWN}: the error is larger at {value} than at {following}',
+                    -1: f'{SHOWN}: the error is smaller at {value} than at {following}',
+                    0: f'{NOT_SHOWN}: the errors at {value} and {following} differ'}[test.sign]
+            sentences.append(f'{said}, {scenario}, {sensor} ({test.text()})')
     return sentences

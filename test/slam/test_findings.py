@@ -143,8 +143,21 @@ def test_failures_decide_first() -> None:
     assert 'n = 10' in findings(cells)[0]
 
 
-def test_a_sweep_counts_successes() -> None:
-    cells = [*drives('baseline', 'stereo', [0.01, LOST, LOST], value='2'),
-             *drives('baseline', 'stereo', [0.01, 0.01, 0.02], value='10')]
+def test_a_sweep_counts_successes_and_compares_neighbours() -> None:
+    """Eight drives that fail or get worse show a step, a single failure does not."""
+    low = [LOST, LOST, LOST, LOST, 0.05, 0.06, 0.07, 0.08]
+    cells = [*drives('baseline', 'stereo', low, value='2'),
+             *drives('baseline', 'stereo', [*[0.01] * 7, 0.02], value='6'),
+             *drives('baseline', 'stereo', [LOST, *[0.01] * 6, 0.02], value='10'),
+             *drives('baseline', 'mono', [0.01], value='2')]
     assert findings(cells, 'sun') == [
-        'baseline, stereo, sun: 1 of 3 drives succeed at 2; 3 of 3 drives succeed at 10']
+        'baseline, stereo, sun: 4 of 8 drives succeed at 2; 8 of 8 drives succeed at 6; '
+        '7 of 8 drives succeed at 10',
+        'baseline, mono, sun: 1 of 1 drives succeed at 2',
+        'shown: the error is larger at 2 than at 6, baseline, stereo '
+        '(n = 8, effect +1.00, p = 0.0078)',
+        'not shown: the errors at 6 and 10 differ, baseline, stereo '
+        '(n = 8, effect -1.00, p = 1)']
+    other_way = findings([*drives('baseline', 'stereo', [0.01] * 8, value='5'),
+                          *drives('baseline', 'stereo', low, value='10')], 'rate')
+    assert other_way[1].startswith('shown: the error is smaller at 5 than at 10, baseline, stereo')
