@@ -44,7 +44,7 @@ class Executed:
                     tests = of_module.setdefault(int(line), set())
                     for context in (part['names'][place] for place in contexts):
                         tests |= users[context] if context in fixtures else {context}
-                    tests &= seconds.keys()
+                    tests.intersection_update(seconds)
         return cls(seconds, lines)
 
     def updated(self, newer: Executed) -> Executed:

@@ -1,14 +1,15 @@
 """Mutation testing: draw random small changes of the domain code, and see which the tests notice.
 
     python test/mutation/mutants.py draw RESULTS.csv --number 200 --seed 1
-    python test/mutation/mutants.py test RESULTS.csv [--jobs 2] [--again]
+    python test/mutation/mutants.py measure LINES.json [TESTS …]
+    python test/mutation/mutants.py test RESULTS.csv LINES.json [--jobs 2] [--again]
 
-`draw` picks places in the rooms of `tests_of_modules.yaml` at random, each with one change by an
-operator of Cosmic Ray: another operator, comparison, sign, constant, boolean or loop. `test` makes
-each change in a copy of the working tree, runs the tests of its module there until one fails, and
-writes the outcome into the same file: killed, timeout (killed by being endless) or survived.
-Stopped, it continues where it was. `--again` tests the survivors with the present tests: a change
-is found by the text of its line, so that other lines may move meanwhile.
+`draw` picks places in the rooms at random, each with one change by an operator of Cosmic Ray:
+another operator, comparison, sign, constant, boolean or loop. `measure` finds which tests execute
+which lines. `test` makes each change, runs the tests that execute it until one fails, and writes
+the outcome into the same file: killed, endless (which counts as killed) or survived. Stopped, it
+continues where it was. `--again` tests the survivors with the present tests: a change is found by
+the text of its line, so that other lines may move meanwhile.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ import measuring
 HERE = pathlib.Path(__file__).resolve().parent
 ROOMS = ('bag', 'camera', 'evaluation', 'gait', 'illumination', 'physics', 'regolith', 'stereo',
          'world')
-TESTS = [*(f'test/{room}' for room in ROOMS), 'test/inspection', 'test/rendering',
+REFERENCES = 'test/references/'
+TESTS = [*(f'test/{room}' for room in ROOMS), REFERENCES, 'test/inspection', 'test/rendering',
          'test/test_frames.py', 'test/test_parameter_ranges.py', 'test/test_values.py']
 # Changes that make sense for the types at hand: a shifted float would only raise a TypeError.
 ARITHMETIC, COMPARISONS = 'Add Sub Mul Div FloorDiv Mod Pow', 'Eq NotEq Lt LtE Gt GtE'
@@ -136,20 +138,24 @@ def applied(mutant: Mutant, code: str) -> str | None:
 
 
 def lots_of(mutant: Mutant, code: str, executed: Executed, limit_s: float) -> list[list[str]]:
-    """Return the tests of a mutant: first those of its room, then all others.
+    """Return the tests of a mutant: reference results, then those of its room, then all others.
 
-    Tests of the room execute the changed statement; of the others, those of other statements of
-    the module count too, for lines whose result is kept somewhere. For what is computed at import
-    count also the tests that look at all rooms.
+    Reference results and tests of the room execute the changed statement; of the others, those
+    of other statements of the module count too, for lines whose result is kept somewhere. For what
+    is computed at import count all reference results of the room, and the tests that look at all
+    rooms.
     """
     room = mutant.module.partition('/')[0]
     direct = executed.of_line(mutant.module, mutant.line, code)
     if not executed.is_in_function(mutant.line, code):
-        direct |= {test for test in executed.seconds if test.startswith('test/test_')}
+        direct |= {test for test in executed.seconds if test.startswith('test/test_')
+                   or test.startswith(REFERENCES) and (f'[{room}/' in test or test.endswith(
+                       f' of {room}]'))}
     near = {test for test in direct if test.startswith((f'test/{room}/', 'test/test_'))}
-    first = quickest(near, executed.seconds, limit_s)
-    others = (direct | executed.of_module(mutant.module)) - set(first)
-    return [lot for lot in (first, quickest(others, executed.seconds, limit_s)) if lot]
+    written = {test for test in direct if test.startswith(REFERENCES)}
+    lots = [quickest(tests, executed.seconds, limit_s) for tests in (written, near) if tests]
+    others = (direct | executed.of_module(mutant.module)).difference(*lots)
+    return [lot for lot in (*lots, quickest(others, executed.seconds, limit_s)) if lot]
 
 
 def write(path: pathlib.Path, sample: list[Mutant]) -> None:
