@@ -93,6 +93,17 @@ def test_beside_and_above_rocks(offset_m: tuple[float, float], lifted: bool) -> 
     assert mount.T_world_camera[2, 3] == pytest.approx(0.5 if lifted else 0.2)
 
 
+@pytest.mark.parametrize('direction', [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_a_tripod_stands_on_a_wall_beside_it(direction: tuple[int, int]) -> None:
+    """Ground within 0.15 m on any side counts: the camera is above all of it."""
+    axis = (np.arange(129) - 64) * 0.05
+    beside = axis[None, :] * direction[0] + axis[:, None] * direction[1] > 0.08
+    world = scene.plane(n=129, cell_m=0.05, heights=1.0 * beside)
+    mount = ChaseMount(ChaseConfig(mode='tripod', position_m=(0.0, 0.0, 0.3)), 0.0, world)
+    mount.follow(pose_at(-2.0 * direction[0], -2.0 * direction[1]))
+    assert mount.T_world_camera[2, 3] == pytest.approx(1.3)
+
+
 def test_it_sinks_back_slowly_behind_a_hill() -> None:
     """After a rock it comes down with the time constant of the following."""
     mount = ChaseMount(ChaseConfig(reference='east', azimuth_deg=0.0, elevation_deg=-20.0,

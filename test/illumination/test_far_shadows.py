@@ -64,6 +64,39 @@ def test_area_of_many_real_shapes_agrees_with_that_of_their_outlines():
     assert areas[1] == pytest.approx(true, rel=0.2)
 
 
+@pytest.mark.parametrize('azimuth_deg', [0.0, 130.0, 250.0])
+@pytest.mark.parametrize('rise', [-0.06, 0.0, 0.1])
+def test_shadows_on_slopes_and_over_the_edge_of_a_grid(azimuth_deg, rise):
+    """Rocks on ground that rises towards the sun or falls; only what is on the grid is dark."""
+    s, shapes = sun(azimuth_deg, 11.0), library()
+    rng = np.random.default_rng(3)
+    m = 40
+    sizes = np.array([0.5, 0.9])
+    turn = rng.standard_normal((m, 4)) * [0.0, 0.0, 0.0, 1.0] + [1.0, 0.0, 0.0, 0.0]
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    xy = rng.uniform(-26.0, 26.0, (m, 2))       # some beside the grid, with shadows on it
+    size = (np.arange(m) % 2).astype(np.int32)
+    position = np.column_stack([xy, rise * xy @ s.direction_xy + 0.15 * sizes[size]])
+    outlines = rock_shadow.silhouettes(Rocks(
+        rng.integers(0, 16, m).astype(np.int32), size, position, turn, np.ones(m, np.float32),
+        sizes), shapes, s)
+    areas = []
+    for n, cell_m in ((41, 1.2), (961, 0.05)):
+        axis = (np.arange(n) - 0.5 * (n - 1)) * cell_m
+        x, y = np.meshgrid(axis, axis)
+        heights = rise * (x * s.direction_xy[0] + y * s.direction_xy[1])
+        grid = HeightGrid(heights.astype(np.float32), cell_m)
+        if n < 100:
+            dark = rock_shadow.share(grid, outlines, s, 0.0) / 255.0
+        else:
+            clearance = np.full((n, n), 1.0, np.float32)
+            rock_shadow.stamp(clearance, np.full_like(clearance, 100.0), grid, outlines, s)
+            dark = clearance < 0.0
+        areas.append(np.count_nonzero(dark) * cell_m**2 if n > 100 else dark.sum() * cell_m**2)
+    assert areas[1] > 5.0
+    assert areas[0] == pytest.approx(areas[1], rel=0.2)
+
+
 def test_far_rocks_stand_in_the_light_of_their_own_level():
     """A wall on the coarse level shades a rock behind it, and leaves one before it lit."""
     far = np.zeros((129, 129), np.float32)

@@ -6,10 +6,13 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import StartPose
+from lunar_rover_sim.physics.soft_ground import NEAR_M
 from lunar_rover_sim.physics.soft_tip import SoftTip
+from lunar_rover_sim.physics.soil_contact import PARKED_M
 from lunar_rover_sim.regolith.ball import bearing_n, depth_m
 from lunar_rover_sim.regolith.config import GroundConfig
 from lunar_rover_sim.regolith.soil import PRESETS
+from lunar_rover_sim.world.grid import HeightGrid
 
 R = ROVER.legs.tip_radius_m
 
@@ -285,3 +288,46 @@ def test_a_tip_slips_with_the_speed_of_its_lowest_point_along_the_surface():
         along = lowest - normal * (normal @ lowest)
         assert tip.slip_mps(R, tuple(centre), [*turn, *speed], tuple(com)) == pytest.approx(
             np.linalg.norm(along))
+
+
+@pytest.mark.parametrize('slope_deg, height_m, speed_mps', [(0.0, 0.35, 1.6), (25.0, 0.5, 1.0)])
+def test_no_tip_gets_into_the_ground_before_soil_carries_it(slope_deg, height_m, speed_mps):
+    """A tip that falls is looked at in time, before it is deeper than NEAR_M and two steps."""
+    heights = plane_heights(slope_deg)
+    ground = HeightGrid(np.asarray(heights, np.float32), 0.025)
+    start = StartPose(settle_s=0.0)
+    with simulate(make_world(heights), ground=soft('highland'), start=start) as simulation:
+        model, data = simulation.model, simulation.data
+        tips = [g for g in range(model.ngeom) if '_tip_' in model.geom(g).name
+                and model.geom(g).type[0] == 2]
+        data.qpos[2] += height_m
+        data.qvel[2] = -speed_mps
+        cosine = np.cos(np.radians(slope_deg))
+        touched = np.zeros(4, bool)
+        for _ in range(round(1.3 * height_m / speed_mps / 0.001)):
+            before = data.geom_xpos[tips].copy()
+            state = simulation.advance(1)
+            depth = R - (before[:, 2] - ground.height_at(before[:, :2])) * cosine
+            fall = np.abs(data.geom_xpos[tips] - before).max()
+            touched |= np.linalg.norm(state.contact_force_n, axis=1) > 0.0
+            assert np.all(touched | (depth.reshape(4, -1).max(axis=1) < NEAR_M + 2.0 * fall))
+        assert touched.any()
+
+
+def test_soil_that_a_tip_has_left_is_damped_again():
+    """The damping goes while soil yields; a tip that is torn out comes back to soil that holds."""
+    start = StartPose(settle_s=0.0)
+    with simulate(ground=soft('highland_loose'), start=start) as simulation:
+        model, data = simulation.model, simulation.data
+        damping = model.pair_solref[:, 1]
+        held = damping.copy()
+        data.qvel[2] = -1.0
+        for _ in range(200):
+            simulation.advance(1)
+            if np.count_nonzero(damping > held) == 4:
+                break
+        assert np.count_nonzero(damping > held) == 4
+        data.qvel[2] = 4.0
+        simulation.advance(3)
+        assert np.all(data.mocap_pos[:, 2] == PARKED_M)
+        assert np.array_equal(damping, held)

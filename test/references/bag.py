@@ -347,6 +347,9 @@ def cut_bags(folder: Path) -> dict[str, Any]:
         found[f'why {storage}'] = why_incomplete(cut)
         mark(cut, 'no\n  light')
         mark_failed(cut, 'other')
+        (folder / 'long').mkdir(exist_ok=True)
+        (folder / 'long' / 'incomplete.yaml').write_text(f'reason: {"long " * 120}')
+        found['long'] = len(why_incomplete(folder / 'long') or '')
         found[f'recovered {storage}'] = recover(cut, folder / f'new {storage}')
         with open_bag(folder / f'new {storage}') as bag:
             found[f'content {storage}'] = {'counts': bag.counts, 'why': bag.incomplete,

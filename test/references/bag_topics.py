@@ -96,7 +96,8 @@ def trajectories_of_bags(folder: Path) -> dict[str, Any]:
     found['drive'] = {
         'positions': truth.positions_m, 'stamps': stamps, 'file': image_stamps_ns('a.txt') is None,
         'bags': [bag_of(source) is None for source in (truth, str(drive), 'a.txt')],
-        'split': [str(split(text)[1]) for text in ('a:b', str(drive), 'c:/d:e')],
+        'split': [str(split(text)[1]) for text in (
+            'a:b', str(drive), 'c:/d:e', ':f', 'g')],
         'evaluated': evaluate(drive, truth, estimate_frame='imu', align='none',
                               distance_m=0.03, time_s=0.2).to_mapping()['ate_m']}
     images = open_images(folder / 'drive')

@@ -8,6 +8,7 @@ from typing import Any
 
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator
 import numpy as np
 import pytest
 
@@ -22,7 +23,8 @@ def drawn(figure: Any) -> dict[str, Any]:
             'title': axes.get_title(), 'x': axes.get_xlabel(), 'y': axes.get_ylabel(),
             'scales': f'{axes.get_xscale()} {axes.get_yscale()}', 'shown': axes.axison,
             'limits': np.array([*axes.get_xlim(), *axes.get_ylim()]),
-            'ticks': np.array([*axes.get_xticks(), *axes.get_yticks()])[:40],
+            'ticks': [list(map(float, axis.get_ticklocs())) for axis in (axes.xaxis, axes.yaxis)
+                      if isinstance(axis.get_major_locator(), FixedLocator)],
             'legend': [] if legend is None else [text.get_text() for text in legend.get_texts()],
             'texts': [f'{text.get_text()} {text.get_position()}' for text in axes.texts],
             'lines': [_line(line) for line in axes.lines],

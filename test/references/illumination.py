@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from references.cases import reference
 from references.scenes import hills, hilly_levels, stones, stony_world
+from references.summary import Within
 
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination import hapke, rock_shadow
@@ -110,9 +111,11 @@ def shadows_of_rocks() -> dict[str, Any]:
             clearance, occluder = ShadowLevel(ground, sun, None).clearance()
             rock_shadow.stamp(clearance, occluder, ground, made, sun)
             name = f'{steepness} {azimuth} {elevation}'
-            found[name] = {'fine': [clearance, occluder], 'shares': [
-                rock_shadow.share(grid, made, sun, inner).astype(np.float32)
-                for grid, inner in coarse]}
+            # Where two rocks limit the sun alike, the last bit says whose distance counts.
+            found[name] = {'angle': clearance / occluder, 'pair': Within(
+                [clearance, occluder], 0.1), 'shares': Within([
+                    rock_shadow.share(grid, made, sun, inner).astype(np.float32)
+                    for grid, inner in coarse], 1e-3)}
             points = rocks.position_m + [0.0, 0.0, 0.1]
             limits = np.linspace(-0.1, 2.0, 17).astype(np.float32)
             found[name]['rocks'] = list(rock_shadow.darken(
@@ -148,7 +151,7 @@ def sunlight_of_a_world() -> dict[str, Any]:
                          ReflectanceConfig('mare', 'rock', 1.3), direction, indirect, far)
         found[f'{azimuth}'] = {
             'clearance': [list(pair) for pair in light.clearance],
-            'shares': [share.astype(np.float32) for share in light.rock_share],
+            'shares': Within([share.astype(np.float32) for share in light.rock_share], 1e-3),
             'scattered': [list(pair) for pair in light.scattered], 'rocks': light.rock_light(),
             'around': light.surroundings_at(xy),
             'angle': light.angle_above_horizon(np.column_stack([xy, 0.4 + 0.0 * xy[:, 0]]))}

@@ -17,8 +17,8 @@ from references.cases import register, ROOMS
 
 from lunar_rover_sim.parameters import Parameters
 
-_ROOMS = ('bag', 'camera', 'evaluation', 'gait', 'illumination', 'lidar', 'path_following',
-          'physics', 'regolith', 'rendering', 'rover', 'stereo', 'world')
+_ROOMS = ('bag', 'camera', 'evaluation', 'gait', 'illumination', 'physics', 'regolith', 'rover',
+          'stereo', 'world')
 
 
 def _modules(room: str) -> Iterator[ModuleType]:
