@@ -52,7 +52,7 @@ def pose_message(k: int) -> Any:
                orientation=quaternion([0.0, 1.0, 0, 0]))
 
 
-def _items(namespace: str = '') -> list[Item]:
+def exact_items() -> list[Item]:
     """Return messages of several types and topics with exact numbers."""
     found = []
     for k in range(12):
@@ -85,7 +85,7 @@ def _items(namespace: str = '') -> list[Item]:
 @reference
 def series(folder: Path) -> dict[str, Any]:
     """What is read of a bag: odometry, IMU, images, calibration, scenario, names."""
-    path = synthetic.write(folder / 'bag', _items(), '/rover_1')
+    path = synthetic.write(folder / 'bag', exact_items(), '/rover_1')
     found: dict[str, Any] = {}
     with open_bag(path) as bag:
         shots = [picture(bag, message) for _, _, message in bag.messages([topics.LEFT_IMAGE.name])]
@@ -117,7 +117,7 @@ def series(folder: Path) -> dict[str, Any]:
 @reference
 def hashes(folder: Path) -> dict[str, Any]:
     """Hashes of bags: storages, orders, namespaces; what is skipped."""
-    items = _items()
+    items = exact_items()
     first = synthetic.write(folder / 'a', items)
     found: dict[str, Any] = {'topics': topic_hashes(first), 'bag': bag_hash(first),
                              'order': bag_hash(synthetic.write(folder / 'b', items[::-1])),
@@ -209,7 +209,7 @@ def validity_of_messages() -> dict[str, Any]:
     """What is wrong with messages, in words."""
     nan = float('nan')
     check = message_validity.FiniteCheck(synthetic.STORE)
-    items = {item.topic: item for item in _items()}
+    items = {item.topic: item for item in exact_items()}
     odometry = items['odom'].message
     array = dataclasses.replace(odometry.pose, covariance=np.full(36, nan))
     path = msg('nav_msgs/Path', header=header(0, 'odom'), poses=[
@@ -324,7 +324,7 @@ def cut_bags(folder: Path) -> dict[str, Any]:
     """Marks, checksums, damage, and what is recovered of bags that were cut off."""
     found: dict[str, Any] = {}
     for storage in ('mcap', 'sqlite3'):
-        path = synthetic.write(folder / storage, _items(), storage=storage)
+        path = synthetic.write(folder / storage, exact_items(), storage=storage)
         file = next(path.glob('*.mcap' if storage == 'mcap' else '*.db3'))
         if storage == 'mcap':
             data = bytearray(file.read_bytes())

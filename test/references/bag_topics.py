@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from references.bag import pose_message
+from references.bag import exact_items, pose_message
 from references.cases import reference
 from references.words import said
 from rosbags.typesys import get_typestore, Stores
@@ -109,7 +109,7 @@ def trajectories_of_bags(folder: Path) -> dict[str, Any]:
 @reference
 def hazard_cameras(folder: Path) -> dict[str, Any]:
     """Topics of hazard cameras, of one and of a pair; writers that refuse."""
-    items = []
+    items = exact_items()[:3]        # whose names show the namespace
     for name in ('rear', 'front/left', 'front/right'):
         topic = topics.hazard(name)[0]
         items.append(Item(topic.name, topic.type, image(7, 'f', 'mono8',

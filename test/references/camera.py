@@ -93,7 +93,8 @@ def fisheyes() -> dict[str, Any]:
             'directions': made.directions(pixels), 'angles': made.angles(pixels),
             'falloff': made.falloff(pixels), 'reach': lens.reach, 'corner': lens.corner_rad,
             'hood': np.array([lens.hood(a) for a in np.linspace(0.0, 2.6, 40)]),
-            'peak': lens.scatter_peak}
+            'peak': lens.scatter_peak, 'logarithm': FisheyeLens(LensConfig(
+                scatter_exponent=2.0), camera).scatter_peak}
     found['grows'] = [equidistant.grows((a, b, 0.0, 0.0), 1.5) for a in (-0.3, -0.14, -0.1, 0.1)
                       for b in (-0.05, 0.0, 0.01)]
     kinds = [FurtherCameraConfig(), HazardConfig(), HazardConfig(camera=HazardCameraConfig(

@@ -164,8 +164,10 @@ def lamps_and_discs() -> dict[str, Any]:
     lamps = [LampConfig(power_w=3.0, cone_deg=cone) for cone in (20.0, 60.0, 120.0)]
     sun = SunConfig(angular_diameter_deg=0.8, irradiance=900.0)
     rays = np.random.default_rng(5).normal(size=(200, 3)) * [0.006, 0.006, 0.0] + [0.0, 0.0, 2.0]
+    faint = SunConfig(angular_diameter_deg=4.9, irradiance=0.01)
     return {'lamps': [[beam_exponent(lamp), peak_intensity(lamp)] for lamp in lamps],
-            'centre': central_radiance(sun), 'dark': limb_darkening(np.linspace(0.0, 1.2, 25)),
+            'faint': central_radiance(faint), 'centre': central_radiance(sun),
+            'dark': limb_darkening(np.linspace(0.0, 1.2, 25)),
             'disc': disc_radiance(rays, [0.0, 0.0, 1.0], sun),
             'behind': disc_radiance(-rays, [0.0, 0.0, 1.0], sun),
             'shines': [SunConfig(elevation_deg=e, irradiance=r).shines

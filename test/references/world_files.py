@@ -16,7 +16,7 @@ import trimesh
 
 from lunar_rover_sim.world import export, fine_relief, map_sheet, mesh, shade, tile
 from lunar_rover_sim.world.build import build_world
-from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.config import SurroundingsConfig, WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.dem import dem_site, open_dem
 from lunar_rover_sim.world.grid import HeightGrid
@@ -66,7 +66,9 @@ def folders_of_heights(folder: Path) -> dict[str, Any]:
         source = open_dem(config)
         report = {key: value for key, value in source.report.items() if key != 'file'}
         found[name] = {**_tiles(source), 'report': report,
-                       'world': parts(build_world(config)),
+                       'world': parts(build_world(config)), 'alone': build_world(
+                           dataclasses.replace(config, surroundings=SurroundingsConfig(
+                               extent_m=0.0))).ground.heights_m,
                        'site': dem_site(config) is None}
     return found
 
