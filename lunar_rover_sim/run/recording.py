@@ -171,7 +171,8 @@ def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:
     if not silent:
         return
     known = [topic.name for topic in topics.CONTRACT]
-    hints = ['' if name in known else did_you_mean(name, known) for name in silent]
+    hints = ['' if name in known or topics.of_hazard(name.lstrip('/')) is not None
+             else did_you_mean(name, known) for name in silent]
     line = '; '.join(f'{name}: nobody published' + (f', {hint}' if hint else '')
                      for name, hint in zip(silent, hints))
     if not any(counts.values()):

@@ -10,6 +10,7 @@ from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.run.scenario import Scenario
 
 _BY_NAME = {topic.name: topic for topic in topics.CONTRACT}
+_SENSORS = 'lidar_node', 'render_node'
 _ALIKE = 0.85        # of names, from 0 to 1
 _OF_CHASE = topics.CHASE_IMAGE, topics.CHASE_INFO, topics.CHASE_POSE
 
@@ -31,9 +32,9 @@ def _reason(scenario: Scenario, name: str) -> str:
     if topic is None:
         near = difflib.get_close_matches(name, list(_BY_NAME), n=1, cutoff=_ALIKE)
         return f'no topic of this package; did you mean {near[0]}?' if near else ''
-    # The part of another node may be played by a program of the user.
-    if topic.node == 'lidar_node' and topic.node not in scenario.run.nodes:
-        return 'run.nodes lacks lidar_node'
+    # What is not on request may come from a program of the user instead.
+    if topic.on_request and topic.node in _SENSORS and topic.node not in scenario.run.nodes:
+        return f'run.nodes lacks {topic.node}'
     render, ground = scenario.render_node, scenario.physics_node.ground
     if topic in _OF_CHASE and not render.chase.enabled:
         return 'render_node.chase.enabled is false'

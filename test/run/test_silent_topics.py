@@ -36,3 +36,9 @@ def test_what_is_published_or_unknown_is_not_named() -> None:
     assert silent_topics(resolve(scenario)) == [
         'hazard/rear/image_raw: render_node.hazard has no such camera; there are front, '
         'rear/left, rear/right']
+    # Without render_node neither; its other images may be those of the user's renderer.
+    scenario = Scenario.load('flat', {
+        **HAZARD, 'recorder_node.topics': ['hazard/front/image_raw', 'stereo/left/image_raw'],
+        'run.nodes': ['physics_node', 'recorder_node']})
+    assert silent_topics(resolve(scenario)) == [
+        'hazard/front/image_raw: run.nodes lacks render_node']
