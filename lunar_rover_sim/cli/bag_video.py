@@ -86,9 +86,12 @@ def _camera(film: Film, args: argparse.Namespace) -> ChaseConfig:
         chase = dataclasses.replace(chase, reference=HEADING, azimuth_deg=180.0)
     if args.place is not None:
         distance_m, azimuth_deg, elevation_deg = args.place
-        chase = dataclasses.replace(chase, distance_m=distance_m, azimuth_deg=azimuth_deg,
-                                    elevation_deg=elevation_deg,
-                                    reference=HEADING if args.behind else SUN)
+        try:
+            chase = dataclasses.replace(chase, distance_m=distance_m, azimuth_deg=azimuth_deg,
+                                        elevation_deg=elevation_deg,
+                                        reference=HEADING if args.behind else SUN)
+        except ConfigError as error:
+            raise ConfigError(f'--from: {error}') from None
     if args.tripod is not None:
         chase = dataclasses.replace(chase, mode=TRIPOD, position_m=args.tripod)
     return chase

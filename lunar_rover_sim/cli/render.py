@@ -131,8 +131,11 @@ def _chase(args: argparse.Namespace, config: ChaseConfig) -> ChaseConfig | None:
     if args.chase_from is None:
         return config if args.chase else None
     distance_m, azimuth_deg, elevation_deg = args.chase_from
-    return dataclasses.replace(config, distance_m=distance_m, azimuth_deg=azimuth_deg,
-                               elevation_deg=elevation_deg)
+    try:
+        return dataclasses.replace(config, distance_m=distance_m, azimuth_deg=azimuth_deg,
+                                   elevation_deg=elevation_deg)
+    except ConfigError as error:
+        raise ConfigError(f'--chase-from: {error}') from None
 
 
 def _hazards(names: list[str], offered: Mapping[str, HazardConfig]) -> dict[str, HazardConfig]:

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from lunar_rover_sim.cli import terminal
 from lunar_rover_sim.cli.world_sun import add_sun
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.files.outputs import check_file, check_folder
+from lunar_rover_sim.files.outputs import check_file, check_folder, check_png
 from lunar_rover_sim.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     preview.add_argument('--no-views', action='store_true',
                          help='leave the camera views out; they need EGL')
     preview.add_argument('--overwrite', action='store_true', help='replace an existing file')
-    preview.set_defaults(run=run_preview, check_output=check_file)
+    preview.set_defaults(run=run_preview, check_output=check_png)
     _add_export(actions.add_parser)
     add_sun(actions.add_parser)
 

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from lunar_rover_sim.cli import terminal
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.files.outputs import check_file
+from lunar_rover_sim.files.outputs import check_png
 from lunar_rover_sim.illumination.dates import parse_date, shown
 from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime
 from lunar_rover_sim.illumination.sky_figure import write as write_figure
@@ -42,7 +42,7 @@ def add_sun(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
     sun.add_argument('-o', '--output', type=Path, metavar='FILE',
                      help='PNG to write: elevations over time, the way before the horizon')
     sun.add_argument('--overwrite', action='store_true', help='replace an existing file')
-    sun.set_defaults(run=run_sun, check_output=check_file)
+    sun.set_defaults(run=run_sun, check_output=check_png)
 
 
 def run_sun(args: argparse.Namespace) -> int:

@@ -21,6 +21,14 @@ def check_file(path: Path) -> None:
     _check_inside(path.parent, path)
 
 
+def check_png(path: Path) -> None:
+    """Refuse as `check_file`, and what does not end in .png: figures are written as PNG."""
+    if path.suffix.lower() != '.png':
+        raise ConfigError(f'--output: {path} is no name of a picture; valid is one that ends in '
+                          '.png')
+    check_file(path)
+
+
 def check_folder(path: Path) -> None:
     """Refuse what is not a folder to write to, and cannot be made with the folders above it."""
     _check_inside(next(p for p in (path, *path.absolute().parents) if _exists(p)), path)

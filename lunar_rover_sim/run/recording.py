@@ -21,6 +21,7 @@ from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.plan import BAG_FOLDER, prepare, resolve
 from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.silent_topics import silent_topics
 from lunar_rover_sim.run.supervisor import Limits, supervise
 from lunar_rover_sim.world.world_folder import load_world
 
@@ -97,6 +98,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         for difference in differences(calibration.conditions,
                                       ground_conditions(scenario.physics_node)):
             logger.warning('gait calibration: measured with %s', difference)
+    for line in silent_topics(scenario):
+        logger.warning('recorder_node.topics: %s', line)
     folder = Path(folder).resolve()
     now_ns = 0
     told: set[str] = set()
@@ -168,7 +171,8 @@ def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:
     if not silent:
         return
     known = [topic.name for topic in topics.CONTRACT]
-    hints = ['' if name in known else did_you_mean(name, known) for name in silent]
+    hints = ['' if name in known or topics.of_hazard(name.lstrip('/')) is not None
+             else did_you_mean(name, known) for name in silent]
     line = '; '.join(f'{name}: nobody published' + (f', {hint}' if hint else '')
                      for name, hint in zip(silent, hints))
     if not any(counts.values()):

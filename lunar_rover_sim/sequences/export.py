@@ -123,13 +123,14 @@ class _ImageSets:
                  waits_for_imu: bool) -> None:
         self._bag = bag
         self._take = take
-        self._names = set(names)
+        self._names = frozenset(names)
         self._waits = waits_for_imu
         self._first_imu_ns: int | None = None
         self._open: dict[int, dict[str, Any]] = {}
         self._held: list[tuple[int, dict[str, Any]]] = []
         self._written = self._before = 0
-        self._lacking: Counter[str] = Counter()     # topic → sets that were left out without it
+        # Topics that were missing → sets that were left out without them.
+        self._lacking: Counter[frozenset[str]] = Counter()
 
     def take(self, name: str, message: Any) -> None:
         stamp_ns = header_ns(message)
@@ -137,7 +138,7 @@ class _ImageSets:
         entry[name] = picture(self._bag, message).pixels
         if set(entry) == self._names:
             for ns in [ns for ns in self._open if ns <= stamp_ns]:
-                self._lacking.update(self._names - set(self._open.pop(ns)))
+                self._note(self._open.pop(ns))
             if not self._waits:
                 self._write(stamp_ns, entry)
             elif self._first_imu_ns is None or stamp_ns < self._first_imu_ns:
@@ -168,10 +169,15 @@ class _ImageSets:
 
     def lacking(self) -> list[str]:
         """Return notes on the sets that were left out since an image was missing."""
-        notes = []
         for entry in self._open.values():
-            self._lacking.update(self._names - set(entry))
-        for name, count in sorted(self._lacking.items()):
-            hint = _EVERY_DEPTH if name in _OF_DEPTH_FRAMES else ''
-            notes.append(f'{count} image sets without {name} left out{hint}')
+            self._note(entry)
+        notes = []
+        for names, count in sorted((sorted(n), c) for n, c in self._lacking.items()):
+            hint = _EVERY_DEPTH if _OF_DEPTH_FRAMES.issuperset(names) else ''
+            notes.append(f'{count} image sets without {", ".join(names)} left out{hint}')
         return notes
+
+    def _note(self, entry: dict[str, Any]) -> None:
+        missing = self._names.difference(entry)
+        if missing:
+            self._lacking[missing] += 1

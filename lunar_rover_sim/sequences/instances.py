@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
+from scipy.spatial.distance import cdist
 
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
@@ -80,20 +81,22 @@ def run_lengths(instance: Instance, height: int, width: int) -> list[int]:
 
 
 def outline(instance: Instance) -> NDArray[np.int32]:
-    """Return the (n, 2) pixels of an outline, x and y in the image: one closed polygon.
+    """Return the (n, 2) pixels of an outline, x and y in the image: one closed polygon, n >= 3.
 
-    Parts and holes are joined by paths that go forth and back, so that a filled polygon, its
-    outline included, covers the mask.
+    Parts and holes are joined by paths that go forth and back, each where it is near to those
+    before, so that a filled polygon, its outline included, covers the mask. A row of pixels goes
+    forth and back, too.
     """
     contours, _ = cv2.findContours(instance.mask.astype(np.uint8), cv2.RETR_CCOMP,
                                    cv2.CHAIN_APPROX_SIMPLE)
-    start = contours[0][:1, 0]
-    parts = [contours[0][:, 0]]
-    for contour in contours[1:]:
-        parts += [start, contour[:, 0], contour[:1, 0]]
-    if len(contours) > 1:
-        parts.append(start)
-    return np.asarray(np.concatenate(parts) + (instance.x, instance.y), np.int32)
+    line, *parts = (contour[:, 0] for contour in contours)
+    for part in parts:
+        apart = cdist(line, part)
+        i, j = divmod(int(apart.argmin()), len(part))
+        line = np.concatenate([line[:i + 1], part[j:], part[:j + 1], line[i:]])
+    if len(line) < 3:
+        line = np.resize(line, (3, 2))
+    return np.asarray(line + (instance.x, instance.y), np.int32)
 
 
 def check_pinhole(suite: SensorSuite, what: str) -> None:

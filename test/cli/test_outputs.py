@@ -106,6 +106,15 @@ def test_what_cannot_be_written_is_one_line(name: str, tmp_path: Path,
     assert device.is_symlink()
 
 
+@pytest.mark.parametrize('words', [['world', 'sun', '0', '-89'], ['world', 'preview', 'world']])
+def test_figures_are_png(words: list[str], tmp_path: Path,
+                         capsys: pytest.CaptureFixture[str]) -> None:
+    """A file of another suffix held a PNG all the same."""
+    said = lines([*words, '-o', str(tmp_path / 'x.pdf')], capsys)
+    assert len(said) == 1 and 'valid is one that ends in .png' in said[0]
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize('line', [
     one.replace('{what}', what) for text in INPUTS for one in text.split('|')
     for what in (('info', 'check', 'hash', 'preview') if '{what}' in one else ('',))])

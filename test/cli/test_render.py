@@ -161,3 +161,10 @@ def test_a_picture_that_cannot_be_written_is_an_error(folder, tmp_path, monkeypa
                  str(tmp_path / 'frames')]) == 1
     said = capsys.readouterr().err.strip()
     assert 'No space left on device' in said and '\n' not in said
+
+
+def test_a_chase_camera_that_cannot_be_is_named(tmp_path: Path,
+                                                capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['render', 'flat', '--chase-from', '0,0,0', '-o', str(tmp_path / 'x')]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and '--chase-from: distance_m: 0.0 is not valid; valid is' in said[0]

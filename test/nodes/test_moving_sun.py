@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
 
 from conftest import PLAIN, SMALL
 import numpy as np
@@ -13,8 +17,10 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.nodes.moving_sun import MovingSun
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.recording import record
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -68,3 +74,47 @@ def test_a_run_in_lockstep(tmp_path: Path) -> None:
             drawn.append(renderer.render(state, last // render.frame_period_ns, ('left',)).left)
     apart = [np.abs(images[last].astype(float) - image).mean() for image in drawn]
     assert path.step(last) == 2 and apart[1] < 0.2 * apart[0] and apart[0] > 1.0
+
+
+class SlowLight:
+    """Computes light when it is told to; shown: what a renderer was given."""
+
+    def __init__(self) -> None:
+        self.go = threading.Event()
+        self.shown: list[Any] = []
+
+    def light_of(self, sun: Any) -> Any:
+        assert self.go.wait(60.0)
+        return sun
+
+    def show_sun(self, light: Any) -> None:
+        self.shown.append(light)
+
+
+def test_in_real_time_no_frame_waits_for_the_light() -> None:
+    """Frames keep the light of before while the next one is computed, however long that takes."""
+    render = resolve(Scenario.load('flat', [*SKY, '/**.time_mode=real_time'])).render_node
+    path, renderer = SunPath(render.sun), SlowLight()
+    node: Any = SimpleNamespace(create_publisher=lambda *_: SimpleNamespace(
+        publish=lambda message: None))
+    sun = MovingSun(node, render, renderer)  # type: ignore[arg-type]
+    try:
+        # Frames over four steps of the sun, which must be back before there is any new light.
+        for stamp_ns in range(0, path.start_ns(4), render.frame_period_ns):
+            assert not sun.is_due(stamp_ns)
+            sun.light(stamp_ns)
+        assert not renderer.shown
+        renderer.go.set()
+        deadline_s = time.monotonic() + 60.0
+        while not sun.is_due(path.start_ns(4)) and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        sun.light(path.start_ns(4))
+        assert renderer.shown == [path.of_step(1)]
+        # Then comes the light of now, not that of all steps in between.
+        while not sun.is_due(path.start_ns(4)) and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        sun.light(path.start_ns(4))
+        assert renderer.shown == [path.of_step(1), path.of_step(4)]
+    finally:
+        renderer.go.set()
+        sun.close()

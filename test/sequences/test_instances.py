@@ -131,12 +131,37 @@ def test_yolo(bag: Path, tmp_path: Path) -> None:
                                              width / W, height / H], abs=2e-6)
 
 
+def test_what_is_left_out_is_told_once(tmp_path: Path) -> None:
+    """And not once for each topic, as if these were different images."""
+    items = synthetic_bag.drive(0.4)
+    for topic, pixels in zip((topics.LABELS, topics.CRATERS), truth(0)):
+        items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
+            10**8, topic.frame_id, 'mono16', pixels)))
+    notes = export(synthetic_bag.write(tmp_path / 'bag', items), tmp_path / 'yolo', 'yolo')
+    assert [note for note in notes if 'without' in note] == [
+        '3 image sets without ground_truth/craters, ground_truth/labels left out '
+        '(render_node.depth_every=1 records it with every image)']
+
+
 def test_run_lengths_go_on_in_the_next_column() -> None:
     whole = Instance('rock', 16, 1, 0, np.ones((3, 2), bool))
     assert run_lengths(whole, 3, 4) == [3, 6, 3]
     corner = Instance('rock', 16, 0, 0, np.ones((1, 1), bool))
     assert run_lengths(corner, 3, 4) == [0, 1, 11]
-    assert outline(corner).tolist() == [[0, 0]]
+
+
+def test_outlines_of_thin_and_scattered_masks() -> None:
+    """A line of fewer than three points would be read as a box: class, x, y, w, h."""
+    row = outline(Instance('rock', 16, 3, 5, np.ones((1, 12), bool)))
+    assert row.tolist() == [[3, 5], [14, 5], [3, 5]]
+    assert outline(Instance('rock', 16, 2, 1, np.ones((1, 1), bool))).tolist() == [[2, 1]] * 3
+    # Of four squares in a row, each is joined to the next one: three paths of 3 px.
+    mask = np.zeros((4, 25), bool)
+    for column in (0, 7, 14, 21):
+        mask[:, column:column + 4] = True
+    drawn = cv2.fillPoly(np.zeros(mask.shape, np.uint8),
+                         [outline(Instance('crater', 1, 0, 0, mask))], 1) > 0
+    assert drawn[mask].all() and (drawn & ~mask).sum() == 3 * 3
 
 
 def test_what_lacks_labels_or_is_distorted_is_refused(bag: Path, tmp_path: Path) -> None:
