@@ -46,7 +46,7 @@ class CameraRenderer(GlOwner):
         self._context, self._config = context, config
         self._pad, self._K = padding(config.camera), camera.K
         self._projection = padded_projection(camera, config)
-        check_size(context, self._projection)
+        check_size(context, self._projection, config.detail.supersampling)
         self._begun: collections.deque[Scene] = collections.deque()
         with self._making():
             self._build(shared, mount, camera, seen, seed)
@@ -56,7 +56,8 @@ class CameraRenderer(GlOwner):
         context, config = self._context, self._config
         lens, image = Lens(config.lens, config.camera), PinholeImage(self._projection)
         self._passes = self._own(ScenePasses(context, shared, mount, config, self._projection,
-                                             sees_rover=bool(seen), strays=lens.strays))
+                                             sees_rover=bool(seen), strays=lens.strays,
+                                             samples=config.detail.supersampling))
         motion = self._own(MotionPass(context, shared.rover, config, image, mount, seen))
         self._development = self._own(Development(context, config, camera, image, motion, lens,
                                                   seed, self._pad))
@@ -122,7 +123,7 @@ class CameraRenderer(GlOwner):
                                                               self._pad)
             wanted = request.truth_of(side)
             if wanted:
-                drawn = scene.targets.truth.read(wanted, side, size, self._pad)
+                drawn = scene.pixels.targets.truth.read(wanted, side, size, self._pad)
                 raw |= {request.name(layer, side): pixels for layer, pixels in drawn.items()}
         return raw
 
@@ -174,10 +175,14 @@ class Sized(Protocol):
         """Its rows."""
 
 
-def check_size(context: moderngl.Context, image: Sized) -> None:
-    """Raise RenderError if the device cannot draw a pair of images of this size."""
+def check_size(context: moderngl.Context, image: Sized, samples: int = 1) -> None:
+    """Raise RenderError if the device cannot draw a pair of images of this size.
+
+    samples: along a side of a pixel
+    """
     width, height = image.width, image.height
-    limit = context.info['GL_MAX_TEXTURE_SIZE']
+    limit = context.info['GL_MAX_TEXTURE_SIZE'] // samples
     if max(width, 2 * height) > limit:
-        raise RenderError(f'camera size {width} x {height}: this device draws at most '
+        finer = f' with detail.supersampling {samples}' if samples > 1 else ''
+        raise RenderError(f'camera size {width} x {height}{finer}: this device draws at most '
                           f'{limit} x {limit // 2}')

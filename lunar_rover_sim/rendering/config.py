@@ -31,13 +31,16 @@ class DetailConfig(Parameters):
                                 low=0.0, high=0.4)
     pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,
                              high=1.0)
-    rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn', unit='px', low=0.0,
-                               high=20.0)
+    rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn, in samples with '
+                               'supersampling', unit='px', low=0.0, high=20.0)
     far_rocks_m: float = param(
         300.0, 'beyond the fine ground, rocks are drawn up to this distance from the origin in x '
         'or y, from 0.3 m; 0: none', unit='m', low=0.0, high=2000.0)
     smooth_outlines: bool = param(
         True, 'edges of ground, rocks, rover and shadows are drawn without steps')
+    supersampling: int = param(
+        1, 'light is computed for so many samples along a side of a pixel, and averaged; truth is '
+        'that of its centre', low=1, high=4)
     bounce: bool = param(True, 'indirect light: lit ground scatters light into shadows')
 
 

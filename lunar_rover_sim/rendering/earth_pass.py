@@ -75,7 +75,7 @@ class EarthPass:
         width, height = (int(n) for n in high - low)
         self._target.use()
         for k in scene.request.lit_sides:
-            x, y = scene.windows[k][:2]
+            x, y = scene.samples.windows[k][:2]
             self._target.viewport = (x + int(low[0]), y + int(low[1]), width, height)
             set_uniform(self._program, u_corner=(float(x + first[0]), float(y + first[1])))
             self._screen.render(vertices=3)

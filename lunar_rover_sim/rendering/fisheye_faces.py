@@ -2,8 +2,8 @@
 
 What is drawn is made of triangles, which a fisheye would bend. So each face is drawn as a pinhole
 image from the same place, and the fisheye image is sampled from them. A face has as many pixels
-per solid angle as the fisheye has anywhere in it, at least. Four faces beside the front one show
-up to 35 deg beyond the plane of the lens.
+per solid angle as the fisheye has anywhere in it, at least, with supersampling more of them. Four
+faces beside the front one show up to 35 deg beyond the plane of the lens.
 """
 
 from __future__ import annotations
@@ -48,8 +48,12 @@ class Face:
     source: NDArray[np.int64]
 
 
-def faces(camera: FisheyeCamera, config: HazardCameraConfig) -> tuple[Face, ...]:
-    """Return the faces that a fisheye needs, the front one first."""
+def faces(camera: FisheyeCamera, config: HazardCameraConfig,
+          samples: int = 1) -> tuple[Face, ...]:
+    """Return the faces that a fisheye needs, the front one first.
+
+    samples: of a face along a side of a pixel of the fisheye, at least
+    """
     places = camera.pixels()
     directions = camera.directions(places)
     corners = camera.angles([(-0.5, -0.5)])
@@ -61,12 +65,12 @@ def faces(camera: FisheyeCamera, config: HazardCameraConfig) -> tuple[Face, ...]
     for k, turn in enumerate(turns):
         shown = inside & (nearest == k)
         if np.any(shown):
-            result.append(_face(camera, config, turn, shown, directions @ turn))
+            result.append(_face(camera, config, turn, shown, directions @ turn, samples))
     return tuple(result)
 
 
 def _face(camera: FisheyeCamera, config: HazardCameraConfig, turn: Array,
-          shown: NDArray[np.bool_], directions: Array) -> Face:
+          shown: NDArray[np.bool_], directions: Array, samples: int) -> Face:
     """Return a face; directions: (h, w, 3) of all pixels in its axes."""
     rows, columns = np.nonzero(shown)
     first = np.array([columns.min(), rows.min()])
@@ -78,7 +82,7 @@ def _face(camera: FisheyeCamera, config: HazardCameraConfig, turn: Array,
     theta = np.maximum(theta, 1e-6)
     dense = camera.focal_px**2 * (equidistant.radius(theta, camera.D) / np.sin(theta)
                                   * equidistant.radius_slope(theta, camera.D))
-    focal = math.sqrt(float(np.max(dense * seen[:, 2]**3)))
+    focal = samples * math.sqrt(float(np.max(dense * seen[:, 2]**3)))
     # Samples lie within half a pixel of the fisheye from the centres of pixels.
     stride = focal / camera.focal_px * float(np.max(1.0 / seen[:, 2]**2))
     margin = 0.5 * stride + _MARGIN_PX

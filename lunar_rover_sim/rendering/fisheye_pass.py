@@ -20,13 +20,15 @@ class FisheyePass:
     lit: radiance, and distance with the signs of `LitTargets.depth`
     """
 
-    def __init__(self, context: moderngl.Context, image: FisheyeImage, *, alone: bool) -> None:
-        """Compile the programs; alone: whether one face shows all."""
+    def __init__(self, context: moderngl.Context, image: FisheyeImage, *, alone: bool,
+                 samples: int) -> None:
+        """Compile the programs; alone: whether one face shows all; samples: as for `faces`."""
         self._context, self._image, self._alone = context, image, alone
         self.lit = LitTargets(context, (image.width, 2 * image.height))
         self._sampler = context.sampler(repeat_x=False, repeat_y=False,
                                         filter=(context.LINEAR, context.LINEAR))
-        self._programs = [load_program(context, 'screen', 'fisheye', **image.defines, **kind)
+        self._programs = [load_program(context, 'screen', 'fisheye', PLACES=2 * samples,
+                                       **image.defines, **kind)
                           for kind in ({}, {'LINK': 1})]
         for program in self._programs:
             set_uniform(program, **image.uniforms, u_radiance=_RADIANCE, u_depth=_DEPTH,

@@ -52,7 +52,8 @@ class FisheyeRenderer(GlOwner):
         assert isinstance(config.camera, HazardCameraConfig)
         self.camera, self._config, self._mount = camera, config, mount
         self._world = shared.world
-        self._faces = faces(camera, config.camera)
+        samples = config.detail.supersampling
+        self._faces = faces(camera, config.camera, samples)
         self._axes = np.stack([face.R_camera_face[:, 2] for face in self._faces])
         self._lens = FisheyeLens(config.lens, config.camera)
         image = FisheyeImage(camera)
@@ -66,7 +67,8 @@ class FisheyeRenderer(GlOwner):
                 context, shared, TurnedMount(mount, face.R_camera_face), config, face.projection,
                 sees_rover=bool(seen), strays=functools.partial(self._strays, k)))
                 for k, face in enumerate(self._faces)]
-            self._fisheye = self._own(FisheyePass(context, image, alone=len(self._faces) == 1))
+            self._fisheye = self._own(FisheyePass(context, image, alone=len(self._faces) == 1,
+                                                  samples=samples))
             self._marked = [self._own(LinkTargets(context, passes.lit.radiance.size))
                             for passes in self._passes] if seen else []
             motion = self._own(MotionPass(context, shared.rover, config, image, mount, seen))
@@ -152,7 +154,8 @@ class FisheyeRenderer(GlOwner):
                 sun = SeenSun(face.R_camera_face @ scene.sun.direction, scene.sun.irradiance)
         return dataclasses.replace(
             self._scenes[0], T_world_cameras=self._mount.poses(state), sun=sun,
-            windows=[self._fisheye.window(side) for side in (LEFT, RIGHT)],
+            pixels=dataclasses.replace(self._scenes[0].pixels, windows=[
+                self._fisheye.window(side) for side in (LEFT, RIGHT)]),
             shows_rover=any(scene.shows_rover for scene in self._scenes))
 
     def _add_truth(self, raw: dict[str, NDArray[Any]], face: Face, scene: Scene,
@@ -160,8 +163,8 @@ class FisheyeRenderer(GlOwner):
         """Add what is true of the pixels that a face shows, that of the nearest pixel drawn."""
         projection = face.projection
         request = scene.request
-        drawn = scene.targets.truth.read(request.truth_of(side), side,
-                                         (projection.height, projection.width), (0, 0))
+        drawn = scene.pixels.targets.truth.read(
+            request.truth_of(side), side, (projection.height, projection.width), (0, 0))
         part = slice(face.first[1], face.end[1]), slice(face.first[0], face.end[0])
         column, row = face.source[face.shows].T
         for layer, pixels in drawn.items():

@@ -130,7 +130,7 @@ class MotionPass:
         for side, bodies in twists.items():
             if short:
                 bodies = bodies[:1]
-            self._target.viewport = window = scene.windows[side]
+            self._target.viewport = window = scene.pixels.windows[side]
             set_uniform(program, u_rows=(window[1], window[3] - 1), **values,
                         u_rate=_packed([twist.angular_velocity_radps for twist in bodies]),
                         u_velocity=_packed([twist.linear_velocity_mps for twist in bodies]),

@@ -49,6 +49,14 @@ class Projection:
         """Focal length [px]."""
         return float(self.K[0, 0])
 
+    def finer(self, times: int) -> Projection:
+        """Return this camera with so many pixels along a side for each."""
+        K = self.K.copy()
+        K[:2] *= times
+        K[:2, 2] += 0.5 * (times - 1)
+        return dataclasses.replace(self, K=K, width=times * self.width,
+                                   height=times * self.height)
+
     def clip_matrix(self, T_world_camera: Array) -> NDArray[np.float32]:
         """Return the (4, 4) matrix from camera-relative world axes to clip space, transposed.
 

@@ -31,7 +31,7 @@ LEVELS = 9              # mip levels of the fine tile; coarser ones are not used
 AZIMUTHS, COSINES = 8, 16       # nodes of the factor
 # Heights of the sun over the local plane, over that over level ground, as tangents. Below it light
 # changes faster.
-HEIGHTS = (0.5, 1.0, 3.0, 9.0)
+HEIGHTS = (0.25, 0.5, 1.0, 4.0)
 LEAST_FACTOR, MOST_FACTOR = (128.0 / 255.0)**2, 8.0     # 1 is a whole code in surface.py
 LEAST_SCALES = (0.05, 0.0, 0.0, 1.0)
 _LEAST_TANGENT = 0.01   # of the sun's elevation

@@ -18,6 +18,7 @@ from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.camera_renderer import CameraRenderer, check_size, padded_projection
+from lunar_rover_sim.rendering.canvas import FRAMES_UNDER_WAY
 from lunar_rover_sim.rendering.checked_state import checked_state
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
@@ -25,7 +26,6 @@ from lunar_rover_sim.rendering.fisheye_renderer import FisheyeRenderer
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.rendered_scenario import RenderedScenario
 from lunar_rover_sim.rendering.scene import Request
-from lunar_rover_sim.rendering.scene_passes import FRAMES_UNDER_WAY
 from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rendering.world_light import WorldLight
 from lunar_rover_sim.rendering.world_passes import WorldPasses
@@ -61,7 +61,8 @@ class Renderer:
         try:
             with self._context:
                 projection = padded_projection(self.rig, config)
-                check_size(self._context, projection)   # before what takes seconds
+                # Before what takes seconds.
+                check_size(self._context, projection, config.detail.supersampling)
                 self._shared = WorldPasses(self._context, world, rover, config, seed)
                 self._owned.callback(self._shared.release)
                 seen = seen_links(rover, (self.rig.T_base_left, self.rig.T_base_right),

@@ -10,10 +10,8 @@ from typing import Any
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.rendering.canvas import Drawing
 from lunar_rover_sim.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
-from lunar_rover_sim.rendering.frame_targets import FrameTargets
-from lunar_rover_sim.rendering.ground_pass import GroundRows
-from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.rover.pose import RoverPose
 
 LEFT, RIGHT = 0, 1
@@ -109,11 +107,10 @@ class SeenSun:
 class SceneLight:
     """What the light of one source needs of a frame.
 
-    rows: of the ground, as `GroundPass.rows`; shadow: uniforms of the rover's shadow; body: of the
-        light on the rover, None if it is out of view
+    shadow: uniforms of the rover's shadow; body: of the light on the rover, None if it is out of
+        view
     """
 
-    rows: GroundRows
     shadow: Uniforms
     body: Uniforms | None
 
@@ -122,20 +119,26 @@ class SceneLight:
 class Scene:
     """A frame whose geometry is drawn.
 
+    pixels: images of depth and truth; samples: those that light is computed for, the same or with
+        several samples a pixel
     state: what the frame shows; T_world_links: (links, 4, 4); T_world_cameras: (4, 4) of both
         cameras
-    windows: places of both images
     lights: of each of `WorldPasses.sources`, the sun first
     sun: what the cameras see of the sun, None if it cannot reach their lenses
     shows_rover: whether the rover is in view
     """
 
     request: Request
-    targets: FrameTargets
+    pixels: Drawing
+    samples: Drawing
     state: RoverPose
     T_world_links: Array
     T_world_cameras: list[Array]
-    windows: list[Window]
     lights: list[SceneLight] = dataclasses.field(default_factory=list)
     sun: SeenSun | None = None
     shows_rover: bool = False
+
+    @property
+    def drawings(self) -> tuple[Drawing, ...]:
+        """All that is drawn of the scene."""
+        return (self.pixels,) if self.samples is self.pixels else (self.samples, self.pixels)

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from lunar_rover_sim.camera.flow import FlowModel, Moved
 from lunar_rover_sim.camera.mount import CameraPoses
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rendering.average_pass import AveragePass
+from lunar_rover_sim.rendering.canvas import Canvas, Drawing
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window
 from lunar_rover_sim.rendering.earth_pass import EarthPass
 from lunar_rover_sim.rendering.edge_pass import EdgePass
 from lunar_rover_sim.rendering.frame import FLOWS
-from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
+from lunar_rover_sim.rendering.frame_targets import LitTargets
 from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.ground_pass import Chosen
 from lunar_rover_sim.rendering.labels import link_label
@@ -27,40 +29,48 @@ from lunar_rover_sim.rendering.sun_pass import Occluders, SunPass
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 
-FRAMES_UNDER_WAY = 2    # one is lit while the geometry of the next one is drawn
-
 
 class ScenePasses(GlOwner):
     """Draws the world, as a pair of cameras sees it, into radiance, depth and truth.
+
+    With supersampling radiance is drawn at several samples a pixel and averaged. Depth and truth
+    are drawn at the centres of pixels.
 
     lit: what frames are lit into
     """
 
     def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: CameraPoses,
                  config: RenderConfig, projection: Projection, *, sees_rover: bool,
-                 strays: Callable[[Array], bool]) -> None:
+                 strays: Callable[[Array], bool], samples: int = 1) -> None:
         """Make targets and passes of these cameras.
 
         shared: what draws the world; mount: carries the cameras; projection: of both;
         sees_rover: whether the rover may show in the images; strays: as for `SunPass`
+        samples: along a side of a pixel
         """
         super().__init__()
         self._context, self._config, self._shared = context, config, shared
-        self._mount, self._projection, self._sees_rover = mount, projection, sees_rover
-        self._strays = strays
+        self._mount, self._sees_rover, self._strays = mount, sees_rover, strays
         with self._making():
-            self._build()
+            self._build(projection, samples)
 
-    def _build(self) -> None:
+    def _build(self, projection: Projection, samples: int) -> None:
         context, config = self._context, self._config
-        self.lit = self._own(LitTargets(context, (self._projection.width,
-                                                  2 * self._projection.height)))
-        self._targets = [self._own(FrameTargets(context, self.lit))
-                         for _ in range(FRAMES_UNDER_WAY)]
-        self._edges = (self._own(EdgePass(context, self.lit))
-                       if config.detail.smooth_outlines else None)
-        self._earth = self._own(EarthPass(context, self.lit, self._projection, config))
-        self._sun = self._own(SunPass(context, self.lit, self._projection, config, self._strays))
+        self._pixels = self._samples = self._own(Canvas(context, projection))
+        self._average: AveragePass | None = None
+        if samples > 1:
+            self._samples = self._own(Canvas(context, projection.finer(samples)))
+            self._average = self._own(AveragePass(context, self._samples.lit, self._pixels.lit,
+                                                  samples))
+        lit, projection = self._samples.lit, self._samples.projection
+        self._edges = self._own(EdgePass(context, lit)) if config.detail.smooth_outlines else None
+        self._earth = self._own(EarthPass(context, lit, projection, config))
+        self._sun = self._own(SunPass(context, lit, projection, config, self._strays))
+
+    @property
+    def lit(self) -> LitTargets:
+        """Radiance and depth of pixels."""
+        return self._pixels.lit
 
     def relight(self, config: RenderConfig) -> None:
         """Move the sun in the sky; config: differs in the sun only."""
@@ -70,9 +80,7 @@ class ScenePasses(GlOwner):
 
     def draw_geometry(self, request: Request, state: RoverPose) -> Scene:
         """Draw the depth of the ground and choose what else is in view."""
-        self._targets.reverse()
-        targets, projection = self._targets[0], self._projection
-        T_world_base = state.T_world_base
+        projection, T_world_base = self._samples.projection, state.T_world_base
         shared = self._shared
         links = shared.body.poses(T_world_base, state.joint_angle_rad)
         # Both cameras decide what is drawn: an image does not depend on the other layers.
@@ -85,29 +93,39 @@ class ScenePasses(GlOwner):
         chosen = shared.ground.choose(volume)
         if shared.lamp is not None and request.lit:
             shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks)
-        w, h = projection.width, projection.height
-        windows = [(0, side * h, w, h) for side in range(len(cameras))]
-        scene = Scene(request, targets, state, links, cameras, windows)
+        scene = Scene(request, *self._begin(request), state, links, cameras)
         if request.lit:
             self._sun.look(scene, volume, Occluders(shared.ground, shared.rocks, shared.body,
                                                     shared.sunlight))
-        for side in request.sides:
-            targets.views[side].place(cameras[side], projection, volume, window=windows[side],
-                                      size=targets.size)
-            targets.views[side].bind()
-            clear_window(targets.ground[side], windows[side])
-            if side == request.sides[-1]:   # meanwhile the driver draws the other side
-                scene.shows_rover = shared.body.is_in_view(links, volume)
-                scene.lights = [self._choose_lit(source, scene, volume, chosen)
-                                for source in sources]
-            shared.ground.draw_depth(chosen)
+        for drawing in scene.drawings:
+            for side in drawing.sides:
+                targets, window = drawing.targets, drawing.windows[side]
+                targets.views[side].place(cameras[side], drawing.projection, volume,
+                                          window=window, size=targets.size)
+                targets.views[side].bind()
+                clear_window(targets.ground[side], window)
+                # Meanwhile the driver draws the other side.
+                if drawing is scene.pixels and side == drawing.sides[-1]:
+                    scene.shows_rover = shared.body.is_in_view(links, volume)
+                    scene.lights = [self._choose_lit(source, scene, volume, chosen)
+                                    for source in sources]
+                shared.ground.draw_depth(chosen)
         return scene
+
+    def _begin(self, request: Request) -> tuple[Drawing, Drawing]:
+        """Return the drawings of pixels and of samples, which may be one."""
+        if self._samples is self._pixels:
+            both = self._pixels.begin(request.sides, request.lit_sides)
+            return both, both
+        return (self._pixels.begin(request.sides, ()),
+                self._samples.begin(request.lit_sides, request.lit_sides))
 
     def _choose_lit(self, source: WorldPasses, scene: Scene, volume: ViewVolume,
                     chosen: Chosen) -> SceneLight:
         """Return what the light of a source needs; choose rocks, draw the rover's shadow map."""
-        projection, links = self._projection, scene.T_world_links
-        source.rocks.choose(volume, projection.focal_px, self._config.detail.rock_min_px)
+        links = scene.T_world_links
+        source.rocks.choose(volume, self._samples.projection.focal_px,
+                            self._config.detail.rock_min_px)
         shadow, axes, boxes = source.rover_shadow, source.sun_axes, chosen.boxes
         shaded = shadow.may_shade(np.concatenate([boxes, source.rocks.boxes]), links, axes)
         cast = shadow.cast(links, axes, seen=bool(shaded.any()))
@@ -115,58 +133,64 @@ class ScenePasses(GlOwner):
         if scene.shows_rover:
             body = source.body.light(links, shadow.radius_m, source.sunlight,
                                      source.config.sun.irradiance)
-        rows = source.ground.rows(chosen, projection, scene.T_world_cameras[LEFT],
-                                  boxes[shaded[:len(boxes)]])
-        return SceneLight(rows, cast, body)
+        for drawing in scene.drawings:
+            drawing.rows.append(source.ground.rows(
+                chosen, drawing.projection, scene.T_world_cameras[LEFT],
+                boxes[shaded[:len(boxes)]]))
+        return SceneLight(cast, body)
 
     def light(self, scene: Scene) -> None:
         """Light the ground, and draw rocks and the rover over it."""
-        targets, request = scene.targets, scene.request
+        request, samples = scene.request, scene.samples
         for source, light in zip(self._shared.sources, scene.lights):
             source.set_uniforms(**light.shadow)
-        for side in request.sides:
-            self._look_from(scene, side)
-            self._draw_ground(scene, side)
-            self._draw_objects(scene, targets.lit[side], side)
-            self._add_objects(scene, side)
+        for drawing in scene.drawings:
+            for side in drawing.sides:
+                self._look_from(scene, drawing, side)
+                self._draw_ground(scene, drawing, side)
+                self._draw_objects(scene, drawing, drawing.targets.lit[side], side)
+                self._add_objects(scene, drawing, side)
         if request.lit:     # before edges are smoothed, those before the Earth among them
             self._earth.draw(scene)
         if request.lit and self._edges is not None:
-            self._edges.draw([(targets.views[side], scene.windows[side])
+            self._edges.draw([(samples.targets.views[side], samples.windows[side])
                               for side in request.lit_sides])
         if request.lit:
             self._sun.draw(scene)
+        if self._average is not None:
+            self._average.draw([scene.pixels.windows[side] for side in request.lit_sides])
         for side in request.sides:
             if request.truth_of(side):
                 self._draw_truth(scene, side)
 
-    def _draw_ground(self, scene: Scene, side: int) -> None:
+    def _draw_ground(self, scene: Scene, drawing: Drawing, side: int) -> None:
         """Draw the ground under the sun, and add the light of other sources."""
-        targets = scene.targets
-        for number, (source, light) in enumerate(self._lights(scene, side)):
+        targets, window = drawing.targets, drawing.windows[side]
+        for number, (source, _) in enumerate(self._lights(scene, drawing, side)):
             target = targets.added[side] if number else targets.lit[side]
             target.depth_mask = False   # the depth buffer is that of the ground already
             if number == 0:
-                clear_window(target, scene.windows[side])
+                clear_window(target, window)
             target.use()
             source.rover_shadow.bind()
-            source.ground.draw(target, scene.windows[side], light.rows, targets.ground_depth,
-                               lit=side in scene.request.lit_sides, add=number > 0)
+            source.ground.draw(target, window, drawing.rows[number], targets.ground_depth,
+                               lit=side in drawing.lit_sides, add=number > 0)
             target.depth_mask = True
 
-    def _lights(self, scene: Scene, side: int) -> list[tuple[WorldPasses, SceneLight]]:
+    def _lights(self, scene: Scene, drawing: Drawing,
+                side: int) -> list[tuple[WorldPasses, SceneLight]]:
         """Return the sources of light of a camera; the sun also where there is but truth."""
         every = list(zip(self._shared.sources, scene.lights))
-        return every if side in scene.request.lit_sides else every[:1]
+        return every if side in drawing.lit_sides else every[:1]
 
-    def _add_objects(self, scene: Scene, side: int) -> None:
+    def _add_objects(self, scene: Scene, drawing: Drawing, side: int) -> None:
         """Add the light of sources but the sun to rocks and the rover, which are drawn."""
         self._context.depth_func = '<='
         try:
-            for source, light in self._lights(scene, side)[1:]:
-                target = scene.targets.added[side]
+            for source, light in self._lights(scene, drawing, side)[1:]:
+                target = drawing.targets.added[side]
                 target.use()
-                target.viewport = scene.windows[side]
+                target.viewport = drawing.windows[side]
                 source.rover_shadow.bind()
                 source.rocks.draw(add=True)
                 if light.body is not None:
@@ -176,37 +200,38 @@ class ScenePasses(GlOwner):
 
     def _draw_truth(self, scene: Scene, side: int) -> None:
         """Draw what is true of the pixels of a camera, which are lit."""
-        truth = scene.targets.truth
-        self._look_from(scene, side)
+        truth = scene.pixels.targets.truth
+        self._look_from(scene, scene.pixels, side)
         # The depth is kept: which surface is nearest is known already.
-        clear_window(truth.colour, scene.windows[side])
+        clear_window(truth.colour, scene.pixels.windows[side])
         craters = (self._shared.crater_map() if 'crater' in scene.request.truth_of(side)
                    else None)
         self._shared.rover_shadow.bind()
         self._shared.ground.draw_truth(self.lit.depth, craters)
         self._context.depth_func = '<='
         try:
-            self._draw_objects(scene, truth.framebuffers[side], side, truth=True)
+            self._draw_objects(scene, scene.pixels, truth.framebuffers[side], side, truth=True)
         finally:
             self._context.depth_func = '<'
 
     def mark_rover(self, scene: Scene, target: moderngl.Framebuffer) -> None:
         """Draw which link of the rover each pixel of a lit scene shows, as `RoverPass.mark`."""
         for side in scene.request.lit_sides:
-            scene.targets.views[side].bind()
-            clear_window(target, scene.windows[side])
+            scene.pixels.targets.views[side].bind()
+            clear_window(target, scene.pixels.windows[side])
             self._shared.body.mark(scene.T_world_links, self.lit.depth)
 
-    def _look_from(self, scene: Scene, side: int) -> None:
+    def _look_from(self, scene: Scene, drawing: Drawing, side: int) -> None:
         """Draw for a camera from now on."""
-        scene.targets.views[side].bind()
+        drawing.targets.views[side].bind()
         if self._shared.lamp is not None:
             self._shared.lamp.bind(self._shared.programs, scene.state.T_world_base,
                                    scene.T_world_cameras[side])
 
-    def _draw_objects(self, scene: Scene, target: Any, side: int, *, truth: bool = False) -> None:
+    def _draw_objects(self, scene: Scene, drawing: Drawing, target: Any, side: int, *,
+                      truth: bool = False) -> None:
         target.use()
-        target.viewport = scene.windows[side]
+        target.viewport = drawing.windows[side]
         self._shared.rover_shadow.bind()
         self._shared.rocks.draw(truth=truth)
         body = scene.lights[0].body

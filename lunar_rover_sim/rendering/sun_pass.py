@@ -171,7 +171,7 @@ class SunPass:
         set_uniform(self._program, u_patch=0)
         width, height = high - low
         for side in scene.request.lit_sides:
-            x, y = scene.windows[side][:2]
+            x, y = scene.samples.windows[side][:2]
             self._target.use()
             self._target.viewport = (x + int(low[0]), y + int(low[1]), int(width), int(height))
             set_uniform(self._program, u_corner=(float(x + first[0]),

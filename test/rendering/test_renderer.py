@@ -385,7 +385,7 @@ def test_no_pinholes_where_meshes_meet():
             pose = pose_on(built, *rng.uniform(-4.0, 4.0, 2), rng.uniform(0.0, 360.0))
             drawn = passes.draw_geometry(Request.of(('left', 'right'), 0), RoverPose(pose))
             for side in (LEFT, RIGHT):
-                ground = read_image(drawn.targets.ground[side], 0, side,
+                ground = read_image(drawn.pixels.targets.ground[side], 0, side,
                                     (rig.height, rig.width), (0, 0)) > 0.0
                 around = [np.roll(ground, (dv, du), (0, 1))[1:-1, 1:-1]
                           for dv in (-1, 0, 1) for du in (-1, 0, 1) if dv or du]

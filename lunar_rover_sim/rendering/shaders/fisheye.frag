@@ -1,5 +1,5 @@
-// A fisheye image from one of the faces of fisheye_faces.py: mean radiance of four places in each
-// pixel, and distance; or, with LINK, what part of the rover it shows.
+// A fisheye image from one of the faces of fisheye_faces.py: mean radiance of PLACES x PLACES places
+// in each pixel, and distance; or, with LINK, what part of the rover it shows.
 #include "image.glsl"
 uniform vec2 u_first_row;       // of this image within its attachments and within those of the face
 uniform mat3 u_turn;            // from axes of the camera to those of the face
@@ -44,11 +44,11 @@ void main() {
     o_link = textureLod(u_link, (floor(place_in_face(ray)) + 0.5) * u_face_texel, 0.0).r;
 #else
     float sum = 0.0;
-    for (int k = 0; k < 4; k++) {
-        vec2 part = vec2(k & 1, k >> 1) * 0.5 - 0.25;
+    for (int k = 0; k < PLACES * PLACES; k++) {
+        vec2 part = (vec2(k % PLACES, k / PLACES) + 0.5) * (1.0 / float(PLACES)) - 0.5;
         sum += textureLod(u_radiance, place_in_face(u_turn * ray_of(p + part)) * u_face_texel, 0.0).r;
     }
-    o_radiance = 0.25 * sum;
+    o_radiance = sum * (1.0 / float(PLACES * PLACES));
     o_distance = depth_at(place_in_face(ray)) * length(ray / ray.z);
 #endif
 }

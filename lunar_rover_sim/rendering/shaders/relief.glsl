@@ -73,9 +73,9 @@ float relief_factor(float level, float cosine, float cos_sun, float cos_g, float
     vec3 nodes = vec3(textureSize(u_factor, 0));
     vec3 at = vec3(sqrt(0.5 - 0.5 * cos_azimuth), sqrt(cosine), level * (1.0 / float(RELIEF_LEVELS - 1)));
     vec4 factor = textureLod(u_factor, (at * (nodes - 1.0) + 0.5) / nodes, 0.0);
-    // The four lie 1/2, 1, 3 and 9 times as high as over level ground.
+    // The four lie 1/4, 1/2, 1 and 4 times as high as over level ground.
     float sun = log2(max(tangent * u_sun_level, 1e-6));
-    sun = clamp(sun < 0.0 ? sun : sun * 0.63093, -1.0, 2.0);
-    float inverse = dot(factor * factor, max(1.0 - abs(sun - vec4(-1.0, 0.0, 1.0, 2.0)), 0.0));
+    sun = clamp(sun < 0.0 ? sun : 0.5 * sun, -2.0, 1.0);
+    float inverse = dot(factor * factor, max(1.0 - abs(sun - vec4(-2.0, -1.0, 0.0, 1.0)), 0.0));
     return 1.0 / max(3.96881 * inverse, 0.125);
 }

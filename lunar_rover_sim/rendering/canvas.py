@@ -1,0 +1,55 @@
+"""Where a pair of images is drawn, frame after frame."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import moderngl
+
+from lunar_rover_sim.rendering.frame_targets import FrameTargets, LitTargets
+from lunar_rover_sim.rendering.gl_owner import GlOwner
+from lunar_rover_sim.rendering.ground_pass import GroundRows
+from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.view import Window
+
+FRAMES_UNDER_WAY = 2    # one is lit while the geometry of the next one is drawn
+
+
+@dataclasses.dataclass
+class Drawing:
+    """A pair of images of one frame.
+
+    projection: of both cameras; targets: of the frame
+    windows: places of both images in their attachments
+    sides: cameras that draw; lit_sides: those of which light is computed
+    rows: of the ground, as `GroundPass.rows`, for each source of light
+    """
+
+    projection: Projection
+    targets: FrameTargets
+    windows: list[Window]
+    sides: tuple[int, ...]
+    lit_sides: tuple[int, ...]
+    rows: list[GroundRows] = dataclasses.field(default_factory=list)
+
+
+class Canvas(GlOwner):
+    """Where the pairs of images of one size are drawn.
+
+    projection: of both cameras; lit: what all frames are lit into
+    """
+
+    def __init__(self, context: moderngl.Context, projection: Projection) -> None:
+        super().__init__()
+        self.projection = projection
+        with self._making():
+            self.lit = self._own(LitTargets(context, (projection.width, 2 * projection.height)))
+            self._targets = [self._own(FrameTargets(context, self.lit))
+                             for _ in range(FRAMES_UNDER_WAY)]
+
+    def begin(self, sides: tuple[int, ...], lit_sides: tuple[int, ...]) -> Drawing:
+        """Return the drawing of the next frame."""
+        self._targets.reverse()
+        w, h = self.projection.width, self.projection.height
+        windows = [(0, side * h, w, h) for side in range(2)]
+        return Drawing(self.projection, self._targets[0], windows, sides, lit_sides)
