@@ -10,8 +10,9 @@ from lunar_rover_sim.errors import ConfigError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.slam import table
 from lunar_rover_sim.slam.benchmark_page import curves, html_report, png
-from lunar_rover_sim.slam.drives import csv_of_drives, Judged, text_of_seeds
+from lunar_rover_sim.slam.drives import csv_of_drives, Judged
 from lunar_rover_sim.slam.findings import findings
+from lunar_rover_sim.slam.seeds import text_of_seeds
 
 
 @dataclasses.dataclass(frozen=True)
