@@ -166,9 +166,15 @@ class RenderNode(node_main.GraphNode):
         self._wake_if_idle()
 
     def _wake_if_idle(self) -> None:
-        """Request a call of `work`, unless one is due anyway since a frame is under way."""
+        """Request a call of `work`, unless one is due anyway since a frame is under way.
+
+        In real time states that came while a frame was drawn are read first: the newest counts.
+        """
         if not self._begun:
-            self.wake()
+            if self._config.lockstep:
+                self.wake()
+            else:
+                self._wake_later()
 
     def _wake_later(self) -> None:
         """Request a call of `work` after the callbacks that are due now; from any thread."""
@@ -196,7 +202,7 @@ class RenderNode(node_main.GraphNode):
         if self._begun:
             self._wake_later()
         elif finish and self._poses:
-            self.wake()
+            self._wake_if_idle()
 
     def _take(self) -> _Frame | None:
         """Take the next frame, if all that it needs has arrived."""
