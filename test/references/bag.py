@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from references.cases import reference
+from references.words import said
 from rosbags.typesys import get_typestore, Stores
 import synthetic_bag as synthetic
 from synthetic_bag import header, image, Item, msg, quaternion, vector
@@ -36,14 +37,6 @@ from lunar_rover_sim.bag.stamps import in_seconds, stamp_ns, StampTable
 from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.regolith.overlay import GroundChanges
 from lunar_rover_sim.world.grid import HeightGrid
-
-
-def _said(call: Any, *arguments: Any) -> str:
-    try:
-        call(*arguments)
-    except LunarRoverSimError as error:
-        return str(error)
-    return ''
 
 
 def pose_message(k: int) -> Any:
@@ -101,8 +94,8 @@ def series(folder: Path) -> dict[str, Any]:
                       bag.resolve('/rover_1/clock')],
             'has': [bag.has(name) for name in ('odom', 'nothing', '/rover_1/odom', 'clock')],
             'window': [m.time_ns for m in bag.raw(['odom'], 50_000_000, 125_000_000)],
-            'said': [_said(bag.resolve, 'odo').replace(str(path), 'BAG'),
-                     _said(bag.first, topics.RIGHT_INFO.name)],
+            'said': [said(bag.resolve, 'odo').replace(str(path), 'BAG'),
+                     said(bag.first, topics.RIGHT_INFO.name)],
             'scenario': [scenario.get('physics_node', name) for name in (
                 'imu.on', 'seed', 'imu', 'nothing', 'empty', 'imu.rate_hz.more')
                 if not isinstance(scenario.get('physics_node', name), dict)],
@@ -184,7 +177,7 @@ def ground_changes(folder: Path) -> dict[str, Any]:
                                   'height': 1, 'width': 4, 'data': points.tobytes(), **values})
 
     found['back'] = changes_of(cloud())
-    said = [problem(cloud(**values)) for values in (
+    problems = [problem(cloud(**values)) for values in (
         {}, {'height': 2}, {'width': 3}, {'point_step': 24}, {'is_bigendian': True},
         {'fields': []})] + [problem(cloud(), 1.0), problem(cloud(), 1.245), problem(cloud(), 1.2)]
     for name, value in (('x', 0.0025), ('y', 0.00504), ('y', 0.00506), ('x', np.nan),
@@ -192,14 +185,14 @@ def ground_changes(folder: Path) -> dict[str, Any]:
                         ('compaction', -1e-5), ('compaction', -5e-7)):
         odd = points.copy()
         odd[name][1] = value
-        said.append(problem(cloud(data=odd.tobytes())))
-    found['said'] = said
+        problems.append(problem(cloud(data=odd.tobytes())))
+    found['said'] = problems
     bag_path = synthetic.write(folder / 'bag', synthetic.ground_items(1.0))
     with open_bag(bag_path) as bag:
         for time in (None, 0, 350_000_000, 1_000_000_000, 1_199_999_999):
             made = ground_at(bag, time)
             found[f'at {time}'] = [*made.sums_m(), float(len(made.snapshot()))]
-        found['late'] = [_said(ground_at, bag, time).replace(str(bag_path), 'BAG')
+        found['late'] = [said(ground_at, bag, time).replace(str(bag_path), 'BAG')
                          for time in (1_199_999_999, 1_200_000_000)]
     return found
 
@@ -315,7 +308,7 @@ def offered_qualities() -> dict[str, Any]:
             'liveliness_lease_duration: {sec: 5, nsec: 6}, avoid_ros_namespace_conventions: true}')
     found['texts'] = [str(qos_of_text(text.replace('HISTORY', word)))
                       for word in ('keep_last', '2', 'no')]
-    found['said'] = [_said(qos_of_text, '- {history: 1}'), str(qos_of_text(''))]
+    found['said'] = [said(qos_of_text, '- {history: 1}'), str(qos_of_text(''))]
     return found
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from references.cases import reference
 from references.figures import drawn, instead_of_files
+from references.words import said
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.evaluation import metrics, trajectory_files
 from lunar_rover_sim.evaluation.alignment import align, MODES, umeyama
 from lunar_rover_sim.evaluation.association import associate
@@ -46,14 +46,6 @@ def _pair() -> tuple[Trajectory, Trajectory]:
     return truth, estimate.moved(turned, [3.0, -2.0, 0.5], 0.8)
 
 
-def _said(call: Any, *arguments: Any, **options: Any) -> str:
-    try:
-        call(*arguments, **options)
-    except LunarRoverSimError as error:
-        return str(error)
-    return ''
-
-
 @reference
 def evaluations() -> dict[str, Any]:
     """Errors by each alignment, with gaps, offsets and other frames."""
@@ -71,11 +63,11 @@ def evaluations() -> dict[str, Any]:
     found['turned'] = [evaluate(truth, one, align='se3').turned_deg for one in (wrong, estimate)]
     still = Trajectory(truth.stamps_ns, 0.0 * truth.positions_m, truth.orientations_wxyz, 'still')
     found['still'] = evaluate(still, truth, align='none').to_mapping()
-    found['said'] = [_said(evaluate, truth, still), _said(evaluate, truth, estimate, align='sim'),
-                     _said(evaluate, truth, estimate, time_s=0.0),
-                     _said(evaluate, truth, estimate, tolerance_s=-1.0),
-                     _said(evaluate, truth, estimate, tolerance_s=0.0),
-                     _said(evaluate, truth, still, align='yaw')]
+    found['said'] = [said(evaluate, truth, still), said(evaluate, truth, estimate, align='sim'),
+                     said(evaluate, truth, estimate, time_s=0.0),
+                     said(evaluate, truth, estimate, tolerance_s=-1.0),
+                     said(evaluate, truth, estimate, tolerance_s=0.0),
+                     said(evaluate, truth, still, align='yaw')]
     return found
 
 
@@ -110,9 +102,9 @@ def alignments() -> dict[str, Any]:
     line = Trajectory(truth.stamps_ns, np.outer(np.arange(20.0), [1.0, 2.0, 0.5]),
                       truth.orientations_wxyz, 'line')
     return {**found, 'yaw of a line': align(line, line.moved(turn, [0.0, 1.0, 2.0]), 'yaw'),
-            'said': [_said(align, line, truth, 'se3'), _said(align, truth, line, 'sim3'),
-                     _said(align, Trajectory(truth.stamps_ns, truth.positions_m * [0.0, 0.0, 1.0],
-                                             truth.orientations_wxyz, 'up'), truth, 'yaw')]}
+            'said': [said(align, line, truth, 'se3'), said(align, truth, line, 'sim3'),
+                     said(align, Trajectory(truth.stamps_ns, truth.positions_m * [0.0, 0.0, 1.0],
+                                            truth.orientations_wxyz, 'up'), truth, 'yaw')]}
 
 
 @reference
@@ -161,7 +153,7 @@ def files(folder: Path) -> dict[str, Any]:
         read = trajectory_files.read_trajectory(folder / 'k.txt', times)
         found[f'kitti {times is None}'] = {'stamps': [int(ns) for ns in read.stamps_ns],
                                            'turns': read.orientations_wxyz}
-    said = {}
+    refused = {}
     for name, text in (('none.txt', '# only\n'), ('seven.txt', '1 2 3 4 5 6 7\n'),
                        ('back.txt', '2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n'),
                        ('word.txt', '1 0 0 x 0 0 0 1\n'), ('wide.txt', '1 0 0 1e13 0 0 0 1\n'),
@@ -169,9 +161,9 @@ def files(folder: Path) -> dict[str, Any]:
                        ('nan.txt', 'nan 0 0 0 0 0 0 1\n'), ('far.txt', '1e30 0 0 0 0 0 0 1\n'),
                        ('skew.txt', '1 0 0 0 0 1 0.1 0 0 0 1 0\n')):
         (folder / name).write_text(text)
-        said[name] = _said(trajectory_files.read_trajectory, folder / name).replace(
+        refused[name] = said(trajectory_files.read_trajectory, folder / name).replace(
             str(folder), 'FOLDER')
-    return {**found, 'said': said}
+    return {**found, 'said': refused}
 
 
 @reference

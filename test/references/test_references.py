@@ -1,4 +1,4 @@
-"""Results that were written down once: whoever changes one says so by writing it anew.
+"""Results that were written down once: a change of one is deliberate, and writes it anew.
 
 A benchmark must not change its numbers unnoticed, also those that are choices. These tests know
 nothing of what is right; the tests of the rooms do. `python test/references/write.py` writes the
