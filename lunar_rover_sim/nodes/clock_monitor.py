@@ -20,6 +20,7 @@ from rosgraph_msgs.msg import Clock
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.nodes import qos
+from lunar_rover_sim.nodes.leaving import bound_leaving
 
 _PERIOD_S = 0.1
 
@@ -61,6 +62,7 @@ def main() -> None:
     with ClockMonitor() as clock:
         while not select.select([sys.stdin], [], [], _PERIOD_S)[0]:
             print(clock.now_ns(), flush=True)
+        bound_leaving()
 
 
 if __name__ == '__main__':

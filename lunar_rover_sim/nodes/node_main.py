@@ -24,6 +24,7 @@ from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos_overrides
 from lunar_rover_sim.nodes.counted_warnings import CountedWarnings
+from lunar_rover_sim.nodes.leaving import bound_leaving
 from lunar_rover_sim.nodes.type_watch import TypeWatch
 from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.shared_config import NodeConfig
@@ -78,6 +79,9 @@ class GraphNode(Node):
         """Request a call of `work` after the current callback, or after the current `work`."""
         if not self._woken.done():
             self._woken.set_result(None)
+
+    def close(self) -> None:
+        """Finish and release what is the node's own; only the graph is left. Called once."""
 
     def work(self) -> None:
         """Do what takes too long for a callback. Called after `wake`, and every 0.1 s or so."""
@@ -151,7 +155,8 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     """Run one node until it is finished, fails, or receives SIGINT or SIGTERM.
 
     Returns the exit status: 0, or 1 after an error of this package, which is printed as one line.
-    Any other exception is a defect and is raised.
+    Any other exception is a defect and is raised. A process that cannot leave the graph is ended
+    by SIGALRM, with all work done.
     """
     node: GraphNode | None = None
     failure: LunarRoverSimError | None = None
@@ -167,6 +172,8 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
             os._exit(0)
         node.finished = True
 
+    # A node that SIGALRM ends has done its work. Other than SIG_IGN, a handler is not inherited.
+    signal.signal(signal.SIGALRM, lambda *_: None)
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
     try:
@@ -188,11 +195,13 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
         print(f'FATAL {failure}', file=sys.stderr, flush=True)
     if node is not None:
         try:
-            node.destroy_node()
+            node.close()
         except LunarRoverSimError as error:
             if failure is None:
                 failure = error
                 print(f'FATAL {failure}', file=sys.stderr, flush=True)
+        bound_leaving()
+        node.destroy_node()
     rclpy.try_shutdown()
     # Ctrl-C comes from the terminal and from `ros2 launch`. Python's own end gives signals back
     # their default effect, unless they are ignored.

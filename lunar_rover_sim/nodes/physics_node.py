@@ -88,12 +88,15 @@ class PhysicsNode(node_main.GraphNode):
         self.create_timer(0.5, self._watch)
         self.report_ready(config, f'world {world.hash[:12]}', config.wait.topics)
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Release the simulation."""
         self._stepping.cancel('physics_node ends')
+        self._simulation.close()
+
+    def destroy_node(self) -> None:
+        """Leave the graph, as the server of its own participant too."""
         if self._step_service is not None:
             self._step_service.close()
-        self._simulation.close()
         super().destroy_node()
 
     def work(self) -> None:

@@ -71,10 +71,9 @@ class PoseBridgeNode(node_main.GraphNode):
         Diagnostics(self, {'Drops': self._drops.status})
         self.report_ready(config, waits=(truth, topics.JOINT_STATES.name))
 
-    def destroy_node(self) -> None:
-        """Leave the graph, and say how it went."""
+    def close(self) -> None:
+        """Say how it went."""
         self.get_logger().info(f'{self._taken_count} states sent, {self._lost_count} lost')
-        super().destroy_node()
 
     # Raw: one message in twenty is used, and deserialising odometry takes 50 us.
     def _odom_callback(self, raw: bytes) -> None:

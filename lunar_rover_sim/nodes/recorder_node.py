@@ -83,10 +83,9 @@ class RecorderNode(node_main.GraphNode):
         Diagnostics(self, {'Message rate': self._rate_status, 'Drops': self._drops.status})
         self.report_ready(config, waits=config.topics)
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Finish the bag, which holds every message received."""
         self._writer.close()
-        super().destroy_node()
 
     def _discover(self) -> None:
         self._publish_written()

@@ -111,7 +111,7 @@ class RenderNode(node_main.GraphNode):
         Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})
         self.report_ready(config, f'world {world.hash[:12]}', (config.truth.name,))
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Finish the publishing under way and release the GL context.
 
         Raises what the matching of the last frame raised, if `work` has not.
@@ -119,7 +119,6 @@ class RenderNode(node_main.GraphNode):
         self._publisher.close()
         self._sun.close()
         self._renderer.close()
-        super().destroy_node()
         self._publisher.raise_error()
 
     # Input

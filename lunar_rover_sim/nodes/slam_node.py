@@ -92,14 +92,13 @@ class SlamNode(node_main.GraphNode):
         Diagnostics(self, {'Tracking': self._tracking_status, 'Drops': self._drops.status})
         self.report_ready(config, waits=[topic.name for topic in self._sides])
 
-    def destroy_node(self) -> None:
-        """End the program, leave the graph, and say how it went."""
+    def close(self) -> None:
+        """End the program, and say how it went."""
         self._program.close()
         self._folder.cleanup()
         self.get_logger().info(f'{self._tracked} of {self._answered} frames tracked, '
                                f'{self._drops.total} lost, latency '
                                f'{1e3 * float(np.median(self._latencies_s)):.1f} ms in the median')
-        super().destroy_node()
 
     def _words(self, suite: SensorSuite) -> list[str]:
         """Return the command.

@@ -44,11 +44,10 @@ class TrajectoryRecorderNode(node_main.GraphNode):
         self._discover()
         self.report_ready(config, waits=(TOPIC,))
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Close the file, which holds every pose received."""
         self._file.close()
         self.get_logger().info(f'{self._count} poses written to {self._config.output}')
-        super().destroy_node()
 
     def _discover(self) -> None:
         """Subscribe with the publisher's type, or the one that a parameter names."""

@@ -46,10 +46,9 @@ class ViewNode(node_main.GraphNode):
         self.create_timer(_POLL_S, self._poll)
         self.report_ready(config, f'ws://{HOST}:{config.port}')
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Stop to serve."""
         self._view.close()
-        super().destroy_node()
 
     def _poll(self) -> None:
         """Offer new topics, and read those that are watched."""

@@ -109,11 +109,19 @@ class NodeProcesses:
             status = process.poll()
             if status is None:
                 continue
-            if name == 'physics_node' and status == 0:
+            if name == 'physics_node' and self._has_done_its_work(name):
                 return True
             if not self._goes_on_without(name, self._describe_end(name)):
                 raise GraphError(self._describe_end(name))
         return False
+
+    def _has_done_its_work(self, name: str) -> bool:
+        """Return whether a node that has ended has nothing left undone.
+
+        SIGALRM ends one that DDS did not let leave (`nodes.leaving`).
+        """
+        status = self._processes[name].returncode
+        return status == 0 or (status == -signal.SIGALRM and not self._fatal_line(name))
 
     def _goes_on_without(self, name: str, end: str) -> bool:
         """Return whether the run goes on without a node; its first end is noted."""
@@ -198,7 +206,8 @@ class NodeProcesses:
                 if name == 'recorder_node':
                     mark_failed(self._folder / BAG_FOLDER, problem)
                 return [] if self._goes_on_without(name, problem) else [problem]
-        if process.returncode == 0 or self._goes_on_without(name, self._describe_end(name)):
+        if (self._has_done_its_work(name)
+                or self._goes_on_without(name, self._describe_end(name))):
             return []
         if name == 'recorder_node' and process.returncode < 0:
             mark_failed(self._folder / BAG_FOLDER,

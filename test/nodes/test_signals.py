@@ -131,6 +131,33 @@ assert {signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)} == {signal
     assert finished.returncode == 0, finished.stderr
 
 
+def test_a_node_that_cannot_leave_the_graph_is_ended(domain: int) -> None:
+    """After it has closed what is its own; SIGALRM before that does nothing."""
+    script = """
+import os, signal
+from lunar_rover_sim.nodes import leaving, node_main
+leaving._LIMIT_S = 1
+
+class Node(node_main.GraphNode):
+    def __init__(self):
+        super().__init__('captive')
+        self.finished = True
+
+    def close(self):
+        os.kill(os.getpid(), signal.SIGALRM)
+        print('closed', flush=True)
+
+    def destroy_node(self):
+        while True:
+            pass
+
+node_main.run(Node, ['captive'])
+"""
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              timeout=60)
+    assert (finished.returncode, finished.stdout) == (-signal.SIGALRM, 'closed\n')
+
+
 def test_the_clock_monitor_leaves_with_its_input(domain: int) -> None:
     """It ends by itself: a participant that is killed leaves its shared memory behind."""
     monitor = subprocess.Popen([sys.executable, '-m', 'lunar_rover_sim.nodes.clock_monitor'],

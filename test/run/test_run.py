@@ -228,8 +228,11 @@ def test_a_second_signal_leaves_nothing_behind(tmp_path: Path) -> None:
         assert bag.counts['/odom'] > 0
 
 
-def wait_until_gone(process: int, limit_s: float = 10.0) -> None:
-    """Return when there is no such process any more."""
+def wait_until_gone(process: int, limit_s: float = 20.0) -> None:
+    """Return when there is no such process any more.
+
+    limit_s: more than the 10 s that a process is given to leave the graph
+    """
     deadline = time.monotonic() + limit_s
     while psutil.pid_exists(process):
         assert time.monotonic() < deadline, f'{process} is left'

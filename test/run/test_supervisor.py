@@ -117,6 +117,28 @@ def test_what_a_killed_node_logged_of_its_work_is_no_reason(
     nodes.kill()
 
 
+@pytest.mark.parametrize('words,done', [('[INFO] all written', True),
+                                        ('FATAL the disk is full', False)])
+def test_who_cannot_leave_the_graph_has_done_its_work(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, done: bool) -> None:
+    """SIGALRM ends such a node; an error that it had before stays one."""
+    script = f'print({words!r}, flush=True)\nimport os\nos.kill(os.getpid(), 14)'
+    monkeypatch.setattr(node_processes, 'dies_with_parent',
+                        lambda _: [sys.executable, '-c', script])
+    nodes = NodeProcesses([NodePlan('physics_node', {})], tmp_path, 77)
+    try:
+        if done:
+            while not nodes.has_finished():
+                time.sleep(0.02)
+            nodes.stop()
+        else:
+            with pytest.raises(GraphError, match='physics_node ended with SIGALRM: the disk is'):
+                while not nodes.has_finished():
+                    time.sleep(0.02)
+    finally:
+        nodes.kill()
+
+
 @pytest.mark.parametrize('code,killed', [
     # Checksums of a large bag, for twice as long as an idle node is given.
     ('end = time.monotonic() + 2.0\nwhile time.monotonic() < end: pass', False),
