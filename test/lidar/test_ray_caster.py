@@ -177,13 +177,13 @@ def test_changed_ground_is_met_where_it_is():
     overlay.put(-240, -20, height, np.zeros_like(height))
     soft.update()
     rng = np.random.default_rng(3)
-    o = np.column_stack([rng.uniform(-1.0, 1.0, 400), rng.uniform(-0.1, 0.1, 400), np.zeros(400)])
-    o[:, 2] = world.height_at(o[:, :2]) + rng.uniform(0.05, 0.3, 400)
-    d = directions(400, -0.9, -0.05, 4)
+    o = np.column_stack([rng.uniform(-1.0, 1.0, 150), rng.uniform(-0.1, 0.1, 150), np.zeros(150)])
+    o[:, 2] = world.height_at(o[:, :2]) + rng.uniform(0.05, 0.3, 150)
+    d = directions(150, -0.9, -0.05, 4)
     hits = caster.cast(o, d, 3.0)
     t = np.arange(0.0, 3.0, 1e-4)
     changed = 0
-    for i in range(400):
+    for i in range(150):
         place = o[i, :2] + t[:, None] * d[i, :2]
         change = overlay.height_change(place)
         below = o[i, 2] + t * d[i, 2] <= world.height_at(place) + change
@@ -193,7 +193,7 @@ def test_changed_ground_is_met_where_it_is():
         # 1e-4 m is one step of this march; at 3 deg a ray is 4e-4 m longer for 2e-5 m of height.
         assert abs(hits.distance_m[i] - t[below.argmax()]) < 6e-4
         changed += change[below.argmax()] != 0.0
-    assert changed > 60
+    assert changed > 22
 
 
 def test_scans_compile_nothing():

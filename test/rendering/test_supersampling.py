@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 import dataclasses
+import functools
 import math
 
 import camera_scene as scene
@@ -48,6 +51,14 @@ def renderer_of(world: World, samples: int, times: int = 1, detail: DetailConfig
         **groups))
 
 
+@pytest.fixture(scope='module')
+def renderer(world: World) -> Iterator[Callable[..., Renderer]]:
+    """Return a function like `renderer_of` for this world, which keeps its renderers."""
+    with ExitStack() as stack:
+        yield functools.cache(lambda *arguments: stack.enter_context(
+            renderer_of(world, *arguments)))
+
+
 def means(fine: Array, times: int) -> Array:
     """Return the means of blocks of so many pixels along a side."""
     h, w = fine.shape
@@ -55,14 +66,12 @@ def means(fine: Array, times: int) -> Array:
 
 
 @pytest.mark.parametrize('samples', [2, 3])
-def test_radiance_is_the_mean_of_a_larger_picture(world: World, samples: int) -> None:
+def test_radiance_is_the_mean_of_a_larger_picture(renderer, samples: int) -> None:
     """That of a camera with as many pixels, with relief, rocks, the rover's shadow and smooth
     outlines.
     """
-    with renderer_of(world, samples) as renderer:
-        drawn = [renderer.render(state, 0, ('radiance', 'right')) for state in STATES]
-    with renderer_of(world, 1, samples) as renderer:
-        larger = [renderer.render(state, 0, ('radiance',)) for state in STATES]
+    drawn = [renderer(samples).render(state, 0, ('radiance', 'right')) for state in STATES]
+    larger = [renderer(1, samples).render(state, 0, ('radiance',)) for state in STATES]
     for frame, fine in zip(drawn, larger):
         assert frame.radiance is not None and fine.radiance is not None
         np.testing.assert_allclose(frame.radiance, means(fine.radiance, samples), rtol=1e-5)
@@ -82,26 +91,25 @@ def test_the_margin_of_a_distorted_image_is_left_out(world: World) -> None:
     assert np.mean(np.abs(other - one) > 1e-3 * one) < 0.01
 
 
-def test_images_are_those_of_the_mean_radiance(world: World) -> None:
+def test_images_are_those_of_the_mean_radiance(world: World, renderer) -> None:
     """A sensor without noise says of both eyes what it says of the averaged larger picture."""
     fixed = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=16, exposure_mode='fixed',
                                 exposure_s=2e-3)
     state = STATES[0]
-    with renderer_of(world, 2, lens=CLEAR, sensor=fixed) as renderer:
-        frame, sensor = renderer.render(state, 0, ('left', 'right')), renderer.sensor
-        right = np.linalg.inv(renderer.rig.T_base_left) @ renderer.rig.T_base_right
+    with renderer_of(world, 2, lens=CLEAR, sensor=fixed) as drawn:
+        frame, sensor = drawn.render(state, 0, ('left', 'right')), drawn.sensor
+        right = np.linalg.inv(drawn.rig.T_base_left) @ drawn.rig.T_base_right
         other = dataclasses.replace(state, T_world_base=state.T_world_base
-                                    @ renderer.rig.T_base_left @ right
-                                    @ np.linalg.inv(renderer.rig.T_base_left))
-    with renderer_of(world, 1, 2) as renderer:
-        for image, place in ((frame.left, state), (frame.right, other)):
-            fine = renderer.render(place, 0, ('radiance',)).radiance
-            assert image is not None and fine is not None
-            level = (means(fine, 2) * sensor.electrons_per_radiance_second * frame.exposure_s
-                     / sensor.config.full_well_e)
-            error = np.abs(sensor.linear(image) - np.minimum(level, 1.0))
-            # The body of the rover has moved with the right eye, and so has its shadow.
-            assert np.median(error) < 2e-5 and np.mean(error > 1e-4) < 0.02
+                                    @ drawn.rig.T_base_left @ right
+                                    @ np.linalg.inv(drawn.rig.T_base_left))
+    for image, place in ((frame.left, state), (frame.right, other)):
+        fine = renderer(1, 2).render(place, 0, ('radiance',)).radiance
+        assert image is not None and fine is not None
+        level = (means(fine, 2) * sensor.electrons_per_radiance_second * frame.exposure_s
+                 / sensor.config.full_well_e)
+        error = np.abs(sensor.linear(image) - np.minimum(level, 1.0))
+        # The body of the rover has moved with the right eye, and so has its shadow.
+        assert np.median(error) < 2e-5 and np.mean(error > 1e-4) < 0.02
 
 
 @pytest.mark.parametrize('samples', [2, 3])
@@ -117,17 +125,17 @@ def test_truth_is_that_of_pixel_centres(samples: int) -> None:
                     np.testing.assert_array_equal(frame.layer(name), before.layer(name), name)
 
 
-def test_truth_is_that_of_the_rocks_in_the_picture(world: World) -> None:
+def test_truth_is_that_of_the_rocks_in_the_picture(renderer) -> None:
     """Rocks have the shapes of the finer pixels: outlines may move by a pixel, all else stays."""
-    with renderer_of(world, 1) as one, renderer_of(world, 2) as more:
-        for state in STATES:
-            before, frame = (r.render(state, 0, ('label', 'depth')) for r in (one, more))
-            assert before.label is not None and frame.label is not None
-            assert before.depth_m is not None and frame.depth_m is not None
-            changed = before.label != frame.label
-            assert 0.0 < changed.mean() < 0.01
-            ground = (before.label == LABEL_GROUND) & ~changed
-            np.testing.assert_array_equal(frame.depth_m[ground], before.depth_m[ground])
+    for state in STATES:
+        before, frame = (renderer(samples).render(state, 0, ('label', 'depth'))
+                         for samples in (1, 2))
+        assert before.label is not None and frame.label is not None
+        assert before.depth_m is not None and frame.depth_m is not None
+        changed = before.label != frame.label
+        assert 0.0 < changed.mean() < 0.01
+        ground = (before.label == LABEL_GROUND) & ~changed
+        np.testing.assert_array_equal(frame.depth_m[ground], before.depth_m[ground])
 
 
 def test_flow_follows_the_same_pixels() -> None:
@@ -140,16 +148,15 @@ def test_flow_follows_the_same_pixels() -> None:
     np.testing.assert_array_equal(*flows)
 
 
-def test_two_frames_under_way_are_those_one_after_the_other(world: World) -> None:
-    layers = ('left', 'right', 'depth', 'label')
-    with renderer_of(world, 2) as renderer:
-        alone = [renderer.render(state, k, layers) for k, state in enumerate(STATES)]
-        for k, state in enumerate(STATES):
-            renderer.begin(state, k, layers)
-        for frame in alone:
-            beside = renderer.finish()
-            for name in layers:
-                np.testing.assert_array_equal(beside.layer(name), frame.layer(name), name)
+def test_two_frames_under_way_are_those_one_after_the_other(renderer) -> None:
+    layers, drawn = ('left', 'right', 'depth', 'label'), renderer(2)
+    alone = [drawn.render(state, k, layers) for k, state in enumerate(STATES)]
+    for k, state in enumerate(STATES):
+        drawn.begin(state, k, layers)
+    for frame in alone:
+        beside = drawn.finish()
+        for name in layers:
+            np.testing.assert_array_equal(beside.layer(name), frame.layer(name), name)
 
 
 def test_the_sun_has_its_place_and_its_irradiance() -> None:
@@ -158,7 +165,7 @@ def test_the_sun_has_its_place_and_its_irradiance() -> None:
     state = RoverPose(scene.pose(0.0, 0.0, 0.1))
     seen = []
     for samples in (1, 3):
-        with renderer_of(bare, samples) as renderer:
+        with renderer_of(bare, samples, detail=scene.SMOOTH) as renderer:
             for elevation in (4.0, 0.05):
                 renderer.set_sun(3.0, elevation)
                 radiance = renderer.render(state, 0, ('radiance',)).radiance
@@ -200,15 +207,14 @@ def test_motion_is_the_mean_of_sub_exposures(world: World) -> None:
     assert np.sqrt(np.mean(error**2)) < 0.02 * np.ptp(np.percentile(mean, [1.0, 99.0]))
 
 
-def test_further_cameras_have_it(world: World) -> None:
+def test_further_cameras_have_it(renderer) -> None:
     """A camera in the place of the left one sees the same pixels."""
-    with renderer_of(world, 2) as renderer:
-        config = FurtherCameraConfig(camera=CameraConfig(width=WIDTH, height=HEIGHT))
-        further = renderer.add_camera(config, BodyMount(renderer.rig))
-        pair, other = (camera.render(STATES[0], 0, ('radiance', 'depth', 'label'))
-                       for camera in (renderer, further))
-        for name in ('radiance', 'depth', 'label'):
-            np.testing.assert_array_equal(pair.layer(name), other.layer(name), name)
+    config = FurtherCameraConfig(camera=CameraConfig(width=WIDTH, height=HEIGHT))
+    further = renderer(2).add_camera(config, BodyMount(renderer(2).rig))
+    pair, other = (camera.render(STATES[0], 0, ('radiance', 'depth', 'label'))
+                   for camera in (renderer(2), further))
+    for name in ('radiance', 'depth', 'label'):
+        np.testing.assert_array_equal(pair.layer(name), other.layer(name), name)
 
 
 def fisheye_of(renderer: Renderer, pixels: int) -> StereoFrame:
@@ -220,12 +226,10 @@ def fisheye_of(renderer: Renderer, pixels: int) -> StereoFrame:
     return further.render(STATES[1], 0, ('radiance', 'depth', 'label'))
 
 
-def test_a_fisheye_has_it(world: World) -> None:
+def test_a_fisheye_has_it(renderer) -> None:
     """The error against a fisheye of many times the pixels is about half of that without."""
-    with renderer_of(world, 1) as renderer:
-        one, fine = fisheye_of(renderer, 120).radiance, fisheye_of(renderer, 720).radiance
-    with renderer_of(world, 2) as renderer:
-        two = fisheye_of(renderer, 120).radiance
+    one, fine = (fisheye_of(renderer(1), pixels).radiance for pixels in (120, 720))
+    two = fisheye_of(renderer(2), 120).radiance
     assert one is not None and two is not None and fine is not None
     inside = np.hypot(*(np.indices((120, 120)) - 59.5)) < 57.0
     error = [np.sqrt(np.mean((image - means(fine, 6))[inside]**2)) for image in (one, two)]
