@@ -67,6 +67,20 @@ def test_wrong_overrides(override: str, match: str) -> None:
     assert '\n' not in str(error.value)
 
 
+def test_a_lidar_that_sees_only_the_rover_is_refused_before_a_run() -> None:
+    inside = {'rover.lidar.position_m': [0.0, 0.0, 0.0]}
+    assert Scenario.load('flat', inside).rover.lidar.position_m == (0.0, 0.0, 0.0)
+    with_lidar = {**inside, 'run.nodes': ['physics_node', 'lidar_node']}
+    with pytest.raises(ConfigError, match=r'^rover\.lidar\.position_m: \[0\.0, 0\.0, 0\.0\] is '
+                                          'not valid .* valid is outside chassis and mast'):
+        Scenario.load('flat', with_lidar)
+    # Above the deck, but with a narrow field of view that looks down on it.
+    down = {'rover.lidar.position_m': [0.0, 0.0, 0.15], 'rover.lidar.rpy_deg': [0.0, 80.0, 0.0],
+            'lidar_node.part': 'espros_tofcam635', 'run.nodes': ['physics_node', 'lidar_node']}
+    with pytest.raises(ConfigError, match=r'not valid with rpy_deg = \[0\.0, 80\.0, 0\.0\]'):
+        Scenario.load('flat', down)
+
+
 def test_unknown_scenario() -> None:
     """The nearest names are offered."""
     with pytest.raises(ConfigError, match='did you mean baseline'):
