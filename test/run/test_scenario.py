@@ -187,6 +187,16 @@ def test_lockstep_waits_for_the_nodes_of_the_run() -> None:
     assert blind.physics_node.wait.topics == ('joint_commands', 'recorder/written')
     assert blind.gait_controller_node.wait.topics == ()
     assert not any(t.startswith('stereo') for t in blind.recorder_node.acknowledge)
+    lidar = {'run.nodes': ['physics_node', 'recorder_node', 'lidar_node']}
+    scans = {'recorder_node.topics': ['all', 'lidar/points']}
+    named = {'physics_node.wait.topics': ['lidar/scanned'], 'physics_node.wait.lags_s': [0.2]}
+    for more, awaited in (({}, False), (scans, True), (named, True),
+                          ({**scans, 'run.may_fail': ['lidar_node']}, False)):
+        of_lidar = resolve(Scenario.load('baseline', {**lidar, **more}))
+        assert ('lidar/scanned' in of_lidar.physics_node.wait.topics) == awaited
+        # Unless somebody reads it, lidar_node does not listen to the rover.
+        assert ('lidar/scanned' in of_lidar.recorder_node.exclude) == (more == {})
+        assert resolve(of_lidar) == of_lidar
     live = resolve(Scenario.load('baseline', ['time_mode=real_time']))
     assert live.physics_node.wait.topics == full.physics_node.wait.topics
     assert live.gait_controller_node.wait.topics == live.recorder_node.acknowledge == ()
