@@ -157,10 +157,11 @@ class Lidar:
         """Return the albedo factors of what is met; 1 beyond the ground of the rover."""
         cell, last = self._grid.cell_m, self._grid.n - 1
         half = self._grid.half_extent_m
-        ix, iy = (((place_m[:, k] + half) / cell + 0.5).astype(np.int32) for k in (0, 1))
+        met = np.flatnonzero(hits.target != NOTHING)
+        ix, iy = (((place_m[met, k] + half) / cell + 0.5).astype(np.int32) for k in (0, 1))
         inside = (ix >= 0) & (iy >= 0) & (ix <= last) & (iy <= last)
         albedo = np.ones(len(place_m), np.float32)
-        albedo[inside] = self._albedo[iy[inside], ix[inside]]
+        albedo[met[inside]] = self._albedo[iy[inside], ix[inside]]
         rocks = np.flatnonzero(hits.target >= 0)
         albedo[rocks] = self._rocks.albedo[hits.target[rocks]]
         return albedo

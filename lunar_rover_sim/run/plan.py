@@ -66,7 +66,7 @@ def resolve(scenario: Scenario) -> Scenario:
     The duration is rounded up to whole camera frames, and to whole scans of a LiDAR. In lockstep
     physics waits for the gait controller, the renderer (at most one frame behind), the LiDAR where
     its scans are recorded, and the recorder; the gait controller waits for drive_node, unless that
-    publishes Twist, which has no stamp. Raises ConfigError if the scenario says where the bag goes.
+    publishes Twist, which has no stamp. Raises ConfigError if the scenario says where the bag is.
     """
     nodes = scenario.run.nodes
     for name in ('output', 'scenario_file'):
