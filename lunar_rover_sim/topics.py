@@ -217,7 +217,8 @@ LIDAR_SCAN = Topic('lidar/scan', 'sensor_msgs/msg/LaserScan', EVENT, 'lidar_node
                    frames.LIDAR_FRAME, 'one ring of it, inf where nothing returns',
                    on_request=True)
 LIDAR_SCANNED = Topic('lidar/scanned', 'std_msgs/msg/Header', SCAN, 'lidar_node', '',
-                      'stamp by whose time all scans that had ended are published, read or not')
+                      'stamp by whose time all scans that had ended are published, for those who '
+                      'read them')
 SUN = Topic('sun', 'geometry_msgs/msg/Vector3Stamped', LATCHED, 'render_node', frames.ODOM_FRAME,
             'unit vector to the sun; that of a date moves: a message every `sun.step_deg`, '
             'stamped with the time from which it holds')

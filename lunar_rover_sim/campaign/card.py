@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim import __version__
+from lunar_rover_sim.campaign.contents import contents, DEPTH, IMAGES, IMU, LABELS, LIDAR, STEREO
 from lunar_rover_sim.campaign.croissant import croissant
 from lunar_rover_sim.campaign.dataset import failures, manifests
 from lunar_rover_sim.campaign.episode_table import episode_table
@@ -22,6 +23,8 @@ from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.parameters import brief
 
 LARGEST = 1e18     # of a statistic
+_KINDS = {IMAGES: 'images', STEREO: 'stereo images', DEPTH: 'depth', LABELS: 'labels',
+          IMU: 'inertial data', LIDAR: 'LiDAR scans'}
 _SUMS = ('duration_s', 'frames', 'distance_m', 'bytes')
 _FORMATS = {
     'bag': 'rosbag2 (MCAP or SQLite), all topics; the bag of an episode is checked by '
@@ -57,11 +60,11 @@ def make_card(dataset: Path) -> dict[str, Any]:
     if not isinstance(vary, dict):
         raise CampaignError(f'{dataset / CAMPAIGN_FILE}: vary: {brief(vary)} is not a mapping')
     failed = failures(dataset)
-    presets = sorted({str(e['statistics'].get('imu_preset', '')) for e in episodes})
+    presets = sorted({str(e['statistics'].get('imu_preset') or '') for e in episodes} - {''})
     return {
         'name': campaign.get('name'), 'description': campaign.get('description'),
         'license': campaign.get('license'), 'version': __version__, 'campaign': campaign,
-        'imu_presets': presets,
+        'contents': contents(_recorded(episodes), campaign), 'imu_presets': presets,
         'episodes': {e['name']: {'drawn': e.get('drawn'), 'bag_hash': e.get('bag_hash'),
                                  'statistics': e['statistics']} for e in episodes},
         'failed': failed,
@@ -92,8 +95,18 @@ def write_card(dataset: Path) -> dict[str, Any]:
 
 
 def _description(card: dict[str, Any]) -> str:
-    return str(card['description']
-               or 'Simulated stereo, depth and inertial data of a rover on the Moon.')
+    if card['description']:
+        return str(card['description'])
+    held = card['contents']
+    kinds = [_KINDS[name] for name in held if not (name == IMAGES and STEREO in held)]
+    words = ' and '.join([', '.join(kinds[:-1]), kinds[-1]] if kinds[1:] else kinds)
+    return f'Simulated drives of a rover on the Moon{": " if words else ""}{words}.'
+
+
+def _recorded(episodes: Sequence[dict[str, Any]]) -> set[str]:
+    """Return the topics that any episode has; none of manifests that do not name them."""
+    return {name for episode in episodes if isinstance(episode.get('topics'), list)
+            for name in episode['topics'] if isinstance(name, str)}
 
 
 def _kept(card: dict[str, Any]) -> dict[str, str]:
@@ -125,7 +138,8 @@ def markdown(card: dict[str, Any]) -> str:
              f'{campaign.get("seed")}',
              f'- {len(card["episodes"])} episodes' + (f', {len(card["failed"])} more failed'
                                                       if card['failed'] else ''),
-             f'- IMU noise: {", ".join(card["imu_presets"])}', '',
+             *([f'- IMU noise: {", ".join(card["imu_presets"])}'] if IMU in card['contents']
+               else []), '',
              '## What is in an episode', '',
              'Every folder in `episodes/` holds `scenario.yaml`, from which `lunar_rover_sim run '
              'scenario.yaml -o DIR` records the same bag, byte for byte on one kind of machine; '

@@ -16,6 +16,8 @@ from typing import Any
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.bag.content_hash import bag_hash
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.campaign.contents import recorded_topics
 from lunar_rover_sim.campaign.layout import EPISODES, PLAN_FILE, TASK_FILE
 from lunar_rover_sim.campaign.manifest import (file_table, FORMAT, MANIFEST, read_json,
                                                why_unfinished, write_json)
@@ -68,6 +70,8 @@ def finish(folder: Path, task: dict[str, Any], run_wall_s: float) -> None:
         'check': [{'check': f.check, 'status': f.status.value, 'detail': f.detail}
                   for f in report.findings],
         'export_notes': notes, 'statistics': statistics(bag)}
+    with open_bag(bag) as recorded:
+        manifest['topics'] = recorded_topics(recorded)
     if not task['keep_bag']:
         shutil.rmtree(bag)
     manifest['files'] = file_table(folder)

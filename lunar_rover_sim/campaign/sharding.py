@@ -25,7 +25,7 @@ from lunar_rover_sim.errors import CampaignError, ConfigError
 from lunar_rover_sim.run.plan import BAG_FOLDER
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import WEBDATASET
-from lunar_rover_sim.sequences.shards import described, index_text, Shard, shard_name
+from lunar_rover_sim.sequences.shards import check_size, described, index_text, Shard, shard_name
 from lunar_rover_sim.sequences.webdataset import INDEX_FILE, ShardOptions, VOCABULARY_FILE
 
 TRAIN, VALIDATION, TEST = SPLITS = ('train', 'val', 'test')
@@ -49,8 +49,10 @@ def write_shards(dataset: Path, output: Path, size: int, shares: Mapping[str, fl
     shares: share of the worlds of each scenario for VALIDATION and TEST
     seen: called with the name of each episode
     Raises CampaignError if the folder is no data set, an episode has neither a bag nor shards, or
-    there are too few worlds; ConfigError if shares are not valid; SequenceError as `export` does.
+    there are too few worlds; ConfigError if shares are not valid; SequenceError if the size is
+    not, and as `export` does.
     """
+    check_size(size)
     if output.exists():
         raise CampaignError(f'{output}: exists already and is not overwritten; name another '
                             'folder')

@@ -31,7 +31,7 @@ _BRIGHT_PERCENTILE = 90.0
 
 MEANINGS: dict[str, str] = {
     'duration_s': 'simulated time [s]',
-    'frames': 'stereo sets',
+    'frames': 'images of the left camera',
     'distance_m': 'length of the true path, horizontal, in steps of 0.1 s [m]',
     'mean_speed_mps': 'distance over duration [m/s]',
     'climb_m': 'difference of the highest and the lowest point of the path [m]',
@@ -58,7 +58,7 @@ _MEDIANS = ('sgm_error_px', 'sgm_bias_px')
 
 
 def statistics(path: Path | str) -> dict[str, Any]:
-    """Return name → number (None if the bag lacks what it needs), and the IMU's preset.
+    """Return name → number (None if the bag lacks what it needs), and the preset of an IMU.
 
     The names are those of `MEANINGS`. Raises BagError if the bag cannot be read.
     """
@@ -77,7 +77,9 @@ def statistics(path: Path | str) -> dict[str, Any]:
                 np.degrees(np.arctan2(sun.z, np.hypot(sun.x, sun.y))))
         result.update(_images(bag))
         result.update(_imu(bag))
-        result['imu_preset'] = str(recorded_scenario(bag).get('physics_node', 'imu.preset', ''))
+        if bag.has(topics.IMU_RAW.name):
+            result['imu_preset'] = str(
+                recorded_scenario(bag).get('physics_node', 'imu.preset', ''))
     return {name: round(value, 9) if isinstance(value, float) else value
             for name, value in result.items()}
 

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulate and record; print a summary."""
     require_ros()
     if args.view is not None:
-        check_view(args.view)
+        check_view(args.view, '--view')
     overrides = [*args.overrides]
     if args.real_time:
         overrides.append(f'time_mode={REAL_TIME}')

@@ -38,8 +38,8 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
     site = given_site(sun.site) or of_world
     if site is None:
         raise ConfigError(f'sun.site.source: {OF_WORLD} is not valid: the world does not say '
-                          f'where on the Moon it is; set sun.site.source={GIVEN}, '
-                          'sun.site.lon_deg and sun.site.lat_deg')
+                          f'where on the Moon it is; set it to {GIVEN}, with '
+                          'lon_deg and lat_deg beside it')
     azimuth_deg, elevation_deg = _sun_deg(site, parse_date('sun.date', sun.date))
     if sun.allow_night:
         elevation_deg = max(elevation_deg, LOWEST_DEG)

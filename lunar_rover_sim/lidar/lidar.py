@@ -41,17 +41,13 @@ class Lidar:
                  seed: int = 1) -> None:
         """Prepare the ground within reach.
 
-        Raises ConfigError for a mount within the rover's body.
+        Raises ConfigError for a mount from which every beam meets the rover's body.
         """
         self._config, self._seed = config, seed
         self._albedo, self._grid = np.asarray(world.albedo), world.ground
         self.pattern = beam_pattern(config.optics, config.rate_hz)
         self.T_base_lidar = lidar_pose(rover)
-        self._own = OwnBody(rover, self.T_base_lidar, self.pattern)
-        self._free = np.flatnonzero(np.isinf(self._own.body_m))
-        if not len(self._free):
-            raise ConfigError(f'lidar.position_m: {list(rover.lidar.position_m)} is not valid; '
-                              'valid is outside chassis and mast')
+        self._own = OwnBody(rover, self.pattern)
         self._range_m = config.optics.max_range_m
         reach = world.ground.half_extent_m + self._range_m
         self._rocks = rocks = world.rocks.joined(far_rocks(world, reach))
@@ -138,7 +134,7 @@ class Lidar:
                               f'rover; valid is within {half:g} m of the origin, in x and y')
         if self._soft is not None:
             self._soft.update()
-        hits = self._caster.cast(origin, direction, self._range_m, self._free)
+        hits = self._caster.cast(origin, direction, self._range_m, self._own.free)
         self._end_on_rover(hits, R_base, joint_angle_rad)
         return hits
 
@@ -161,10 +157,11 @@ class Lidar:
         """Return the albedo factors of what is met; 1 beyond the ground of the rover."""
         cell, last = self._grid.cell_m, self._grid.n - 1
         half = self._grid.half_extent_m
-        ix, iy = (((place_m[:, k] + half) / cell + 0.5).astype(np.int32) for k in (0, 1))
+        met = np.flatnonzero(hits.target != NOTHING)
+        ix, iy = (((place_m[met, k] + half) / cell + 0.5).astype(np.int32) for k in (0, 1))
         inside = (ix >= 0) & (iy >= 0) & (ix <= last) & (iy <= last)
         albedo = np.ones(len(place_m), np.float32)
-        albedo[inside] = self._albedo[iy[inside], ix[inside]]
+        albedo[met[inside]] = self._albedo[iy[inside], ix[inside]]
         rocks = np.flatnonzero(hits.target >= 0)
         albedo[rocks] = self._rocks.albedo[hits.target[rocks]]
         return albedo

@@ -12,10 +12,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array, BASE_FRAME
 from lunar_rover_sim.lidar.beam_pattern import BeamPattern
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY, rover_spec
+from lunar_rover_sim.rover.mounts import lidar_pose
 from lunar_rover_sim.rover.visual import visual_parts
 
 _COLLIDES, _DRAWN, _LEGS = 1, 2, 3      # groups of geoms
@@ -40,14 +42,24 @@ class OwnBody:
 
     body_m: (n,) distances at which beams meet the body, inf for none; body_normal: (n, 3) outward
         unit normals there, base axes
+    free: (m,) beams that do not meet the body
     legs_met: whether any beam may meet a leg
     """
 
-    def __init__(self, rover: RoverDescription, T_base_lidar: Array, pattern: BeamPattern) -> None:
-        """Look where the n beams of a pattern meet the body."""
+    def __init__(self, rover: RoverDescription, pattern: BeamPattern) -> None:
+        """Look where the n beams of a pattern meet the body.
+
+        Raises ConfigError for a mount from which every beam meets it, as within the chassis.
+        """
+        T_base_lidar = lidar_pose(rover)
         origin = T_base_lidar[:3, 3]
         rays = pattern.direction @ T_base_lidar[:3, :3].T
         self.body_m, self.body_normal = _body(rover, origin, rays)
+        self.free = np.flatnonzero(np.isinf(self.body_m))
+        if not len(self.free):
+            raise ConfigError(f'rover.lidar.position_m: {list(rover.lidar.position_m)} is not '
+                              f'valid with rpy_deg = {list(rover.lidar.rpy_deg)}; valid is '
+                              'outside chassis and mast, where a beam passes them')
         legs = rover.legs
         self._column = np.asarray(pattern.column, np.int64)
         self._ends = np.array([(legs.spoke_length_m - legs.tip_radius_m) * np.asarray(d, float)

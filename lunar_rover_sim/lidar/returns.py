@@ -73,34 +73,37 @@ class ReturnModel:
 
         diffuse: targets that are no regolith, but of the reflectance _OF_ROVER, as Lambert has it
         """
-        optics = self._optics
-        distance: NDArray[np.floating] = np.minimum(distance_m, 1e9).astype(np.float32)
-        factor = self.reflectance_factor(cos_incidence, albedo, is_rock)
+        optics, count = self._optics, len(distance_m)
+        # Half of all beams meet nothing. Draws are of all, so that each beam keeps its own.
+        met = np.flatnonzero(np.isfinite(distance_m))
+        distance: NDArray[np.floating] = distance_m[met].astype(np.float32)
+        cos_incidence = cos_incidence[met]
+        factor = self.reflectance_factor(cos_incidence, albedo[met], is_rock[met])
         if diffuse is not None:
-            factor[diffuse] = _OF_ROVER * np.clip(cos_incidence[diffuse], 0.0, 1.0)
+            factor = np.where(diffuse[met], _OF_ROVER * np.clip(cos_incidence, 0.0, 1.0),
+                              factor).astype(np.float32)
         signal = factor * (np.float32(optics.reference_range_m) / np.maximum(distance, 1e-3)) ** 2
         spread = distance * np.float32(1e-3 * optics.divergence_mrad / optics.pulse_m)
         cosine2 = np.clip(cos_incidence, 1e-3, 1.0).astype(np.float32) ** 2
         stretch2 = np.float32(1.0) + spread * spread * (np.float32(1.0) / cosine2 - 1)
         signal /= np.float32(optics.reference_reflectance) * np.sqrt(stretch2)
-        seen = np.isfinite(distance_m)
+        seen = np.ones(len(met), np.bool_)
         if self._noise:
-            count, kind = len(distance), np.float32
-            amplitude = _REFERENCE * signal + rng.standard_normal(count, kind)
-            seen &= amplitude > _THRESHOLD
+            amplitude = _REFERENCE * signal + rng.standard_normal(count, np.float32)[met]
+            seen = amplitude > _THRESHOLD
             weak2 = np.float32(optics.limit_noise_m ** 2 - optics.noise_m ** 2)
             deviation = np.sqrt(np.float32(optics.noise_m ** 2)
                                 + weak2 / np.maximum(signal, 1e-3) ** 2)
-            distance = distance + deviation * rng.standard_normal(count, kind)
+            distance = distance + deviation * rng.standard_normal(count, np.float32)[met]
             factor = factor * amplitude / np.maximum(_REFERENCE * signal, 1e-6)
             if optics.resolution_m > 0.0:
                 step = np.float32(optics.resolution_m)
                 distance = np.rint(distance / step) * step
         seen &= (distance >= optics.min_range_m) & (distance <= optics.max_range_m)
-        blank = np.float32(np.nan)
-        return Returns(np.where(seen, distance, blank).astype(np.float32),
-                       np.where(seen, np.clip(100.0 * factor, 0.0, _MOST_INTENSITY),
-                                blank).astype(np.float32))
+        range_m, intensity = np.full((2, count), np.nan, np.float32)
+        range_m[met[seen]] = distance[seen]
+        intensity[met[seen]] = np.clip(100.0 * factor[seen], 0.0, _MOST_INTENSITY)
+        return Returns(range_m, intensity)
 
 
 def _table(parameters: hapke.HapkeParameters, scale: float) -> Array:

@@ -9,6 +9,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from std_msgs.msg import Header
@@ -36,8 +37,9 @@ class LidarNode(node_main.GraphNode):
     """Makes one scan of each period, of the poses that it consists of.
 
     A scan begins with its period, which is its stamp, and is made when the state at its end has
-    come. Without readers no ray is cast. In lockstep every scan is made, and `lidar/scanned` lets
-    time go on; in real time the newest one is, and those that are left out are counted.
+    come. While nobody reads any of its topics the node does not even listen to the rover. In
+    lockstep every scan is made, and `lidar/scanned` lets time go on; in real time the newest one
+    is, and those that are left out are counted.
     """
 
     def __init__(self) -> None:
@@ -50,7 +52,10 @@ class LidarNode(node_main.GraphNode):
         self._types: Any = get_typestore(Stores.ROS2_JAZZY)
         # States from the start of the next scan on, and that scan; None before the first state.
         self._states: collections.deque[tuple[int, bytes]] = collections.deque()
-        self._next: int | None = 1 if config.lockstep else None
+        # Whether time waits for scans from its start on.
+        self._is_awaited = (config.lockstep
+                            and topics.LIDAR_SCANNED.name in config.participants)
+        self._next: int | None = 1 if self._is_awaited else None
         self._angles: dict[int, Array] = {}     # stamp → leg angles, where a beam may meet a leg
         self._jump = TimeJump(self)
         self._ground = GroundListener(self, self.wake)
@@ -64,16 +69,13 @@ class LidarNode(node_main.GraphNode):
                                 (topics.LIDAR_DESKEWED, PointCloud2),
                                 (topics.LIDAR_SCAN, LaserScan))}
         self._scanned = self.create_publisher(Header, topics.LIDAR_SCANNED.name,
-                                              qos.offered(topics.LIDAR_SCANNED))
+                                              qos.offered(topics.LIDAR_SCANNED),
+                                              event_callbacks=events)
         self._readers = Matching(self, [*self._outputs.values(), self._scanned],
                                  config.participants if config.lockstep else ())
         refuse_other_worlds(self, config.world, world, config.lockstep)
-        # A long queue also in real time: states may come while a scan is made.
-        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
-                                 qos.requested(topics.ODOM, lockstep=True), raw=True)
-        if self._lidar.legs_met:
-            self.create_subscription(JointState, topics.JOINT_STATES.name, self._joints_callback,
-                                     qos.requested(topics.JOINT_STATES, lockstep=True))
+        self._of_rover: list[Subscription] = []
+        self._listen_while_read()
         Diagnostics(self, {'Scan rate': self._scan_rate_status, 'Drops': self._drops.status})
         self.report_ready(config, f'{config.part}, {len(self._lidar.pattern)} beams a scan, '
                           f'world {world.hash[:12]}', (config.truth.name,))
@@ -88,7 +90,7 @@ class LidarNode(node_main.GraphNode):
         if self._jump.has_occurred(stamp):
             self._states.clear()
             self._angles.clear()
-            self._next = 1 if self._config.lockstep else None
+            self._next = 1 if self._is_awaited else None
         if self._next is None:
             self._next = -(-stamp // period_ns)
         self._is_fed = True
@@ -111,6 +113,7 @@ class LidarNode(node_main.GraphNode):
 
     def work(self) -> None:
         """Make the scans that are due; leave out those whose start has not been seen."""
+        self._listen_while_read()
         while self._is_due():
             assert self._next is not None
             period_ns, lockstep = self._config.period_ns, self._config.lockstep
@@ -132,6 +135,30 @@ class LidarNode(node_main.GraphNode):
             self._next += 1
             while len(self._states) > 1 and self._states[1][0] <= self._next * period_ns:
                 self._states.popleft()
+
+    def _listen_while_read(self) -> None:
+        """Subscribe to the states of the rover where they are needed, else end the subscriptions.
+
+        Receiving 200 states a second costs more than a third of what it costs to make scans.
+        """
+        needed = (self._is_awaited or bool(self._read_topics())
+                  or bool(self._scanned.get_subscription_count()))
+        if needed and not self._of_rover:
+            # A long queue also in real time: states may come while a scan is made.
+            self._of_rover.append(self.create_subscription(
+                Odometry, self._config.truth.name, self._odom_callback,
+                qos.requested(topics.ODOM, lockstep=True), raw=True))
+            if self._lidar.legs_met:
+                self._of_rover.append(self.create_subscription(
+                    JointState, topics.JOINT_STATES.name, self._joints_callback,
+                    qos.requested(topics.JOINT_STATES, lockstep=True)))
+        elif self._of_rover and not needed:
+            for subscription in self._of_rover:
+                self.destroy_subscription(subscription)
+            self._of_rover.clear()
+            self._states.clear()
+            self._angles.clear()
+            self._next = None
 
     def _read_topics(self) -> set[str]:
         return {name for name, publisher in self._outputs.items()
@@ -190,9 +217,9 @@ class LidarNode(node_main.GraphNode):
 
     def _scan_rate_status(self) -> Status:
         fed, self._is_fed = self._is_fed, False
-        if not fed:
-            return self._rate.status('No new odometry')
-        return self._rate.status('' if self._read_topics() else 'Nobody reads scans')
+        if not self._read_topics():
+            return self._rate.status('Nobody reads scans')
+        return self._rate.status('' if fed else 'No new odometry')
 
 
 def main(args: list[str] | None = None) -> int:

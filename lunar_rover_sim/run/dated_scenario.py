@@ -46,7 +46,8 @@ def _check_given(given: Site, world: WorldConfig) -> None:
         raise ConfigError(
             f'sun.site.grid_north_deg: {given.grid_north_deg:g} is not valid; valid is '
             f'{there.grid_north_deg:.4f}, which the projection of {world.path} says for longitude '
-            f'{given.lon_deg:g}, latitude {given.lat_deg:g}; or set sun.site.source=world')
+            f'{given.lon_deg:g}, latitude {given.lat_deg:g}; or set '
+            'render_node.sun.site.source=world')
 
 
 def _dem_site(world: WorldConfig, lon_lat_deg: tuple[float, float] | None = None) -> Site | None:

@@ -96,19 +96,19 @@ class LiveView:
         self._server.stop()
 
 
-def check_view(port: int) -> None:
-    """Raise ConfigError where foxglove-sdk is missing or a port is taken."""
+def check_view(port: int, name: str = 'port') -> None:
+    """Raise ConfigError where foxglove-sdk is missing or a port is taken; name: of the port."""
     if importlib.util.find_spec('foxglove') is None:
         raise ConfigError('the live view needs foxglove-sdk; install it with: '
                           "pip install 'lunar_rover_sim[view]'")
     if not 1024 <= port <= 65535:
-        raise ConfigError(f'port: {port} is not valid; valid is 1024 to 65535')
+        raise ConfigError(f'{name}: {port} is not valid; valid is 1024 to 65535')
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))
         except OSError as error:
-            raise ConfigError(f'port: {port} cannot be served: {error.strerror}') from None
+            raise ConfigError(f'{name}: {port} cannot be served: {error.strerror}') from None
 
 
 class ViewProcess:

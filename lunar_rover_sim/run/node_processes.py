@@ -112,7 +112,11 @@ class NodeProcesses:
             if name == 'physics_node' and self._has_done_its_work(name):
                 return True
             if not self._goes_on_without(name, self._describe_end(name)):
-                raise GraphError(self._describe_end(name))
+                end, late = self._describe_end(name), self.unstarted()
+                # It waited for a topic; who would have published it is still starting.
+                if ': no publisher for' in end and late:
+                    end += f'; not started yet: {late}'
+                raise GraphError(end)
         return False
 
     def _has_done_its_work(self, name: str) -> bool:
@@ -136,6 +140,12 @@ class NodeProcesses:
     def at_work(self) -> bool:
         """Return whether any of them works at this moment, or would if it had a core."""
         return any(is_at_work(process.pid) for process in self._processes.values())
+
+    def unstarted(self) -> str:
+        """Return which nodes that the run needs have not said that they are ready; '' if none."""
+        return ', '.join(f'{name} (log: {self.log(name)})' for name in self._processes
+                         if name not in self._may_fail
+                         and not any(': ready: ' in line for line in self._log_lines(name)))
 
     def silent_participant(self, now_ns: int) -> str:
         """Return which answer a node misses at a simulated time, as it has logged; '' if none.

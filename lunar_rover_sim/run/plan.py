@@ -64,9 +64,9 @@ def resolve(scenario: Scenario) -> Scenario:
     """Return the scenario with the parameters that depend on the nodes of the run.
 
     The duration is rounded up to whole camera frames, and to whole scans of a LiDAR. In lockstep
-    physics waits for the gait controller, the renderer (at most one frame behind), the LiDAR and
-    the recorder; the gait controller waits for drive_node, unless that publishes Twist, which has
-    no stamp. Raises ConfigError if the scenario says where the bag goes.
+    physics waits for the gait controller, the renderer (at most one frame behind), the LiDAR where
+    its scans are recorded, and the recorder; the gait controller waits for drive_node, unless that
+    publishes Twist, which has no stamp. Raises ConfigError if the scenario says where the bag is.
     """
     nodes = scenario.run.nodes
     for name in ('output', 'scenario_file'):
@@ -92,6 +92,11 @@ def resolve(scenario: Scenario) -> Scenario:
     # In real time nothing is awaited, but time starts only when these topics have publishers.
     physics = dataclasses.replace(
         physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
+    if 'lidar_node' in nodes and not _awaits_lidar(scenario) and not _records_scans(scenario):
+        # lidar_node follows the rover only while somebody reads one of its topics.
+        recorder = dataclasses.replace(recorder, exclude=tuple(
+            dict.fromkeys((*recorder.exclude, topics.LIDAR_SCANNED.name))))
+        scenario = dataclasses.replace(scenario, recorder_node=recorder)
     if scenario.shared.lockstep:
         drive = scenario.drive_node
         if 'drive_node' in nodes and drive.mode != 'none' and drive.enable_stamped_cmd_vel:
@@ -133,8 +138,17 @@ def _resolved_lidar(scenario: Scenario) -> LidarNodeConfig:
 
 
 def _awaits_lidar(scenario: Scenario) -> bool:
-    """Return whether time waits for scans."""
-    return 'lidar_node' in scenario.run.nodes and 'lidar_node' not in scenario.run.may_fail
+    """Return whether time waits for scans: those that the run records, or that the user names."""
+    if 'lidar_node' not in scenario.run.nodes or 'lidar_node' in scenario.run.may_fail:
+        return False
+    return (_records_scans(scenario)
+            or topics.LIDAR_SCANNED.name in scenario.physics_node.wait.topics)
+
+
+def _records_scans(scenario: Scenario) -> bool:
+    recorded = {name.lstrip('/') for name in scenario.recorder_node.topics}
+    return 'recorder_node' in scenario.run.nodes and not recorded.isdisjoint(
+        (*LIDAR_TOPICS, topics.LIDAR_SCANNED.name))
 
 
 def with_slam(scenario: Scenario, command: str) -> Scenario:

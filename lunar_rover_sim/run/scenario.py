@@ -21,6 +21,7 @@ from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.resources import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml
 from lunar_rover_sim.illumination.sun_path import check_last_date
+from lunar_rover_sim.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -227,6 +228,7 @@ def _build(name: str, sections: Mapping[str, Any]) -> Scenario:
         world=WorldConfig.from_mapping(sections.get('world', {}), 'world'),
         rover=RoverDescription.from_mapping(rover_values, 'rover'), run=run, **nodes)
     _check_rates(scenario)
+    _check_lidar_mount(scenario)
     return scenario
 
 
@@ -239,6 +241,16 @@ def _check_rates(scenario: Scenario) -> None:
         if state_hz % rate_hz:
             raise ConfigError(f'{name}: {rate_hz} is not valid; valid is a divisor of '
                               f'physics_node.state_rate_hz = {state_hz}')
+
+
+def _check_lidar_mount(scenario: Scenario) -> None:
+    """Raise ConfigError if the rover is before every beam of its LiDAR."""
+    if 'lidar_node' not in scenario.run.nodes:
+        return
+    # Here, because MuJoCo takes time to import, and most runs have no LiDAR.
+    from lunar_rover_sim.lidar.own_body import OwnBody
+    sensor = scenario.lidar_node
+    OwnBody(scenario.rover, beam_pattern(sensor.optics, sensor.rate_hz))
 
 
 def _dated(scenario: Scenario, changes: Iterable[Mapping[str, Any]]) -> Scenario:

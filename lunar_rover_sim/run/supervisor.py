@@ -102,13 +102,16 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
 
 def _describe_silence(nodes: NodeProcesses, suspended: list[str], limit_s: float,
                       now_ns: int) -> str:
-    """Return why time stands still: an error of a node, a suspended or silent one, or physics."""
+    """Return why time stands still: an error of a node, or who is stopped, late or silent."""
     fatal = nodes.fatal_error()
     if fatal is not None:
         return fatal
     at = f'at {now_ns / 1e9:.3f} s of simulated time'
     if suspended:
         return f'{suspended[0]} is stopped (SIGSTOP) {at} (log: {nodes.log(suspended[0])})'
+    late = nodes.unstarted()
+    if late:
+        return f'not started within {limit_s:g} s: {late}'
     return nodes.silent_participant(now_ns) or (
         f'physics_node has been silent for {limit_s:g} s {at} '
         f'(log: {nodes.log("physics_node")})')

@@ -51,9 +51,7 @@ class ShardWriter:
 
     def __init__(self, folder: Path, size: int = DEFAULT_SIZE, name: str = PLAIN) -> None:
         """size: samples a shard; raises SequenceError where it is not valid."""
-        if not 1 <= size <= LARGEST_SIZE:
-            raise SequenceError(f'shard size: {size} is not valid; valid is 1 to {LARGEST_SIZE} '
-                                'samples')
+        check_size(size)
         self._folder, self._size, self._name = folder, size, name
         self._tar: tarfile.TarFile | None = None
         self._path = folder
@@ -99,6 +97,13 @@ class ShardWriter:
             self.close()
         elif self._tar is not None:
             self._tar.close()
+
+
+def check_size(size: int) -> None:
+    """Raise SequenceError unless so many samples fit into a shard."""
+    if not 1 <= size <= LARGEST_SIZE:
+        raise SequenceError(f'--shard-size: {size} is not valid; valid is 1 to {LARGEST_SIZE} '
+                            'samples a shard')
 
 
 def shard_name(name: str, index: int) -> str:

@@ -199,14 +199,15 @@ class WorldConfig(Parameters):
         for what in (self.craters, self.rocks):
             if what.min_diameter_m > what.max_diameter_m:
                 name = 'craters' if what is self.craters else 'rocks'
-                raise ConfigError(f'{name}.min_diameter_m: {what.min_diameter_m:g} is above '
-                                  f'{name}.max_diameter_m ({what.max_diameter_m:g})')
+                raise ConfigError(f'{name}.min_diameter_m: {what.min_diameter_m:g} is not '
+                                  f'valid; valid is <= max_diameter_m = {what.max_diameter_m:g} '
+                                  '[m]')
         if self.craters.oldest_depth > self.craters.fresh_depth:
-            raise ConfigError(f'craters.oldest_depth: {self.craters.oldest_depth:g} is above '
-                              f'craters.fresh_depth ({self.craters.fresh_depth:g})')
+            raise ConfigError(f'craters.oldest_depth: {self.craters.oldest_depth:g} is not '
+                              f'valid; valid is <= fresh_depth = {self.craters.fresh_depth:g}')
         if self.craters.fresh_rim >= self.craters.fresh_depth:
-            raise ConfigError(f'craters.fresh_rim: {self.craters.fresh_rim:g} is not below '
-                              f'craters.fresh_depth ({self.craters.fresh_depth:g})')
+            raise ConfigError(f'craters.fresh_rim: {self.craters.fresh_rim:g} is not valid; '
+                              f'valid is < fresh_depth = {self.craters.fresh_depth:g}')
         if self.source != PROCEDURAL and not self.path:
             raise ConfigError(f'path: empty; source {self.source} needs a file')
 

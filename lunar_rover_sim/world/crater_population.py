@@ -36,9 +36,10 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
     per_m2 = density_per_m2(config, low_m) - density_per_m2(config, high_m)
     expected = per_m2 * (2.0 * half_extent_m) ** 2
     if expected > _MAX_CRATERS:
-        raise WorldError(f'craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m are more '
-                         f'than {_MAX_CRATERS} on one level; raise craters.min_diameter_m or '
-                         'lower craters.density or craters.slope')
+        raise WorldError(f'world.craters: {expected:.3g} from {low_m:.3g} m to {high_m:.3g} m are '
+                         f'more than {_MAX_CRATERS} on one level; raise '
+                         'world.craters.min_diameter_m or lower world.craters.density or '
+                         'world.craters.slope')
     count = rng.poisson(expected)
     u = rng.random(count)
     b = -config.slope

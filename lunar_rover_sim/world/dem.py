@@ -38,12 +38,12 @@ def dem_site(config: WorldConfig, lon_lat_deg: tuple[float, float] | None = None
 
 
 def _raster(config: WorldConfig) -> Raster:
-    path = user_path(config.path, 'path')
+    path = user_path(config.path, 'world.path')
     if not path.exists():
-        raise WorldError(f'path: {path}: no such file')
+        raise WorldError(f'world.path: {path}: no such file')
     if not path.is_dir() and not path.is_file():
-        raise WorldError(f'path: {path}: is neither a regular file nor a folder')
+        raise WorldError(f'world.path: {path}: is neither a regular file nor a folder')
     if path.suffix == '.npy':
-        raise WorldError(f'path: {path}: is an array without a scale; valid is a folder with '
-                         'dem.npy and dem.yaml')
+        raise WorldError(f'world.path: {path}: is an array without a scale; valid is a folder '
+                         'with dem.npy and dem.yaml')
     return DemFolder(path, config) if path.is_dir() else GeoRaster(path, config)

@@ -38,20 +38,20 @@ class DemFolder(Raster):
                              f'and {self.height} high')
         if 'pixel_size' not in document and not config.dem.pixel_m:
             raise WorldError(f'{path}/dem.yaml: pixel_size is missing; add it, as [1.0, -1.0] in '
-                             'metres, or set dem.pixel_m')
+                             'metres, or set world.dem.pixel_m')
         pixel = document.get('pixel_size', [config.dem.pixel_m, -config.dem.pixel_m])
         if (not isinstance(pixel, list) or len(pixel) != 2
                 or not all(_is_length(p) for p in pixel)):
             raise WorldError(f'{path}/dem.yaml: pixel_size: {brief(pixel)} is not two lengths '
-                             '[m]; correct it or set dem.pixel_m')
+                             '[m]; correct it or set world.dem.pixel_m')
         if config.dem.pixel_m:
             pixel = [config.dem.pixel_m, np.copysign(config.dem.pixel_m, pixel[1])]
         self.pixel_x_m, self.pixel_y_m = abs(float(pixel[0])), abs(float(pixel[1]))
         self.south_up = float(pixel[1]) > 0.0
         self.report['center_lon_lat_deg'] = document.get('center_coordinates')
         if config.dem.center_mode not in ('pixel', 'offset'):
-            raise WorldError(f'dem.center_mode: {config.dem.center_mode}; {path} has no CRS: use '
-                             'offset or pixel')
+            raise WorldError(f'world.dem.center_mode: {config.dem.center_mode}; {path} has no '
+                             'CRS: use offset or pixel')
         self.column0, self.row0 = self.middle_in_pixels()
 
     def close(self) -> None:

@@ -74,8 +74,8 @@ def to_scene(world: World, stride: int = 0, rocks: bool = True, surroundings: bo
                       if cells % s == 0 and (cells // s < _MAX_SAMPLES or s == cells))
     if stride < 1 or cells % stride:
         valid = ', '.join(str(s) for s in range(1, 65) if cells % s == 0)
-        raise WorldError(f'stride: {stride} does not divide the {cells} cells of the ground; valid'
-                         f' are {valid}')
+        raise WorldError(f'--stride: {stride} does not divide the {cells} cells of the ground; '
+                         f'valid are {valid}')
     scene = trimesh.Scene()
     vertices, faces = surface(world.ground, stride)
     grey = np.clip(128.0 * world.albedo[::stride, ::stride].ravel(), 0, 255).astype(np.uint8)

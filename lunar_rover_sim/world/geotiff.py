@@ -61,22 +61,23 @@ class GeoRaster(Raster):
     def _interpret(self) -> None:
         data, dem = self._data, self.config.dem
         if dem.band > data.count:
-            raise WorldError(f'dem.band: {dem.band}; {self.path} has {data.count}')
+            raise WorldError(f'world.dem.band: {dem.band}; {self.path} has {data.count}')
         if np.dtype(data.dtypes[dem.band - 1]).kind not in 'iuf':
             raise WorldError(f'{self.path}: {data.dtypes[dem.band - 1]} is not a type for heights')
         colour = data.colorinterp[dem.band - 1]
         if colour in _COLOURS or (data.dtypes[dem.band - 1] in ('uint8', 'int8')
                                   and dem.height_scale == 1.0):
             raise WorldError(f'{self.path}: band {dem.band} ({data.dtypes[dem.band - 1]}, '
-                             f'{colour.name}) is a picture, not heights; name another dem.band, '
-                             'or for heights in 8 bits set dem.height_scale')
+                             f'{colour.name}) is a picture, not heights; name another '
+                             'world.dem.band, or for heights in 8 bits set '
+                             'world.dem.height_scale')
         self.width, self.height = data.width, data.height
         grid = data.transform
         unit = 1.0
         if grid.is_identity:
             if not dem.pixel_m:
                 raise WorldError(f'{self.path}: it does not say how large its pixels are; set '
-                                 'dem.pixel_m')
+                                 'world.dem.pixel_m')
             size_x = size_y = dem.pixel_m
         else:
             if grid.b or grid.d or grid.a <= 0.0:
@@ -108,13 +109,13 @@ class GeoRaster(Raster):
         if dem.center_mode in ('pixel', 'offset'):
             return self.middle_in_pixels()
         if data.transform.is_identity or (data.crs is None and dem.center_mode == 'lonlat'):
-            raise WorldError(f'dem.center_mode: {dem.center_mode}; {self.path} has no CRS: use '
-                             'offset or pixel')
+            raise WorldError(f'world.dem.center_mode: {dem.center_mode}; {self.path} has no CRS: '
+                             'use offset or pixel')
         if dem.center_mode == 'lonlat':
             projected = _transformed(self._lon_lat_crs(), data.crs, a, b)
             if projected is None:
-                raise WorldError(f'dem.center: {a:g}, {b:g} cannot be projected to the CRS of '
-                                 f'{self.path}')
+                raise WorldError(f'world.dem.center: {a:g}, {b:g} cannot be projected to the CRS '
+                                 f'of {self.path}')
             a, b = projected
         grid = data.transform
         return float((a - grid.c) / grid.a), float((b - grid.f) / grid.e)

@@ -102,7 +102,7 @@ class MeshSource:
 
     def __init__(self, config: WorldConfig) -> None:
         self.config = config
-        self.path = user_path(config.path, 'path')
+        self.path = user_path(config.path, 'world.path')
         triangles = _triangles(self.path, config)
         low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
         middle = 0.5 * (low + high)[:2] + np.asarray(config.mesh.center)
@@ -118,7 +118,7 @@ class MeshSource:
             raise WorldError(
                 f'{self.path}: the window of {config.size_m:g} m reaches {half - least:.4g} m '
                 f'beyond the mesh ({high[0] - low[0]:.5g} x {high[1] - low[1]:.5g} m); move '
-                'mesh.center, set mesh.scale, or make size_m smaller')
+                'world.mesh.center, set world.mesh.scale, or make world.size_m smaller')
         self._check_ground(half)
 
     def _check_ground(self, half_m: float) -> None:
@@ -128,10 +128,10 @@ class MeshSource:
         self.report.update(rays=rays, holes=holes, overhangs=overhangs)
         if holes == rays:
             raise WorldError(f'{self.path}: no vertical ray meets the mesh in the window; move '
-                             'mesh.center or choose another mesh.up_axis')
+                             'world.mesh.center or choose another world.mesh.up_axis')
         if holes and self.config.mesh.holes == 'refuse':
             raise WorldError(f'{self.path}: {holes} of {rays} vertical rays in the window meet no '
-                             'face; mend the mesh or set mesh.holes to fill')
+                             'face; mend the mesh or set world.mesh.holes to fill')
         if holes:
             logger.warning('%s: %d of %d rays met no face; the holes are filled', self.path, holes,
                            rays)
@@ -174,7 +174,7 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     check_regular(path, WorldError)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
-        raise WorldError(f'path: {path}: not a mesh format that is read; valid are '
+        raise WorldError(f'world.path: {path}: not a mesh format that is read; valid are '
                          + ', '.join(FORMATS))
     try:
         with np.errstate(all='ignore'):     # numbers beyond all bounds are refused below
@@ -210,7 +210,8 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     flat = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     total = np.linalg.norm(np.cross(a, b), axis=1).sum()
     if total == 0.0 or np.abs(flat).sum() < 1e-6 * total:
-        raise WorldError(f'{path}: seen from above it has no area; choose another mesh.up_axis')
+        raise WorldError(f'{path}: seen from above it has no area; choose another '
+                         'world.mesh.up_axis')
     if flat.sum() < -1e-6 * np.abs(flat).sum():
         # The faces of an open surface are wound the other way round: turn them to look up.
         triangles = triangles[:, ::-1]

@@ -82,15 +82,16 @@ class Raster(abc.ABC):
             raise WorldError(
                 f'{self.path}: the window of {self.config.size_m:g} m reaches '
                 f'{beyond[worst]:.4g} m beyond the {names[worst]} edge of the file '
-                f'({wide:.5g} x {high:.5g} m); move dem.center or make size_m smaller')
+                f'({wide:.5g} x {high:.5g} m); move world.dem.center or '
+                'make world.size_m smaller')
         heights, known, _, _ = self._window(half, self.config.cell_m)
         if not known.all():
             missing = int((~known).sum())
             if self.config.dem.nodata == 'refuse' or missing == known.size:
                 raise WorldError(
                     f'{self.path}: {missing} of {known.size} pixels in the window have no data; '
-                    'move dem.center' + ('' if missing == known.size
-                                         else ' or set dem.nodata to fill'))
+                    'move world.dem.center' + ('' if missing == known.size
+                                               else ' or set world.dem.nodata to fill'))
             logger.warning('%s: %d of %d pixels without data are filled', self.path, missing,
                            known.size)
         self._check_relief(heights, known)

@@ -72,10 +72,40 @@ def test_the_readme_begins_with_the_head_of_the_hub(dataset: Path) -> None:
 @pytest.mark.parametrize('frames, size', [(0, 'n<1K'), (999, 'n<1K'), (1000, '1K<n<10K'),
                                           (2_000_000, 'n>1M')])
 def test_sizes_and_other_licences(frames: int, size: str) -> None:
-    head = head_of(front_matter({'license': 'Our terms: see "x"', 'name': 'a: b',
+    head = head_of(front_matter({'license': 'Our terms: see "x"', 'name': 'a: b', 'contents': [],
+                                 'campaign': {},
                                  'statistics': {'frames': {'total': frames}}}))
     assert head['license'] == 'other' and head['license_name'] == 'Our terms: see "x"'
     assert head['pretty_name'] == 'a: b' and head['size_categories'] == [size]
+
+
+LEFT, RIGHT, IMU = 'stereo/left/image_raw', 'stereo/right/image_raw', 'imu/data_raw'
+TRUTH = ['ground_truth/depth/image', 'ground_truth/labels']
+
+
+@pytest.mark.parametrize('recorded, kept, tags, tasks', [
+    ([LEFT, 'odom'], {}, {'slam', 'ros2'}, []),
+    ([LEFT, RIGHT, IMU, *TRUTH, 'lidar/points'], {}, {'stereo', 'imu', 'lidar', 'slam', 'ros2'},
+     ['depth-estimation', 'image-segmentation']),
+    ([LEFT, RIGHT, IMU], {'keep_bag': False, 'formats': ['kitti']}, {'stereo', 'slam'}, []),
+    ([LEFT, RIGHT, IMU, TRUTH[0]], {'keep_bag': False, 'formats': ['tum']}, {'slam'},
+     ['depth-estimation']),
+    ([IMU], {}, {'imu', 'ros2'}, [])])
+def test_tags_follow_what_is_in_the_data(tmp_path: Path, recorded: list[str],
+                                         kept: dict[str, Any], tags: set[str],
+                                         tasks: list[str]) -> None:
+    write_json(tmp_path / CAMPAIGN_FILE, {'campaign': {'name': 'x', 'license': 'MIT', **kept}})
+    for name, names in (('0000', recorded), ('0001', [])):
+        (tmp_path / EPISODES / name).mkdir(parents=True)
+        write_json(tmp_path / EPISODES / name / MANIFEST, {
+            'name': name, 'topics': names, 'statistics': {'imu_preset': 'adis16448'}})
+    write_card(tmp_path)
+    text = (tmp_path / 'README.md').read_text()
+    head = head_of(text)
+    assert set(head['tags']) == {'moon', 'simulation', *tags}
+    assert head['task_categories'] == ['robotics', *tasks]
+    assert ('IMU noise' in text) == ('inertial data' in text) == ('imu' in tags)
+    assert ('stereo images' in text) == ('stereo' in tags)
 
 
 def test_the_same_data_set_has_the_same_card(dataset: Path) -> None:

@@ -92,3 +92,10 @@ def test_what_cannot_be_split_is_refused(dataset: Path, tmp_path: Path) -> None:
     for other in ('nothing', dataset / EPISODES):
         assert main(['dataset', 'shards', str(other), '-o', str(tmp_path / 'x')]) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_size_that_is_not_valid_is_refused_before_bags_are_read(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['dataset', 'shards', str(tmp_path / 'nothing'), '-o', str(tmp_path / 'x'),
+                 '--shard-size', '0']) == 1
+    assert '--shard-size: 0 is not valid; valid is 1 to 100000' in capsys.readouterr().err

@@ -85,6 +85,8 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
         folder = tmp_path / 'data' / 'episodes' / name
         assert (folder / 'tum' / 'groundtruth.txt').stat().st_size > 0
         assert manifest['statistics']['frames'] == 10
+        assert {'stereo/right/image_raw', 'imu/data_raw'} <= set(manifest['topics'])
+        assert 'lidar/points' not in manifest['topics']
         assert manifest['bag_hash'] == bag_hash(folder / 'bag')
     assert 'CC-BY-4.0' in (tmp_path / 'data' / 'README.md').read_text()
 

@@ -169,7 +169,7 @@ def test_sun_of_a_date():
 
 
 @pytest.mark.parametrize(('sun', 'site', 'match'), [
-    ({'date': '2024-06-15'}, None, 'site.source: world is not valid.*set sun.site.source=given'),
+    ({'date': '2024-06-15'}, None, 'site.source: world is not valid.*set it to given, with lon'),
     ({'date': '2024-06-01'}, Site(0.0, 0.0), 'sun.date: 2024-06-01 at longitude 0.*: '
      'elevation_deg: -17.72.* is not valid; valid is >= -1')])
 def test_no_sun_of_a_date(sun, site, match):

@@ -110,3 +110,28 @@ def test_a_node_that_does_not_stop(tmp_path):
         psutil.Process().children()[-1].suspend()
     assert re.search('lidar_node did not stop within .* was killed; the run goes on',
                      nodes.lost['lidar_node'])
+
+
+def test_an_unread_node_traces_no_scan_and_does_not_listen(peer, world_folder):
+    """It has no reader, then one, then none again."""
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry, sent = at_rest_odometry(), []
+
+    def send():
+        sent.append(50_000_000 * (len(sent) + 1))
+        odometry.header.stamp = time_msg(sent[-1])
+        poses.publish(odometry)
+
+    with running('lidar_node', '-p', f'world:={world_folder}', '-p',
+                 'part:=espros_tofcam635'):
+        peer.spin_until(lambda: peer.node.count_publishers('lidar/points') == 1)
+        peer.spin_until(lambda: len(sent) >= 20, meanwhile=send)
+        assert poses.get_subscription_count() == 0      # no scan without states
+        clouds = peer.listen(PointCloud2, 'lidar/points')
+        peer.spin_until(lambda: poses.get_subscription_count() == 1)
+        peer.spin_until(lambda: len(clouds) > 2, meanwhile=send)
+        first = header_ns(clouds[0])
+        # What was driven before is no scan that was left out.
+        assert first > 20 * 50_000_000 and first % 100_000_000 == 0
+        peer.node.destroy_subscription(list(peer.node.subscriptions)[-1])
+        peer.spin_until(lambda: poses.get_subscription_count() == 0)

@@ -12,7 +12,7 @@ pytest.importorskip('foxglove')
 from view_client import client, free_port  # noqa: E402  (needs the extra)
 
 from lunar_rover_sim.errors import ConfigError  # noqa: E402
-from lunar_rover_sim.run.live_view import LiveView  # noqa: E402
+from lunar_rover_sim.run.live_view import check_view, LiveView  # noqa: E402
 
 IMAGE, ODOM = 'sensor_msgs/msg/Image', 'nav_msgs/msg/Odometry'
 _WAIT_S = 10.0
@@ -95,6 +95,8 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f'port: {port} cannot be served'):
             LiveView(port)
+        with pytest.raises(ConfigError, match=f'^--view: {port} cannot be served'):
+            check_view(port, '--view')
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
     with pytest.raises(ConfigError, match=r"pip install 'lunar_rover_sim\[view\]'"):
         LiveView(free_port())

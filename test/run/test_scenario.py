@@ -67,6 +67,20 @@ def test_wrong_overrides(override: str, match: str) -> None:
     assert '\n' not in str(error.value)
 
 
+def test_a_lidar_that_sees_only_the_rover_is_refused_before_a_run() -> None:
+    inside = {'rover.lidar.position_m': [0.0, 0.0, 0.0]}
+    assert Scenario.load('flat', inside).rover.lidar.position_m == (0.0, 0.0, 0.0)
+    with_lidar = {**inside, 'run.nodes': ['physics_node', 'lidar_node']}
+    with pytest.raises(ConfigError, match=r'^rover\.lidar\.position_m: \[0\.0, 0\.0, 0\.0\] is '
+                                          'not valid .* valid is outside chassis and mast'):
+        Scenario.load('flat', with_lidar)
+    # Above the deck, but with a narrow field of view that looks down on it.
+    down = {'rover.lidar.position_m': [0.0, 0.0, 0.15], 'rover.lidar.rpy_deg': [0.0, 80.0, 0.0],
+            'lidar_node.part': 'espros_tofcam635', 'run.nodes': ['physics_node', 'lidar_node']}
+    with pytest.raises(ConfigError, match=r'not valid with rpy_deg = \[0\.0, 80\.0, 0\.0\]'):
+        Scenario.load('flat', down)
+
+
 def test_unknown_scenario() -> None:
     """The nearest names are offered."""
     with pytest.raises(ConfigError, match='did you mean baseline'):
@@ -173,6 +187,16 @@ def test_lockstep_waits_for_the_nodes_of_the_run() -> None:
     assert blind.physics_node.wait.topics == ('joint_commands', 'recorder/written')
     assert blind.gait_controller_node.wait.topics == ()
     assert not any(t.startswith('stereo') for t in blind.recorder_node.acknowledge)
+    lidar = {'run.nodes': ['physics_node', 'recorder_node', 'lidar_node']}
+    scans = {'recorder_node.topics': ['all', 'lidar/points']}
+    named = {'physics_node.wait.topics': ['lidar/scanned'], 'physics_node.wait.lags_s': [0.2]}
+    for more, awaited in (({}, False), (scans, True), (named, True),
+                          ({**scans, 'run.may_fail': ['lidar_node']}, False)):
+        of_lidar = resolve(Scenario.load('baseline', {**lidar, **more}))
+        assert ('lidar/scanned' in of_lidar.physics_node.wait.topics) == awaited
+        # Unless somebody reads it, lidar_node does not listen to the rover.
+        assert ('lidar/scanned' in of_lidar.recorder_node.exclude) == (more == {})
+        assert resolve(of_lidar) == of_lidar
     live = resolve(Scenario.load('baseline', ['time_mode=real_time']))
     assert live.physics_node.wait.topics == full.physics_node.wait.topics
     assert live.gait_controller_node.wait.topics == live.recorder_node.acknowledge == ()

@@ -50,6 +50,9 @@ class Nodes:
     def fatal_error(self) -> None:
         return None
 
+    def unstarted(self) -> str:
+        return ''
+
     def silent_participant(self, now_ns: int) -> str:
         return SILENT
 
@@ -102,6 +105,43 @@ def test_programs_that_the_run_has_not_started_are_given_their_time() -> None:
 def test_a_limit_below_that_of_idle_nodes_holds_for_them_too() -> None:
     limits = Limits.of(resolve(Scenario.load('flat', ['physics_node.wait.silence_s=3.0'])))
     assert limits.silence_s is not None and limits.idle_s <= limits.silence_s <= 4.0
+
+
+def start_all(folder: Path, monkeypatch: pytest.MonkeyPatch, scripts: dict[str, str],
+              may_fail: tuple[str, ...] = ()) -> NodeProcesses:
+    """Start a process for each node; scripts: what each does."""
+    monkeypatch.setattr(node_processes, 'dies_with_parent', lambda command: [
+        sys.executable, '-c', next(scripts[word] for word in command if word in scripts)])
+    return NodeProcesses([NodePlan(name, {}) for name in scripts], folder, 77, may_fail)
+
+
+@pytest.mark.parametrize('physics', [
+    'time.sleep(60.0)',
+    'print("FATAL no publisher for 60 s on lidar/scanned", flush=True)\nexit(1)'])
+def test_who_has_not_started_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                      physics: str) -> None:
+    """Not physics, which waits for it, whether or not physics has given up."""
+    ready = 'import time\nprint("[INFO] [1.5] [physics_node]: ready: seed 1", flush=True)\n'
+    nodes = start_all(tmp_path, monkeypatch, {'physics_node': ready + physics,
+                                              'lidar_node': 'import time\ntime.sleep(60.0)'})
+    while 'ready' not in nodes.log('physics_node').read_text():
+        time.sleep(0.02)
+    limits = Limits(silence_s=5.0, start_s=1.5, end_ns=0, idle_s=1.5)
+    try:
+        with pytest.raises(GraphError, match='not started (within 1.5 s|yet): lidar_node .log'):
+            supervise(nodes, Clock(), limits, lambda _: None, lambda: False)    # type: ignore
+        assert 'physics_node' not in nodes.unstarted()
+    finally:
+        nodes.kill()
+
+
+def test_who_may_fail_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes = start_all(tmp_path, monkeypatch, {'lidar_node': 'import time\ntime.sleep(60.0)'},
+                      ('lidar_node',))
+    try:
+        assert not nodes.unstarted()
+    finally:
+        nodes.kill()
 
 
 def test_what_a_killed_node_logged_of_its_work_is_no_reason(

@@ -16,7 +16,7 @@ from lunar_rover_sim.world.config import preset, PRESETS, WorldConfig
     ({'relief': {'hurst': 1.5}}, r'world.relief.hurst: 1.5 is not valid; valid is >= 0.05'),
     ({'relief': {'longest_wavelength_m': 0.0}}, 'longest_wavelength_m: 0.0 is not valid'),
     ({'rocks': {'min_diameter_m': 2.0, 'max_diameter_m': 1.0}},
-     'rocks.min_diameter_m: 2 is above'),
+     r'^world\.rocks\.min_diameter_m: 2 is not valid; valid is <= max_diameter_m = 1 \[m\]$'),
     ({'source': 'dem'}, 'world.path: empty; source dem needs a file'),
     ({'source': 'dme', 'path': 'x'}, "'dme' is not valid; did you mean dem"),
     ({'dem': {'center': [1.0]}}, r'world.dem.center: 1 elements given; valid is 2 elements'),

@@ -209,7 +209,7 @@ def test_gaps(tmp_path, marker):
     heights[22:25, 23:25] = marker
     path = write_tiff(tmp_path / 'gap.tif', heights, nodata=-9999.0 if marker == -9999.0 else None)
     with pytest.raises(WorldError, match=r'6 of \d+ pixels in the window have no data; move '
-                                         r'dem.center or set dem.nodata to fill'):
+                                         r'world.dem.center or set world.dem.nodata to fill'):
         open_dem(config(path))
     world = build_world(config(path, dem={'nodata': 'fill'}), 1)
     assert world.report['filled_pixels'] == 6
@@ -237,14 +237,14 @@ def test_refusals(tmp_path):
                          '+R=1737400', west=10.0, north=-80.0)
     refused(degrees, 'its coordinates are degrees, not metres; reproject it')
     path = write_tiff(tmp_path / 'hills.tif', heights)
-    refused(path, r'reaches 8.4 m beyond the east edge of the file \(96 x 96 m\); move dem.center',
-            dem={'center': [50.0, 0.0]})
+    refused(path, r'reaches 8.4 m beyond the east edge of the file \(96 x 96 m\); move '
+            'world.dem.center', dem={'center': [50.0, 0.0]})
     refused(path, 'beyond the south edge', dem={'center': [0.0, -45.0]})
-    refused(path, 'dem.band: 2;', dem={'band': 2})
+    refused(path, '^world.dem.band: 2;', dem={'band': 2})
     refused(write_tiff(tmp_path / 'bare.tif', heights, pixel=0.0, crs=None),
-            'does not say how large its pixels are; set dem.pixel_m')
+            'does not say how large its pixels are; set world.dem.pixel_m')
     refused(write_tiff(tmp_path / 'none.tif', np.full((30, 30), np.nan, np.float32)),
-            'pixels in the window have no data; move dem.center$', dem={'nodata': 'fill'})
+            'pixels in the window have no data; move world.dem.center$', dem={'nodata': 'fill'})
     turned = tmp_path / 'turned.tif'
     with rasterio.open(turned, 'w', driver='GTiff', width=30, height=30, count=1, dtype='float32',
                        crs=CRS.from_user_input(MOON),
@@ -268,7 +268,7 @@ def test_refusals(tmp_path):
         file.write(np.zeros((3, 30, 30), np.uint16))
     refused(colour, r'band 1 \(uint16, red\) is a picture, not heights')
     grey = write_tiff(tmp_path / 'grey.tif', np.zeros((30, 30), np.uint8))
-    refused(grey, r'band 1 \(uint8, gray\) is a picture, .* set dem.height_scale')
+    refused(grey, r'band 1 \(uint8, gray\) is a picture, .* set world.dem.height_scale')
     open_dem(config(grey, dem={'height_scale': 0.5})).close()
     with pytest.raises(ConfigError, match='height_scale: 0.0 is not valid'):
         config(path, dem={'height_scale': 0.0})

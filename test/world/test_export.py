@@ -105,7 +105,7 @@ def test_export_refusals(tmp_path):
     world = worlds.small()
     with pytest.raises(WorldError, match=r'\.stl format is not one that is written; valid are'):
         export.write(world, tmp_path / 'world.stl')
-    with pytest.raises(WorldError, match='stride: 7 does not divide the 512 cells'):
+    with pytest.raises(WorldError, match='--stride: 7 does not divide the 512 cells'):
         export.write(world, tmp_path / 'world.glb', stride=7)
     with pytest.raises(WorldError, match='cannot be written'):
         export.write(world, tmp_path / 'nowhere' / 'world.ply')

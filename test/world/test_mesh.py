@@ -120,7 +120,7 @@ def holed(tmp_path):
 def test_holes(tmp_path):
     path = holed(tmp_path)
     with pytest.raises(WorldError, match=r'\d+ of 263169 vertical rays in the window meet no face;'
-                                         r' mend the mesh or set mesh.holes to fill'):
+                                         r' mend the mesh or set world.mesh.holes to fill'):
         MeshSource(config(path))
     world = build_world(config(path, mesh={'holes': 'fill'}), 0)
     # A hole of about 2 m2 is 3,200 rays of 6.25 cm2.
@@ -196,4 +196,4 @@ def test_what_is_not_a_surface(tmp_path):
     mesh, _ = bumps()
     mesh.export(tmp_path / 'bumps.stl')
     refused(tmp_path / 'bumps.stl', r'reaches 1.4 m beyond the mesh \(20 x 20 m\); move '
-            'mesh.center, set mesh.scale', mesh={'center': [5.0, 0.0]})
+            'world.mesh.center, set world.mesh.scale', mesh={'center': [5.0, 0.0]})
