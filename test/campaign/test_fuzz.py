@@ -23,7 +23,7 @@ from lunar_rover_sim.run.scenario import Scenario
 hypothesis = pytest.importorskip('hypothesis')
 st = hypothesis.strategies
 
-EXAMPLES = 150        # of each kind of file
+EXAMPLES = 100        # of each kind of file
 LIMIT_CPU_S = 5.0     # a file of the largest size that is read at all takes this long
 HANG_S = 120
 SCENARIO = (config_folder() / 'scenarios' / 'baseline.yaml').read_text(encoding='utf-8')

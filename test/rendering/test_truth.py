@@ -116,7 +116,7 @@ def test_truth_of_the_other_camera_is_no_picture_of_it(monkeypatch):
     draw = OpticsPass.draw
     monkeypatch.setattr(OpticsPass, 'draw', lambda optics, radiance, depth, sides, sun: (
         developed.append(tuple(sides)), draw(optics, radiance, depth, sides, sun))[1])
-    world = worlds.small()
+    world = scene.plane(257, heights=scene.hills(257))
     config = scene.config(SUN.elevation_deg, SUN.azimuth_deg, camera=CAMERA,
                           sensor=SensorConfig(exposure_mode='auto'))
     state = RoverPose(standing(world, -1.5, 1.0, 40.0))
