@@ -59,8 +59,7 @@ class SoftGround:
                  ground: HeightGrid, soil: Soil, rows: SoilRows,
                  varies: SoilMap | None = None) -> None:
         self.overlay = Overlay()
-        self.soil = soil
-        self._map = varies
+        self.soil, self._map = soil, varies
         self._model, self._data, self._ground, self._rows = model, data, ground, rows
         self._radius = rover.legs.tip_radius_m
         self._spoke = SpokeInSoil(soil, self._radius, rover.legs.spoke_radius_m)
@@ -243,8 +242,7 @@ class SoftGround:
         self._set_friction(tip, depth, force)
         self._leave_print(tip, centre, depth - plastic, yielding or slips)
 
-    def _leave_print(self, tip: SoftTip, centre: Centre, pressed: float,
-                     moving: bool) -> None:
+    def _leave_print(self, tip: SoftTip, centre: Centre, pressed: float, moving: bool) -> None:
         """Note where the ball presses, and press its way into the overlay from time to time."""
         x = centre[0] + pressed * tip.nx
         y = centre[1] + pressed * tip.ny

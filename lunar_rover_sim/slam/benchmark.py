@@ -35,6 +35,7 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam.drives import CELLS, Drive, Judged, load, RESULT
 from lunar_rover_sim.slam.estimators import Estimator
 from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
+from lunar_rover_sim.slam.step_counter import StepCounter
 
 # The topics that estimators and their evaluation need.
 _RECORDED = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,
@@ -217,7 +218,7 @@ def _judge(cell: Cell, bag: Path, sequence: Path, folder: Path, step: Step,
     work = cell_folder(folder, cell)
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
-    counter = _Counter(lambda text: step(cell, text))
+    counter = StepCounter(lambda text: step(cell, text))
     return dataclasses.replace(cell, result=run_on_bag(
         bag, cell.estimator, work, step=counter.begin, advance=counter.advance,
         kept_sequence=sequence, stop=stop))
@@ -245,25 +246,6 @@ def _sequences(folder: Path, systems: Sequence[str]) -> Iterator[Path]:
     finally:
         shutil.rmtree(path, ignore_errors=True)
         os.close(locked)
-
-
-class _Counter:
-    """Tells how many parts of a piece of work are done, about a hundred times in each."""
-
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        self._tell = tell
-        self._text, self._total, self._count = '', 0, 0
-
-    def begin(self, text: str, total: int | None) -> None:
-        """Tell that work of so many parts begins; None where nobody knows."""
-        self._text, self._total, self._count = text, total or 0, 0
-        self._tell(text)
-
-    def advance(self) -> None:
-        """Count a part that is done."""
-        self._count += 1
-        if self._total and self._count % max(1, self._total // 100) == 0:
-            self._tell(f'{self._text}, {self._count} of {self._total}')
 
 
 def _record(drive: Drive, recordings: Path, recorder: Callable[..., Recording],
