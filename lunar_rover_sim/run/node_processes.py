@@ -111,12 +111,11 @@ class NodeProcesses:
                 continue
             if name == 'physics_node' and self._has_done_its_work(name):
                 return True
-            if not self._goes_on_without(name, self._describe_end(name)):
-                end, late = self._describe_end(name), self.unstarted()
+            end = self._describe_end(name)
+            if not self._goes_on_without(name, end):
+                late = self.unstarted() if ': no publisher for' in end else ''
                 # It waited for a topic; who would have published it is still starting.
-                if ': no publisher for' in end and late:
-                    end += f'; not started yet: {late}'
-                raise GraphError(end)
+                raise GraphError(f'{end}; not started yet: {late}' if late else end)
         return False
 
     def _has_done_its_work(self, name: str) -> bool:
