@@ -9,9 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.typesys import get_typestore, Stores
+from rosbags.rosbag2 import Reader
 from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim import topics as contract
@@ -19,7 +18,7 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import has_end
 from lunar_rover_sim.bag.file_counts import file_counts, is_count
 from lunar_rover_sim.bag.stamps import StampTable
-from lunar_rover_sim.bag.typestores import known_typestore
+from lunar_rover_sim.bag.typestores import typestore_of
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.regular_file import check_regular
 from lunar_rover_sim.parameters import brief, nearest
@@ -46,7 +45,7 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self._reader: AnyReader | None = None
+        self._reader: Reader | None = None
         if not self.path.exists():
             raise BagError(f'{self.path}: there is no such bag')
         check_files(self.path)
@@ -56,11 +55,11 @@ class Bag:
             raise BagError(f'{self.path}: {self.incomplete}; make it readable with: '
                            f'lunar_rover_sim bag recover {self.path}')
         try:
-            self._reader = AnyReader([self.path],
-                                     default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            self._reader = Reader(self.path)
             self._reader.open()
-            self._reader.typestore = known_typestore(self._reader.typestore)
+            self._typestore = typestore_of(self._reader.connections)
         except Exception as error:  # whatever the parsers make of a file that is no bag
+            self.close()
             raise BagError(f'{self.path}: cannot be read as a bag: {_words(error)}') from None
         try:
             self._check_counts()
@@ -95,7 +94,7 @@ class Bag:
                                'not valid; valid is a whole number >= 0 of 64 bits')
 
     @property
-    def reader(self) -> AnyReader:
+    def reader(self) -> Reader:
         """The reader of rosbags."""
         if self._reader is None:
             raise BagError(f'{self.path}: the bag is closed')
@@ -104,7 +103,7 @@ class Bag:
     @property
     def typestore(self) -> Typestore:
         """The message types of this bag."""
-        return self.reader.typestore
+        return self._typestore
 
     @property
     def connections(self) -> list[Connection]:
@@ -221,7 +220,7 @@ class Bag:
     def decode(self, data: bytes, msgtype: str) -> Any:
         """Return the message of CDR bytes."""
         try:
-            return self.reader.deserialize(data, msgtype)
+            return self.typestore.deserialize_cdr(data, msgtype)
         except Exception as error:  # whatever the parsers make of damaged bytes
             raise BagError(f'{self.path}: a {msgtype} cannot be decoded: '
                            f'{_words(error)}') from None
@@ -243,7 +242,7 @@ class Bag:
     def close(self) -> None:
         """Close the files."""
         reader, self._reader = self._reader, None
-        if reader is not None:
+        if reader is not None and reader.is_open:
             # rosbags empties the list `files` of metadata.yaml, which may be no list.
             with suppress(AttributeError):
                 reader.close()

@@ -1,9 +1,14 @@
 """Bags of the same definitions share what reads their types; others are read by their own."""
 
+import re
+
 import pytest
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.typestores import typestore_of
 from lunar_rover_sim.bag.writer import BagWriter
+from lunar_rover_sim.errors import BagError
 
 
 def written(path, definition):
@@ -37,3 +42,37 @@ def test_equal_definitions_share_a_typestore_and_a_closed_bag_keeps_none(tmp_pat
     with open_bag(paths[0]) as again:
         assert (again.typestore is first) == (others == 0)
         assert again.first('/it').it == 0x04030201
+
+
+IDL = 'module my_msgs { module msg { struct %s { %s it; }; }; };\n'
+RULE = 80 * '=' + '\n'
+
+
+@pytest.mark.parametrize('text', [
+    IDL % ('It', 'uint32'),
+    f'{RULE}IDL: my_msgs/msg/Whole\n{IDL % ("Whole", "my_msgs::msg::It")}'
+    f'{RULE}IDL: my_msgs/msg/It\n{IDL % ("It", "uint32")}'], ids=['one', 'with its parts'])
+def test_definitions_in_idl(text):
+    """As rosbag2 stores them: bare, or each type of it under its name."""
+    name = 'my_msgs/msg/Whole' if 'Whole' in text else 'my_msgs/msg/It'
+    connection = Connection(1, '/it', name, MessageDefinition(MessageDefinitionFormat.IDL, text),
+                            '', 1, None, None)
+    message = typestore_of([connection]).deserialize_cdr(b'\0\1\0\0\1\2\3\4', name)
+    assert getattr(message.it, 'it', message.it) == 0x04030201
+
+
+def test_types_of_a_bag_without_definitions_are_those_of_ros():
+    connection = Connection(1, '/it', 'std_msgs/msg/UInt32',
+                            MessageDefinition(MessageDefinitionFormat.NONE, ''), '', 1, None, None)
+    message = typestore_of([connection]).deserialize_cdr(b'\0\1\0\0\1\2\3\4', connection.msgtype)
+    assert message.data == 0x04030201
+
+
+def test_a_definition_of_another_hash_than_stated_is_refused(tmp_path):
+    path = written(tmp_path / 'bag', 'uint32 it\n')
+    metadata = path / 'metadata.yaml'
+    text = metadata.read_text()
+    stated = re.search(r'RIHS01_[0-9a-f]{64}', text)[0]
+    metadata.write_text(text.replace(stated, 'RIHS01_' + 64 * '0'))
+    with pytest.raises(BagError, match=f'my_msgs/msg/It has the hash {stated}; the bag states'):
+        open_bag(path)
