@@ -203,14 +203,16 @@ def _sample(tiles: ReliefTiles, tile: ReliefTile, level: int,
     """
     codes = tile.codes[level]
     n = len(codes)
+    words = codes.view(np.uint32)[..., 0]   # whole texels are gathered faster
     at = rng.random((2, _SAMPLES)) * n
     whole = at.astype(int)
     part = (at - whole)[..., None]
-    texel = np.zeros((_SAMPLES, 4))
+    texel = np.zeros((_SAMPLES, 3))
     for i in (0, 1):
         for j in (0, 1):
             weight = (part[0] if i else 1.0 - part[0]) * (part[1] if j else 1.0 - part[1])
-            texel += weight * codes[(whole[0] + i) % n, (whole[1] + j) % n]
+            corner = words[(whole[0] + i) % n, (whole[1] + j) % n].view(np.uint8)
+            texel += weight * corner.reshape(-1, 4)[:, :3]
     slope = (texel[:, :2] - 128.0) * (SLOPE_SCALE / 255.0)
     along = tiles.heading
     return (np.column_stack([slope @ along, slope @ (-along[1], along[0])]),

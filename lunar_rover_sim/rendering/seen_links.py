@@ -23,9 +23,9 @@ def seen_links(rover: RoverDescription, T_base_cameras: Iterable[Array],
     A link counts if a camera sees one of its triangles at any leg angle, or nearly so.
     T_base_cameras: (4, 4) poses of the optical frames
     """
-    links = list(link_poses(rover, np.zeros(4)))
+    links, parts = list(link_poses(rover, np.zeros(4))), visual_parts(rover)
     meshes = [merge([(part.vertices.astype(float), part.faces.astype(np.int64))
-                     for part in visual_parts(rover) if part.link == link]) for link in links]
+                     for part in parts if part.link == link]) for link in links]
     cameras = [inverse(T) for T in T_base_cameras]
     planes = _planes(projection)
     seen = set()
@@ -38,7 +38,10 @@ def seen_links(rover: RoverDescription, T_base_cameras: Iterable[Array],
                 T = T_camera_base @ poses[link]
                 within = (vertices @ T[:3, :3].T + T[:3, 3]) @ planes.T
                 within[:, -1] -= projection.near_m
-                a, b, c = (within > 0.0)[faces.T]
+                inside = within > 0.0
+                if not np.all(np.any(inside, axis=0)):      # all of it is beyond one plane
+                    continue
+                a, b, c = inside[faces.T]
                 if np.any(np.all(a | b | c, axis=1)):
                     seen.add(index)
                     break

@@ -95,8 +95,8 @@ def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[n
         current -= drop
         if row < n:
             np.subtract(ground, current, out=lift)  # increases with the tangent
-            dark = np.count_nonzero(lift < 0.0, axis=0)
-            k = np.minimum(np.maximum(dark, 1), len(tangents) - 1)
+            dark = np.sum(lift < 0.0, axis=0, dtype=np.uint8)   # faster than whole words
+            k = np.clip(dark, 1, len(tangents) - 1).astype(int)
             high = k * n + columns
             low, high = lift.take(high - n), lift.take(high)
             # Extrapolate the zero from below, where distant relief limits the view.

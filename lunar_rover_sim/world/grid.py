@@ -36,7 +36,8 @@ class HeightGrid:
 
     def contains(self, xy_m: ArrayLike) -> NDArray[np.bool_]:
         """Return, for (..., 2) positions, whether they lie on the grid."""
-        return np.all(np.abs(np.asarray(xy_m)) <= self.half_extent_m, axis=-1)
+        inside = np.abs(np.asarray(xy_m)) <= self.half_extent_m
+        return np.asarray(inside[..., 0] & inside[..., 1])
 
     def height_at(self, xy_m: ArrayLike) -> NDArray[np.float64]:
         """Return the height [m] of the triangulated surface at (..., 2) positions [m].
