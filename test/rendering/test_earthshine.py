@@ -48,7 +48,7 @@ def radiance(world, sun, *, dates=(), **groups):
     config = RenderConfig(camera=CameraConfig(width=160, height=120), lens=LensConfig(
         scatter_share=0.0, veil_share=0.0), sun=sun,
         **{'earth': EarthConfig(drawn=False), 'detail': SMOOTH, **groups})
-    with Renderer(world, SEEN, dataclasses.replace(config, sun=(*dates, sun)[0]), 3) as drawn:
+    with Renderer(world, SEEN, dataclasses.replace(config, sun=(*dates, sun)[0])) as drawn:
         drawn.follow(scene.trodden(world))
         for later in (*dates, sun)[1:]:
             drawn.show_sun(drawn.light_of(later))

@@ -105,8 +105,8 @@ def test_motion_blur(moving: bool) -> None:
         assert frame.left is not None and frame.label is not None
         return frame.left.astype(float), rover_links(frame.label)
 
-    sun = scene.SunConfig(azimuth_deg=180.0, elevation_deg=30.0)     # as other tests with relief
-    with Renderer(scene.plane(), scene.ROVER, RenderConfig(camera=SMALL, sun=sun)) as renderer:
+    config_of_pair = RenderConfig(camera=SMALL, sun=scene.RELIEF_SUN)
+    with Renderer(scene.plane(), scene.ROVER, config_of_pair) as renderer:
         further = renderer.add_camera(config, mount)
         sharp, rover = drawn(np.zeros(3), RoverPose(T))
         blurred, _ = drawn(np.array([1.0, 0.0, 0.0]) if moving else np.zeros(3), state)

@@ -64,9 +64,9 @@ def pole():
                        shape=scene.block('pole', (0.05, 0.3, 3.0)))
 
 
-def renderer_of(world, rover=scene.ROVER, camera=CAMERA, detail=scene.SMOOTH,
-                **sensor) -> Renderer:
-    config = scene.config(30.0, azimuth_deg=180.0, camera=camera, detail=detail, lens=CLEAR,
+def renderer_of(world, rover=scene.ROVER, camera=CAMERA, detail=scene.SMOOTH, elevation_deg=30.0,
+                azimuth_deg=180.0, **sensor) -> Renderer:
+    config = scene.config(elevation_deg, azimuth_deg, camera=camera, detail=detail, lens=CLEAR,
                           sensor=dataclasses.replace(LINEAR, **sensor))
     return Renderer(world, rover, config)
 
@@ -235,7 +235,7 @@ def test_the_body_of_the_rover_does_not_blur(looking_down):
     """It moves with the camera. The ground beside it blurs as without it."""
     world = scene.plane(heights=scene.hills())
     at = scene.pose(z=float(world.height_at((0.0, 0.0))) + 0.1)
-    with renderer_of(world, looking_down, detail=scene.DetailConfig()) as renderer:
+    with renderer_of(world, looking_down, CAMERA, scene.DetailConfig(), 8.0, 20.0) as renderer:
         still, moving = RoverPose(at), RoverPose(at, **WALK)
         label = renderer.render(still, 0, ('label',)).label
         sharp, blurred = light(renderer, still), light(renderer, moving)

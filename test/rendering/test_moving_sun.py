@@ -14,9 +14,9 @@ CAMERA = CameraConfig(width=160, height=120)
 def test_set_sun() -> None:
     """Terrain, rocks, relief below the grid and rover: all are lit from the new side."""
     world = scene.plane(heights=scene.hills(), stones=scene.rocks([(1.2, 0.3, 0.2)], 0.4))
-    # Under suns of other tests, whose relief is at hand.
     here, there = (scene.config(elevation, azimuth, camera=CAMERA, detail=DetailConfig())
-                   for elevation, azimuth in ((30.0, 180.0), (25.0, 20.0)))
+                   for elevation, azimuth in ((25.0, 180.0), (8.0, 20.0)))
+    assert there.sun == scene.RELIEF_SUN
     with Renderer(world, scene.ROVER, here) as renderer:
         before = renderer.render(RoverPose(scene.pose())).left
         renderer.set_sun(there.sun.azimuth_deg, there.sun.elevation_deg)
