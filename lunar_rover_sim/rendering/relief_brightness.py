@@ -70,25 +70,37 @@ def cosine_nodes() -> Array:
     return np.maximum(np.linspace(0.0, 1.0, COSINES)**2, 0.004)
 
 
-@functools.lru_cache(maxsize=2)     # for the next renderer of the same scene
 def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevation_rad: float,
                       sun_radius_rad: float) -> ReliefBrightness:
     """Return how tiles are lit by a sun of this elevation and angular radius."""
-    ground = hapke.parameter_set(reflectance.ground)
     tangent = max(math.tan(elevation_rad), _LEAST_TANGENT)
-    rng = np.random.default_rng(0)
-    levels = list(range(LEVELS))
-    coarse = [max(k - FINER, 0) for k in levels]
-    variance = tiles.coarse.slope_variance[coarse] + tiles.fine.slope_variance[levels]
+    if tiles.flat:
+        return ReliefBrightness(
+            _polynomials(_wanted_scales(tiles, hapke.parameter_set(reflectance.ground))),
+            np.ones((LEVELS, COSINES, AZIMUTHS, len(HEIGHTS)), np.float32), tangent)
+    return _of_relief(tiles, reflectance, tangent, sun_radius_rad)
+
+
+def _wanted_scales(tiles: ReliefTiles, ground: hapke.HapkeParameters) -> Array:
+    """Return (LEVELS, 4) values of `ReliefBrightness.scales`, with gains of 1."""
+    coarse = [max(k - FINER, 0) for k in range(LEVELS)]
+    variance = tiles.coarse.slope_variance[coarse] + tiles.fine.slope_variance[:LEVELS]
     left = np.sqrt(np.maximum(math.tan(math.radians(ground.theta_deg))**2
                               - 0.25 * math.pi * variance, 0.0))
-    wanted = np.column_stack([left, tiles.coarse.spread[coarse], tiles.fine.spread[levels],
-                              np.ones(LEVELS)])
+    return np.column_stack([left, tiles.coarse.spread[coarse], tiles.fine.spread[:LEVELS],
+                            np.ones(LEVELS)])
+
+
+@functools.lru_cache(maxsize=2)     # for the next renderer of the same scene
+def _of_relief(tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: float,
+               sun_radius_rad: float) -> ReliefBrightness:
+    ground = hapke.parameter_set(reflectance.ground)
+    rng = np.random.default_rng(0)
+    levels = list(range(LEVELS))
+    wanted = _wanted_scales(tiles, ground)
     factor = np.ones((LEVELS, COSINES, AZIMUTHS, len(HEIGHTS)), np.float32)
-    if not np.any(variance):
-        return ReliefBrightness(_polynomials(wanted), factor, tangent)
-    samples = [(_sample(tiles, tiles.coarse, coarse[k], rng), _sample(tiles, tiles.fine, k, rng))
-               for k in levels]
+    samples = [(_sample(tiles, tiles.coarse, max(k - FINER, 0), rng),
+                _sample(tiles, tiles.fine, k, rng)) for k in levels]
 
     def facets(k: int, scales: Array) -> _Facets:
         law = _Law(ground, reflectance.albedo_scale, math.degrees(math.atan(scales[0])))

@@ -48,7 +48,7 @@ class ReliefTile:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ReliefTiles:
-    """The tiles under a sun; the same scene has the same object.
+    """The tiles under a sun; the next renderer of the same scene has the same object.
 
     heading: (2,) horizontal unit vector towards the sun
     centre, half_range: of the tangents of the horizon
@@ -60,12 +60,18 @@ class ReliefTiles:
     centre: float
     half_range: float
 
+    @property
+    def flat(self) -> bool:
+        """Whether there is no relief in them."""
+        return not (self.coarse.slope_variance.any() or self.fine.slope_variance.any())
+
 
 def start_tiles(config: DetailConfig, seed: int, sun_direction: Array) -> Future[ReliefTiles]:
     """Start making the tiles of relief below the grid under a sun."""
-    pool = ThreadPoolExecutor(1)
+    pool, recipes = ThreadPoolExecutor(1), _recipes(config)
+    make = _new_tiles if all(_is_flat(recipe) for recipe in recipes) else _tiles
     try:
-        return pool.submit(_tiles, _recipes(config), seed, SunGeometry.towards(sun_direction))
+        return pool.submit(make, recipes, seed, SunGeometry.towards(sun_direction))
     finally:
         pool.shutdown(wait=False)
 
@@ -76,13 +82,16 @@ def relief_heights(config: DetailConfig, seed: int) -> list[tuple[float, F32]]:
             for k, recipe in enumerate(_recipes(config))]
 
 
-@functools.lru_cache(maxsize=2)     # for the next renderer of the same scene
-def _tiles(recipes: tuple[fine_relief.TileRecipe, ...], seed: int,
-           sun: SunGeometry) -> ReliefTiles:
+def _new_tiles(recipes: tuple[fine_relief.TileRecipe, ...], seed: int,
+               sun: SunGeometry) -> ReliefTiles:
     centre, half_range = _horizon_range(sun)
     coarse, fine = (_tile(recipe.period_m, _relief(recipe, seed, k), sun, centre, half_range)
                     for k, recipe in enumerate(recipes))
     return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range)
+
+
+# For the next renderer of the same scene. Flat ones, made at once, would only displace others.
+_tiles = functools.lru_cache(maxsize=2)(_new_tiles)
 
 
 @functools.lru_cache(maxsize=2)     # both tiles, for the next sun
@@ -99,11 +108,14 @@ def _recipes(config: DetailConfig) -> tuple[fine_relief.TileRecipe, ...]:
 def _recipe(config: DetailConfig, k: int) -> fine_relief.TileRecipe:
     values = dict(_TILES[k])
     pits = config.pit_cover * values.pop('pit_share')   # type: ignore[operator]
-    if config.relief_rms_slope == pits == config.pebble_cover == 0.0:
-        values['n'] = _FLAT_TEXELS
-    return fine_relief.TileRecipe(
+    recipe = fine_relief.TileRecipe(
         pit_cover=pits, rms_slope=config.relief_rms_slope,
         pebble_cover=0.5 * config.pebble_cover, **values)   # type: ignore[arg-type]
+    return dataclasses.replace(recipe, n=_FLAT_TEXELS) if _is_flat(recipe) else recipe
+
+
+def _is_flat(recipe: fine_relief.TileRecipe) -> bool:
+    return recipe.rms_slope == recipe.pit_cover == recipe.pebble_cover == 0.0
 
 
 def _tile(period_m: float, heights: F32, sun: SunGeometry, centre: float,
