@@ -178,7 +178,7 @@ def test_depth_is_that_of_the_world_of_physics():
             rays = renderer.rig.rays()
             rows, columns = np.nonzero(frame.label >= LABEL_FIRST_ROCK)
             pick = rng.integers(0, len(rows), 250)
-            pixels = {'anywhere': (rng.integers(0, 480, 450), rng.integers(0, 640, 450)),
+            pixels = {'anywhere': (rng.integers(0, 480, 650), rng.integers(0, 640, 650)),
                       'on rocks': (rows[pick], columns[pick])}
             for name, (vs, us) in pixels.items():
                 for v, u in zip(vs, us):
