@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from importlib import resources
 import logging
 import re
@@ -57,6 +58,7 @@ def load_program(context: moderngl.Context, vertex: str, fragment: str,
         raise RenderError(f'the driver refuses shader {vertex}/{fragment}: {lines[-1]}') from None
 
 
+@functools.cache
 def source(name: str) -> str:
     """Return the text of one shader file with its includes."""
     path = resources.files('lunar_rover_sim.rendering').joinpath('shaders').joinpath(name)
