@@ -201,7 +201,7 @@ def _settings(args: argparse.Namespace) -> int:
         suite = described_sensors(
             scenario.rover, render.camera, scenario.physics_node.imu,
             render.frame_rate_hz / (render.depth_every if has_depth else 1),
-            scenario.physics_node.state_rate_hz)
+            scenario.physics_node.state_rate_hz, scenario.physics_node.gravity_mps2)
     text = settings(suite, args.sensor, args.legacy, args.features)
     if args.output.exists():
         raise ConfigError(f'{args.output}: exists already and is not overwritten')

@@ -63,13 +63,14 @@ class SlamNode(node_main.GraphNode):
         self._drops, self._state, self._latencies_s = Drops(), protocol.INITIALISING, [0.0]
         self._tracked = self._answered = 0
         self._folder = TemporaryDirectory(prefix='slam_node_')
-        if config.has_imu and abs(config.gravity_mps2 - _COMPILED_MPS2) > 0.1:
+        if config.has_imu and abs(config.gravity_mps2 - _COMPILED_MPS2) > 0.1 \
+                and '{wheel}' not in config.command:    # which is told of it
             self.get_logger().warning(
                 f'gravity is {config.gravity_mps2:g} m/s^2: ORB-SLAM3 has {_COMPILED_MPS2:g} '
-                'compiled in (GRAVITY_VALUE in ImuTypes.h), its wheel too, and finds a wrong scale'
+                'compiled in (GRAVITY_VALUE in ImuTypes.h), and finds a wrong scale'
                 ' from the IMU unless it is built with the other value')
         suite = described_sensors(load_rover(config.rover or None), config.camera, config.imu,
-                                  config.frame_rate_hz, config.imu_rate_hz)
+                                  config.frame_rate_hz, config.imu_rate_hz, config.gravity_mps2)
         self._program = SlamProgram(self._words(suite), description(suite, config),
                                     config.ready_s, config.answer_s, self._wake_later)
         # The publisher of the status is made when the program is ready: time waits for it.

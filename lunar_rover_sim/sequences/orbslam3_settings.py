@@ -23,7 +23,7 @@ DEPTH_FACTOR = 5000.0  # of 16-bit depth images, per metre, as the TUM data sets
 
 _GRAVITY_NOTE = (
     '# ORB-SLAM3 has the gravity of the Earth compiled in: GRAVITY_VALUE, 9.81, in ImuTypes.h.',
-    '# A recording on the Moon (1.62 m/s^2) needs a build with its own value.')
+    '# It does not read this line; the program for its wheel does. Another build needs the value.')
 
 # Largest distance of a near point, in baselines.
 _THRESHOLD_BASELINES = 60.0
@@ -105,7 +105,8 @@ def _image(suite: SensorSuite) -> list[str]:
 
 def _imu(suite: SensorSuite, mount: str) -> list[str]:
     noise = suite.noise
-    return ['', *_GRAVITY_NOTE, *_matrix(mount, suite.T_imu_left),
+    return ['', *_GRAVITY_NOTE, f'IMU.Gravity: {_real(suite.gravity_mps2)}',
+            *_matrix(mount, suite.T_imu_left),
             f'IMU.NoiseGyro: {_real(noise.gyro_noise_density)}',
             f'IMU.NoiseAcc: {_real(noise.accel_noise_density)}',
             f'IMU.GyroWalk: {_real(noise.gyro_bias_random_walk)}',

@@ -16,7 +16,7 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.parameters import Parameters
-from lunar_rover_sim.physics.config import ImuConfig
+from lunar_rover_sim.physics.config import ImuConfig, PhysicsConfig
 from lunar_rover_sim.physics.imu import ImuNoiseParameters, noise_parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose
@@ -33,6 +33,7 @@ class SensorSuite:
     T_imu_left, T_imu_right: (4, 4) optical frames in the IMU's frame; T_base_imu: (4, 4)
     frame_rate_hz, imu_rate_hz: 0 where there are no messages to measure them
     noise: in continuous-time units
+    gravity_mps2: that the IMU feels
     """
 
     width: int
@@ -46,6 +47,7 @@ class SensorSuite:
     frame_rate_hz: float
     imu_rate_hz: float
     noise: ImuNoiseParameters
+    gravity_mps2: float
 
     @property
     def baseline_m(self) -> float:
@@ -59,7 +61,8 @@ class SensorSuite:
 
 
 def described_sensors(rover: RoverDescription, camera: CameraConfig, imu: ImuConfig,
-                      frame_rate_hz: float, imu_rate_hz: float) -> SensorSuite:
+                      frame_rate_hz: float, imu_rate_hz: float,
+                      gravity_mps2: float) -> SensorSuite:
     """Return the sensors of a description."""
     rig = StereoRig(rover, camera)
     T_base_imu = imu_pose(rover)
@@ -67,14 +70,14 @@ def described_sensors(rover: RoverDescription, camera: CameraConfig, imu: ImuCon
         rig.width, rig.height, (rig.focal_px, rig.focal_px),
         (float(rig.K[0, 2]), float(rig.K[1, 2])), tuple(camera.distortion),
         inverse(T_base_imu) @ rig.T_base_left, inverse(T_base_imu) @ rig.T_base_right, T_base_imu,
-        frame_rate_hz, imu_rate_hz, noise_parameters(imu))
+        frame_rate_hz, imu_rate_hz, noise_parameters(imu), gravity_mps2)
 
 
 def recorded_sensors(bag: Bag, images: Iterable[str] = ()) -> SensorSuite:
     """Return the sensors of a bag: its camera_infos, mounts, rates, and its scenario's noise.
 
     images: topics that are used together; the frame rate is that of the slowest one
-    Without a scenario the noise is that of the default IMU. Raises BagError where the bag has no
+    Without a scenario noise and gravity are the defaults. Raises BagError where the bag has no
     left camera_info.
     """
     left = read_calibration(bag, topics.LEFT_INFO.name)
@@ -83,6 +86,8 @@ def recorded_sensors(bag: Bag, images: Iterable[str] = ()) -> SensorSuite:
     try:
         values = scenario.get('physics_node', 'imu', {})
         imu = ImuConfig.from_mapping(_known(ImuConfig, values))
+        gravity_mps2 = scenario.number('physics_node', 'gravity_mps2',
+                                       PhysicsConfig().gravity_mps2)
     except ConfigError as error:
         raise BagError(f'{bag.path}: the IMU of its scenario is not of this version: '
                        f'{error}') from None
@@ -96,7 +101,7 @@ def recorded_sensors(bag: Bag, images: Iterable[str] = ()) -> SensorSuite:
         min(filter(None, (_rate_hz(bag, name) for name in (topics.LEFT_INFO.name, *images))),
             default=0.0),
         _rate_hz(bag, topics.IMU_RAW.name),
-        noise_parameters(imu))
+        noise_parameters(imu), gravity_mps2)
 
 
 def _known(kind: type[Parameters], values: object) -> dict[str, object]:

@@ -9,6 +9,10 @@ example programs mono_euroc, stereo_euroc and stereo_inertial_euroc do with thes
 of a sequence in the format of EuRoC, none faster than in real time, and the trajectories in
 f_NAME.txt and kf_NAME.txt. Under one of these names it knows the sensor without --sensor.
 
+ORB-SLAM3 has the gravity of the Earth compiled in. Where the settings of stereo-inertial hold
+another one, `IMU.Gravity` [m/s^2], it computes in a unit of length of which there are 9.81 in that
+one: lengths and accelerations are multiplied on their way in, positions divided on their way out.
+
 It runs in any Python that has pyorbslam3 and, for sequences, Pillow or OpenCV; nothing else of
 lunar_rover_sim is needed there. This file is Apache-2.0. pyorbslam3 and the ORB-SLAM3 in it are
 GPL-3.0: both together may be passed on under the GPL-3.0 only.
@@ -19,8 +23,10 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
+import re
 import struct
 import sys
+import tempfile
 import time
 
 import numpy as np
@@ -32,6 +38,7 @@ VERSION = 1
 MOST_BYTES = 1 << 28
 FRAMES, IMU, END, READY, POSE = 2, 3, 4, 5, 6       # kinds of messages
 INITIALISING, TRACKING, LOST = 0, 1, 2
+COMPILED_MPS2 = 9.81        # GRAVITY_VALUE in ImuTypes.h
 SAMPLE = np.dtype([('stamp_ns', '<i8'), ('values', '<f8', 6)])
 
 
@@ -50,8 +57,14 @@ class Tracker:
                           'install it with pip, and the libraries that it names') from None
         self._sensor = sensor
         self._ok = pyorbslam3.TrackingState.OK
-        self.slam = pyorbslam3.Slam(vocabulary, settings,
-                                    getattr(pyorbslam3.Sensor, SENSORS[sensor]))
+        text = Path(settings).read_text(encoding='utf-8')
+        self._per_m = units_per_m(text) if sensor == 'stereo-inertial' else 1.0
+        with tempfile.TemporaryDirectory(prefix='wheel_') as folder:
+            if self._per_m != 1.0:
+                settings = os.path.join(folder, 'settings.yaml')
+                Path(settings).write_text(in_units(text, self._per_m), encoding='utf-8')
+            self._slam = pyorbslam3.Slam(vocabulary, settings,
+                                         getattr(pyorbslam3.Sensor, SENSORS[sensor]))
         self.has_tracked = False
 
     def track(self, stamp_ns: int, images: list, imu: np.ndarray) -> np.ndarray | None:
@@ -61,13 +74,59 @@ class Tracker:
         the frame before and up to this one
         """
         stamp_s = 1e-9 * stamp_ns
-        more = {'imu': imu} if self._sensor == 'stereo-inertial' else {}
-        call = self.slam.track_monocular if self._sensor == 'mono' else self.slam.track_stereo
+        scale = [1.0] * 4 + [self._per_m] * 3
+        more = {'imu': imu * scale} if self._sensor == 'stereo-inertial' else {}
+        call = self._slam.track_monocular if self._sensor == 'mono' else self._slam.track_stereo
         result = call(*images, stamp_s, **more)
         if result.state != self._ok:
             return None
         self.has_tracked = True
-        return np.asarray(result.pose_wc, dtype=float)
+        T = np.array(result.pose_wc, dtype=float)
+        T[:3, 3] /= self._per_m
+        return T
+
+    def shutdown(self) -> None:
+        """End its threads."""
+        self._slam.shutdown()
+
+    def save(self, name: str) -> None:
+        """Write f_NAME.txt, the poses of frames, and kf_NAME.txt, those of keyframes."""
+        for path, write in ((f'f_{name}.txt', self._slam.save_trajectory_euroc),
+                            (f'kf_{name}.txt', self._slam.save_keyframe_trajectory_euroc)):
+            write(path)
+            if self._per_m != 1.0:
+                rows = [line.split() for line in Path(path).read_text().splitlines()]
+                for row in rows:
+                    row[1:4] = [f'{float(word) / self._per_m:.9f}' for word in row[1:4]]
+                Path(path).write_text(''.join(' '.join(row) + '\n' for row in rows))
+
+
+def units_per_m(settings: str) -> float:
+    """Return how many units of length a metre has, for the gravity that settings hold."""
+    found = re.search(r'^IMU\.Gravity:\s*(\S+)', settings, re.MULTILINE)
+    gravity = float(found[1]) if found else COMPILED_MPS2
+    if not gravity > 0.0:
+        raise Failure(f'IMU.Gravity: {gravity:g} is not valid; valid is > 0 [m/s^2]')
+    return COMPILED_MPS2 / gravity
+
+
+def in_units(settings: str, per_m: float) -> str:
+    """Return settings of version 1.0 with lengths and accelerations in that unit."""
+    def scaled(name: str, pattern: str, columns: tuple[int, ...], text: str) -> str:
+        found = re.search(rf'^{re.escape(name)}:{pattern}', text, re.MULTILINE)
+        if not found:
+            raise Failure(f'the settings hold no {name}: with IMU.Gravity they need those of '
+                          'version 1.0')
+        words = found[1].split(',')
+        for k in columns:
+            words[k] = f' {float(words[k]) * per_m:#.12g}'      # real numbers have a point
+        return text[:found.start(1)] + ','.join(words) + text[found.end(1):]
+
+    for name in ('Stereo.T_c1_c2', 'IMU.T_b_c1'):
+        settings = scaled(name, r'[^[]*\[([^]]*)\]', (3, 7, 11), settings)
+    for name in ('IMU.NoiseAcc', 'IMU.AccWalk'):
+        settings = scaled(name, r'([^\n]*)', (0,), settings)
+    return settings
 
 
 def quaternion_xyzw(R: np.ndarray) -> list[float]:
@@ -124,7 +183,7 @@ def serve(vocabulary: str, settings: str, sensor: str) -> None:
             T = np.eye(4) if pose is None else pose
             send(POSE, struct.pack('<qI7d', stamp_ns, state, *T[:3, 3],
                                    *quaternion_xyzw(T[:3, :3])))
-    tracker.slam.shutdown()
+    tracker.shutdown()
 
 
 def samples_of(body: bytes) -> np.ndarray:
@@ -170,12 +229,11 @@ def run(words: list[str], sensor: str) -> None:
             period_s = 1e-9 * (stamps_ns[k + 1] - stamp_ns)
             time.sleep(max(0.0, period_s - (time.monotonic() - start_s)))
         before_s = 1e-9 * stamp_ns
-    tracker.slam.shutdown()
+    tracker.shutdown()
     if not tracker.has_tracked:
         print('no frame was tracked')       # and there is no trajectory to be written
         return
-    tracker.slam.save_trajectory_euroc(f'f_{name}.txt')
-    tracker.slam.save_keyframe_trajectory_euroc(f'kf_{name}.txt')
+    tracker.save(name)
 
 
 def image_reader():

@@ -161,14 +161,16 @@ def test_the_newest_frame_wins_and_the_imu_has_no_gap(peer: Peer, tmp_path: Path
         assert [t.transform.translation.x for t in found] == [p.pose.position.x for p in poses]
 
 
-@pytest.mark.parametrize(('sensor', 'gravity_mps2', 'warns'), [
-    ('stereo-inertial', 1.62, True), ('stereo-inertial', 9.81, False), ('stereo', 1.62, False)])
-def test_another_gravity_than_orb_slam3_has_is_warned_of(sensor: str, gravity_mps2: float,
-                                                         warns: bool) -> None:
-    """With an IMU; the program prints, and ends the node."""
+@pytest.mark.parametrize(('sensor', 'gravity_mps2', 'command', 'warns'), [
+    ('stereo-inertial', 1.62, 'ls /', True), ('stereo-inertial', 9.81, 'ls /', False),
+    ('stereo', 1.62, 'ls /', False), ('stereo-inertial', 1.62, 'ls {wheel}', False)])
+def test_another_gravity_than_orb_slam3_has_is_warned_of(
+        sensor: str, gravity_mps2: float, command: str, warns: bool) -> None:
+    """With an IMU, but for the wheel; the program prints, and ends the node."""
     ended = subprocess.run(
         [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'slam_node', '--ros-args',
-         '-p', 'command:=ls /', '-p', f'sensor:={sensor}', '-p', f'gravity_mps2:={gravity_mps2}'],
+         '-p', f'command:={command}', '-p', f'sensor:={sensor}',
+         '-p', f'gravity_mps2:={gravity_mps2}'],
         capture_output=True, text=True, timeout=60)
     assert 'does the program print to its standard output' in ended.stderr
     warnings = [line for line in ended.stderr.splitlines() if '[WARN]' in line]

@@ -183,8 +183,10 @@ def test_settings_are_what_opencv_reads(tmp_path, bag, sensor, legacy):
     if sensor == 'stereo-inertial':
         T = storage.getNode('Tbc' if legacy else 'IMU.T_b_c1').mat()
         assert np.allclose(T, synthetic.T_base_camera(+1.0), atol=1e-6)
-    # With an IMU, ORB-SLAM3 must be built for the Moon.
+    # With an IMU, ORB-SLAM3 must know of the Moon.
     assert ('GRAVITY_VALUE' in text) == (sensor == 'stereo-inertial')
+    gravity = storage.getNode('IMU.Gravity')
+    assert gravity.real() == 1.62 if sensor == 'stereo-inertial' else gravity.empty()
     if sensor.startswith('stereo') and not legacy:
         T = storage.getNode('Stereo.T_c1_c2').mat()
         expected = np.eye(4)
@@ -201,7 +203,7 @@ def test_settings_command_and_its_errors(tmp_path, bag):
     assert 'Stereo' not in output.read_text()
     with pytest.raises(ConfigError, match='exists already'):
         args.run(args)
-    suite = described_sensors(RoverDescription(), CameraConfig(), ImuConfig(), 10.0, 0.0)
+    suite = described_sensors(RoverDescription(), CameraConfig(), ImuConfig(), 10.0, 0.0, 1.62)
     with pytest.raises(ConfigError, match='did you mean stereo'):
         settings(suite, 'stere')
     with pytest.raises(ConfigError, match='no signal'):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
+import runpy
 import subprocess
 import sys
 import time
@@ -147,3 +148,42 @@ def test_which_programs_are_a_python(tmp_path) -> None:
     (tmp_path / 'voc').write_text('')
     with pytest.raises(SlamError, match="'rgbd' is not valid for the wheel of ORB-SLAM3"):
         Estimator('orbslam3', 'rgbd', Path(sys.executable), tmp_path / 'voc')
+
+
+SETTINGS = """%YAML:1.0
+Stereo.T_c1_c2: !!opencv-matrix
+   data: [1.0, 0.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+IMU.Gravity: 1.635
+IMU.T_b_c1: !!opencv-matrix
+   data: [0.0, 0.0, 1.0, 0.12, -1.0, 0.0, 0.0, 0.05, 0.0, -1.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]
+IMU.NoiseGyro: 0.0002
+IMU.NoiseAcc: 0.002
+IMU.AccWalk: 0.003
+"""
+
+
+def test_settings_in_the_unit_in_which_gravity_is_that_of_the_earth(tmp_path) -> None:
+    """Lengths and accelerations are six times as many; turns and rates stay. OpenCV reads it."""
+    program = runpy.run_path(str(program_path(WHEEL_PROGRAM)))
+    assert program['units_per_m'](SETTINGS) == pytest.approx(6.0)
+    assert program['units_per_m']('IMU.NoiseAcc: 0.002\n') == 1.0
+    text = program['in_units'](SETTINGS, 6.0)
+    there = text.replace('   data', '   rows: 4\n   cols: 4\n   dt: f\n   data')
+    storage = cv2.FileStorage(there, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    assert storage.getNode('Stereo.T_c1_c2').mat()[:, 3] == pytest.approx([0.6, 0.0, 0.0, 1.0])
+    T = storage.getNode('IMU.T_b_c1').mat()
+    assert T[:, 3] == pytest.approx([0.72, 0.3, 1.2, 1.0])
+    assert T[:3, :3].tolist() == [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    assert [storage.getNode(f'IMU.{name}').real() for name in ('NoiseAcc', 'AccWalk', 'NoiseGyro')
+            ] == pytest.approx([0.012, 0.018, 0.0002])
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    (SETTINGS.replace('1.635', '0.0'), 'IMU.Gravity: 0 is not valid; valid is > 0 [m/s^2]'),
+    (SETTINGS.replace('IMU.T_b_c1', 'Tbc'), 'the settings hold no IMU.T_b_c1: with IMU.Gravity')])
+def test_gravity_that_cannot_be_heeded_is_named(wheel, tmp_path, text: str, said: str) -> None:
+    (tmp_path / 'orb.yaml').write_text(text)
+    ended = subprocess.run([*wheel, 'voc', 'orb.yaml', 'stereo-inertial'], capture_output=True,
+                           text=True, timeout=60, cwd=tmp_path, stdin=subprocess.DEVNULL)
+    assert ended.returncode == 1
+    assert said in ended.stderr.splitlines()[-1] and 'Traceback' not in ended.stderr

@@ -1,13 +1,16 @@
 """A stand-in for the interface of the wheel pyorbslam3 0.1.1, with which wheel.py is tested.
 
 It tracks nothing: the camera is as far along x as there were frames, along y as the sum of the
-last pixels, and along z as the stamp of the last sample of the IMU. See test_wheel.py.
+last pixels, and along z as the stamp of the last sample of the IMU. See test_wheel.py. These are
+metres; it answers in the unit of length in which its settings give the distance of the cameras,
+and there gravity must be that of the Earth.
 """
 
 from __future__ import annotations
 
 import enum
 from pathlib import Path
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,6 +33,9 @@ class TrackingState(enum.Enum):
 TURN = Rotation.from_rotvec([0.0, 3.1, 0.02])
 
 
+BASELINE_M = 0.1        # of synthetic_bag.py
+
+
 class Slam:
     """Knows no pose at its first frame."""
 
@@ -39,6 +45,9 @@ class Slam:
         print('reads', vocabulary)
         self._sensor, self._poses, self._is_shut_down = sensor, [], False
         self._frames = 0
+        distance = re.search(r'Stereo.T_c1_c2:.*?data: \[[^,]*,[^,]*,[^,]*,([^,]*),',
+                             Path(settings).read_text(), re.DOTALL)
+        self._unit = float(distance[1]) / BASELINE_M if distance else 1.0
 
     def track_monocular(self, image, stamp_s: float, imu=None):
         """Return the pose of one image."""
@@ -56,6 +65,8 @@ class Slam:
         self._frames += 1
         if imu is not None and len(imu):
             # The wheel refuses others.
+            # A drive that sways; in metres it would be 1.1 to 2.2.
+            assert 5.0 < np.linalg.norm(imu[:, 4:].mean(axis=0)) < 15.0 or self._unit == 1.0
             assert imu.shape[1] == 7 and (np.diff(imu[:, 0]) > 0.0).all() and imu[-1, 0] <= stamp_s
         if self._frames == 1:
             return SimpleNamespace(state=TrackingState.NOT_INITIALIZED, pose_wc=None)
@@ -63,6 +74,7 @@ class Slam:
         T[:3, :3] = TURN.as_matrix()
         T[:3, 3] = (self._frames, sum(int(image[-1, -1]) for image in images),
                     0.0 if imu is None or not len(imu) else imu[-1, 0])
+        T[:3, 3] *= self._unit
         self._poses.append((stamp_s, T))
         return SimpleNamespace(state=TrackingState.OK, pose_wc=T)
 
