@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.lidar.ray_arrays import LevelArrays
-from lunar_rover_sim.lidar.ray_march import SHIFT
+from lunar_rover_sim.lidar.ray_march import SMALL
 from lunar_rover_sim.lidar.rock_hulls import RockHulls
 from lunar_rover_sim.world.grid import HeightGrid
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 
-_WIDTH = 1 << SHIFT         # of a smallest block in cells, and of others in those before
+_WIDTH = 1 << SMALL         # of a smallest block in cells, and of others in those before
 
 
 class HeightPyramid:
@@ -28,7 +28,7 @@ class HeightPyramid:
         blocks = self._ground_m.copy()
         rock_first, rock_list = self._list_rocks(hulls, blocks)
         levels = [blocks]
-        while len(levels[-1]) > 1:
+        while len(levels) < 2 or len(levels[-1]) > 1:
             levels.append(_greatest(levels[-1]))
         side = np.array([len(level) for level in levels])
         # Arrays that may be written to are another type to the compiler.

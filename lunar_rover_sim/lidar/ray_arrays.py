@@ -44,12 +44,14 @@ class RockArrays(NamedTuple):
 class SoftArrays(NamedTuple):
     """Changes of the heights of the finest level, in square tiles of samples.
 
-    touched: (side, side) whether a smallest block may differ; (0, 0) where nothing does
+    rise_m: (side, side) more than a smallest block has risen anywhere [m], 0 where it does not
+        differ; (0, 0) where nothing does
     slot: (tiles, tiles) number of a tile in change_m; corner: tile of slot[0, 0]
-    change_m: (k, tile, tile) [m]; sample_m: between samples, the first one at the origin
+    change_m: (k, tile + 1, tile + 1) [m], with the first samples of the next tiles; sample_m:
+        between samples, the first one at the origin
     """
 
-    touched: NDArray[np.bool_]
+    rise_m: NDArray[np.float64]
     slot: NDArray[np.int32]
     corner: int
     change_m: NDArray[np.float32]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar import ray_march
+from lunar_rover_sim.lidar.free_sight import box_around, free_distances
 from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
 from lunar_rover_sim.lidar.ray_march import GROUND, NOTHING
 from lunar_rover_sim.lidar.rock_hulls import RockHulls
@@ -48,7 +49,7 @@ class RayCaster:
         self._pyramids, self._rocks = pyramids, hulls.arrays
         self.soft: SoftCells | None = None
         self._unchanged = SoftCells.nothing()
-        self.cast(np.zeros((0, 3)), np.zeros((0, 3)), 0.0)
+        self.cast(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), 0.0)
 
     def cast(self, origin_m: Array, direction: Array, range_m: float,
              which: Index | None = None) -> Hits:
@@ -61,13 +62,17 @@ class RayCaster:
         hits = Hits(np.full(count, np.inf), np.full(count, NOTHING, np.int32),
                     np.zeros((count, 3)))
         origin_m, direction = (np.ascontiguousarray(a, float) for a in (origin_m, direction))
+        range_m = float(range_m)
         if which is None:
             which = np.arange(count)
-        inner_m = 0.0
+        inner_m, box_m = 0.0, box_around(which, origin_m)
         for pyramid in self._pyramids:
             soft = self.soft.arrays if self.soft is not None and not inner_m else self._unchanged
-            ray_march.cast(pyramid.arrays, inner_m, self._rocks, soft, which,
-                           origin_m, direction, float(range_m), hits.distance_m, hits.target,
-                           hits.normal)
+            free_m = free_distances(pyramid.arrays, inner_m, box_m, which, direction, range_m)
+            ray_march.cast(pyramid.arrays, inner_m, self._rocks, soft, which, free_m, origin_m,
+                           direction, range_m, hits.distance_m, hits.target, hits.normal)
+            # The next level begins beyond: it is not for rays that have met something before.
             inner_m = pyramid.grid.half_extent_m
+            begins_m = inner_m - max(np.abs(corner[:2]).max() for corner in box_m)
+            which = which[hits.distance_m[which] > begins_m]
         return hits

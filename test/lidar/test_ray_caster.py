@@ -10,13 +10,14 @@ import worlds
 
 from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.lidar import ray_march
+from lunar_rover_sim.lidar.compiled import compiled
 from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
 from lunar_rover_sim.lidar.ray_caster import GROUND, NOTHING, RayCaster
 from lunar_rover_sim.lidar.rock_hulls import RockHulls
 from lunar_rover_sim.lidar.soft_cells import SoftCells
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.model import build_model
-from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.regolith.overlay import CELL_M, Overlay, TILE
 from lunar_rover_sim.rover.description import RoverDescription
 
 
@@ -165,6 +166,23 @@ def test_prints_and_rims():
     assert spot[over, 2].min() < -0.019 and spot[over, 2].max() > 0.009
 
 
+def test_one_sample_where_four_tiles_meet():
+    """Its pyramid of 1 cm reaches one sample to all sides, into tiles that hold nothing else."""
+    world = make_world()
+    hulls = RockHulls(world.rocks, world.rock_shapes)
+    pyramid = HeightPyramid(world.ground, hulls)
+    caster, overlay = RayCaster([pyramid], hulls), Overlay()
+    caster.soft = soft = SoftCells(pyramid, overlay)
+    overlay.put(2 * TILE, -TILE, np.full((1, 1), 0.01), np.zeros((1, 1)))
+    soft.update()
+    rng = np.random.default_rng(8)
+    o = np.column_stack([rng.uniform(-1.0, 1.0, (200, 2)) * CELL_M, np.full(200, 0.3)])
+    o[:, :2] += np.array([2 * TILE, -TILE]) * CELL_M
+    hits = caster.cast(o, np.tile([0.0, 0.0, -1.0], (200, 1)), 1.0)
+    u, v = np.abs(o[:, :2] / CELL_M - [2 * TILE, -TILE]).T
+    assert np.allclose(0.3 - hits.distance_m, 0.01 * (1.0 - u) * (1.0 - v), atol=1e-6)
+
+
 def test_changed_ground_is_met_where_it_is():
     """Waves of 1 cm over 26 tiles: a march in steps of 0.1 mm meets the same places."""
     world = worlds.small(**worlds.BARE)
@@ -216,4 +234,4 @@ def test_nowhere_to_keep_what_is_compiled():
     """Numba finds no folder for a function without a file: it is compiled all the same."""
     names = {}
     exec('def twice(x): return 2 * x', names)
-    assert ray_march._compiled(names['twice'])(4) == 8
+    assert compiled(names['twice'])(4) == 8
