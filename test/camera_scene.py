@@ -58,8 +58,8 @@ def config(elevation_deg=6.0, azimuth_deg=90.0, **groups):
     """Return a configuration without noise and without relief below the grid."""
     groups.setdefault('sensor', IDEAL)
     groups.setdefault('detail', SMOOTH)
-    return RenderConfig(sun=SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg),
-                        **groups)
+    groups.setdefault('sun', SunConfig(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg))
+    return RenderConfig(**groups)
 
 
 def pose(x=0.0, y=0.0, z=0.1, yaw_deg=0.0, pitch_deg=0.0):

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 import functools
 
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
-from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
-from rosbags.typesys.base import TypesysError
+from rosbags.typesys import (get_types_from_idl, get_types_from_msg, get_typestore, Stores,
+                             TypesysError)
 from rosbags.typesys.store import Typestore
 
 _RULE = '=' * 80 + '\n'     # between the parts of a definition
@@ -40,7 +40,7 @@ def _typestore(definitions: tuple[tuple[str, MessageDefinition, str], ...]) -> T
             types.update(get_types_from_idl(rest if title.startswith('IDL: ') else part))
     store.register(types)
     for name, _, stated in definitions:
-        if stated and stated != store.hash_rihs01(name):
-            raise TypesysError(f'the definition of {name} has the hash {store.hash_rihs01(name)}; '
-                               f'the bag states {stated}')
+        if stated and stated != (found := store.hash_rihs01(name)):
+            raise TypesysError(f'the definition of {name} has the hash {found}; the bag states '
+                               f'{stated}')
     return store

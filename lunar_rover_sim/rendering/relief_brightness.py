@@ -36,6 +36,8 @@ LEAST_FACTOR, MOST_FACTOR = (128.0 / 255.0)**2, 8.0     # 1 is a whole code in s
 LEAST_SCALES = (0.05, 0.0, 0.0, 1.0)
 _LEAST_TANGENT = 0.01   # of the sun's elevation
 _SAMPLES = 40_000
+_COARSE = [max(k - FINER, 0) for k in range(LEVELS)]     # levels of the coarse tile
+_NODES = (LEVELS, COSINES, AZIMUTHS, len(HEIGHTS))
 _MOST_GAIN = 20.0
 _LEAST_SHARE = 0.7      # of the law, that drawn ground has before the factor
 _ACROSS = np.array([0.0, 0.97, 0.243])      # a view
@@ -77,17 +79,16 @@ def relief_brightness(tiles: ReliefTiles, reflectance: ReflectanceConfig, elevat
     if tiles.flat:
         return ReliefBrightness(
             _polynomials(_wanted_scales(tiles, hapke.parameter_set(reflectance.ground))),
-            np.ones((LEVELS, COSINES, AZIMUTHS, len(HEIGHTS)), np.float32), tangent)
+            np.ones(_NODES, np.float32), tangent)
     return _of_relief(tiles, reflectance, tangent, sun_radius_rad)
 
 
 def _wanted_scales(tiles: ReliefTiles, ground: hapke.HapkeParameters) -> Array:
     """Return (LEVELS, 4) values of `ReliefBrightness.scales`, with gains of 1."""
-    coarse = [max(k - FINER, 0) for k in range(LEVELS)]
-    variance = tiles.coarse.slope_variance[coarse] + tiles.fine.slope_variance[:LEVELS]
+    variance = tiles.coarse.slope_variance[_COARSE] + tiles.fine.slope_variance[:LEVELS]
     left = np.sqrt(np.maximum(math.tan(math.radians(ground.theta_deg))**2
                               - 0.25 * math.pi * variance, 0.0))
-    return np.column_stack([left, tiles.coarse.spread[coarse], tiles.fine.spread[:LEVELS],
+    return np.column_stack([left, tiles.coarse.spread[_COARSE], tiles.fine.spread[:LEVELS],
                             np.ones(LEVELS)])
 
 
@@ -98,8 +99,8 @@ def _of_relief(tiles: ReliefTiles, reflectance: ReflectanceConfig, tangent: floa
     rng = np.random.default_rng(0)
     levels = list(range(LEVELS))
     wanted = _wanted_scales(tiles, ground)
-    factor = np.ones((LEVELS, COSINES, AZIMUTHS, len(HEIGHTS)), np.float32)
-    samples = [(_sample(tiles, tiles.coarse, max(k - FINER, 0), rng),
+    factor = np.empty(_NODES, np.float32)
+    samples = [(_sample(tiles, tiles.coarse, _COARSE[k], rng),
                 _sample(tiles, tiles.fine, k, rng)) for k in levels]
 
     def facets(k: int, scales: Array) -> _Facets:

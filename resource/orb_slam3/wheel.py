@@ -57,14 +57,17 @@ class Tracker:
                           'install it with pip, and the libraries that it names') from None
         self._sensor = sensor
         self._ok = pyorbslam3.TrackingState.OK
-        text = Path(settings).read_text(encoding='utf-8')
-        self._per_m = units_per_m(text) if sensor == 'stereo-inertial' else 1.0
+        self._per_m = 1.0
         with tempfile.TemporaryDirectory(prefix='wheel_') as folder:
-            if self._per_m != 1.0:
-                settings = os.path.join(folder, 'settings.yaml')
-                Path(settings).write_text(in_units(text, self._per_m), encoding='utf-8')
+            if sensor == 'stereo-inertial':
+                text = Path(settings).read_text(encoding='utf-8')
+                self._per_m = units_per_m(text)
+                if self._per_m != 1.0:
+                    settings = os.path.join(folder, 'settings.yaml')
+                    Path(settings).write_text(in_units(text, self._per_m), encoding='utf-8')
             self._slam = pyorbslam3.Slam(vocabulary, settings,
                                          getattr(pyorbslam3.Sensor, SENSORS[sensor]))
+        self._imu_scale = np.array([1.0] * 4 + [self._per_m] * 3)   # of stamp, turn and force
         self.has_tracked = False
 
     def track(self, stamp_ns: int, images: list, imu: np.ndarray) -> np.ndarray | None:
@@ -74,8 +77,7 @@ class Tracker:
         the frame before and up to this one
         """
         stamp_s = 1e-9 * stamp_ns
-        scale = [1.0] * 4 + [self._per_m] * 3
-        more = {'imu': imu * scale} if self._sensor == 'stereo-inertial' else {}
+        more = {'imu': imu * self._imu_scale} if self._sensor == 'stereo-inertial' else {}
         call = self._slam.track_monocular if self._sensor == 'mono' else self._slam.track_stereo
         result = call(*images, stamp_s, **more)
         if result.state != self._ok:

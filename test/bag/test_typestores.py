@@ -44,6 +44,11 @@ def test_equal_definitions_share_a_typestore_and_a_closed_bag_keeps_none(tmp_pat
         assert again.first('/it').it == 0x04030201
 
 
+def connection(name, kind, text=''):
+    """Return a connection with a definition of this kind."""
+    return Connection(1, '/it', name, MessageDefinition(kind, text), '', 1, None, None)
+
+
 IDL = 'module my_msgs { module msg { struct %s { %s it; }; }; };\n'
 RULE = 80 * '=' + '\n'
 
@@ -55,16 +60,15 @@ RULE = 80 * '=' + '\n'
 def test_definitions_in_idl(text):
     """As rosbag2 stores them: bare, or each type of it under its name."""
     name = 'my_msgs/msg/Whole' if 'Whole' in text else 'my_msgs/msg/It'
-    connection = Connection(1, '/it', name, MessageDefinition(MessageDefinitionFormat.IDL, text),
-                            '', 1, None, None)
-    message = typestore_of([connection]).deserialize_cdr(b'\0\1\0\0\1\2\3\4', name)
+    store = typestore_of([connection(name, MessageDefinitionFormat.IDL, text)])
+    message = store.deserialize_cdr(b'\0\1\0\0\1\2\3\4', name)
     assert getattr(message.it, 'it', message.it) == 0x04030201
 
 
 def test_types_of_a_bag_without_definitions_are_those_of_ros():
-    connection = Connection(1, '/it', 'std_msgs/msg/UInt32',
-                            MessageDefinition(MessageDefinitionFormat.NONE, ''), '', 1, None, None)
-    message = typestore_of([connection]).deserialize_cdr(b'\0\1\0\0\1\2\3\4', connection.msgtype)
+    name = 'std_msgs/msg/UInt32'
+    store = typestore_of([connection(name, MessageDefinitionFormat.NONE)])
+    message = store.deserialize_cdr(b'\0\1\0\0\1\2\3\4', name)
     assert message.data == 0x04030201
 
 

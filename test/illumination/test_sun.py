@@ -209,7 +209,7 @@ def test_full_shadow_is_black():
     z = np.zeros((n, n), np.float32)
     z[:, 500:] = z[500:] = 30.0
     world = scene.plane(heights=z, far=False)
-    cfg = scene.config(8.0, azimuth_deg=20.0, detail=scene.DetailConfig(bounce=True))
+    cfg = scene.config(sun=scene.RELIEF_SUN, detail=scene.DetailConfig(bounce=True))
     with Renderer(world, scene.ROVER, cfg) as renderer:
         frame = renderer.render(RoverPose(scene.pose(yaw_deg=180.0)), 0,
                                 ('left', 'radiance', 'depth'))

@@ -26,6 +26,15 @@ def caster_of(world, levels=1):
     return RayCaster([HeightPyramid(grid, hulls) for grid in world.levels[:levels]], hulls)
 
 
+def on_soft_ground(world):
+    """Return a ray caster on the finest level, and the overlay whose changes it knows of."""
+    hulls, overlay = RockHulls(world.rocks, world.rock_shapes), Overlay()
+    pyramid = HeightPyramid(world.ground, hulls)
+    caster = RayCaster([pyramid], hulls)
+    caster.soft = SoftCells(pyramid, overlay)
+    return caster, overlay
+
+
 def directions(count=500, low=-1.2, high=0.1, seed=2):
     rng = np.random.default_rng(seed)
     azimuth, elevation = rng.uniform(-np.pi, np.pi, count), rng.uniform(low, high, count)
@@ -143,10 +152,7 @@ def test_a_rock_beyond_the_range():
 def test_prints_and_rims():
     """A print 2 cm deep with a rim of 1 cm: where its heights say, and nowhere else."""
     world = make_world()
-    hulls = RockHulls(world.rocks, world.rock_shapes)
-    pyramid = HeightPyramid(world.ground, hulls)
-    caster, overlay = RayCaster([pyramid], hulls), Overlay()
-    caster.soft = soft = SoftCells(pyramid, overlay)
+    caster, overlay = on_soft_ground(world)
     d = directions(4000, -0.9, -0.15)
     d[:, 0] = np.abs(d[:, 0])
     o = np.tile([-0.6, 0.031, 0.35], (len(d), 1))
@@ -154,7 +160,7 @@ def test_prints_and_rims():
     height = np.full((60, 60), 0.01)
     height[10:50, 10:50] = -0.02
     overlay.put(-30, -30, height, np.zeros((60, 60)))
-    soft.update()
+    caster.soft.update()
     after = caster.cast(o, d, 10.0)
     spot = o + after.distance_m[:, None] * d
     over = np.abs(spot[:, :2]).max(axis=1) < 0.16
@@ -169,12 +175,9 @@ def test_prints_and_rims():
 def test_one_sample_where_four_tiles_meet():
     """Its pyramid of 1 cm reaches one sample to all sides, into tiles that hold nothing else."""
     world = make_world()
-    hulls = RockHulls(world.rocks, world.rock_shapes)
-    pyramid = HeightPyramid(world.ground, hulls)
-    caster, overlay = RayCaster([pyramid], hulls), Overlay()
-    caster.soft = soft = SoftCells(pyramid, overlay)
+    caster, overlay = on_soft_ground(world)
     overlay.put(2 * TILE, -TILE, np.full((1, 1), 0.01), np.zeros((1, 1)))
-    soft.update()
+    caster.soft.update()
     rng = np.random.default_rng(8)
     o = np.column_stack([rng.uniform(-1.0, 1.0, (200, 2)) * CELL_M, np.full(200, 0.3)])
     o[:, :2] += np.array([2 * TILE, -TILE]) * CELL_M
@@ -186,14 +189,11 @@ def test_one_sample_where_four_tiles_meet():
 def test_changed_ground_is_met_where_it_is():
     """Waves of 1 cm over 26 tiles: a march in steps of 0.1 mm meets the same places."""
     world = worlds.small(**worlds.BARE)
-    hulls = RockHulls(world.rocks, world.rock_shapes)
-    pyramid = HeightPyramid(world.ground, hulls)
-    caster, overlay = RayCaster([pyramid], hulls), Overlay()
-    caster.soft = soft = SoftCells(pyramid, overlay)
+    caster, overlay = on_soft_ground(world)
     along, across = np.meshgrid(np.linspace(0.0, 1.0, 481), np.linspace(0.0, 1.0, 41))
     height = 0.01 * np.sin(16.0 * np.pi * along) * np.sin(2.0 * np.pi * across)
     overlay.put(-240, -20, height, np.zeros_like(height))
-    soft.update()
+    caster.soft.update()
     rng = np.random.default_rng(3)
     o = np.column_stack([rng.uniform(-1.0, 1.0, 150), rng.uniform(-0.1, 0.1, 150), np.zeros(150)])
     o[:, 2] = world.height_at(o[:, :2]) + rng.uniform(0.05, 0.3, 150)
@@ -217,11 +217,9 @@ def test_changed_ground_is_met_where_it_is():
 def test_scans_compile_nothing():
     """What is compiled is there before the first scan, also for changed ground."""
     world = make_world()
-    hulls = RockHulls(world.rocks, world.rock_shapes)
-    pyramid = HeightPyramid(world.ground, hulls)
-    caster, overlay = RayCaster([pyramid], hulls), Overlay()
+    caster, overlay = on_soft_ground(world)
     known = len(ray_march.cast.signatures)
-    for soft in (None, SoftCells(pyramid, overlay)):
+    for soft in (None, caster.soft):
         caster.soft = soft
         overlay.put(0, 0, np.full((9, 9), 0.01), np.zeros((9, 9)))
         if soft is not None:

@@ -18,6 +18,7 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.build import build_world
 
 EXPOSURE_S = 0.01
+SUN = scene.SunConfig(azimuth_deg=180.0, elevation_deg=30.0)
 CAMERA = CameraConfig(width=320, height=240)
 CLEAR = LensConfig(scatter_share=0.0, veil_share=0.0)
 LINEAR = dataclasses.replace(scene.IDEAL, encoding='mono16', bits=16, exposure_mode='fixed',
@@ -64,9 +65,9 @@ def pole():
                        shape=scene.block('pole', (0.05, 0.3, 3.0)))
 
 
-def renderer_of(world, rover=scene.ROVER, camera=CAMERA, detail=scene.SMOOTH, elevation_deg=30.0,
-                azimuth_deg=180.0, **sensor) -> Renderer:
-    config = scene.config(elevation_deg, azimuth_deg, camera=camera, detail=detail, lens=CLEAR,
+def renderer_of(world, rover=scene.ROVER, camera=CAMERA, detail=scene.SMOOTH, sun=SUN,
+                **sensor) -> Renderer:
+    config = scene.config(sun=sun, camera=camera, detail=detail, lens=CLEAR,
                           sensor=dataclasses.replace(LINEAR, **sensor))
     return Renderer(world, rover, config)
 
@@ -235,7 +236,8 @@ def test_the_body_of_the_rover_does_not_blur(looking_down):
     """It moves with the camera. The ground beside it blurs as without it."""
     world = scene.plane(heights=scene.hills())
     at = scene.pose(z=float(world.height_at((0.0, 0.0))) + 0.1)
-    with renderer_of(world, looking_down, CAMERA, scene.DetailConfig(), 8.0, 20.0) as renderer:
+    with renderer_of(world, looking_down, detail=scene.DetailConfig(),
+                     sun=scene.RELIEF_SUN) as renderer:
         still, moving = RoverPose(at), RoverPose(at, **WALK)
         label = renderer.render(still, 0, ('label',)).label
         sharp, blurred = light(renderer, still), light(renderer, moving)

@@ -1,5 +1,7 @@
 """Moving the sun of a renderer gives what a new renderer under that sun gives."""
 
+import dataclasses
+
 import camera_scene as scene
 import numpy as np
 
@@ -14,8 +16,8 @@ CAMERA = CameraConfig(width=160, height=120)
 def test_set_sun() -> None:
     """Terrain, rocks, relief below the grid and rover: all are lit from the new side."""
     world = scene.plane(heights=scene.hills(), stones=scene.rocks([(1.2, 0.3, 0.2)], 0.4))
-    here, there = (scene.config(elevation, azimuth, camera=CAMERA, detail=DetailConfig())
-                   for elevation, azimuth in ((25.0, 180.0), (8.0, 20.0)))
+    here = scene.config(25.0, 180.0, camera=CAMERA, detail=DetailConfig())
+    there = dataclasses.replace(here, sun=scene.RELIEF_SUN)
     assert there.sun == scene.RELIEF_SUN
     with Renderer(world, scene.ROVER, here) as renderer:
         before = renderer.render(RoverPose(scene.pose())).left

@@ -120,7 +120,7 @@ def test_depth_agrees_with_ray_casts(world, renderer):
 # These come next to the first use of `renderer`, whose relief is then still at hand.
 def test_rows_of_the_pair_correspond(world):
     """A ground point has the same texture in both images; epipolar error < 0.05 px."""
-    config = scene.config(8.0, azimuth_deg=20.0, detail=scene.DetailConfig(),
+    config = scene.config(sun=scene.RELIEF_SUN, detail=scene.DetailConfig(),
                           sensor=dataclasses.replace(scene.IDEAL, psf_sigma_px=0.5))
     with Renderer(world, scene.ROVER, config) as renderer:
         frame = renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left', 'right', 'depth'))
@@ -143,7 +143,7 @@ def test_rows_of_the_pair_correspond(world):
 
 def test_relief_below_the_grid_is_fixed_to_the_ground(world):
     """Frames 1 mm apart: with all detail on, each pixel keeps within what was around it."""
-    config = scene.config(8.0, azimuth_deg=20.0, detail=scene.DetailConfig())
+    config = scene.config(sun=scene.RELIEF_SUN, detail=scene.DetailConfig())
     with Renderer(world, scene.ROVER, config) as renderer:
         poses = [pose_on(world, 0.0, 0.0) for _ in range(2)]
         poses[1][0, 3] += 0.001

@@ -47,8 +47,8 @@ def renderer_of(world: World, samples: int, times: int = 1, detail: DetailConfig
     distortion = groups.pop('distortion', (0.0,) * 5)
     camera = CameraConfig(width=WIDTH * times, height=HEIGHT * times, distortion=distortion)
     return Renderer(world, scene.ROVER, scene.config(
-        8.0, 20.0, camera=camera, detail=dataclasses.replace(detail, supersampling=samples),
-        **groups))
+        sun=scene.RELIEF_SUN, camera=camera,
+        detail=dataclasses.replace(detail, supersampling=samples), **groups))
 
 
 @pytest.fixture(scope='module')

@@ -2,7 +2,7 @@
 
 import math
 
-from camera_scene import config, plane, pose, ROVER, SMOOTH, trodden
+from camera_scene import config, plane, pose, RELIEF_SUN, ROVER, SMOOTH, trodden
 import numpy as np
 import pytest
 
@@ -104,7 +104,7 @@ def test_relief_below_the_grid_is_pressed_flat():
     world, overlay = plane(257, far=False), Overlay()
     size = 60
     overlay.put(90, -30, np.full((size, size), -0.01), np.full((size, size), 0.01))
-    with renderer(world, 8.0, 20.0, detail=DetailConfig(bounce=False)) as drawn:
+    with renderer(world, sun=RELIEF_SUN, detail=DetailConfig(bounce=False)) as drawn:
         before = drawn.render(LOW, 0, LAYERS).radiance
         drawn.follow(overlay)
         frame = drawn.render(LOW, 0, LAYERS)
@@ -118,7 +118,7 @@ def test_relief_below_the_grid_is_pressed_flat():
 
 def test_untouched_ground_is_drawn_as_rigid_ground_bit_by_bit():
     world = plane(257)
-    with renderer(world, 8.0, 20.0, detail=DetailConfig()) as drawn:
+    with renderer(world, sun=RELIEF_SUN, detail=DetailConfig()) as drawn:
         rigid = drawn.render(LOW, 0, LAYERS)
         drawn.follow(Overlay())
         empty = drawn.render(LOW, 0, LAYERS)

@@ -64,9 +64,9 @@ class Slam:
         assert (imu is not None) == (self._sensor is Sensor.IMU_STEREO)
         self._frames += 1
         if imu is not None and len(imu):
-            # The wheel refuses others.
             # A drive that sways; in metres it would be 1.1 to 2.2.
             assert 5.0 < np.linalg.norm(imu[:, 4:].mean(axis=0)) < 15.0 or self._unit == 1.0
+            # The wheel refuses others.
             assert imu.shape[1] == 7 and (np.diff(imu[:, 0]) > 0.0).all() and imu[-1, 0] <= stamp_s
         if self._frames == 1:
             return SimpleNamespace(state=TrackingState.NOT_INITIALIZED, pose_wc=None)
