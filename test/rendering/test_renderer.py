@@ -178,7 +178,7 @@ def test_depth_is_that_of_the_world_of_physics():
             rays = renderer.rig.rays()
             rows, columns = np.nonzero(frame.label >= LABEL_FIRST_ROCK)
             pick = rng.integers(0, len(rows), 400)
-            pixels = {'anywhere': (rng.integers(0, 480, 600), rng.integers(0, 640, 600)),
+            pixels = {'anywhere': (rng.integers(0, 480, 800), rng.integers(0, 640, 800)),
                       'on rocks': (rows[pick], columns[pick])}
             for name, (vs, us) in pixels.items():
                 for v, u in zip(vs, us):

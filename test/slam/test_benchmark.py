@@ -154,10 +154,10 @@ def test_drives_at_the_same_time(tmp_path, bag, fake) -> None:
             both.wait()     # breaks, and fails the drive, unless another is being recorded too
             return super().__call__(*args, **options)
 
-    recorder, cells = TwoAtOnce(bag), plan(['baseline'], fake, (1, 2), 2.0)
+    recorder, cells = TwoAtOnce(bag), plan(['baseline'], fake, (1, 2, 3, 4), 2.0)
     done = benchmark.run(cells, tmp_path / 'out', jobs=2, recorder=recorder)
     assert outcome(done) == [(cell.name, False) for cell in cells]
-    assert sorted(recorder.drives) == [f'baseline-seed{seed}' for seed in (1, 2)]
+    assert sorted(recorder.drives) == [f'baseline-seed{seed}' for seed in (1, 2, 3, 4)]
     alone = benchmark.run(cells, tmp_path / 'alone', recorder=Recorder(bag))
     for cell, other in zip(done, alone):
         assert cell.result is not None and other.result is not None
