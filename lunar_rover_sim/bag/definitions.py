@@ -21,7 +21,8 @@ def learn(typestore: Typestore, msgtype: str, definition: str) -> None:
         types = {name: fields for name, fields in get_types_from_msg(definition, msgtype).items()
                  if name not in known}
         trial = get_typestore(Stores.EMPTY)
-        trial.register({**known, **types})
+        trial.fielddefs.update(known)
+        trial.register(types)
         trial.hash_rihs01(msgtype)
     except (TypesysError, KeyError) as error:
         reason = ' '.join(str(error).split())
