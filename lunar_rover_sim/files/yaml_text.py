@@ -20,6 +20,7 @@ from lunar_rover_sim.files.regular_file import check_regular
 from lunar_rover_sim.parameters import brief
 
 _MAX_DEPTH = 32
+_Dumper: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
 class _Loader(yaml.SafeLoader):
@@ -90,6 +91,15 @@ def parse_yaml(text: str, where: str, error: type[LunarRoverSimError] = ConfigEr
 @functools.lru_cache(maxsize=16)
 def _parsed(text: str) -> Any:
     return yaml.load(text, _Loader)  # noqa: S506  (a safe loader)
+
+
+def yaml_of(document: Any, **layout: Any) -> str:
+    """Return plain values as YAML, keys in their order.
+
+    layout: options of `yaml.dump`, such as width. libyaml writes the same text as PyYAML itself
+    in a third of the time.
+    """
+    return yaml.dump(document, Dumper=_Dumper, sort_keys=False, **layout)
 
 
 def read_text(path: Path, most_bytes: int, error: type[LunarRoverSimError] = ConfigError) -> str:

@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-import yaml
 
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.resources import find_file, packaged_names
-from lunar_rover_sim.files.yaml_text import read_yaml
+from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import brief, nearest
@@ -195,8 +194,7 @@ class GaitCalibration:
             'turns': list(self.turns)}
         for name in ('forward_mps', 'yaw_rate_radps'):
             document[name] = [[round(x, 5) for x in row] for row in getattr(self, name)]
-        text = _HEADER + yaml.safe_dump(document, sort_keys=False, width=99,
-                                        default_flow_style=None)
+        text = _HEADER + yaml_of(document, width=99, default_flow_style=None)
         atomic_write(path, text, GaitError)
 
     def stride(self, forward_mps: float, yaw_rate_radps: float,

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import yaml
-
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.resources import config_path
-from lunar_rover_sim.files.yaml_text import read_yaml
+from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.rover.description import RoverDescription
 
 _MOST_BYTES = 1 << 18
@@ -30,4 +28,4 @@ def load_rover(path: str | Path | None = None) -> RoverDescription:
 
 def save_rover(rover: RoverDescription, path: str | Path) -> None:
     """Write the rover to a YAML file for `load_rover`; raise ConfigError if that fails."""
-    atomic_write(path, yaml.safe_dump(rover.to_mapping(), sort_keys=False), ConfigError)
+    atomic_write(path, yaml_of(rover.to_mapping()), ConfigError)

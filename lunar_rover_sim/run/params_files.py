@@ -15,10 +15,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_text, yaml_of
 from lunar_rover_sim.parameters import brief, merge
 
 SHARED = '/**'
@@ -93,4 +91,4 @@ def _of_program(path: str, program: str) -> str:
         shared = merge(shared, values)
     sections = {SHARED: {ROS_KEY: shared},
                 **{name: body for name, body in document.items() if name not in (SHARED, *own)}}
-    return yaml.safe_dump(sections, sort_keys=False)
+    return yaml_of(sections)

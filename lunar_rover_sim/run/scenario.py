@@ -15,11 +15,9 @@ from pathlib import Path
 import re
 from typing import Any
 
-import yaml
-
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.resources import find_file, packaged_names
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.illumination.sun_path import check_last_date
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
@@ -151,7 +149,7 @@ class Scenario:
 
         Empty lists are left out: they are defaults, and rcl's parser cannot infer their type.
         """
-        return yaml.safe_dump(_without_empty_lists(self.to_mapping()), sort_keys=False)
+        return yaml_of(_without_empty_lists(self.to_mapping()))
 
 
 def scenario_names() -> list[str]:

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-import yaml
 
+from lunar_rover_sim.files.yaml_text import yaml_of
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.sequences.further import FurtherCamera
 from lunar_rover_sim.sequences.sensors import SensorSuite
@@ -51,8 +51,8 @@ def calibration_yaml(suite: SensorSuite, kind: str,
                 'gyro_noise_density': noise.gyro_noise_density,
                 'gyro_bias_random_walk': noise.gyro_bias_random_walk},
         **{name: dict(units) for name, units in depth.items()}}
-    return '# T_a_b maps points of b to a; rows of 4. Units: m, s, rad, px.\n' + yaml.safe_dump(
-        document, sort_keys=False, default_flow_style=None, width=99)
+    return '# T_a_b maps points of b to a; rows of 4. Units: m, s, rad, px.\n' + yaml_of(
+        document, default_flow_style=None, width=99)
 
 
 def _rows(T: Array) -> list[list[float]]:

@@ -21,11 +21,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.arrays import map_array, read_archive
-from lunar_rover_sim.files.yaml_text import read_yaml
+from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.craters import Craters
@@ -108,7 +107,7 @@ def _write(world: World, folder: pathlib.Path) -> None:
                 'cells_m': [g.cell_m for g in world.levels],
                 'report': _plain(world.report), 'world': world.config.to_mapping()}
     text = ('# Made by lunar_rover_sim. Heights are float32 [m], row 0 south, column 0 west.\n'
-            + yaml.safe_dump(document, sort_keys=False))
+            + yaml_of(document))
     (folder / 'world.yaml').write_text(text, encoding='utf-8')
 
 

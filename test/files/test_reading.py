@@ -10,13 +10,14 @@ import zipfile
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.arrays import map_array, read_archive
 from lunar_rover_sim.files.folders import user_path
 from lunar_rover_sim.files.images import read_picture
 from lunar_rover_sim.files.regular_file import check_regular
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.world.cache import cache_folder
 
 
@@ -117,3 +118,15 @@ def test_who_reads_yaml_may_change_what_was_read():
     text = 'a: {b: [1, 2]}'
     parse_yaml(text, 'x')['a']['b'].append(3)
     assert parse_yaml(text, 'y') == {'a': {'b': [1, 2]}}
+
+
+@pytest.mark.parametrize('layout', [{}, {'width': 99, 'default_flow_style': None}])
+def test_yaml_is_written_as_pyyaml_itself_writes_it(layout) -> None:
+    rng = np.random.default_rng(0)
+    document = {
+        'numbers': [1, -0.0, 1e-9, 1.5e300, float('inf'), *rng.standard_normal(30).tolist()],
+        'rows': rng.standard_normal((3, 20)).round(5).tolist(), 'empty': [[], {}, '', None],
+        'like other types': ['true', '~', '1e3', '0x1f', '2026-11-24', '- a: b #', 'yes', ' x '],
+        'text': ['a' * 120, 'word ' * 60, 'two\nlines\n', '\ttab \\ "q" \'q\'', 'é 日本 🚀 \x07'],
+        'deep': {'a': {'b': {'c': [True, {'d': 1}]}}}}
+    assert yaml_of(document, **layout) == yaml.safe_dump(document, sort_keys=False, **layout)
