@@ -69,10 +69,12 @@ class Tracker:
                                          getattr(pyorbslam3.Sensor, SENSORS[sensor]))
         self._imu_scale = np.array([1.0] * 4 + [self._per_m] * 3)   # of stamp, turn and force
         self.has_tracked = False
+        self.has_started = False        # there has been a pose that stays
 
     def track(self, stamp_ns: int, images: list, imu: np.ndarray) -> np.ndarray | None:
         """Return T_map_camera (4, 4) of the left camera, or None where it is not tracked.
 
+        With an IMU there is none before the map has been turned to gravity, after 2 s or more.
         images: (h, w) of 8 bits; imu: (n, 7) stamp [s], angular velocity, specific force, after
         the frame before and up to this one
         """
@@ -83,6 +85,9 @@ class Tracker:
         if result.state != self._ok:
             return None
         self.has_tracked = True
+        if self._sensor == 'stereo-inertial' and not self._slam.imu_initialized():
+            return None
+        self.has_started = True
         T = np.array(result.pose_wc, dtype=float)
         T[:3, 3] /= self._per_m
         return T
@@ -181,7 +186,7 @@ def serve(vocabulary: str, settings: str, sensor: str) -> None:
             stamp_ns, images = frames_of(body, sensor)
             pose = tracker.track(stamp_ns, images, imu)
             imu = np.zeros((0, 7))
-            state = TRACKING if pose is not None else LOST if tracker.has_tracked else INITIALISING
+            state = TRACKING if pose is not None else LOST if tracker.has_started else INITIALISING
             T = np.eye(4) if pose is None else pose
             send(POSE, struct.pack('<qI7d', stamp_ns, state, *T[:3, 3],
                                    *quaternion_xyzw(T[:3, :3])))

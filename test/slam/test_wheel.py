@@ -67,7 +67,10 @@ def feed(program: SlamProgram, stamps_ns: range, images, imu: bool = False) -> l
 
 @pytest.mark.parametrize(('sensor', 'count'), [('mono', 1), ('stereo', 2), ('stereo-inertial', 2)])
 def test_behind_pipes(wheel, tmp_path, sensor: str, count: int) -> None:
-    """What ORB-SLAM3 prints is not between the answers; poses are those of the wheel."""
+    """What ORB-SLAM3 prints is not between the answers; poses are those of the wheel.
+
+    With an IMU those of a map that is not yet turned to gravity are none.
+    """
     program = SlamProgram([*wheel, 'voc.txt', str(tmp_path / 'orb.yaml'), sensor], {}, 20.0, 20.0)
     inertial = sensor == 'stereo-inertial'
     try:
@@ -75,8 +78,9 @@ def test_behind_pipes(wheel, tmp_path, sensor: str, count: int) -> None:
                        inertial)
     finally:
         program.close()
-    assert [a.state for a in answers] == [protocol.INITIALISING, protocol.TRACKING,
-                                          protocol.TRACKING]
+    assert [a.state for a in answers] == [
+        protocol.INITIALISING, protocol.INITIALISING if inertial else protocol.TRACKING,
+        protocol.TRACKING]
     assert [a.stamp_ns for a in answers] == [2_000_000_000, 2_000_001_000, 2_000_002_000]
     assert answers[2].position_m == pytest.approx(
         (3.0, 11.0 * count, 2.000001 if inertial else 0.0), abs=1e-9)

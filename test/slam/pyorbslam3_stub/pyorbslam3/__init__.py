@@ -78,6 +78,11 @@ class Slam:
         self._poses.append((stamp_s, T))
         return SimpleNamespace(state=TrackingState.OK, pose_wc=T)
 
+    def imu_initialized(self) -> bool:
+        """Say whether the map is turned to gravity: from the third frame on."""
+        assert self._sensor is Sensor.IMU_STEREO
+        return self._frames > 2
+
     def shutdown(self) -> None:
         """As in the wheel, before anything is saved."""
         self._is_shut_down = True
