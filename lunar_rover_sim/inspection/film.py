@@ -18,6 +18,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
+from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.errors import BagError, ConfigError
@@ -99,7 +100,7 @@ class Film:
                                      int(self.times_ns[-1]) + 1)
 
     def _times(self, bag: Bag) -> NDArray[np.int64]:
-        first_s, last_s = bag.start_ns / NS_PER_S, bag.end_ns / NS_PER_S
+        first_s, last_s = bag.start_ns / NS_PER_S, simulated_end_ns(bag) / NS_PER_S
         options = self._options
         start_s = first_s if options.start_s is None else options.start_s
         end_s = last_s if options.end_s is None else options.end_s

@@ -15,6 +15,7 @@ import worlds
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.files.film import U8, write_film
@@ -149,6 +150,20 @@ def test_bags_without_a_film(recorded: Recorded, tmp_path: Path,
             'std_msgs/String', data=Scenario.load('flat').to_yaml()))])
     with pytest.raises(BagError, match='holds no stereo/left/image_raw; --bare'):
         Film(blind, FilmOptions(), recorded.world)
+
+
+def test_wall_time_in_the_bag(recorded: Recorded, tmp_path: Path) -> None:
+    """A film ends with the drive where /diagnostics was recorded, which bears wall time."""
+    with open_bag(recorded.bag) as bag, BagWriter(tmp_path / 'bag') as writer:
+        for message in bag.raw():
+            writer.add_topic(message.topic, message.msgtype)
+            writer.write_at(message.topic, message.time_ns, message.data)
+        writer.add_topic('/diagnostics', topics.DIAGNOSTICS.type)
+        writer.write_at('/diagnostics', 1_795_554_234 * 10**9, b'')
+    film = Film(tmp_path / 'bag', FilmOptions(width=320, rate_hz=5.0), recorded.world)
+    assert film.times_ns.tolist() == [0, 2 * 10**8, 4 * 10**8]
+    with pytest.raises(ConfigError, match=r'--end: 9 s is not valid; the bag holds 0 to 0\.5 s'):
+        Film(tmp_path / 'bag', FilmOptions(end_s=9.0), recorded.world)
 
 
 def test_slip(recorded: Recorded) -> None:
