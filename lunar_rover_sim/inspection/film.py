@@ -70,6 +70,7 @@ class Film:
     """The film of one bag. Making it reads the motion; `frames` draws.
 
     times_ns: simulated time of each frame
+    world: that was driven on
     chase: the camera, at first that of the scenario; its image size is that of the film
     """
 
@@ -93,7 +94,7 @@ class Film:
             found = recorded_world(bag, world)
             if found is None:
                 raise BagError(f'{path}: its world is not found; name its folder with --world')
-            self._world = found
+            self.world = found
             self.times_ns = self._times(bag)
             # Slip needs what was before.
             self._drive = read_drive(bag, int(self.times_ns[0]) - 2 * round(WINDOW_S * NS_PER_S),
@@ -122,16 +123,16 @@ class Film:
         chase = dataclasses.replace(self.chase, camera=dataclasses.replace(
             self.chase.camera, width=width, height=height))
         render = self._nodes.render
-        sun = sun_of_date(render.sun, reported_site(self._world.report))
+        sun = sun_of_date(render.sun, reported_site(self.world.report))
         # Older recordings state that they were drawn with steps.
         config = dataclasses.replace(render, sun=sun, detail=dataclasses.replace(
             render.detail, smooth_outlines=True))
         captions = Captions(width)
         with open_bag(self._path) as bag, \
-                Renderer(self._world, self._nodes.rover, config, config.seed) as renderer:
+                Renderer(self.world, self._nodes.rover, config, config.seed) as renderer:
             overlay = Overlay() if bag.has(topics.GROUND_CHANGES.name) else None
             renderer.follow(overlay)
-            mount = ChaseMount(chase, sun.azimuth_deg, self._world)
+            mount = ChaseMount(chase, sun.azimuth_deg, self.world)
             camera = renderer.add_camera(chase, mount)
             plots = None if options.bare else self._plots(width)
             path, step = SunPath(sun), 0
@@ -158,7 +159,7 @@ class Film:
 
     def _plots(self, width: int) -> Plots:
         drive, span_s = self._drive, self.times_ns[[0, -1]] / NS_PER_S
-        slip = drive.slip(self._nodes.rover, self._world.ground,
+        slip = drive.slip(self._nodes.rover, self.world.ground,
                           self._nodes.physics.gravity_mps2)
         return Plots((width // 2, width * 3 // 16), (float(span_s[0]), float(span_s[1])),
                      (drive.stamps_ns / NS_PER_S, drive.pitch_deg()), slip)

@@ -139,6 +139,26 @@ def test_refused(recorded: Recorded, options: dict, words: str) -> None:
         Film(recorded.bag, FilmOptions(**options), recorded.world)
 
 
+@pytest.mark.parametrize(('options', 'words'), [
+    (['--tripod', '1,1,-0.5'], '--tripod: -0.5 m above the ground is not valid; valid is a '
+                               'height > 0 m'),
+    (['--tripod', '9000,1,0.5'], '--tripod: (9000, 1) lies outside the world; valid are x and y'),
+    (['--tripod', '1e9,1,0.5'], '--tripod: 1000000000.0 is not valid; valid is 3 elements'),
+    (['--tripod', '1,1,1', '--behind'], '--behind: has no effect beside --tripod; leave one'),
+    (['--tripod', '1,1,1', '--from', '2,0,9'], '--from: has no effect beside --tripod'),
+    (['--from', '0.1,0,9'], '--from: distance_m: 0.1 is not valid; valid is >= 0.2'),
+    (['--world', 'nowhere'], '--world: nowhere: not a world folder')])
+def test_errors_name_the_options(recorded: Recorded, options: list[str], words: str,
+                                 tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, before anything is drawn or written."""
+    given = ['bag', 'video', str(recorded.bag), '-o', str(tmp_path / 'drive.mp4'), '--width',
+             '320']
+    world = [] if '--world' in options else ['--world', str(recorded.world)]
+    assert main([*given, *world, *options]) == 1
+    assert f'lunar_rover_sim: {words}' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_bags_without_a_film(recorded: Recorded, tmp_path: Path,
                              monkeypatch: pytest.MonkeyPatch) -> None:
     """A bag without images, or whose world is gone, is refused with what to do."""
