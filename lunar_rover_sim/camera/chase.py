@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 import math
 
@@ -10,6 +11,7 @@ import numpy as np
 from lunar_rover_sim.camera.config import (CameraConfig, FurtherCameraConfig, LensConfig,
                                            SensorConfig)
 from lunar_rover_sim.camera.mount import MovingMount
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array, se3
 from lunar_rover_sim.parameters import group, param
 from lunar_rover_sim.rover.pose import Posed
@@ -83,6 +85,20 @@ class ChaseConfig(FurtherCameraConfig):
     sensor: ChaseSensorConfig = group(ChaseSensorConfig)
 
 
+def tripod_problem(position_m: Sequence[float], world: World) -> str:
+    """Return why no tripod can stand there, with what is valid; '' where it can.
+
+    position_m: x and y in the world, height above the ground [m]
+    """
+    x, y, height = position_m
+    if not math.isfinite(float(world.height_at((x, y)))):
+        return (f'({x:g}, {y:g}) lies outside the world; valid are x and y within '
+                f'{world.levels[-1].half_extent_m:g} m')
+    if height <= 0.0:
+        return f'{height:g} m above the ground is not valid; valid is a height > 0 m'
+    return ''
+
+
 class ChaseMount(MovingMount):
     """Carries the chase camera. Call `follow` for every state, in their order, then draw it.
 
@@ -91,7 +107,11 @@ class ChaseMount(MovingMount):
     """
 
     def __init__(self, config: ChaseConfig, sun_azimuth_deg: float, world: World) -> None:
+        """Raise ConfigError for a tripod in the ground or outside the world."""
         super().__init__()
+        problem = tripod_problem(config.position_m, world) if config.mode == TRIPOD else ''
+        if problem:
+            raise ConfigError(f'chase.position_m: {problem}')
         self._config, self._world = config, world
         self._zero_rad = math.radians(sun_azimuth_deg) if config.reference == SUN else 0.0
         self._stamp_ns: int | None = None

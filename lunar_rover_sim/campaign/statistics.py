@@ -19,6 +19,7 @@ from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import common_stamps, picture, read_imu, read_odometry
+from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.inspection.matching import disparity_map, is_textured
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.stereo.depth import disparity_from_depth
@@ -65,7 +66,7 @@ def statistics(path: Path | str) -> dict[str, Any]:
     result: dict[str, Any] = dict.fromkeys(MEANINGS)
     with open_bag(path) as bag:
         result['bytes'] = bag.size_bytes
-        result['duration_s'] = bag.end_ns / 1e9
+        result['duration_s'] = simulated_end_ns(bag) / 1e9
         result['frames'] = bag.counts[bag.resolve(topics.LEFT_IMAGE.name)] \
             if bag.has(topics.LEFT_IMAGE.name) else 0
         if bag.has(bag.truth):

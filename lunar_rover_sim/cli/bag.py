@@ -15,9 +15,10 @@ from rich.text import Text
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
+from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.cli import bag_video
 from lunar_rover_sim.cli.terminal import console, table
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.files.outputs import check_folder, check_new_folder, check_path
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
@@ -85,14 +86,17 @@ def _info(args: argparse.Namespace) -> int:
     out = console()
     with open_bag(args.bag) as bag:
         rows = table(('topic', 'type', 'messages', 'rate'), 2, box=None, pad_edge=False)
-        span_s = (bag.end_ns - bag.start_ns) * 1e-9
+        end_ns = bag.end_ns
+        with contextlib.suppress(BagError):     # counts are told of a damaged bag too
+            end_ns = simulated_end_ns(bag) or end_ns
+        span_s = (end_ns - bag.start_ns) * 1e-9
         for topic, msgtype in sorted(bag.types.items()):
             count = bag.counts[topic]
             rate = f'{count / span_s:.1f} Hz' if count > 2 and span_s > 0 else ''
             rows.add_row(topic, msgtype, str(count), rate)
         out.print(rows)
         out.print(f'{bag.message_count} messages, {bag.start_ns * 1e-9:.3f} s to '
-                  f'{bag.end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
+                  f'{end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
                   f'{bag.storage_path.suffix.lstrip(".")}', **_PLAIN)
         if bag.incomplete:
             out.print(f'INCOMPLETE: {bag.incomplete}', **_PLAIN)

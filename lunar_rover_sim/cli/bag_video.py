@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SUN, TRIPOD
+from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SUN, TRIPOD, tripod_problem
 from lunar_rover_sim.cli.number_lists import numbers
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.film import check_suffix, SUFFIXES, U8, write_film
@@ -58,6 +58,9 @@ def run(args: argparse.Namespace) -> int:
     """Draw and write the film."""
     if not 1 <= args.quality <= 100:
         raise ConfigError(f'--quality: {args.quality} is not valid; valid is 1 to 100')
+    for option, given in (('--behind', args.behind), ('--from', args.place is not None)):
+        if args.tripod is not None and given:
+            raise ConfigError(f'{option}: has no effect beside --tripod; leave one of them out')
     options = FilmOptions(args.width, args.fps, args.speed, args.start, args.end, args.bare)
     console = Console(stderr=True)
     with console.status('reading the drive'):
@@ -80,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _camera(film: Film, args: argparse.Namespace) -> ChaseConfig:
-    """Return the chase camera that is asked for."""
+    """Return the chase camera that is asked for. Raises ConfigError where it cannot be."""
     chase = film.chase
     if args.behind:
         chase = dataclasses.replace(chase, reference=HEADING, azimuth_deg=180.0)
@@ -93,5 +96,11 @@ def _camera(film: Film, args: argparse.Namespace) -> ChaseConfig:
         except ConfigError as error:
             raise ConfigError(f'--from: {error}') from None
     if args.tripod is not None:
-        chase = dataclasses.replace(chase, mode=TRIPOD, position_m=args.tripod)
+        try:
+            chase = dataclasses.replace(chase, mode=TRIPOD, position_m=args.tripod)
+        except ConfigError as error:
+            raise ConfigError(f'--tripod: {str(error).removeprefix("position_m: ")}') from None
+        problem = tripod_problem(args.tripod, film.world)
+        if problem:
+            raise ConfigError(f'--tripod: {problem}')
     return chase

@@ -183,10 +183,10 @@ def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
         try:
             given = load_world(folder, verify=False)
         except WorldError as error:
-            raise BagError(f'world: {error}') from None
+            raise BagError(f'--world: {error}') from None
         if given.hash != wanted:
-            raise BagError(f'world: {folder} has the hash {given.hash}; the bag was recorded on '
-                           f'{wanted}')
+            raise BagError(f'--world: {folder} has the hash {given.hash}; the bag was recorded '
+                           f'on {wanted}')
         return given
     folders = [bag.path.absolute().parent / 'world']
     named = recorded_scenario(bag).get('physics_node', 'world')

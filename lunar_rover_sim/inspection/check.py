@@ -12,6 +12,7 @@ import math
 from pathlib import Path
 
 from lunar_rover_sim.bag.checksums import damage
+from lunar_rover_sim.bag.content_hash import is_skipped
 from lunar_rover_sim.bag.marker import METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.stamps import NS_PER_S
@@ -110,11 +111,15 @@ def _has(bag: Bag, start_ns: int | None, stop_ns: int | None) -> bool:
 
 
 def one_clock(bag: Bag, end_ns: int, report: Report) -> None:
-    """No message is stamped long after the last state: that would be another clock."""
+    """No message is stamped long after the last state: that would be another clock.
+
+    Topics that bear wall time by their nature, such as /diagnostics, are left out.
+    """
     if not end_ns:
         return
     late: dict[str, int] = {}
-    for message in bag.raw(start_ns=end_ns + _LATEST_NS):
+    names = [name for name in bag.types if not is_skipped(name)]
+    for message in bag.raw(names, start_ns=end_ns + _LATEST_NS):
         late[message.topic] = message.time_ns
     problems = [f'{topic}: up to {ns / NS_PER_S:.3f} s, {(ns - end_ns) / NS_PER_S:.0f} s after '
                 'the last state (stamped with wall time?)' for topic, ns in late.items()]

@@ -18,6 +18,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
+from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.errors import BagError, ConfigError
@@ -69,6 +70,7 @@ class Film:
     """The film of one bag. Making it reads the motion; `frames` draws.
 
     times_ns: simulated time of each frame
+    world: that was driven on
     chase: the camera, at first that of the scenario; its image size is that of the film
     """
 
@@ -92,14 +94,14 @@ class Film:
             found = recorded_world(bag, world)
             if found is None:
                 raise BagError(f'{path}: its world is not found; name its folder with --world')
-            self._world = found
+            self.world = found
             self.times_ns = self._times(bag)
             # Slip needs what was before.
             self._drive = read_drive(bag, int(self.times_ns[0]) - 2 * round(WINDOW_S * NS_PER_S),
                                      int(self.times_ns[-1]) + 1)
 
     def _times(self, bag: Bag) -> NDArray[np.int64]:
-        first_s, last_s = bag.start_ns / NS_PER_S, bag.end_ns / NS_PER_S
+        first_s, last_s = bag.start_ns / NS_PER_S, simulated_end_ns(bag) / NS_PER_S
         options = self._options
         start_s = first_s if options.start_s is None else options.start_s
         end_s = last_s if options.end_s is None else options.end_s
@@ -121,16 +123,16 @@ class Film:
         chase = dataclasses.replace(self.chase, camera=dataclasses.replace(
             self.chase.camera, width=width, height=height))
         render = self._nodes.render
-        sun = sun_of_date(render.sun, reported_site(self._world.report))
+        sun = sun_of_date(render.sun, reported_site(self.world.report))
         # Older recordings state that they were drawn with steps.
         config = dataclasses.replace(render, sun=sun, detail=dataclasses.replace(
             render.detail, smooth_outlines=True))
         captions = Captions(width)
         with open_bag(self._path) as bag, \
-                Renderer(self._world, self._nodes.rover, config, config.seed) as renderer:
+                Renderer(self.world, self._nodes.rover, config, config.seed) as renderer:
             overlay = Overlay() if bag.has(topics.GROUND_CHANGES.name) else None
             renderer.follow(overlay)
-            mount = ChaseMount(chase, sun.azimuth_deg, self._world)
+            mount = ChaseMount(chase, sun.azimuth_deg, self.world)
             camera = renderer.add_camera(chase, mount)
             plots = None if options.bare else self._plots(width)
             path, step = SunPath(sun), 0
@@ -157,7 +159,7 @@ class Film:
 
     def _plots(self, width: int) -> Plots:
         drive, span_s = self._drive, self.times_ns[[0, -1]] / NS_PER_S
-        slip = drive.slip(self._nodes.rover, self._world.ground,
+        slip = drive.slip(self._nodes.rover, self.world.ground,
                           self._nodes.physics.gravity_mps2)
         return Plots((width // 2, width * 3 // 16), (float(span_s[0]), float(span_s[1])),
                      (drive.stamps_ns / NS_PER_S, drive.pitch_deg()), slip)

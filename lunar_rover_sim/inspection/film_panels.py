@@ -81,8 +81,9 @@ class Plots:
             ax.set_facecolor(_FACE)
             ax.grid(color=_GRID, lw=0.5)
             ax.tick_params(colors=_INK, labelsize=font, length=2, pad=1)
-            ax.text(0.01, 0.93, name, color=colour, fontsize=font, transform=ax.transAxes,
-                    va='top')
+            # Above the axes, where no curve is.
+            ax.text(0.0, 1.02, name, color=colour, fontsize=font, transform=ax.transAxes,
+                    va='bottom')
             for spine in ax.spines.values():
                 spine.set_color(_GRID)
         axes[0].tick_params(labelbottom=False)

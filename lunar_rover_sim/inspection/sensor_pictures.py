@@ -20,31 +20,37 @@ from lunar_rover_sim.rendering import layer_pictures
 
 Save = Callable[[Figure, str], None]
 
+_OF_HAZARD = (topics.HAZARD_IMAGE, topics.HAZARD_DEPTH, topics.HAZARD_LABELS,
+              topics.HAZARD_CRATERS)
 _CHASE_FRAMES = 4
 _NEAR_SHARE = 95.0      # percentile of the distances that the map of a scan holds
 _CLOUDS = topics.LIDAR_POINTS, topics.LIDAR_DESKEWED
 
 
 def hazard_figures(bag: Bag, save: Save) -> None:
-    """Draw each hazard camera: the last image that has all of the truth, and that truth."""
+    """Draw each hazard camera: the last image that has all of the truth, and that truth.
+
+    Where none has all of it, the last image alone.
+    """
     for camera, names in hazard_topics(bag).items():
-        named = {bag.resolve(name): kind for kind, name in names.items()
-                 if kind is not topics.HAZARD_INFO}
+        named = {bag.resolve(names[kind]): kind for kind in _OF_HAZARD if kind in names}
         stamps = series.common_stamps(bag, list(named)) if named else []
+        if not stamps and topics.HAZARD_IMAGE in names:
+            stamps = series.common_stamps(bag, [names[topics.HAZARD_IMAGE]])
         if not stamps:
             continue
-        figure = Figure(figsize=(10, 7.5), layout='constrained')
-        panels = figure.subplots(2, 2, squeeze=False).flat
         found = {named[name]: message for name, _, message in
                  bag.messages(named, stamps[-1], stamps[-1] + 1)}
-        shown = (topics.HAZARD_IMAGE, topics.HAZARD_DEPTH, topics.HAZARD_LABELS,
-                 topics.HAZARD_CRATERS)
-        for axes, kind in zip(panels, shown, strict=True):
+        if topics.HAZARD_IMAGE in names and len(found) < len(named):
+            found = {topics.HAZARD_IMAGE: found[topics.HAZARD_IMAGE]}
+        figure = Figure(figsize=(10, 7.5), layout='constrained')
+        shape = (1, 1) if len(found) == 1 else (2, 2)
+        for axes in figure.subplots(*shape, squeeze=False).flat:
             axes.set_axis_off()
-            if kind in found:
-                pixels = series.picture(bag, found[kind]).pixels
-                axes.set_title(kind.name.replace(topics.NAME, camera), fontsize=9)
-                axes.imshow(_hazard_picture(kind, pixels)[..., ::-1])
+        for axes, kind in zip(figure.axes, (kind for kind in _OF_HAZARD if kind in found)):
+            pixels = series.picture(bag, found[kind]).pixels
+            axes.set_title(kind.name.replace(topics.NAME, camera), fontsize=9)
+            axes.imshow(_hazard_picture(kind, pixels)[..., ::-1])
         figure.suptitle(f'{stamps[-1] * 1e-9:.3f} s', fontsize=9)
         save(figure, f'hazard_{camera.replace("/", "_")}.png')
 

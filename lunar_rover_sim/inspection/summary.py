@@ -9,6 +9,8 @@ from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.simulated_end import simulated_end_ns
+from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.prediction import PredictionMiss
 from lunar_rover_sim.inspection import tracking
 
@@ -43,8 +45,8 @@ class Summary:
 def summarise(path: Path) -> Summary:
     """Return the summary of a bag; the distance is that along the true path."""
     with open_bag(path) as bag:
-        return Summary(dict(bag.counts), bag.end_ns / 1e9, _distance_m(bag), bag.size_bytes,
-                       bag_hash(path), tuple(tracking.of_bag(bag)))
+        return Summary(dict(bag.counts), simulated_end_ns(bag) / NS_PER_S, _distance_m(bag),
+                       bag.size_bytes, bag_hash(path), tuple(tracking.of_bag(bag)))
 
 
 def _distance_m(bag: Bag) -> float:

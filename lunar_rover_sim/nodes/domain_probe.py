@@ -2,7 +2,8 @@
 
     python -m lunar_rover_sim.nodes.domain_probe TOPIC ...
 
-It ends with the first that it finds, or after 4 s of wall time.
+It ends with the first that it finds, or after 4 s of wall time. Where DDS does not let it leave,
+it ends by SIGALRM, with all work done.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import time
 
 import rclpy
 
+from lunar_rover_sim.nodes.leaving import bound_leaving
 from lunar_rover_sim.nodes.matching import UNKNOWN_NAME
 
 # Usually 0.1 to 0.4 s, at times 3.4 s.
@@ -32,6 +34,7 @@ def main() -> None:
                 if info.node_name != UNKNOWN_NAME or time.monotonic() > deadline - _POLL_S:
                     print(topic, info.node_name, flush=True)
                     found = True
+    bound_leaving()
     node.destroy_node()
     rclpy.try_shutdown()
 

@@ -26,9 +26,9 @@ from lunar_rover_sim.nodes.type_definitions import definition_of
 from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
 
-# Log lines, parameters and diagnostics bear wall time: with them no two runs would give the same
-# bag.
-_NOT_RECORDED = ('rosout', 'parameter_events', 'diagnostics')
+# With these no two runs would give the same bag, so `all` leaves them out. Where they are listed,
+# their messages get the time of their arrival in the bag.
+_AT_WALL_TIME = ('rosout', 'parameter_events', 'diagnostics')
 _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
 # done often while topics appear, and seldom when none has appeared for a while.
@@ -118,7 +118,7 @@ class RecorderNode(node_main.GraphNode):
         if topics.of_hazard(name.removeprefix(own)) is not None:
             return False
         return (name not in self._excluded and name not in self._not_in_all
-                and name.rsplit('/', 1)[-1] not in _NOT_RECORDED)
+                and not _is_at_wall_time(name))
 
     def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
         self._subscribed.add(name)
@@ -138,16 +138,20 @@ class RecorderNode(node_main.GraphNode):
                                definition=definition_of(type_name))
         is_clock = name == self._clock_name
         latched = topic is not None and topic.rate == topics.LATCHED
+        at_wall_time = _is_at_wall_time(name)
 
         def callback(raw: bytes) -> None:
             # A message without a stamp gets the newest time, a latched one the start.
             self._rate.tick()
             latest_ns = None if is_clock or not self._clock_ns else self._clock_ns + _LATEST_NS
+            if at_wall_time:
+                latest_ns = 0
             stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns,
                                           latest_ns)
             if is_clock:
                 self._clock_ns = max(self._clock_ns, stamp_ns)
-            elif name in self._writer.of_another_clock and name not in self._warned:
+            elif (name in self._writer.of_another_clock and name not in self._warned
+                    and not at_wall_time):
                 self._warned.add(name)
                 self.get_logger().warning(
                     f'{name}: is stamped more than {_LATEST_NS // 10**9} s after /clock (with '
@@ -183,6 +187,10 @@ class RecorderNode(node_main.GraphNode):
                 and self._publisher.get_subscription_count()):
             self._sent_ns = self._written.up_to_ns
             self._publisher.publish(Header(stamp=conversions.time_msg(self._sent_ns)))
+
+
+def _is_at_wall_time(name: str) -> bool:
+    return name.rsplit('/', 1)[-1] in _AT_WALL_TIME
 
 
 def _read(path: str) -> str:

@@ -11,6 +11,7 @@ import time
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.errors import did_you_mean, GraphError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, ground_conditions
@@ -141,7 +142,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     if 'recorder_node' in scenario.run.nodes:
         bag = folder / BAG_FOLDER
         with open_bag(bag) as recorded:
-            counts, simulated_s = dict(recorded.counts), recorded.end_ns / 1e9
+            counts, simulated_s = dict(recorded.counts), simulated_end_ns(recorded) / 1e9
         _check_topics(scenario.recorder_node.topics, counts)
     return Recording(folder, bag, scenario, counts, simulated_s, wall_s, nodes.cpu_s,
                      interrupted=not finished,

@@ -116,6 +116,10 @@ def _hazard_of(bag: Bag, full: str) -> str | None:
     return known[1] if known is not None and known[0] is topics.HAZARD_IMAGE else None
 
 
+def _sets(count: int) -> str:
+    return f'{count} image set' if count == 1 else f'{count} image sets'
+
+
 class _ImageSets:
     """Puts images of one stamp together and holds them until an IMU sample follows."""
 
@@ -160,10 +164,10 @@ class _ImageSets:
         if not self._written:
             raise SequenceError(f'{self._bag.path}: holds no complete set of '
                                 f'{", ".join(sorted(self._names))}; there is nothing to export')
-        notes = [f'{self._written} image sets']
+        notes = [_sets(self._written)]
         trimmed = self._before + len(self._held)
         if trimmed:
-            notes.append(f'{trimmed} image sets left out ({self._before} at the beginning, '
+            notes.append(f'{_sets(trimmed)} left out ({self._before} at the beginning, '
                          f'{len(self._held)} at the end): no IMU sample before or after them')
         return notes + self.lacking()
 
@@ -174,7 +178,7 @@ class _ImageSets:
         notes = []
         for names, count in sorted((sorted(n), c) for n, c in self._lacking.items()):
             hint = _EVERY_DEPTH if _OF_DEPTH_FRAMES.issuperset(names) else ''
-            notes.append(f'{count} image sets without {", ".join(names)} left out{hint}')
+            notes.append(f'{_sets(count)} without {", ".join(names)} left out{hint}')
         return notes
 
     def _note(self, entry: dict[str, Any]) -> None:

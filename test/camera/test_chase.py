@@ -142,6 +142,15 @@ def test_tripod() -> None:
         assert mount.T_world_camera[:3, 2] == pytest.approx(arm / np.linalg.norm(arm))
 
 
+@pytest.mark.parametrize(('position_m', 'words'), [
+    ((1.0, 0.0, -0.5), r'-0\.5 m above the ground is not valid; valid is a height > 0 m'),
+    ((1e4, 2.0, 0.5), r'\(10000, 2\) lies outside the world; valid are x and y within')])
+def test_tripods_that_cannot_stand(position_m: tuple[float, ...], words: str) -> None:
+    """In the ground nothing can be seen; outside the world there is no ground to stand on."""
+    with pytest.raises(ConfigError, match=f'chase.position_m: {words}'):
+        ChaseMount(ChaseConfig(mode='tripod', position_m=position_m), 60.0, scene.plane())
+
+
 @pytest.mark.parametrize('config', [
     ChaseConfig(reference='heading', azimuth_deg=150.0, smoothing_s=0.3),
     ChaseConfig(), ChaseConfig(mode='tripod', smoothing_s=0.1)])

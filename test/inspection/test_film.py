@@ -15,6 +15,7 @@ import worlds
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.files.film import U8, write_film
@@ -138,6 +139,26 @@ def test_refused(recorded: Recorded, options: dict, words: str) -> None:
         Film(recorded.bag, FilmOptions(**options), recorded.world)
 
 
+@pytest.mark.parametrize(('options', 'words'), [
+    (['--tripod', '1,1,-0.5'], '--tripod: -0.5 m above the ground is not valid; valid is a '
+                               'height > 0 m'),
+    (['--tripod', '9000,1,0.5'], '--tripod: (9000, 1) lies outside the world; valid are x and y'),
+    (['--tripod', '1e9,1,0.5'], '--tripod: 1000000000.0 is not valid; valid is 3 elements'),
+    (['--tripod', '1,1,1', '--behind'], '--behind: has no effect beside --tripod; leave one'),
+    (['--tripod', '1,1,1', '--from', '2,0,9'], '--from: has no effect beside --tripod'),
+    (['--from', '0.1,0,9'], '--from: distance_m: 0.1 is not valid; valid is >= 0.2'),
+    (['--world', 'nowhere'], '--world: nowhere: not a world folder')])
+def test_errors_name_the_options(recorded: Recorded, options: list[str], words: str,
+                                 tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, before anything is drawn or written."""
+    given = ['bag', 'video', str(recorded.bag), '-o', str(tmp_path / 'drive.mp4'), '--width',
+             '320']
+    world = [] if '--world' in options else ['--world', str(recorded.world)]
+    assert main([*given, *world, *options]) == 1
+    assert f'lunar_rover_sim: {words}' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_bags_without_a_film(recorded: Recorded, tmp_path: Path,
                              monkeypatch: pytest.MonkeyPatch) -> None:
     """A bag without images, or whose world is gone, is refused with what to do."""
@@ -149,6 +170,20 @@ def test_bags_without_a_film(recorded: Recorded, tmp_path: Path,
             'std_msgs/String', data=Scenario.load('flat').to_yaml()))])
     with pytest.raises(BagError, match='holds no stereo/left/image_raw; --bare'):
         Film(blind, FilmOptions(), recorded.world)
+
+
+def test_wall_time_in_the_bag(recorded: Recorded, tmp_path: Path) -> None:
+    """A film ends with the drive where /diagnostics was recorded, which bears wall time."""
+    with open_bag(recorded.bag) as bag, BagWriter(tmp_path / 'bag') as writer:
+        for message in bag.raw():
+            writer.add_topic(message.topic, message.msgtype)
+            writer.write_at(message.topic, message.time_ns, message.data)
+        writer.add_topic('/diagnostics', topics.DIAGNOSTICS.type)
+        writer.write_at('/diagnostics', 1_795_554_234 * 10**9, b'')
+    film = Film(tmp_path / 'bag', FilmOptions(width=320, rate_hz=5.0), recorded.world)
+    assert film.times_ns.tolist() == [0, 2 * 10**8, 4 * 10**8]
+    with pytest.raises(ConfigError, match=r'--end: 9 s is not valid; the bag holds 0 to 0\.5 s'):
+        Film(tmp_path / 'bag', FilmOptions(end_s=9.0), recorded.world)
 
 
 def test_slip(recorded: Recorded) -> None:

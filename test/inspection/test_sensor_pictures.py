@@ -68,6 +68,22 @@ def test_each_has_its_picture(tmp_path: Path, items: list[synthetic.Item]) -> No
         assert picture is not None and picture.std() > 5.0, path.name
 
 
+def test_a_hazard_camera_without_truth_of_its_image(tmp_path: Path,
+                                                    items: list[synthetic.Item]) -> None:
+    """Its image has a picture of its own, which it fills."""
+    shown = next(item for item in items if item.topic == 'hazard/front/image_raw')
+    numbers = np.zeros((48, 64), np.uint16)
+    late = synthetic.Item('ground_truth/hazard/front/labels', 'sensor_msgs/msg/Image',
+                          synthetic.image(2 * NS, 'frame', 'mono16', numbers))
+    drawn = []
+    for name, held in (('alone', [shown]), ('late', [shown, late])):
+        path, = preview(synthetic.write(tmp_path / name, held), tmp_path / f'{name}_out')
+        assert path.name == 'hazard_front.png'
+        drawn.append(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+    np.testing.assert_array_equal(*drawn)
+    assert (drawn[0] < 255).mean() > 0.6     # in four panels it had a fifth
+
+
 @pytest.mark.parametrize('part', ['ground_truth/right/labels', 'ground_truth/hazard/front/labels',
                                   'hazard/front/image_raw', 'chase/image_raw', 'lidar/points'])
 def test_one_topic_is_enough(tmp_path: Path, items: list[synthetic.Item], part: str) -> None:

@@ -15,7 +15,8 @@ import pytest
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import TwistStamped  # noqa: E402  (needs rclpy)
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)
+from geometry_msgs.msg import TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import fails, Peer, running, SMALL_CAMERA  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
@@ -101,6 +102,32 @@ def test_a_recorder_that_starts_late_records_from_then_on(peer: Peer, world_fold
         assert max(message.time_ns for message in bag.raw()) < joined_ns + 60_000_000_000
     assert stamps[0] > before_ns
     assert len(stamps) > 10
+
+
+def test_diagnostics_are_recorded_at_the_time_of_their_arrival(peer: Peer,
+                                                               tmp_path: Path) -> None:
+    """Also those before the first message of the clock; nobody is warned of them."""
+    diagnostics = peer.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    odometry = peer.node.create_publisher(Odometry, 'odom', 10)
+    status, state = DiagnosticArray(), Odometry()
+    status.header.stamp.sec, state.header.stamp.sec = 1_700_000_000, 3
+    with running('recorder_node', '-p', f'output:={tmp_path / "bag"}', '-p',
+                 'topics:=[odom, diagnostics]') as recorder:
+        peer.spin_until(lambda: diagnostics.get_subscription_count() > 0
+                        and odometry.get_subscription_count() > 0)
+        diagnostics.publish(status)
+        time.sleep(0.5)
+        odometry.publish(state)
+        time.sleep(0.5)
+        diagnostics.publish(status)
+        time.sleep(0.5)
+        recorder.send_signal(signal.SIGINT)
+        log = recorder.stdout.read()
+    assert 'wall time' not in log
+    with open_bag(tmp_path / 'bag') as bag:
+        times_s = [message.time_ns // 10**9 for message in bag.raw(['/diagnostics'])
+                   if bag.stamp_ns(message) == 1_700_000_000 * 10**9]
+    assert times_s == [0, 3]
 
 
 def test_qos_overrides_work(peer: Peer, world_folder: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+import os
 from pathlib import Path
 import re
 import shutil
@@ -12,11 +14,16 @@ import time
 
 import pytest
 
-from lunar_rover_sim.run.node_processes import NodeProcesses
-from lunar_rover_sim.run.plan import NodePlan
-
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
+
+from peer import Peer  # noqa: E402  (needs rclpy)
+from rosgraph_msgs.msg import Clock  # noqa: E402
+
+from lunar_rover_sim.errors import GraphError  # noqa: E402
+from lunar_rover_sim.run.clock_reader import check_domain  # noqa: E402
+from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
+from lunar_rover_sim.run.plan import NodePlan  # noqa: E402
 
 SCRIPTS = Path(__file__).resolve().parents[2] / 'resource' / 'nodes'
 
@@ -156,6 +163,29 @@ node_main.run(Node, ['captive'])
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
                               timeout=60)
     assert (finished.returncode, finished.stdout) == (-signal.SIGALRM, 'closed\n')
+
+
+@pytest.mark.parametrize('published', [True, False])
+def test_a_probe_that_cannot_leave_the_graph_is_ended(
+        peer: Peer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, published: bool) -> None:
+    """What it found counts."""
+    (tmp_path / 'sitecustomize.py').write_text("""
+import rclpy.node
+from lunar_rover_sim.nodes import leaving
+leaving._LIMIT_S = 1
+
+def destroy_node(self):
+    while True:
+        pass
+
+rclpy.node.Node.destroy_node = destroy_node
+""")
+    monkeypatch.setenv('PYTHONPATH', f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}')
+    if published:
+        peer.node.create_publisher(Clock, '/clock', 10)
+    with (pytest.raises(GraphError, match=r'--domain \d+: peer publishes /clock there')
+          if published else nullcontext()):
+        check_domain(int(os.environ['ROS_DOMAIN_ID']), ['/clock'])
 
 
 def test_the_clock_monitor_leaves_with_its_input(domain: int) -> None:

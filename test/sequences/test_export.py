@@ -122,6 +122,14 @@ def test_depth_with_every_second_image(tmp_path):
     assert 'frame_rate_hz: 10.0' in (tmp_path / 'euroc' / 'calibration.yaml').read_text()
 
 
+def test_one_image_set(tmp_path):
+    """It is told in the singular, written or left out."""
+    bag = synthetic.write(tmp_path / 'bag', synthetic.drive(0.2, depth_every=2))
+    notes = export(bag, tmp_path / 'tum', 'tum')
+    assert notes[0].endswith(': 1 image set')
+    assert any(note.startswith('1 image set without ') for note in notes)
+
+
 def test_kitti(tmp_path, bag):
     export(bag, tmp_path / 'seq', 'kitti')
     folder = tmp_path / 'seq'
