@@ -78,9 +78,14 @@ def write_shards(dataset: Path, output: Path, size: int, shares: Mapping[str, fl
         raise CampaignError(f'{output}: cannot be written: {error.strerror or error}') from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    return [f'{output}/{split}: {sum(s.samples for s in made[split])} samples in '
-            f'{len(made[split])} shards, {_worlds(drives, split_of, split)} worlds'
+    return [f'{output}/{split}: {_counted(sum(s.samples for s in made[split]), "sample")} in '
+            f'{_counted(len(made[split]), "shard")}, '
+            f'{_counted(_worlds(drives, split_of, split), "world")}'
             for split in SPLITS if split in made]
+
+
+def _counted(count: int, thing: str) -> str:
+    return f'{count} {thing}' if count == 1 else f'{count} {thing}s'
 
 
 def split_worlds(drives: list[Drive], shares: Mapping[str, float]) -> dict[str, str]:
