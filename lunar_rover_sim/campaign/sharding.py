@@ -22,6 +22,7 @@ from lunar_rover_sim.campaign.dataset import manifests
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
 from lunar_rover_sim.campaign.manifest import read_json
 from lunar_rover_sim.errors import CampaignError, ConfigError
+from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.run.plan import BAG_FOLDER
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import WEBDATASET
@@ -78,14 +79,10 @@ def write_shards(dataset: Path, output: Path, size: int, shares: Mapping[str, fl
         raise CampaignError(f'{output}: cannot be written: {error.strerror or error}') from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-    return [f'{output}/{split}: {_counted(sum(s.samples for s in made[split]), "sample")} in '
-            f'{_counted(len(made[split]), "shard")}, '
-            f'{_counted(_worlds(drives, split_of, split), "world")}'
+    return [f'{output}/{split}: {counted(sum(s.samples for s in made[split]), "sample")} in '
+            f'{counted(len(made[split]), "shard")}, '
+            f'{counted(_worlds(drives, split_of, split), "world")}'
             for split in SPLITS if split in made]
-
-
-def _counted(count: int, thing: str) -> str:
-    return f'{count} {thing}' if count == 1 else f'{count} {thing}s'
 
 
 def split_worlds(drives: list[Drive], shares: Mapping[str, float]) -> dict[str, str]:

@@ -20,6 +20,7 @@ from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import picture
 from lunar_rover_sim.errors import SequenceError
+from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
 from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE, calibration_yaml
@@ -116,10 +117,6 @@ def _hazard_of(bag: Bag, full: str) -> str | None:
     return known[1] if known is not None and known[0] is topics.HAZARD_IMAGE else None
 
 
-def _sets(count: int) -> str:
-    return f'{count} image set' if count == 1 else f'{count} image sets'
-
-
 class _ImageSets:
     """Puts images of one stamp together and holds them until an IMU sample follows."""
 
@@ -164,11 +161,12 @@ class _ImageSets:
         if not self._written:
             raise SequenceError(f'{self._bag.path}: holds no complete set of '
                                 f'{", ".join(sorted(self._names))}; there is nothing to export')
-        notes = [_sets(self._written)]
+        notes = [counted(self._written, 'image set')]
         trimmed = self._before + len(self._held)
         if trimmed:
-            notes.append(f'{_sets(trimmed)} left out ({self._before} at the beginning, '
-                         f'{len(self._held)} at the end): no IMU sample before or after them')
+            notes.append(f'{counted(trimmed, "image set")} left out ({self._before} at the '
+                         f'beginning, {len(self._held)} at the end): no IMU sample before or '
+                         'after them')
         return notes + self.lacking()
 
     def lacking(self) -> list[str]:
@@ -178,7 +176,8 @@ class _ImageSets:
         notes = []
         for names, count in sorted((sorted(n), c) for n, c in self._lacking.items()):
             hint = _EVERY_DEPTH if _OF_DEPTH_FRAMES.issuperset(names) else ''
-            notes.append(f'{_sets(count)} without {", ".join(names)} left out{hint}')
+            notes.append(f'{counted(count, "image set")} without {", ".join(names)} left out'
+                         + hint)
         return notes
 
     def _note(self, entry: dict[str, Any]) -> None:
