@@ -22,17 +22,11 @@ import struct
 from rosbags.typesys.base import TypesysError
 
 from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.wall_time import AT_WALL_TIME, is_one_of
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.topics import RECORDED
 
-SKIPPED: Mapping[str, str] = {
-    'rosout': 'log lines have wall time',
-    'parameter_events': 'have wall time',
-    'transition_event': 'life cycle of a node, at wall time',
-    'diagnostics': 'health of processes, at wall time',
-    'statistics': 'wall-time statistics of the middleware',
-    RECORDED.name: 'progress of the recorder',
-}
+SKIPPED: Mapping[str, str] = {**AT_WALL_TIME, RECORDED.name: 'progress of the recorder'}
 
 _STAMP = struct.Struct('<q')
 _NO_STAMP = b'no stamp'
@@ -69,7 +63,7 @@ class _TopicHash:
 
 def is_skipped(topic: str) -> bool:
     """Return whether a topic, under any namespace, does not count."""
-    return any(('/' + topic).endswith('/' + name) for name in SKIPPED)
+    return is_one_of(topic, SKIPPED)
 
 
 def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -> dict[str, str]:

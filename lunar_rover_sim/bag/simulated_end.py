@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.content_hash import is_skipped
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
 _NEAR_NS = 5_000_000_000    # a bag at one clock has a state so near its end
@@ -38,4 +38,4 @@ def _by_preference(bag: Bag) -> Iterator[list[str]]:
         known = [topic.name for topic in topics.CONTRACT if topic.rate in rates]
         yield [f'{namespace}/{name}' for namespace in {'', *bag.namespaces} for name in known
                if f'{namespace}/{name}' in bag.types]
-    yield [name for name in bag.types if not is_skipped(name)]
+    yield [name for name in bag.types if not is_at_wall_time(name)]

@@ -91,12 +91,9 @@ def tripod_problem(position_m: Sequence[float], world: World) -> str:
     position_m: x and y in the world, height above the ground [m]
     """
     x, y, height = position_m
-    if not math.isfinite(float(world.height_at((x, y)))):
-        return (f'({x:g}, {y:g}) lies outside the world; valid are x and y within '
-                f'{world.levels[-1].half_extent_m:g} m')
     if height <= 0.0:
         return f'{height:g} m above the ground is not valid; valid is a height > 0 m'
-    return ''
+    return world.outside(x, y)
 
 
 class ChaseMount(MovingMount):

@@ -12,10 +12,10 @@ import math
 from pathlib import Path
 
 from lunar_rover_sim.bag.checksums import damage
-from lunar_rover_sim.bag.content_hash import is_skipped
 from lunar_rover_sim.bag.marker import METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.inspection import (imu_checks, lidar_checks, message_checks, stereo_checks,
                                         tracking)
 from lunar_rover_sim.inspection.hazard_checks import hazards
@@ -118,7 +118,7 @@ def one_clock(bag: Bag, end_ns: int, report: Report) -> None:
     if not end_ns:
         return
     late: dict[str, int] = {}
-    names = [name for name in bag.types if not is_skipped(name)]
+    names = [name for name in bag.types if not is_at_wall_time(name)]
     for message in bag.raw(names, start_ns=end_ns + _LATEST_NS):
         late[message.topic] = message.time_ns
     problems = [f'{topic}: up to {ns / NS_PER_S:.3f} s, {(ns - end_ns) / NS_PER_S:.0f} s after '

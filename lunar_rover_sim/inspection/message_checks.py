@@ -8,8 +8,8 @@ import re
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.content_hash import is_skipped
 from lunar_rover_sim.bag.stamps import NS_PER_S
+from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.inspection.report import grouped, Report, Status
@@ -93,7 +93,7 @@ def stamps(rover: RoverData, report: Report) -> None:
                 at = t.stamps_ns[int(np.argmax(steps <= 0)) + 1] / NS_PER_S
                 repeated.append(f'{t.name}: {int((steps <= 0).sum())} not after the one '
                                 f'before, first at {at:.3f} s')
-        if t.late and not is_skipped(t.name):
+        if t.late and not is_at_wall_time(t.name):
             late.append(f'{t.name}: {t.late} messages')
     report.verdict('stamps increase', repeated, 'strictly, on every topic')
     report.verdict('bag time', late, 'is the stamp', Status.WARN)

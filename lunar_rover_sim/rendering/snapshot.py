@@ -29,10 +29,10 @@ def standing(world: World, x_m: float, y_m: float, yaw_deg: float,
     height_m: of base_link above the ground, square to the slope. Raises ConfigError outside the
     world.
     """
+    outside = world.outside(x_m, y_m)
+    if outside:
+        raise ConfigError(f'pose: {outside}')
     ground = float(world.height_at((x_m, y_m)))
-    if not np.isfinite(ground):
-        raise ConfigError(f'pose: ({x_m:g}, {y_m:g}) lies outside the world; valid are x and y '
-                          f'within {world.levels[-1].half_extent_m:g} m')
     reach = _REACH_M
     slope = [(float(world.height_at((x_m + reach * dx, y_m + reach * dy)))
               - float(world.height_at((x_m - reach * dx, y_m - reach * dy)))) / (2 * reach)

@@ -34,7 +34,8 @@ def check_domain(domain: int, topics: Sequence[str]) -> None:
     # Fast DDS writes its own messages to standard output too.
     answers = [words for words in map(str.split, found.stdout.splitlines())
                if len(words) == 2 and words[0] in topics]
-    for topic, node in answers[:1]:
+    if answers:
+        topic, node = answers[0]
         raise GraphError(f'--domain {domain}: {node} publishes {topic} there; choose another '
                          'domain, or leave it out')
 

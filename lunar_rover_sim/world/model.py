@@ -46,6 +46,13 @@ class World:
         """The finest level, with which the rover collides."""
         return self.levels[0]
 
+    def outside(self, x_m: float, y_m: float) -> str:
+        """Return what is wrong with a place outside the world, and what is valid; '' within."""
+        if np.isfinite(self.height_at((x_m, y_m))):
+            return ''
+        return (f'({x_m:g}, {y_m:g}) lies outside the world; valid are x and y within '
+                f'{self.levels[-1].half_extent_m:g} m')
+
     def height_at(self, xy_m: ArrayLike) -> NDArray[np.float64]:
         """Return the ground height [m] (rocks not included) at (..., 2) positions [m].
 
