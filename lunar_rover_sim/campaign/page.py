@@ -81,6 +81,7 @@ def _distributions(card: dict[str, Any]) -> str:
             axes.hist(values, bins=min(20, max(5, len(values) // 3)), color='0.45')
         axes.set_title(name, fontsize=9)
         axes.tick_params(labelsize=7)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     return _png(figure)
 
