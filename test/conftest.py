@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from lunar_rover_sim.run.domain import OwnDomain
-from lunar_rover_sim.run.ros_installation import discovery_environment
+from lunar_rover_sim.run.ros_installation import dds_environment
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
 
@@ -112,7 +112,7 @@ def domain() -> Iterator[int]:
     pytest.importorskip('rclpy')
     with OwnDomain() as own:
         before = dict(os.environ)
-        os.environ.update(discovery_environment(), ROS_DOMAIN_ID=str(own.id),
+        os.environ.update(dds_environment(), ROS_DOMAIN_ID=str(own.id),
                           ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
         yield own.id
         os.environ.clear()

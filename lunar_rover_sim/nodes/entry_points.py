@@ -46,11 +46,11 @@ def main() -> int:
 
     from lunar_rover_sim.errors import LunarRoverSimError
     from lunar_rover_sim.files.open_files import check_open_files
-    from lunar_rover_sim.run.ros_installation import discovery_environment, require_ros
+    from lunar_rover_sim.run.ros_installation import dds_environment, require_ros
     try:
         check_open_files()
         require_ros()
-        for variable, value in discovery_environment().items():
+        for variable, value in dds_environment().items():
             os.environ.setdefault(variable, value)
         module = importlib.import_module(f'lunar_rover_sim.nodes.{name}')
     except LunarRoverSimError as error:

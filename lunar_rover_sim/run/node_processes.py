@@ -18,7 +18,7 @@ from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.child_process import dies_with_parent
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
-from lunar_rover_sim.run.ros_installation import discovery_environment
+from lunar_rover_sim.run.ros_installation import dds_environment
 from lunar_rover_sim.run.thread_states import is_at_work, Looks
 
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
@@ -47,7 +47,7 @@ _ENVIRONMENT = {
 
 def ros_environment(domain: int) -> dict[str, str]:
     """Return the environment of a process that takes part in the graph of a ROS domain."""
-    environment = {**discovery_environment(), **os.environ, **_ENVIRONMENT,
+    environment = {**dds_environment(), **os.environ, **_ENVIRONMENT,
                    'ROS_DOMAIN_ID': str(domain)}
     # It would override ROS_AUTOMATIC_DISCOVERY_RANGE.
     environment.pop('ROS_LOCALHOST_ONLY', None)

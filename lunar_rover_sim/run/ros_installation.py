@@ -1,4 +1,4 @@
-"""Whether ROS 2 is installed, and how its nodes discover each other."""
+"""Whether ROS 2 is installed, and how its nodes find each other and repair losses."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def require_ros() -> None:
                          "pip install 'lunar_rover_sim[ros]'")
 
 
-def discovery_environment() -> dict[str, str]:
+def dds_environment() -> dict[str, str]:
     """Return the environment variable by which Fast DDS reads `config/fastdds.xml`.
 
-    Nodes that have it discover each other in tenths of a second, without it at times in 3 s.
-    Other middleware does not read it. A file that the user names instead takes precedence: that
-    is for the caller.
+    Nodes that have it discover each other, and repair the loss of a message, in tenths of a
+    second, without it in 3 s. Other middleware does not read it. A file that the user names
+    instead takes precedence: that is for the caller.
     """
     return {_PROFILES: str(config_path('fastdds.xml'))}
