@@ -15,6 +15,7 @@ from std_msgs.msg import Header, String
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
+from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
@@ -26,9 +27,6 @@ from lunar_rover_sim.nodes.type_definitions import definition_of
 from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
 
-# With these no two runs would give the same bag, so `all` leaves them out. Where they are listed,
-# their messages get the time of their arrival in the bag.
-_AT_WALL_TIME = ('rosout', 'parameter_events', 'diagnostics')
 _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
 # done often while topics appear, and seldom when none has appeared for a while.
@@ -117,8 +115,9 @@ class RecorderNode(node_main.GraphNode):
             return False
         if topics.of_hazard(name.removeprefix(own)) is not None:
             return False
+        # With topics at wall time no two runs would give the same bag.
         return (name not in self._excluded and name not in self._not_in_all
-                and not _is_at_wall_time(name))
+                and not is_at_wall_time(name))
 
     def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
         self._subscribed.add(name)
@@ -138,13 +137,13 @@ class RecorderNode(node_main.GraphNode):
                                definition=definition_of(type_name))
         is_clock = name == self._clock_name
         latched = topic is not None and topic.rate == topics.LATCHED
-        at_wall_time = _is_at_wall_time(name)
+        at_wall_time = is_at_wall_time(name)
 
         def callback(raw: bytes) -> None:
             # A message without a stamp gets the newest time, a latched one the start.
             self._rate.tick()
             latest_ns = None if is_clock or not self._clock_ns else self._clock_ns + _LATEST_NS
-            if at_wall_time:
+            if at_wall_time:    # its messages get the time of their arrival in the bag
                 latest_ns = 0
             stamp_ns = self._writer.write(name, type_name, raw, 0 if latched else self._newest_ns,
                                           latest_ns)
@@ -187,10 +186,6 @@ class RecorderNode(node_main.GraphNode):
                 and self._publisher.get_subscription_count()):
             self._sent_ns = self._written.up_to_ns
             self._publisher.publish(Header(stamp=conversions.time_msg(self._sent_ns)))
-
-
-def _is_at_wall_time(name: str) -> bool:
-    return name.rsplit('/', 1)[-1] in _AT_WALL_TIME
 
 
 def _read(path: str) -> str:
