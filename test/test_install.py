@@ -299,7 +299,7 @@ def test_nodes_without_ros() -> None:
     assert finished.returncode == 1
     assert finished.stderr.count('\n') == 1
     assert 'rclpy is missing' in finished.stderr
-    assert "pip install 'lunar_rover_sim[ros]'" in finished.stderr
+    assert "pip install '.[ros]' in a clone" in finished.stderr
 
 
 def test_run_without_ros(tmp_path: Path) -> None:

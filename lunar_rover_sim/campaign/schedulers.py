@@ -52,7 +52,7 @@ def run_on_cluster(tasks: Sequence[EpisodeTask], dataset: Path, address: str,
         import distributed  # here, because it is an optional dependency
     except ImportError:
         raise CampaignError('dask.distributed is missing: '
-                            "pip install 'lunar_rover_sim[cluster]'") from None
+                            "pip install '.[cluster]' in a clone of lunar_rover_sim") from None
     stop = dataset / STOP_FILE
     stop.unlink(missing_ok=True)
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import dataclasses
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.files.outputs import check_new_folder
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
@@ -28,6 +29,7 @@ from lunar_rover_sim.run.recorded_ground import recorded_ground
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.cache import cached
+from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import load_world
 
 
@@ -82,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             world = load_world(args.world or cached(scenario.world, scenario.shared.seed))
     angles = np.radians(args.joints)
-    poses = [standing(world, *pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]
+    poses = [_standing(world, pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]
     with console.status('computing the sunlight'):
         renderer = Renderer.from_scenario(scenario, world)
     with renderer:
@@ -124,6 +126,14 @@ def run(args: argparse.Namespace) -> int:
             console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                           f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0
+
+
+def _standing(world: World, pose: Sequence[float]) -> Array:
+    """Return T_world_base (4, 4) of one --pose."""
+    try:
+        return standing(world, *pose)
+    except ConfigError as error:
+        raise ConfigError(f'--{error}') from None
 
 
 def _chase(args: argparse.Namespace, config: ChaseConfig) -> ChaseConfig | None:

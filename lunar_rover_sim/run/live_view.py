@@ -100,7 +100,7 @@ def check_view(port: int, name: str = 'port') -> None:
     """Raise ConfigError where foxglove-sdk is missing or a port is taken; name: of the port."""
     if importlib.util.find_spec('foxglove') is None:
         raise ConfigError('the live view needs foxglove-sdk; install it with: '
-                          "pip install 'lunar_rover_sim[view]'")
+                          "pip install '.[view]' in a clone of lunar_rover_sim")
     if not 1024 <= port <= 65535:
         raise ConfigError(f'{name}: {port} is not valid; valid is 1024 to 65535')
     with socket.socket() as probe:

@@ -14,7 +14,7 @@ def require_ros() -> None:
     """Raise GraphError with the remedy if rclpy is not installed."""
     if importlib.util.find_spec('rclpy') is None:
         raise GraphError('rclpy is missing: source /opt/ros/jazzy/setup.bash, or '
-                         "pip install 'lunar_rover_sim[ros]'")
+                         "pip install '.[ros]' in a clone of lunar_rover_sim")
 
 
 def dds_environment() -> dict[str, str]:

@@ -12,8 +12,8 @@ try:
     from pxr import (Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade,
                      UsdUtils, Vt)
 except ImportError:
-    raise UsdError("OpenUSD is missing; install it with: pip install 'lunar_rover_sim[usd]' "
-                   '(Python 3.11 or newer)') from None
+    raise UsdError("OpenUSD is missing; install it with: pip install '.[usd]' in a clone of "
+                   'lunar_rover_sim (Python 3.11 or newer)') from None
 
 __all__ = ['Gf', 'Kind', 'Sdf', 'Tf', 'Usd', 'UsdGeom', 'UsdLux', 'UsdPhysics', 'UsdSemantics',
            'UsdShade', 'UsdUtils', 'Vt']

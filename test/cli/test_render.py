@@ -92,7 +92,7 @@ def test_validate_stereo(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('arguments,message', [
-    (['--pose', '1e6,0,0'], 'pose: (1e+06, 0) lies outside the world; valid are x and y within'),
+    (['--pose', '1e6,0,0'], '--pose: (1e+06, 0) lies outside the world; valid are x and y within'),
     (['--set', 'render_node.sun.elevation_deg=-4'], 'sun.elevation_deg: -4.0 is not valid; valid'),
     (['--set', 'render_node.sensor.exposure_s=0'], 'exposure_s: 0.0 is not valid; valid is > 0'),
     (['--set', 'render_node.reflectance.ground=mars'], "reflectance.ground: 'mars' is not valid"),

@@ -82,7 +82,7 @@ def test_without_openusd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     for command in (['rover', 'export'], ['world', 'export', 'anything'],
                     ['bag', 'export', 'anything', '--format', 'usd']):
         error = fails([*command, '-o', str(tmp_path / 'a.usd')], capsys)
-        assert "pip install 'lunar_rover_sim[usd]'" in error
+        assert "pip install '.[usd]' in a clone" in error
     output = tmp_path / 'rover.urdf'
     assert main(['rover', 'export', '-o', str(output)]) == 0
     assert output.read_text() == urdf(RoverDescription())
