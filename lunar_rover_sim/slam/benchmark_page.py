@@ -60,11 +60,7 @@ def curves(rows: Sequence[Row], judged: Sequence[Judged], parameter: str) -> Fig
     """
     figure = _figure(10.0, 4.0)
     success, error = figure.subplots(1, 2)
-    values = list(dict.fromkeys(r.value for r in rows))
-    try:
-        places = {v: float(v) for v in values}
-    except ValueError:
-        places = {v: float(k) for k, v in enumerate(values)}
+    places, axis_title = _places(list(dict.fromkeys(r.value for r in rows)), parameter)
     width = max(places.values()) - min(places.values()) or 1.0
     lines = list(dict.fromkeys((r.scenario, r.sensor, r.system) for r in rows))
     for k, line in enumerate(lines):
@@ -82,7 +78,7 @@ def curves(rows: Sequence[Row], judged: Sequence[Judged], parameter: str) -> Fig
     for axis, title in ((success, 'drives that succeed [%]'), (error, 'ATE of these [mm]')):
         axis.set_title(title, fontsize=10)
         axis.set_xticks(list(places.values()), list(places))
-        axis.set_xlabel(parameter)
+        axis.set_xlabel(axis_title)
         axis.grid(alpha=0.3)
     success.set_ylim(-4.0, 104.0)
     if any(r.successes for r in rows):
@@ -94,6 +90,18 @@ def curves(rows: Sequence[Row], judged: Sequence[Judged], parameter: str) -> Fig
     error.set_xlim(success.get_xlim())
     success.legend(fontsize=8, loc='best')
     return figure
+
+
+def _places(values: Sequence[str], parameter: str) -> tuple[dict[str, float], str]:
+    """Return where the values of a sweep stand on their axis, and its title."""
+    try:
+        places = {v: float(v) for v in values}
+    except ValueError:
+        return {v: float(k) for k, v in enumerate(values)}, parameter
+    if 0.0 < 10.0 * min(places.values()) < max(places.values()):
+        # On a linear axis the labels of the small ones would not find room.
+        return {v: float(np.log10(place)) for v, place in places.items()}, f'{parameter}, log'
+    return places, parameter
 
 
 def _whiskers(axis: Axes, places: Sequence[float], values: Array, style: str, label: str = '',

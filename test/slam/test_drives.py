@@ -214,3 +214,17 @@ def test_errors_of_a_wide_range_are_labelled(most_m) -> None:
         if figure.axes[1].bbox.y0 <= box.y0 and box.y1 <= figure.axes[1].bbox.y1))
     assert len(boxes) >= 2
     assert all(upper[0] >= lower[1] for lower, upper in zip(boxes, boxes[1:]))
+
+
+def test_values_of_a_wide_range_are_labelled() -> None:
+    """Five values, each twice the one before it: no label stands over another."""
+    values = ('0.0005', '0.001', '0.002', '0.004', '0.008')
+    drives = [judged(seed, 0.001, parameter='a.b', value=value)
+              for value in values for seed in (1, 2, 3)]
+    figure = curves(rows_of(drives), drives, 'a.b')
+    FigureCanvasAgg(figure).draw()
+    for axes in figure.axes:
+        labels = axes.get_xticklabels()
+        assert [label.get_text() for label in labels] == list(values)
+        boxes = [label.get_window_extent() for label in labels]
+        assert all(right.x0 >= left.x1 for left, right in zip(boxes, boxes[1:]))
