@@ -26,6 +26,8 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import UInt32
 
 from lunar_rover_sim.nodes.node_main import executor
+from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.node_processes import ros_environment
 from lunar_rover_sim.run.ros_installation import dds_environment
 
 _SIZES = 2 * (2_500_000, 3_700_000, 3_700_000, 1_200_000, 1_200_000, 1_200_000, 500_000, 500_000,
@@ -33,17 +35,18 @@ _SIZES = 2 * (2_500_000, 3_700_000, 3_700_000, 1_200_000, 1_200_000, 1_200_000, 
 _QOS = QoSProfile(depth=10)
 
 
-def _join(name: str, profiles: dict[str, str], domain: int) -> tuple[Node, Executor]:
-    os.environ |= {'ROS_DOMAIN_ID': str(domain), **profiles}
+def _join(name: str, environment: dict[str, str]) -> tuple[Node, Executor]:
+    os.environ.clear()
+    os.environ.update(environment)
     rclpy.init()
     node, spinner = Node(name), executor()
     spinner.add_node(node)
     return node, spinner
 
 
-def receive(profiles: dict[str, str], domain: int) -> None:
+def receive(environment: dict[str, str]) -> None:
     """Confirm every set of which all images have come, until the process is ended."""
-    node, spinner = _join('receiver', profiles, domain)
+    node, spinner = _join('receiver', environment)
     confirmed = node.create_publisher(UInt32, 'confirmed', _QOS)
     came: collections.Counter[int] = collections.Counter()
 
@@ -59,9 +62,9 @@ def receive(profiles: dict[str, str], domain: int) -> None:
         spinner.spin_once(timeout_sec=1.0)
 
 
-def send(profiles: dict[str, str], domain: int, sets: int, result: Connection) -> None:
+def send(environment: dict[str, str], sets: int, result: Connection) -> None:
     """Publish the sets; send the wall time of each [s], and the CPU time of all."""
-    node, spinner = _join('sender', profiles, domain)
+    node, spinner = _join('sender', environment)
     publishers = [node.create_publisher(Image, f'image_{k}', _QOS) for k in range(len(_SIZES))]
     confirmed = 0
 
@@ -92,24 +95,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--sets', type=int, default=5)
     parser.add_argument('--rounds', type=int, default=2)
-    parser.add_argument('--domain', type=int, default=83)
     args = parser.parse_args()
     context = multiprocessing.get_context('spawn')
     print(f'{args.sets} sets of {sum(_SIZES) / 1e6:.0f} MB in {len(_SIZES)} messages')
-    for _ in range(args.rounds):
-        for title, profiles in (('defaults of Fast DDS', {}), ('packaged', dds_environment())):
-            ours, theirs = context.Pipe()
-            nodes = [context.Process(target=receive, args=(profiles, args.domain), daemon=True),
-                     context.Process(target=send, args=(profiles, args.domain, args.sets, theirs),
-                                     daemon=True)]
-            for process in nodes:
-                process.start()
-            walls, cpu = ours.recv()
-            for process in nodes:
-                process.kill()
-                process.join()
-            print(f'{title:22} wall {sum(walls):6.2f} s, slowest set {max(walls):5.2f} s, '
-                  f'sender {1e3 * cpu / args.sets:3.0f} ms of CPU a set')
+    with OwnDomain() as own:
+        packaged = ros_environment(own.id) | dds_environment()
+        defaults = {k: v for k, v in packaged.items() if k not in dds_environment()}
+        for _ in range(args.rounds):
+            for title, environment in (('defaults of Fast DDS', defaults), ('packaged', packaged)):
+                ours, theirs = context.Pipe()
+                nodes = [context.Process(target=receive, args=(environment,), daemon=True),
+                         context.Process(target=send, args=(environment, args.sets, theirs),
+                                         daemon=True)]
+                for process in nodes:
+                    process.start()
+                walls, cpu = ours.recv()
+                for process in nodes:
+                    process.kill()
+                    process.join()
+                print(f'{title:22} wall {sum(walls):6.2f} s, slowest set {max(walls):5.2f} s, '
+                      f'sender {1e3 * cpu / args.sets:3.0f} ms of CPU a set')
 
 
 if __name__ == '__main__':
