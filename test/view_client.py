@@ -29,6 +29,7 @@ class Client:
     def __init__(self, connection: ClientConnection) -> None:
         self._connection = connection
         self.channels: dict[str, dict[str, Any]] = {}
+        self._wanted: dict[str, int] = {}       # subscriptions by their topics
 
     def find(self, topic: str) -> dict[str, Any]:
         """Return the channel of a topic, as soon as it is advertised."""
@@ -39,16 +40,38 @@ class Client:
 
     def _receive(self, end_s: float) -> str | bytes:
         """Return what comes next; remember the channels that it advertises."""
-        data = self._connection.recv(timeout=end_s - time.monotonic())
+        data = self._connection.recv(timeout=max(0.0, end_s - time.monotonic()))
         if isinstance(data, str):
             for channel in json.loads(data).get('channels', ()):
                 self.channels[channel['topic']] = channel
+                if channel['topic'] in self._wanted:        # offered anew, as viewers ask anew
+                    self.subscribe(channel['topic'], self._wanted[channel['topic']])
         return data
+
+    def attend(self) -> None:
+        """Answer what the server has advertised; messages that have come are lost."""
+        with contextlib.suppress(TimeoutError):
+            while True:
+                self._receive(0.0)
 
     def subscribe(self, topic: str, number: int = 7) -> None:
         """Ask for a topic; number: of the subscription."""
+        channel = self.find(topic)['id']
+        self._wanted[topic] = number
+        self.subscribe_channel(channel, number)
+
+    def subscribe_channel(self, channel: int, number: int = 7) -> None:
+        """Ask for a channel by its number, advertised or not."""
         self._connection.send(json.dumps({'op': 'subscribe', 'subscriptions': [
-            {'id': number, 'channelId': self.find(topic)['id']}]}))
+            {'id': number, 'channelId': channel}]}))
+
+    def refusal(self) -> str:
+        """Return the text of the next status that the server sends."""
+        end_s = time.monotonic() + _LIMIT_S
+        while True:
+            data = self._receive(end_s)
+            if isinstance(data, str) and json.loads(data)['op'] == 'status':
+                return str(json.loads(data)['message'])
 
     def time_ns(self) -> int:
         """Return the next time that the server tells [ns]."""

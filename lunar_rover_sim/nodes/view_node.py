@@ -56,6 +56,7 @@ class ViewNode(node_main.GraphNode):
             if topic not in self._types and self._view.offer(topic, types[0]):
                 self._types[topic] = types[0]
                 self._make_transforms(topic)
+        self._view.offer_again()
         begun = set()
         while not self._begun.empty():
             begun.add(self._begun.get())

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import importlib.util
+import logging
+import queue
+import re
 import socket
 import subprocess
 import sys
@@ -25,6 +28,22 @@ HOST = '127.0.0.1'
 _BACKLOG = 32       # messages kept for a slow client
 _END_S = 5.0
 _TELL_S = 0.02      # times are told no more often than this, in wall time
+_REFUSED = re.compile(r'subscribe to unknown channel: (\d+)')
+
+
+class _SdkLog(logging.StreamHandler):       # type: ignore[type-arg]
+    """What the SDK logs, to standard error, without the requests that it has refused."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.refused: queue.SimpleQueue[int] = queue.SimpleQueue()      # numbers of channels
+
+    def emit(self, record: logging.LogRecord) -> None:
+        refused = _REFUSED.search(record.getMessage())
+        if refused:
+            self.refused.put(int(refused[1]))
+        else:
+            super().emit(record)
 
 
 class LiveView:
@@ -46,12 +65,15 @@ class LiveView:
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._channels: dict[str, Any] = {}
         self._told_s = -_TELL_S
+        self._log = _SdkLog()
+        logging.getLogger('foxglove').addHandler(self._log)
         try:
             self._server = foxglove.start_server(
                 name='lunar_rover_sim', host=HOST, port=port, context=self._context,
                 capabilities=[foxglove.websocket.Capability.Time], server_listener=Listener(),
                 message_backlog_size=_BACKLOG)
         except RuntimeError as error:
+            self._end_log()
             raise ConfigError(f'port: {port} cannot be served: {error}') from None
 
     def offer(self, topic: str, msgtype: str) -> bool:
@@ -61,11 +83,28 @@ class LiveView:
         if msgtype not in self._store.fielddefs:
             return False
         definition, _ = self._store.generate_msgdef(msgtype, ros_version=2)
-        schema = self._foxglove.Schema(name=msgtype, encoding='ros2msg',
-                                       data=definition.encode())
+        self._open(topic, self._foxglove.Schema(name=msgtype, encoding='ros2msg',
+                                                data=definition.encode()))
+        return True
+
+    def _open(self, topic: str, schema: Any) -> None:
         self._channels[topic] = self._foxglove.Channel(
             topic, schema=schema, message_encoding='cdr', context=self._context)
-        return True
+
+    def offer_again(self) -> None:
+        """Offer those topics anew of which a client's request was refused; call it regularly.
+
+        foxglove-sdk 0.30.3 advertises a channel before it takes requests for it: a client that
+        answers at once may be refused, and would wait for ever. It asks again for a new channel.
+        """
+        refused = set()
+        while not self._log.refused.empty():
+            refused.add(self._log.refused.get())
+        for topic, channel in list(self._channels.items()):
+            if channel.id() in refused:
+                schema = channel.schema()
+                channel.close()
+                self._open(topic, schema)
 
     def watched(self) -> set[str]:
         """Return the topics that any client watches."""
@@ -94,6 +133,10 @@ class LiveView:
     def close(self) -> None:
         """Stop to serve."""
         self._server.stop()
+        self._end_log()
+
+    def _end_log(self) -> None:
+        logging.getLogger('foxglove').removeHandler(self._log)
 
 
 def check_view(port: int, name: str = 'port') -> None:

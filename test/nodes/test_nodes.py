@@ -540,13 +540,13 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
         first.find('/odom')
         assert not poses.get_subscription_count()       # nobody watches: nothing is read
         first.subscribe('/odom')
-        peer.spin_until(lambda: poses.get_subscription_count() > 0)
+        peer.spin_until(lambda: poses.get_subscription_count() > 0, meanwhile=first.attend)
         poses.publish(at_rest_odometry())
         number, _, data = first.message()
         assert number == 7 and deserialize_message(data, Odometry) == at_rest_odometry()
         if importlib.util.find_spec('tf2_msgs') is None:
             first.subscribe('/tf', 9)       # made of the odometry
-            peer.spin_until(lambda: poses.get_subscription_count() > 1)
+            peer.spin_until(lambda: poses.get_subscription_count() > 1, meanwhile=first.attend)
             poses.publish(at_rest_odometry())
             got = {number: data for number, _, data in (first.message(), first.message())}
             message = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(got[9], topics.TF.type)

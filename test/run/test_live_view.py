@@ -48,6 +48,29 @@ def test_bytes_arrive() -> None:
         wait_for(lambda: not view.watched())
 
 
+def test_a_refused_request_is_not_the_end() -> None:
+    """The SDK refuses a client that asks too early; its topic is offered again, to be asked."""
+    port = free_port()
+    with LiveView(port) as view:
+        view.offer('/odom', ODOM)
+        with client(port) as one:
+            early = one.find('/odom')['id'] + 1
+            one.subscribe_channel(early)
+            assert one.refusal() == f'Unknown channel ID: {early}'
+            view.offer('/left', IMAGE)
+            assert one.find('/left')['id'] == early
+            del one.channels['/left']
+            view.offer_again()
+            assert one.find('/left')['id'] != early
+            one.subscribe('/left', 8)
+            wait_for(lambda: view.watched() == {'/left'})
+            view.send('/left', 5, b'an image')
+            assert one.message() == (8, 5, b'an image')
+            view.offer_again()      # only once
+            view.send('/left', 6, b'the next')
+            assert one.message() == (8, 6, b'the next')
+
+
 def test_slow_client() -> None:
     """A client that does not read holds nobody up: what it misses is dropped."""
     port = free_port()
