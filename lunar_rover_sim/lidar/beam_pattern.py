@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar.optics import FLASH, LidarOptics
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class BeamPattern:
     """n beams in the order of firing.
 
@@ -42,6 +43,11 @@ class BeamPattern:
     def columns(self) -> int:
         """Number of columns."""
         return len(self.azimuth_rad)
+
+    @functools.cached_property
+    def direction_f32(self) -> NDArray[np.float32]:
+        """(n, 3) directions as points have them."""
+        return self.direction.astype(np.float32)
 
     def ring_at(self, horizontal_beam: int) -> int:
         """Return a ring by its number; -1: the one nearest to the horizontal."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
@@ -44,7 +43,7 @@ class Lidar:
         Raises ConfigError for a mount from which every beam meets the rover's body.
         """
         self._config, self._seed = config, seed
-        self._albedo, self._grid = np.asarray(world.albedo), world.ground
+        self._grid = world.ground
         self.pattern = beam_pattern(config.optics, config.rate_hz)
         self.T_base_lidar = lidar_pose(rover)
         self._own = OwnBody(rover, self.pattern)
@@ -59,7 +58,8 @@ class Lidar:
                 break
         self._pyramid = pyramids[0]
         self._caster = RayCaster(pyramids, hulls)
-        self._returns = ReturnModel(config)
+        self._returns = ReturnModel(config, np.ascontiguousarray(world.albedo, np.float32),
+                                    world.ground.cell_m, rocks.albedo)
         self._soft: SoftCells | None = None
 
     @classmethod
@@ -95,12 +95,9 @@ class Lidar:
         p = p_base + R_base @ self.T_base_lidar[:3, 3]
         origin, direction = self._rays(R[1:], p[1:])
         hits = self._cast(origin, direction, R_base[1:], motion.joint_angles(times[1:]))
-        place = origin + np.minimum(hits.distance_m, self._range_m)[:, None] * direction
-        cosine = -np.einsum('ij,ij->i', hits.normal, direction)
         rng = np.random.default_rng([self._seed, _STREAM, index])
-        returns = self._returns.measure(hits.distance_m, cosine, self._albedo_of(hits, place),
-                                        hits.target >= 0, rng, hits.target == ROVER)
-        return Scan(self.pattern, returns, R[0].T @ R[1:], (p[1:] - p[0]) @ R[0])
+        returns = self._returns.measure(origin, direction, hits, rng)
+        return Scan(self.pattern, returns, R, p)
 
     def true_hits(self, T_world_base: Array, joint_angle_rad: Array | None = None) -> Hits:
         """Return what the beams of a sensor at rest meet, (4, 4) pose of base_link.
@@ -129,7 +126,7 @@ class Lidar:
         """Return what rays meet; R_base: (columns, 3, 3); joint_angle_rad: (columns, 4)."""
         half = self._grid.half_extent_m
         x, y = origin[0, :2].tolist()
-        if not max(np.abs(origin[:, 0]).max(), np.abs(origin[:, 1]).max()) < half:
+        if not np.abs(origin[::self.pattern.rings, :2]).max() < half:    # once a column
             raise ConfigError(f'the LiDAR at ({x:.2f}, {y:.2f}) m is not over the ground of the '
                               f'rover; valid is within {half:g} m of the origin, in x and y')
         if self._soft is not None:
@@ -152,16 +149,3 @@ class Lidar:
             hits.target[beam] = NOTHING if drop else ROVER
             turn = R_base[self.pattern.column[beam]]
             hits.normal[beam] = 0.0 if drop else np.einsum('ijk,ik->ij', turn, normal[nearer])
-
-    def _albedo_of(self, hits: Hits, place_m: Array) -> NDArray[np.float32]:
-        """Return the albedo factors of what is met; 1 beyond the ground of the rover."""
-        cell, last = self._grid.cell_m, self._grid.n - 1
-        half = self._grid.half_extent_m
-        met = np.flatnonzero(hits.target != NOTHING)
-        ix, iy = (((place_m[met, k] + half) / cell + 0.5).astype(np.int32) for k in (0, 1))
-        inside = (ix >= 0) & (iy >= 0) & (ix <= last) & (iy <= last)
-        albedo = np.ones(len(place_m), np.float32)
-        albedo[met[inside]] = self._albedo[iy[inside], ix[inside]]
-        rocks = np.flatnonzero(hits.target >= 0)
-        albedo[rocks] = self._rocks.albedo[hits.target[rocks]]
-        return albedo

@@ -19,14 +19,18 @@ inversely proportional to it, as for every pulse whose time is found in noise.
 from __future__ import annotations
 
 import dataclasses
+import math
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
+from lunar_rover_sim.lidar.compiled import compiled
 from lunar_rover_sim.lidar.config import LidarConfig
+from lunar_rover_sim.lidar.ray_caster import Hits, ROVER
 
 _THRESHOLD = 6.0            # of the noise: a false alarm in a billion; a choice
 _REFERENCE = _THRESHOLD + NormalDist().inv_cdf(0.9)
@@ -48,62 +52,101 @@ class Returns:
     intensity: NDArray[np.float32]
 
 
-class ReturnModel:
-    """Measures ranges to ground and rocks."""
+class _Ranging(NamedTuple):
+    """Numbers of a sensor that the loop over its beams needs; they are those of LidarOptics."""
 
-    def __init__(self, config: LidarConfig) -> None:
-        self._optics, self._noise = config.optics, config.noise
+    reference_range_m: float
+    reference_reflectance: float
+    divergence_rad: float
+    pulse_m: float
+    noise_m: float
+    limit_noise_m: float
+    resolution_m: float
+    min_range_m: float
+    max_range_m: float
+
+
+class ReturnModel:
+    """Measures ranges to ground and rocks.
+
+    ground_albedo: (n, n) factors around the origin, cell_m apart; rock_albedo: (m,) factors
+    """
+
+    def __init__(self, config: LidarConfig, ground_albedo: NDArray[np.float32], cell_m: float,
+                 rock_albedo: NDArray[np.float32]) -> None:
+        """Tabulate reflectances; compiles the loop over beams if no process has done so before."""
+        optics, self._noise = config.optics, config.noise
+        self._ranging = _Ranging(
+            optics.reference_range_m, optics.reference_reflectance, 1e-3 * optics.divergence_mrad,
+            optics.pulse_m, optics.noise_m, optics.limit_noise_m, optics.resolution_m,
+            optics.min_range_m, optics.max_range_m)
+        self._ground_albedo, self._cell_m = ground_albedo, cell_m
+        self._rock_albedo = np.ascontiguousarray(rock_albedo, np.float32)
         kinds = config.reflectance
-        self._tables = np.concatenate(
+        self._tables = np.stack(
             [_table(hapke.parameter_set(kinds.ground), config.laser_albedo * kinds.albedo_scale),
              _table(hapke.parameter_set(kinds.rocks), config.laser_albedo)]).astype(np.float32)
+        nothing = Hits(np.full(1, np.inf), np.zeros(1, np.int32), np.zeros((1, 3)))
+        self.measure(np.zeros((1, 3)), np.zeros((1, 3)), nothing, np.random.default_rng(0))
 
-    def reflectance_factor(self, cos_incidence: Array, albedo: NDArray[np.floating],
-                           is_rock: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return pi r of surfaces that are seen where they are lit from; albedo: factors."""
-        row = np.minimum((albedo * (_ALBEDOS / _MOST_ALBEDO)).astype(np.int32), _ALBEDOS - 1)
-        column = (np.clip(cos_incidence, 0.0, 1.0) * _COSINES).astype(np.int32)
-        place = (row + _ALBEDOS * is_rock) * (_COSINES + 1) + column
-        return self._tables.ravel().take(place)
-
-    def measure(self, distance_m: Array, cos_incidence: Array, albedo: NDArray[np.floating],
-                is_rock: NDArray[np.bool_], rng: np.random.Generator,
-                diffuse: NDArray[np.bool_] | None = None) -> Returns:
-        """Return what is measured of (n,) targets; distance_m: inf where there is none.
-
-        diffuse: targets that are no regolith, but of the reflectance _OF_ROVER, as Lambert has it
-        """
-        optics, count = self._optics, len(distance_m)
-        # Half of all beams meet nothing. Draws are of all, so that each beam keeps its own.
-        met = np.flatnonzero(np.isfinite(distance_m))
-        distance: NDArray[np.floating] = distance_m[met].astype(np.float32)
-        cos_incidence = cos_incidence[met]
-        factor = self.reflectance_factor(cos_incidence, albedo[met], is_rock[met])
-        if diffuse is not None:
-            factor = np.where(diffuse[met], _OF_ROVER * np.clip(cos_incidence, 0.0, 1.0),
-                              factor).astype(np.float32)
-        signal = factor * (np.float32(optics.reference_range_m) / np.maximum(distance, 1e-3)) ** 2
-        spread = distance * np.float32(1e-3 * optics.divergence_mrad / optics.pulse_m)
-        cosine2 = np.clip(cos_incidence, 1e-3, 1.0).astype(np.float32) ** 2
-        stretch2 = np.float32(1.0) + spread * spread * (np.float32(1.0) / cosine2 - 1)
-        signal /= np.float32(optics.reference_reflectance) * np.sqrt(stretch2)
-        seen = np.ones(len(met), np.bool_)
-        if self._noise:
-            amplitude = _REFERENCE * signal + rng.standard_normal(count, np.float32)[met]
-            seen = amplitude > _THRESHOLD
-            weak2 = np.float32(optics.limit_noise_m ** 2 - optics.noise_m ** 2)
-            deviation = np.sqrt(np.float32(optics.noise_m ** 2)
-                                + weak2 / np.maximum(signal, 1e-3) ** 2)
-            distance = distance + deviation * rng.standard_normal(count, np.float32)[met]
-            factor = factor * amplitude / np.maximum(_REFERENCE * signal, 1e-6)
-            if optics.resolution_m > 0.0:
-                step = np.float32(optics.resolution_m)
-                distance = np.rint(distance / step) * step
-        seen &= (distance >= optics.min_range_m) & (distance <= optics.max_range_m)
+    def measure(self, origin_m: Array, direction: Array, hits: Hits,
+                rng: np.random.Generator) -> Returns:
+        """Return what is measured of what (n, 3) beams meet; contiguous arrays in world frame."""
+        count = len(direction)
         range_m, intensity = np.full((2, count), np.nan, np.float32)
-        range_m[met[seen]] = distance[seen]
-        intensity[met[seen]] = np.clip(100.0 * factor[seen], 0.0, _MOST_INTENSITY)
+        # Draws are of all, so that each beam keeps its own.
+        noise = rng.standard_normal((2, count), np.float32) if self._noise else None
+        _measure(self._ranging, self._tables, self._ground_albedo, self._cell_m,
+                 self._rock_albedo, ROVER, origin_m, direction, hits.distance_m, hits.target,
+                 hits.normal, noise, range_m, intensity)
         return Returns(range_m, intensity)
+
+
+@compiled
+def _measure(of, tables, ground_albedo, cell_m, rock_albedo, rover, origin_m, direction,
+             distance_m, target, normal, noise, range_m, intensity):
+    """Fill in range_m and intensity of the beams that return, as `Returns` has them."""
+    n, cells_per_m = len(ground_albedo), 1.0 / cell_m
+    strength_m2 = of.reference_range_m ** 2 / of.reference_reflectance
+    spread_per_m = of.divergence_rad / of.pulse_m
+    strong2, weak2 = of.noise_m ** 2, of.limit_noise_m ** 2 - of.noise_m ** 2
+    steps_per_m = 1.0 / of.resolution_m if of.resolution_m > 0.0 else 0.0
+    for i in range(len(distance_m)):
+        distance = distance_m[i]
+        if distance == np.inf:
+            continue
+        cosine = -(normal[i, 0] * direction[i, 0] + normal[i, 1] * direction[i, 1]
+                   + normal[i, 2] * direction[i, 2])
+        cosine = min(max(cosine, 0.0), 1.0)
+        if target[i] == rover:
+            factor = _OF_ROVER * cosine
+        else:
+            albedo = 1.0        # beyond the ground of the rover
+            if target[i] >= 0:
+                albedo = rock_albedo[target[i]]
+            else:
+                x = origin_m[i, 0] + distance * direction[i, 0]
+                y = origin_m[i, 1] + distance * direction[i, 1]
+                ix = int(math.floor(x * cells_per_m + 0.5 * n))
+                iy = int(math.floor(y * cells_per_m + 0.5 * n))
+                if 0 <= ix < n and 0 <= iy < n:
+                    albedo = ground_albedo[iy, ix]
+            row = min(int(albedo * (_ALBEDOS / _MOST_ALBEDO)), _ALBEDOS - 1)
+            factor = tables[int(target[i] >= 0), row, int(cosine * _COSINES)]
+        spread = distance * spread_per_m
+        stretch = math.sqrt(1.0 + spread * spread * (1.0 / max(cosine, 1e-3) ** 2 - 1.0))
+        signal = strength_m2 * factor / (stretch * max(distance, 1e-3) ** 2)
+        if noise is not None:
+            amplitude = _REFERENCE * signal + noise[0, i]
+            if not amplitude > _THRESHOLD:
+                continue
+            factor *= amplitude / (_REFERENCE * signal)
+            distance += math.sqrt(strong2 + weak2 / signal ** 2) * noise[1, i]
+            if steps_per_m > 0.0:
+                distance = math.floor(distance * steps_per_m + 0.5) * of.resolution_m
+        if of.min_range_m <= distance <= of.max_range_m:
+            range_m[i] = distance
+            intensity[i] = min(max(100.0 * factor, 0.0), _MOST_INTENSITY)
 
 
 def _table(parameters: hapke.HapkeParameters, scale: float) -> Array:

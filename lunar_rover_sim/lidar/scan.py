@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,14 +35,14 @@ class PlanarScan:
 class Scan:
     """A scan of n beams.
 
-    pattern: of the beams; returns: what they measure; R_start_column, p_start_column: (columns, 3,
-    3) and (columns, 3) pose of the sensor at each column in its frame at the start of the scan
+    pattern: of the beams; returns: what they measure; R, p: (columns + 1, 3, 3) and (columns + 1,
+    3) pose of the sensor in the world at the start of the scan and at each column
     """
 
     pattern: BeamPattern
     returns: Returns
-    R_start_column: Array
-    p_start_column: Array
+    R: Array
+    p: Array
 
     @property
     def points_m(self) -> NDArray[np.float32]:
@@ -49,14 +50,14 @@ class Scan:
 
         NaN where nothing returns.
         """
-        return self.pattern.direction.astype(np.float32) * self.returns.range_m[:, None]
+        return self.pattern.direction_f32 * self.returns.range_m[:, None]
 
     @property
     def deskewed_m(self) -> NDArray[np.float32]:
         """(n, 3) the same in the frame of the sensor at the start of the scan."""
-        pattern = self.pattern
+        pattern, R, p = self.pattern, self.R, self.p
         local = self.points_m.astype(float).reshape(pattern.columns, pattern.rings, 3)
-        moved = local @ self.R_start_column.transpose(0, 2, 1) + self.p_start_column[:, None]
+        moved = local @ (R[0].T @ R[1:]).transpose(0, 2, 1) + ((p[1:] - p[0]) @ R[0])[:, None]
         return moved.reshape(-1, 3).astype(np.float32)
 
     def cloud(self, organized: bool = False, deskewed: bool = False) -> NDArray[np.void]:
@@ -83,23 +84,41 @@ class Scan:
         Distances are those along the plane. Where the columns are not evenly spaced, as behind a
         lens, each angle takes the column nearest to it.
         """
-        pattern = self.pattern
-        chosen = np.flatnonzero(pattern.ring == ring)
-        chosen = chosen[np.argsort(pattern.column[chosen])]
-        direction = pattern.direction[chosen]
-        azimuth = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
-        if azimuth[0] > np.pi / 2.0:        # a ring begins behind the sensor
-            azimuth = azimuth - 2.0 * np.pi
-        even = np.linspace(azimuth[0], azimuth[-1], len(chosen))
-        nearest = np.clip(np.searchsorted(0.5 * (azimuth[1:] + azimuth[:-1]), even), 0,
-                          len(chosen) - 1)
-        chosen = chosen[nearest]
-        flat = np.hypot(pattern.direction[chosen, 0], pattern.direction[chosen, 1])
-        found = self.returns.range_m[chosen]
+        plane = _plane(self.pattern, ring)
+        found = self.returns.range_m[plane.beam]
         seen = np.isfinite(found)
-        time = pattern.time_s[chosen]
         return PlanarScan(
-            float(even[0]), float(even[1] - even[0]),
-            float((time[-1] - time[0]) / (len(time) - 1)),
-            np.where(seen, found * flat, np.inf).astype(np.float32),
-            np.where(seen, self.returns.intensity[chosen], 0.0).astype(np.float32))
+            plane.angle_min_rad, plane.angle_step_rad, plane.time_step_s,
+            np.where(seen, found * plane.shortening, np.inf).astype(np.float32),
+            np.where(seen, self.returns.intensity[plane.beam], 0.0).astype(np.float32))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Plane:
+    """Where a ring is evenly spaced in azimuth: (columns,) beams, and cosines of their elevation.
+
+    The same in every scan.
+    """
+
+    angle_min_rad: float
+    angle_step_rad: float
+    time_step_s: float
+    beam: NDArray[np.int64]
+    shortening: Array
+
+
+@functools.lru_cache(maxsize=8)
+def _plane(pattern: BeamPattern, ring: int) -> _Plane:
+    beam = np.flatnonzero(pattern.ring == ring)
+    beam = beam[np.argsort(pattern.column[beam])]
+    direction = pattern.direction[beam]
+    azimuth = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
+    if azimuth[0] > np.pi / 2.0:        # a ring begins behind the sensor
+        azimuth = azimuth - 2.0 * np.pi
+    even = np.linspace(azimuth[0], azimuth[-1], len(beam))
+    beam = beam[np.clip(np.searchsorted(0.5 * (azimuth[1:] + azimuth[:-1]), even), 0,
+                        len(beam) - 1)]
+    time = pattern.time_s[beam]
+    return _Plane(float(even[0]), float(even[1] - even[0]),
+                  float((time[-1] - time[0]) / (len(time) - 1)), beam,
+                  np.hypot(pattern.direction[beam, 0], pattern.direction[beam, 1]))
