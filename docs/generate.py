@@ -44,7 +44,7 @@ MODULES = {
     'Bags and sequences': ['bag.series', 'bag.content_hash', 'bag.ground_history',
                            'bag.ground_points', 'sequences.export'],
     'Evaluation': ['evaluation.trajectory', 'evaluation.trajectory_evaluation',
-                   'evaluation.alignment', 'evaluation.metrics', 'evaluation.trajectory_files',
+                   'evaluation.registration', 'evaluation.metrics', 'evaluation.trajectory_files',
                    'evaluation.image_comparison', 'evaluation.image_statistics',
                    'evaluation.bootstrap'],
 }

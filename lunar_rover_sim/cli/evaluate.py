@@ -10,7 +10,7 @@ from rich.text import Text
 
 from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.alignment import MODES
+from lunar_rover_sim.evaluation.registration import MODES
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import bag_of

@@ -10,10 +10,9 @@ import numpy as np
 
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import metrics
-from lunar_rover_sim.evaluation.alignment import align as align_trajectories
-from lunar_rover_sim.evaluation.alignment import Alignment
-from lunar_rover_sim.evaluation.association import associate, DEFAULT_TOLERANCE_S
 from lunar_rover_sim.evaluation.metrics import Statistics
+from lunar_rover_sim.evaluation.registration import align as align_trajectories
+from lunar_rover_sim.evaluation.registration import Alignment, associate, DEFAULT_TOLERANCE_S
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
 from lunar_rover_sim.evaluation.trajectory_sources import (frame_on_rover, image_stamps_ns, load,
                                                            Source)

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.alignment import align
+from lunar_rover_sim.evaluation.registration import align
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 
 NO_TURN = [1.0, 0.0, 0.0, 0.0]

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.association import associate
+from lunar_rover_sim.evaluation.registration import associate
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 
 

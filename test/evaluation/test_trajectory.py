@@ -15,8 +15,7 @@ from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import ConfigError, EvaluationError
 from lunar_rover_sim.evaluation import metrics, trajectory_files
 from lunar_rover_sim.evaluation import trajectory_sources as sources
-from lunar_rover_sim.evaluation.alignment import align, MODES
-from lunar_rover_sim.evaluation.association import associate
+from lunar_rover_sim.evaluation.registration import align, associate, MODES
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.frames import inverse, se3

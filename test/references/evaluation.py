@@ -13,8 +13,7 @@ from references.words import said
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.evaluation import metrics, trajectory_files
-from lunar_rover_sim.evaluation.alignment import align, MODES, umeyama
-from lunar_rover_sim.evaluation.association import associate
+from lunar_rover_sim.evaluation.registration import align, associate, MODES, umeyama
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
