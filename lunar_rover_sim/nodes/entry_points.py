@@ -32,9 +32,9 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
-    # The node sees the arguments that a script of its name would see.
-    del sys.argv[0]
-    name = sys.argv[0] if sys.argv else ''
+    # The node gets the arguments that a script of its name would get.
+    arguments = sys.argv[1:]
+    name = arguments[0] if arguments else ''
     if name not in NODES:
         print(f'FATAL {name!r} is not a node; valid are {", ".join(NODES)}', file=sys.stderr)
         return 1
@@ -56,7 +56,7 @@ def main() -> int:
     except LunarRoverSimError as error:
         print(f'FATAL {error}', file=sys.stderr)
         return 1
-    return module.main()
+    return module.main(arguments)
 
 
 if __name__ == '__main__':

@@ -59,12 +59,15 @@ class GraphNode(Node):
         """Whether the node is finished or has failed: no further callback is run."""
         return self.finished or self.failure is not None
 
-    def report_ready(self, config: NodeConfig, world: str = '', waits: Sequence[str] = ()) -> None:
-        """Log the one line that says what has been started, and what it waits for."""
+    def report_ready(self, config: NodeConfig, world: str = '', waits: Sequence[str] = (),
+                     doubts: Sequence[str] = ()) -> None:
+        """Log the one line that says what has been started, what it waits for, and doubts."""
         parts = [f'lunar_rover_sim {__version__}', *([world] if world else []),
                  f'seed {config.seed}', config.time_mode,
                  f'waits for {", ".join(waits)}' if waits else 'waits for nobody']
         self.get_logger().info('ready: ' + ', '.join(parts))
+        for doubt in doubts:
+            self.get_logger().warning(doubt)
 
     def spin(self) -> None:
         """Run callbacks until `wake` is called, for at most 0.1 s. Only `run` calls this."""

@@ -86,7 +86,8 @@ class PhysicsNode(node_main.GraphNode):
             self.create_timer(config.state_period_ns / 1e9 / config.real_time_factor,
                               self._advance_by_wall_clock)
         self.create_timer(0.5, self._watch)
-        self.report_ready(config, f'world {world.hash[:12]}', config.wait.topics)
+        self.report_ready(config, f'world {world.hash[:12]}', config.wait.topics,
+                          config.without_effect())
 
     def close(self) -> None:
         """Release the simulation."""

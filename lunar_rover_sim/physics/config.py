@@ -23,8 +23,8 @@ class ContactConfig(Parameters):
     """
 
     sliding_friction: float = param(
-        0.8, 'tangent of the friction angle; regolith 0.6 (30 deg) to 1.2 (50 deg)', low=0.0,
-        high=3.0, open_low=True)
+        0.8, 'tangent of the friction angle, 0.6 (30 deg) to 1.2 (50 deg) for lunar soil; feet on'
+        ' ground.model regolith have ground.friction instead', low=0.0, high=3.0, open_low=True)
     torsional_friction_m: float = param(
         0.004, 'torque about the normal per normal force: two thirds of the radius of the contact'
         ' patch', unit='m', low=0.0, open_low=True)
@@ -69,6 +69,15 @@ class PhysicsConfig(Parameters):
     def step_ns(self) -> int:
         """Time step [ns]."""
         return round(self.step_s * 1e9)
+
+    def without_effect(self) -> list[str]:
+        """Return a sentence on each friction that is given and does not hold for the feet."""
+        ground, contact, default = self.ground, self.contact, ContactConfig()
+        if ground.deforms and contact.sliding_friction != default.sliding_friction:
+            return ['contact.sliding_friction: holds for rocks and chassis; feet on regolith have'
+                    ' ground.friction']
+        return [f'ground.{name}: has no effect on rigid ground'
+                for name in ground.given() if not ground.deforms]
 
 
 FROM_PRESET = -1.0

@@ -70,6 +70,10 @@ class GroundConfig(Parameters):
                 raise ConfigError(f'{name}: {value:g} is not valid; valid is {low:g} to {high:g},'
                                   ' or -1 for the value of the preset')
 
+    def given(self) -> list[str]:
+        """Return the names of the values that are not those of the preset."""
+        return [name for name in _OVERRIDES if getattr(self, name) != FROM_PRESET]
+
     @property
     def name(self) -> str:
         """`rigid`, or the preset."""
@@ -89,7 +93,6 @@ class GroundConfig(Parameters):
             raise ConfigError(f'gravity_mps2: {gravity_mps2:g} is not valid on ground.model ='
                               f' {REGOLITH}; valid is > 0')
         changed = {field: getattr(self, name) * factor
-                   for name, (field, factor, _, _) in _OVERRIDES.items()
-                   if getattr(self, name) != FROM_PRESET}
+                   for name, (field, factor, _, _) in _OVERRIDES.items() if name in self.given()}
         return dataclasses.replace(PRESETS[self.preset], weak_slopes=self.weak_slopes,
                                    **changed).under(gravity_mps2)

@@ -7,13 +7,15 @@ import contextlib
 import dataclasses
 from types import TracebackType
 
+import moderngl
+
 from lunar_rover_sim.camera.config import FurtherCameraConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.camera.models import geometry_of
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.camera.rig import PinholeCamera, StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
-from lunar_rover_sim.errors import LunarRoverSimError, RenderError
+from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.regolith.overlay import Overlay
@@ -248,7 +250,8 @@ class Renderer:
                 yield
         except Exception as error:
             self._abandon()
-            if isinstance(error, LunarRoverSimError):
+            # moderngl raises bare Exceptions, too. Any other is a defect of ours.
+            if type(error) not in (Exception, moderngl.Error):
                 raise
             raise RenderError(f'drawing failed, the GL context may be lost: {error}') from error
 

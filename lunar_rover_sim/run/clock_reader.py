@@ -16,6 +16,7 @@ from types import TracebackType
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run.node_processes import ros_environment
 
+_NO_WORDS = 'no reason given'
 _PROBE_S = 30.0
 _LEAVE_S = 2.0      # for the helper to leave the graph
 
@@ -23,14 +24,19 @@ _LEAVE_S = 2.0      # for the helper to leave the graph
 def check_domain(domain: int, topics: Sequence[str]) -> None:
     """Raise GraphError if somebody publishes one of these topics in a ROS domain.
 
-    It takes some seconds: who does not answer discovery within 4 s is not there.
+    It takes some seconds: a node that does not answer discovery within 4 s counts as absent.
     """
-    found = subprocess.run(
-        [sys.executable, '-m', 'lunar_rover_sim.nodes.domain_probe', *topics],
-        env=ros_environment(domain), stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        timeout=_PROBE_S)
-    if found.returncode != -signal.SIGALRM:     # else it said all, but could not leave the graph
-        found.check_returncode()
+    try:
+        found = subprocess.run(
+            [sys.executable, '-m', 'lunar_rover_sim.nodes.domain_probe', *topics],
+            env=ros_environment(domain), stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            timeout=_PROBE_S)
+    except subprocess.TimeoutExpired:
+        raise GraphError(f'--domain {domain}: who publishes there could not be found out within '
+                         f'{_PROBE_S:g} s') from None
+    if found.returncode not in (0, -signal.SIGALRM):    # the latter: it could not leave the graph
+        raise GraphError(f'--domain {domain}: who publishes there could not be found out: '
+                         f'{_last_line(found.stderr)}')
     # Fast DDS writes its own messages to standard output too.
     answers = [words for words in map(str.split, found.stdout.splitlines())
                if len(words) == 2 and words[0] in topics]
@@ -40,6 +46,11 @@ def check_domain(domain: int, topics: Sequence[str]) -> None:
                          'domain, or leave it out')
 
 
+def _last_line(text: str) -> str:
+    lines = text.strip().splitlines()
+    return lines[-1] if lines else _NO_WORDS
+
+
 class ClockReader:
     """The newest simulated time of the graph in a ROS domain; context manager."""
 
@@ -47,13 +58,14 @@ class ClockReader:
         self._process = subprocess.Popen(
             [sys.executable, '-m', 'lunar_rover_sim.nodes.clock_monitor'],
             env=ros_environment(domain), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL, start_new_session=True)
+            stderr=subprocess.STDOUT, start_new_session=True)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._running = self._process.stdin
         self._pipe = self._process.stdout
         os.set_blocking(self._pipe.fileno(), False)
         self._rest = b''
         self._now_ns = 0
+        self._last_words = ''
 
     def now_ns(self) -> int:
         """Return the newest simulated time [ns]; 0 before the first clock message."""
@@ -62,7 +74,18 @@ class ClockReader:
         times = [line for line in lines if line.isdigit()]
         if times:
             self._now_ns = int(times[-1])
+        others = [line for line in lines if line.strip() and not line.isdigit()]
+        if others:
+            self._last_words = others[-1].decode('utf-8', 'replace')
         return self._now_ns
+
+    def check(self) -> None:
+        """Raise GraphError if the helper process has ended: nobody tells the time any more."""
+        status = self._process.poll()
+        if status is not None:
+            self.now_ns()
+            raise GraphError('the process that reads the clock ended with status '
+                             f'{status}: {self._last_words or _NO_WORDS}')
 
     def close(self) -> None:
         """End the helper process."""

@@ -83,6 +83,7 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
             return True
         if should_stop():
             return False
+        clock.check()
         now_ns, now_suspended = clock.now_ns(), nodes.suspended()
         # A node that is suspended gets the same time as one that is silent.
         if now_ns != last_ns or now_suspended != suspended:

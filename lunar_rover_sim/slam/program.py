@@ -13,7 +13,7 @@ import time
 from typing import Any
 
 from lunar_rover_sim.errors import SlamError
-from lunar_rover_sim.run.child_process import dies_with_parent, executable
+from lunar_rover_sim.run.child_process import dies_with_parent, end_group, executable
 from lunar_rover_sim.slam import protocol
 from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose
 
@@ -96,7 +96,7 @@ class SlamProgram:
     def close(self) -> None:
         """Tell the program the end, give it some seconds, and kill what is left."""
         self._on_news = lambda: None
-        # Who does not answer is not expected to end by itself either.
+        # A program that does not answer is not expected to end by itself.
         grace_s = _HUNG_S if self._problem or self._under_way is not None else _END_S
         self._outgoing.put(protocol.packed(protocol.END))
         self._outgoing.put(None)
@@ -104,11 +104,9 @@ class SlamProgram:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(grace_s)
         finally:
-            self._process.kill()
+            end_group(self._process, 0.0)       # with what it has started
             for thread in self._threads:
                 thread.join(_JOIN_S)
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_END_S)
 
     def _write(self) -> None:
         assert self._process.stdin is not None

@@ -12,6 +12,7 @@ import pytest
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig, StartPose
 from lunar_rover_sim.physics.penetration import TipPenetration
+from lunar_rover_sim.regolith.config import GroundConfig
 
 # No tip of the default rover penetrates deeper under lunar gravity, except after a fall by more
 # than 0.3 m. At rest it is 0.5 mm. At a tip radius of 8 mm the ground is nearly rigid, and from
@@ -27,6 +28,18 @@ def test_a_foot_sinks_by_load_over_stiffness(stiffness):
         assert simulation.data.ncon == 4
         np.testing.assert_allclose(simulation.data.contact.dist, -WEIGHT_N / 4 / stiffness,
                                    rtol=0.01)
+
+
+def test_a_friction_that_does_not_hold_for_the_feet_is_told():
+    soft = GroundConfig(model='regolith', friction=0.5)
+    assert PhysicsConfig().without_effect() == PhysicsConfig(ground=soft).without_effect() == []
+    assert PhysicsConfig(contact=ContactConfig(sliding_friction=0.5)).without_effect() == []
+    told, = PhysicsConfig(contact=ContactConfig(sliding_friction=0.5), ground=soft
+                          ).without_effect()
+    assert told.startswith('contact.sliding_friction: holds for rocks and chassis; feet')
+    rigid = PhysicsConfig(ground=GroundConfig(friction=0.5, shear_mm=3.0))
+    assert rigid.without_effect() == ['ground.friction: has no effect on rigid ground',
+                                      'ground.shear_mm: has no effect on rigid ground']
 
 
 def test_resting_forces_carry_the_weight():

@@ -493,6 +493,16 @@ def test_lost_context(monkeypatch, world, renderer):
         renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left',))
 
 
+def test_a_defect_of_ours_is_no_lost_context(monkeypatch, world, renderer):
+    def defect(*_):
+        raise KeyError('no such pass')
+    monkeypatch.setattr(SensorPass, 'draw', defect)
+    with pytest.raises(KeyError, match='no such pass'):
+        renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left',))
+    monkeypatch.undo()
+    assert renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left',)).left.any()
+
+
 def test_no_egl(monkeypatch, world):
     import moderngl
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import sys
+import time
 
 import pytest
 
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.run.clock_reader import check_domain
+from lunar_rover_sim.run.clock_reader import check_domain, ClockReader
 
 NOISE = '2026-11-25 [RTPS_TRANSPORT_SHM Error] Failed init_port\n'
 
 
-def answer(monkeypatch, stdout: str, returncode: int = 0) -> None:
+def answer(monkeypatch, stdout: str, returncode: int = 0, stderr: str = '') -> None:
     monkeypatch.setattr(subprocess, 'run', lambda command, **options: subprocess.CompletedProcess(
-        command, returncode, stdout, ''))
+        command, returncode, stdout, stderr))
 
 
 @pytest.mark.parametrize('returncode', [0, -signal.SIGALRM])
@@ -29,6 +31,40 @@ def test_lines_of_the_middleware_are_no_answer(monkeypatch, returncode: int) -> 
 
 
 def test_a_helper_that_fails_is_an_error(monkeypatch) -> None:
-    answer(monkeypatch, '', 1)
-    with pytest.raises(subprocess.CalledProcessError):
+    answer(monkeypatch, '', 1, 'Traceback\nImportError: no rclpy\n')
+    with pytest.raises(GraphError, match='--domain 7: .*found out: ImportError: no rclpy'):
         check_domain(7, ['/clock'])
+
+    def never(command, **options):
+        raise subprocess.TimeoutExpired(command, 30.0)
+    monkeypatch.setattr(subprocess, 'run', never)
+    with pytest.raises(GraphError, match='--domain 7: .*found out within 30 s'):
+        check_domain(7, ['/clock'])
+
+
+def reader_of(monkeypatch, program: str) -> ClockReader:
+    """Return the reader of a helper that runs a program of our own."""
+    start = subprocess.Popen
+    monkeypatch.setattr(subprocess, 'Popen', lambda command, **options: start(
+        [sys.executable, '-c', program], **options))
+    return ClockReader(7)
+
+
+def test_the_newest_time_counts(monkeypatch) -> None:
+    with reader_of(monkeypatch, 'print(5); print("Fast DDS"); print(17, flush=True); '
+                                'input()') as clock:
+        end_s = time.monotonic() + 20.0
+        while clock.now_ns() != 17 and time.monotonic() < end_s:
+            time.sleep(0.02)
+        clock.check()
+        assert clock.now_ns() == 17
+
+
+def test_a_dead_helper_is_named_with_its_reason(monkeypatch) -> None:
+    """Else the node that is asked for the time would be blamed for its silence."""
+    with reader_of(monkeypatch, 'print(5); raise SystemExit("no memory left")') as clock:
+        with pytest.raises(GraphError, match='reads the clock ended with status 1: no memory'):
+            for _ in range(1000):
+                clock.check()
+                time.sleep(0.02)
+        assert clock.now_ns() == 5

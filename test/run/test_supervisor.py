@@ -27,6 +27,9 @@ class Clock:
     def now_ns(self) -> int:
         return NOW_NS
 
+    def check(self) -> None:
+        """It lives."""
+
 
 class Nodes:
     """Nodes that work until some wall time after the first look, and finish at another one."""

@@ -11,6 +11,7 @@ import sys
 import time
 
 import numpy as np
+import psutil
 import pytest
 
 from lunar_rover_sim.errors import SlamError
@@ -166,6 +167,23 @@ def test_a_program_that_misbehaves_is_named(fault: str, said: str, tmp_path: Pat
         start = time.monotonic()
         program.close()
     assert time.monotonic() - start < 5.0
+
+
+def test_what_a_program_has_started_ends_with_it(tmp_path: Path) -> None:
+    """A wrapper that is a shell script does not know of the end of its program."""
+    (tmp_path / 'program.py').write_text(PROGRAM)
+    wrapper = tmp_path / 'wrapper'
+    wrapper.write_text(f'#!/bin/sh\nsleep 300 &\necho $! > {tmp_path}/pid\n'
+                       f'{sys.executable} {tmp_path}/program.py 99 none\nwait\n')
+    wrapper.chmod(0o755)
+    program = SlamProgram([str(wrapper)], {}, 20.0, 20.0)
+    try:
+        feed(program, range(1, 2))
+        child = psutil.Process(int((tmp_path / 'pid').read_text()))
+    finally:
+        program.close()
+    psutil.wait_procs([child], 5.0)
+    assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
 
 
 @pytest.mark.skipif(shutil.which('g++') is None, reason='no C++ compiler')
