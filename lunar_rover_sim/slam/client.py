@@ -19,9 +19,9 @@ from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory import wxyz
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.slam import protocol
-from lunar_rover_sim.slam.euroc_reader import Camera, Frame
+from lunar_rover_sim.slam.euroc_reader import Camera
 from lunar_rover_sim.slam.protocol import FrameSet, ImuSamples
-from lunar_rover_sim.slam.reference.odometry import Odometry
+from lunar_rover_sim.slam.reference.odometry import VisualOdometry
 
 Track = Callable[[FrameSet, 'list[ImuSamples]'], 'Array | None']
 
@@ -78,11 +78,11 @@ def reference(settings: dict[str, Any]) -> Track:
     stereo = settings['sensor'] != 'mono'
     camera = Camera((settings['fx'], settings['fy']), (settings['cx'], settings['cy']),
                     settings['baseline_m'] if stereo else 0.0, tuple(settings['distortion'][:4]))
-    odometry = Odometry(camera)
+    odometry = VisualOdometry(camera)
 
     def track(frames: FrameSet, imu: list[ImuSamples]) -> Array | None:
         images = [camera.rectified(np.ascontiguousarray(image)) for image in frames.images]
-        located = odometry.add(Frame(frames.stamp_ns, *images[:2 if stereo else 1]))
+        located = odometry.add(frames.stamp_ns, *images[:2 if stereo else 1])
         return odometry.T_map_camera if located else None
 
     return track

@@ -27,7 +27,7 @@ RESULT = 'result.json'
 MAX_BYTES = 1 << 24     # of a result
 _MAX_CSV_BYTES = 1 << 28
 _NEEDED = ('scenario', 'seed', 'sensor', 'system', 'tracked_share', 'ate_m', 'scale')
-# Settings that change what is kept of a drive, and nothing of the drive.
+# Settings that change what is recorded, not the drive.
 _RECORDER = 'recorder_node.'
 
 

@@ -22,11 +22,12 @@ from lunar_rover_sim.files.resources import program_path
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.run.child_process import Echo, executable, run_program
+from lunar_rover_sim.seconds import from_seconds
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import SensorSuite
 from lunar_rover_sim.slam import euroc_reader
 from lunar_rover_sim.slam.program import WHEEL_PROGRAM
-from lunar_rover_sim.slam.reference.odometry import Odometry
+from lunar_rover_sim.slam.reference.odometry import VisualOdometry
 
 SYSTEMS = ('reference', 'orbslam3', 'command')
 _SLACK_S = 120.0         # for loading a vocabulary, and for the end
@@ -156,10 +157,10 @@ class Estimator:
                    advance: Callable[[], None]) -> Estimate:
         start, start_cpu = time.monotonic(), time.thread_time()
         camera = euroc_reader.read_camera(sequence, self.sensor == 'stereo')
-        odometry = Odometry(camera)
+        odometry = VisualOdometry(camera)
         reason = ''
         for frame in euroc_reader.read_frames(sequence, camera):
-            odometry.add(frame)
+            odometry.add(*frame)
             advance()
             # Processor time of this thread: the result does not depend on what else runs.
             if time.thread_time() - start_cpu > timeout_s:
@@ -272,9 +273,8 @@ def _frames_ns(sequence: Path, kind: str) -> Stamps:
         return np.array(euroc_reader.stamps_ns(sequence), dtype=np.int64)
     try:
         lines = read_text(sequence / _TUM_STAMPS, _MAX_BYTES, SlamError).splitlines()
-        words = [line.split()[0].partition('.') for line in lines if not line.startswith('#')]
-        return np.array([int(whole) * 10**9 + int(part.ljust(9, '0')[:9])
-                         for whole, _, part in words], dtype=np.int64)
+        return np.array([from_seconds(line.split()[0]) for line in lines
+                         if not line.startswith('#')], dtype=np.int64)
     except (ValueError, OverflowError, IndexError) as error:
         raise SlamError(f'{sequence}: {_TUM_STAMPS} cannot be read: {error}') from None
 

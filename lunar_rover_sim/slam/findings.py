@@ -79,9 +79,9 @@ def _lowest(errors: _Errors) -> str:
 def _sentence(finding: str, signs: Sequence[int],
               tests: dict[tuple[str, str], Comparison]) -> str:
     """Say that all tests agree, that one of them disagrees, or that some decide nothing."""
-    said = CONTRADICTED if min(signs) < 0 else SHOWN if min(signs) > 0 else NOT_SHOWN
+    verdict = CONTRADICTED if min(signs) < 0 else SHOWN if min(signs) > 0 else NOT_SHOWN
     against = '; '.join(f'against {" ".join(key)} {test.text()}' for key, test in tests.items())
-    return f'{said}: {finding} ({against})'
+    return f'{verdict}: {finding} ({against})'
 
 
 def _alike(errors: _Errors) -> str:
@@ -97,16 +97,16 @@ def _alike(errors: _Errors) -> str:
              if np.isfinite([mono[s], stereo[s]]).all() and mono[s] > 0.0 < stereo[s]]
     ratio = Median.of((np.log(mono[s] / stereo[s]) for s in seeds), confidence=2 * CONFIDENCE - 1)
     test = _compare(mono, stereo)
-    said = NOT_SHOWN
+    verdict = NOT_SHOWN
     if np.isfinite(ratio.low) and max(-ratio.low, ratio.high) <= np.log(_ALIKE):
-        said = SHOWN
+        verdict = SHOWN
     elif test.sign:
-        said = CONTRADICTED
+        verdict = CONTRADICTED
     interval = 'too few seeds for an interval' if np.isnan(ratio.low) else \
         f'90 % interval {np.exp(ratio.low):.2f} to {np.exp(ratio.high):.2f}'
     of = '' if not ratio.count else \
         f'ratio {np.exp(ratio.value):.2f}, {interval}, alike within {_ALIKE:g}; '
-    return f'{said}: {finding} ({of}{test.text()})'
+    return f'{verdict}: {finding} ({of}{test.text()})'
 
 
 def _scale(judged: Sequence[Judged], scenario: str, sensor: str) -> str:
@@ -123,8 +123,8 @@ def _scale(judged: Sequence[Judged], scenario: str, sensor: str) -> str:
     finding = (f'the scale of {sensor} on {scenario} is '
                + (f'arbitrary, more than {100 * _NEAR:g} % from 1' if arbitrary
                   else f'within {100 * _NEAR:g} % of 1'))
-    said = {0: NOT_SHOWN, 1: SHOWN, -1: CONTRADICTED}[-near if arbitrary else near]
-    return (f'{said}: {finding} (median distance from 1 {away.text(3)}, '
+    verdict = {0: NOT_SHOWN, 1: SHOWN, -1: CONTRADICTED}[-near if arbitrary else near]
+    return (f'{verdict}: {finding} (median distance from 1 {away.text(3)}, '
             f'n = {away.count})')
 
 
@@ -146,8 +146,9 @@ def _steps(rows: Sequence[Row], judged: Sequence[Judged]) -> list[str]:
             (scenario, sensor), {}) for value in values]
         for k, (value, following) in enumerate(zip(values, values[1:])):
             test = _compare(errors[k], errors[k + 1])
-            said = {1: f'{SHOWN}: the error is larger at {value} than at {following}',
-                    -1: f'{SHOWN}: the error is smaller at {value} than at {following}',
-                    0: f'{NOT_SHOWN}: the errors at {value} and {following} differ'}[test.sign]
-            sentences.append(f'{said}, {scenario}, {sensor} ({test.text()})')
+            statement = {
+                1: f'{SHOWN}: the error is larger at {value} than at {following}',
+                -1: f'{SHOWN}: the error is smaller at {value} than at {following}',
+                0: f'{NOT_SHOWN}: the errors at {value} and {following} differ'}[test.sign]
+            sentences.append(f'{statement}, {scenario}, {sensor} ({test.text()})')
     return sentences

@@ -13,7 +13,7 @@ class StepCounter:
         self._text, self._total, self._count = '', 0, 0
 
     def begin(self, text: str, total: int | None) -> None:
-        """Tell that work of so many parts begins; None where nobody knows."""
+        """Announce work of `total` parts; None if unknown."""
         self._text, self._total, self._count = text, total or 0, 0
         self._tell(text)
 

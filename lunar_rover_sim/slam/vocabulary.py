@@ -115,7 +115,10 @@ def train(images: Sequence[Bytes], branching: int = 10, levels: int = 6, seed: i
 
 
 def _divided(rows: Bytes, k: int, rng: np.random.Generator) -> tuple[Bytes, Indices]:
-    """Return at most k centres, each of which is the nearest of some row, and which is whose."""
+    """Return at most k centres, and for each row the index of its centre.
+
+    Each centre is the nearest one of some row.
+    """
     distinct = np.unique(rows, axis=0) if len(rows) <= k else rows
     if len(distinct) <= k:
         centres = distinct

@@ -15,8 +15,9 @@ from lunar_rover_sim.frames import inverse, R_BODY_OPTICAL, se3
 from lunar_rover_sim.slam.euroc_reader import Camera, Frame
 from lunar_rover_sim.slam.reference.bundle import Problem, residuals
 from lunar_rover_sim.slam.reference.features import detect, disparities, track
-from lunar_rover_sim.slam.reference.geometry import from_disparity, project, triangulate, two_views
-from lunar_rover_sim.slam.reference.odometry import Odometry
+from lunar_rover_sim.slam.reference.geometry import (from_disparity, locate, project,
+                                                     triangulate, two_views)
+from lunar_rover_sim.slam.reference.odometry import VisualOdometry
 
 CAMERA = Camera((300.0, 300.0), (159.5, 119.5), 0.1)
 MONO = Camera(CAMERA.focal_px, CAMERA.centre_px)
@@ -79,8 +80,8 @@ def drive() -> tuple[list[Frame], Trajectory]:
 def test_stereo_is_metric(drive) -> None:
     """Scale within 1 %, as disparities of 0.1 px at 20 px and more would have it."""
     frames, truth = drive
-    odometry = Odometry(CAMERA)
-    assert all([odometry.add(frame) for frame in frames])
+    odometry = VisualOdometry(CAMERA)
+    assert all([odometry.add(*frame) for frame in frames])
     result = evaluate(truth, odometry.trajectory())
     assert result.scale == pytest.approx(1.0, abs=0.01)
     assert result.ate_m.rmse < 0.01 * truth.length_m
@@ -90,8 +91,8 @@ def test_stereo_is_metric(drive) -> None:
 
 def test_mono_has_its_own_scale(drive) -> None:
     frames, truth = drive
-    odometry = Odometry(MONO)
-    located = [odometry.add(frame) for frame in frames]
+    odometry = VisualOdometry(MONO)
+    located = [odometry.add(*frame) for frame in frames]
     # It starts once parallax allows, and is not lost then.
     assert all(located[located.index(True):]) and sum(located) > 15
     result = evaluate(truth, odometry.trajectory(), align='sim3')
@@ -101,31 +102,31 @@ def test_mono_has_its_own_scale(drive) -> None:
 def test_moving_shadow_is_left_out(drive) -> None:
     """A dark patch that stays in the image, as the rover's own shadow does, moves nothing."""
     frames, truth = drive
-    odometry = Odometry(CAMERA)
+    odometry = VisualOdometry(CAMERA)
     for frame in frames:
         images = [frame.left.copy(), frame.right.copy()]
         for image, shift in zip(images, (0, 25)):
             image[170:, 100 - shift:200 - shift] //= 8
-        odometry.add(Frame(frame.stamp_ns, *images))
+        odometry.add(frame.stamp_ns, *images)
     result = evaluate(truth, odometry.trajectory())
     assert result.tracked_share == 1.0
     assert result.scale == pytest.approx(1.0, abs=0.02)
 
 
 def test_darkness_is_lost() -> None:
-    odometry = Odometry(CAMERA)
+    odometry = VisualOdometry(CAMERA)
     black = np.zeros((240, 320), np.uint8)
-    assert not any(odometry.add(Frame(k, black, black)) for k in range(1, 5))
+    assert not any(odometry.add(k, black, black) for k in range(1, 5))
 
 
 def test_light_that_goes_out_ends_the_track(drive) -> None:
     frames, _ = drive
-    odometry = Odometry(CAMERA)
+    odometry = VisualOdometry(CAMERA)
     black = np.zeros_like(frames[0].left)
     for frame in frames[:8]:
-        odometry.add(frame)
+        odometry.add(*frame)
     for k in range(12):
-        odometry.add(Frame(frames[8].stamp_ns + k, black, black))
+        odometry.add(frames[8].stamp_ns + k, black, black)
     assert odometry.lost_ns is not None
     assert len(odometry.trajectory()) == 8
 
@@ -208,3 +209,19 @@ def test_two_views_and_depth() -> None:
     assert two_views(MONO, a, project(MONO, turned, points)) is None   # no parallax
     right = project(CAMERA, se3(np.eye(3), [-CAMERA.baseline_m, 0, 0]), points)
     assert from_disparity(CAMERA, a, a[:, 0] - right[:, 0]) == pytest.approx(points)
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_points_at_the_horizon_do_not_move_the_camera(seed: int) -> None:
+    """Six of 200 points are kilometres away, as near the horizon; the rest says where it is."""
+    rng = np.random.default_rng(seed)
+    px = np.column_stack([rng.uniform(0.0, 640.0, 200), rng.uniform(120.0, 480.0, 200)])
+    depth_m = 0.3 / np.maximum((px[:, 1] - 118.0) / 448.0, 0.003)
+    depth_m[:6] = rng.uniform(1000.0, 5000.0, 6)
+    camera = Camera((448.0, 448.0), (320.0, 240.0), 0.12)
+    points = np.column_stack([(px - camera.centre_px) / 448.0 * depth_m[:, None], depth_m])
+    T = se3(Rotation.from_rotvec([0.01, 0.04, 0.07]).as_matrix(), [0.02, 0.03, -0.16])
+    seen = project(camera, T, points) + rng.normal(0.0, 0.3, px.shape)
+    found, agree = locate(camera, points, seen, 15)
+    assert found is not None and agree.sum() > 190
+    assert np.linalg.norm(found[:3, 3] - T[:3, 3]) < 0.005

@@ -20,7 +20,7 @@ from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam.euroc_reader import Camera, Frame
 from lunar_rover_sim.slam.protocol import FrameSet
-from lunar_rover_sim.slam.reference.odometry import Odometry
+from lunar_rover_sim.slam.reference.odometry import VisualOdometry
 
 PERIOD_NS = 100_000_000
 
@@ -51,8 +51,8 @@ def drive() -> tuple[list[Frame], Trajectory, Camera]:
 def test_stereo_scale_and_error(drive) -> None:
     """Scale within 1 % of 1 and an error below 2 % of the way, as a whole drive must have."""
     frames, truth, camera = drive
-    odometry = Odometry(camera)
-    assert all([odometry.add(frame) for frame in frames])
+    odometry = VisualOdometry(camera)
+    assert all([odometry.add(*frame) for frame in frames])
     result = evaluate(truth, odometry.trajectory())
     assert result.scale == pytest.approx(1.0, abs=0.01)
     assert result.ate_m.rmse < 0.02 * truth.length_m
@@ -61,17 +61,17 @@ def test_stereo_scale_and_error(drive) -> None:
 def test_a_wrong_baseline_is_noticed(drive) -> None:
     """A rig that is 5 % off in its calibration shows in the scale."""
     frames, truth, camera = drive
-    odometry = Odometry(dataclasses.replace(camera, baseline_m=1.05 * camera.baseline_m))
+    odometry = VisualOdometry(dataclasses.replace(camera, baseline_m=1.05 * camera.baseline_m))
     for frame in frames[:15]:
-        odometry.add(frame)
+        odometry.add(*frame)
     assert abs(evaluate(truth, odometry.trajectory()).scale - 1.0) > 0.03
 
 
 def test_mono_shape(drive) -> None:
     """Within 0.5 % of the way: an adjustment that lets the scale go leaves jumps of 2 %."""
     frames, truth, camera = drive
-    odometry = Odometry(dataclasses.replace(camera, baseline_m=0.0))
-    located = [odometry.add(frame) for frame in frames]
+    odometry = VisualOdometry(dataclasses.replace(camera, baseline_m=0.0))
+    located = [odometry.add(*frame) for frame in frames]
     assert all(located[located.index(True):])
     result = evaluate(truth, odometry.trajectory(), align='sim3')
     assert result.ate_m.rmse < 0.005 * truth.length_m

@@ -38,12 +38,16 @@ def locate(camera: Camera, points_m: Array, px: Array,
     none = np.zeros(len(px), bool)
     least = max(least, len(px) // 3)
     cv2.setRNGSeed(0)
-    ok, rotation, shift, inliers = cv2.solvePnPRansac(
+    ok, _, _, inliers = cv2.solvePnPRansac(
         points_m, px, camera.matrix, None, iterationsCount=300, reprojectionError=_RANSAC_PX,
         confidence=_CONFIDENCE, flags=cv2.SOLVEPNP_AP3P)
     if not ok or inliers is None or len(inliers) < least:
         return None, none
     good = inliers.ravel()
+    # Not from the pose of solvePnPRansac: it is EPnP's, which single points at a great distance
+    # send metres away.
+    _, rotation, shift = cv2.solvePnP(points_m[good], px[good], camera.matrix, None,
+                                      flags=cv2.SOLVEPNP_SQPNP)
     rotation, shift = cv2.solvePnPRefineLM(points_m[good], px[good], camera.matrix, None,
                                            rotation, shift)
     T = se3(cv2.Rodrigues(rotation)[0], np.ravel(shift))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.frames import Array, inverse
@@ -40,8 +41,11 @@ class _Keyframe:
     seen: dict[int, Array]   # (3,) u, v and right u or NaN, by track
 
 
-class Odometry:
-    """Tracks one sequence: `add` the frames, then call `trajectory`."""
+class VisualOdometry:
+    """Tracks one sequence: `add` the frames, then call `trajectory`.
+
+    camera: of images without distortion; its baseline says whether they are pairs
+    """
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
@@ -58,8 +62,15 @@ class Odometry:
         self._located: list[tuple[int, int, Array]] = []   # stamp, keyframe, pose in it
         self.lost_ns: int | None = None
 
-    def add(self, frame: Frame) -> bool:
-        """Take a frame; return whether it was located."""
+    @classmethod
+    def of_rig(cls, rig: StereoRig) -> VisualOdometry:
+        """Return the odometry of the pairs that a rig takes, as `Renderer.rig` says it."""
+        return cls(Camera((rig.focal_px, rig.focal_px), (rig.K[0, 2], rig.K[1, 2]),
+                          rig.baseline_m))
+
+    def add(self, stamp_ns: int, left: Image, right: Image | None = None) -> bool:
+        """Take a frame, a (h, w) uint8 image or a pair of them; return whether it was located."""
+        frame = Frame(stamp_ns, left, right)
         if self.lost_ns is not None:
             return False
         if self._before is not None:
