@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from lunar_rover_sim.rendering.renderer import Renderer
     from lunar_rover_sim.run.recording import record, Recording
     from lunar_rover_sim.run.scenario import Scenario
+    from lunar_rover_sim.slam.reference.odometry import VisualOdometry
     from lunar_rover_sim.stereo.sgm import SgmMatcher
     from lunar_rover_sim.world.build import build_world
     from lunar_rover_sim.world.model import World
@@ -43,12 +44,13 @@ _HOMES = {
     'SgmMatcher': 'stereo.sgm',
     'Simulation': 'physics.simulation',
     'Trajectory': 'evaluation.trajectory',
+    'VisualOdometry': 'slam.reference.odometry',
     'World': 'world.model',
 }
 
 __all__ = ['build_world', 'evaluate', 'GaitController', 'Lidar', 'load_world',
            'LunarRoverSimError', 'open_bag', 'record', 'Recording', 'Renderer', 'save_world',
-           'Scenario', 'SgmMatcher', 'Simulation', 'Trajectory', 'World']
+           'Scenario', 'SgmMatcher', 'Simulation', 'Trajectory', 'VisualOdometry', 'World']
 
 
 def __getattr__(name: str) -> Any:

@@ -30,6 +30,9 @@ class Named(Mapping[str, V]):
     def __len__(self) -> int:
         return len(self._sets)
 
+    def __repr__(self) -> str:
+        return f'{type(self).__name__}({self._sets!r})'
+
     def __hash__(self) -> int:
         return hash(frozenset(self._sets.items()))
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 import math
+import os
 import reprlib
 import typing
 from typing import Any, TypeVar
@@ -43,6 +44,22 @@ _BRIEF.maxlevel = 3
 def brief(value: object) -> str:
     """Return a value as one short line, however large it is."""
     return _BRIEF.repr(value)
+
+
+def check_argument(name: str, value: object, kind: type | tuple[type, ...], valid: str) -> None:
+    """Raise ConfigError, which names an argument of a function, unless it is of a kind."""
+    if not isinstance(value, kind):
+        raise ConfigError(f'{name}: {brief(value)} is not valid; valid is {valid}')
+
+
+def check_path(name: str, value: object) -> None:
+    """Raise ConfigError unless an argument is a path."""
+    check_argument(name, value, (str, os.PathLike), 'a path')
+
+
+def check_scenario(value: object, kind: type) -> None:
+    """Raise ConfigError unless an argument is a scenario: its class, or a protocol of it."""
+    check_argument('scenario', value, kind, 'a Scenario (Scenario.load(...))')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -264,7 +281,9 @@ def _scalar(name: str, value: Any, kind: type) -> Any:
 
 def _bound(name: str, value: Any, info: ParamInfo) -> None:
     if info.choices and value not in info.choices:
-        hint = nearest(value, info.choices)
+        # What is near to the only one may be a name that is valid elsewhere.
+        hint = (nearest(value, info.choices) if len(info.choices) > 1
+                else f'valid is {info.choices[0]}')
         raise ConfigError(f'{name}: {brief(value)} is not valid; {hint}')
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         too_low = info.low is not None and (value < info.low

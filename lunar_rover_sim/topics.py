@@ -41,9 +41,10 @@ class Topic:
     on_request: bool = False
 
     def frame(self, separate_truth: bool) -> str:
-        """Return the frame of its header; what is true of the world stays so with an estimator.
+        """Return the frame of its header.
 
-        separate_truth: whether `odom` belongs to an estimator
+        True poses keep the world frame when `odom` belongs to an estimator.
+        separate_truth: whether it does
         """
         in_world = self.frame_id == frames.ODOM_FRAME and self.name != 'odom'
         return frames.TRUE_ODOM_FRAME if separate_truth and in_world else self.frame_id

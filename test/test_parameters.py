@@ -56,6 +56,8 @@ def test_sets_that_users_name() -> None:
     assert dict(outer.own) == {'left': Inner(2.0), 'right': Inner(kind='b')}
     assert Outer.from_mapping(outer.to_mapping()) == outer
     assert 'own' not in Outer().to_mapping()
+    assert repr(Outer.from_mapping({'own.left.size_m': 2}).own) == \
+        "Named({'left': Inner(size_m=2.0, kind='a')})"
     assert [name for name, *_ in outer.flatten() if name.startswith('own')] == [
         'own.left.size_m', 'own.left.kind', 'own.right.size_m', 'own.right.kind']
     assert [name for name, *_ in outer.flatten(documented=True) if name.startswith('own')] == [

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import inspect
+import math
 import os
 from pathlib import Path
 import subprocess
 import sys
 import threading
+from typing import Any
 
 from conftest import SMALL, SOFT
 import pytest
@@ -16,6 +19,7 @@ import lunar_rover_sim
 from lunar_rover_sim import LunarRoverSimError, open_bag, record, Scenario
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
 from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.errors import ConfigError
 
 
 def test_every_name_is_there_and_documented() -> None:
@@ -72,6 +76,86 @@ def test_bad_input_reads_as_on_the_command_line(name: str, arguments: dict, opti
     assert capsys.readouterr().err.endswith(f'{raised.value}\n')
 
 
+@pytest.mark.parametrize('overrides', [
+    None, 'a.b=1', b'a.b=1', 3, [3], ['seed=1', None], {3: 4}])
+def test_overrides_are_texts_or_a_mapping(overrides: Any) -> None:
+    """One text is not a list of letters."""
+    with pytest.raises(ConfigError) as raised:
+        Scenario.load('flat', overrides)
+    assert str(raised.value) == (
+        f"overrides: {overrides!r} is not valid; valid is a list of 'section.parameter=value', or "
+        "a mapping of 'section.parameter' to values")
+    assert Scenario.load('flat', (text for text in ['seed=3'])).shared.seed == 3
+
+
+@pytest.mark.parametrize('wrong', ['baseline', Path('baseline.yaml'), None])
+@pytest.mark.parametrize('call', [
+    lambda scenario: record(scenario, 'never'), lunar_rover_sim.Simulation.from_scenario,
+    lunar_rover_sim.Renderer.from_scenario, lunar_rover_sim.Lidar.from_scenario,
+    lunar_rover_sim.GaitController.from_scenario, lunar_rover_sim.SgmMatcher.from_scenario])
+def test_the_name_of_a_scenario_is_none(call: Callable[[Any], object], wrong: Any) -> None:
+    """The error tells how to get one."""
+    with pytest.raises(ConfigError) as raised:
+        call(wrong)
+    assert str(raised.value) == (f'scenario: {wrong!r} is not valid; valid is a Scenario '
+                                 '(Scenario.load(...))')
+
+
+@pytest.mark.parametrize('call, name', [
+    (open_bag, 'path'), (lunar_rover_sim.load_world, 'folder'),
+    (lambda path: record(Scenario.load('flat'), path), 'folder')])
+@pytest.mark.parametrize('wrong', [None, 3, b'bag'])
+def test_what_is_no_path_is_refused(call: Callable[[Any], object], name: str, wrong: Any) -> None:
+    """It is no traceback of pathlib."""
+    with pytest.raises(ConfigError, match=f'^{name}: {wrong!r} is not valid; valid is a path$'):
+        call(wrong)
+
+
+@pytest.mark.parametrize('arguments, message', [
+    *(({'timeout_s': value}, f'timeout_s: {value!r} is not valid; valid is > 0 [s]')
+      for value in (math.nan, 0, -1, -math.inf, '3')),
+    ({'world': 3}, 'world: 3 is not valid; valid is a path')])
+def test_record_refuses_before_it_starts(arguments: dict, message: str, tmp_path: Path) -> None:
+    """Nothing is left behind."""
+    with pytest.raises(ConfigError) as raised:
+        record(Scenario.load('flat'), tmp_path / 'run', **arguments)
+    assert str(raised.value) == message
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_worlds_are_built_from_parameters_and_saved() -> None:
+    """Another thing is named."""
+    with pytest.raises(ConfigError, match="^config: 'flat' is not valid; valid is a WorldConfig"):
+        lunar_rover_sim.build_world('flat')  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match='^world: None is not valid; valid is a World'):
+        lunar_rover_sim.save_world(None, 'never')  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('place, message', [
+    ('', 'PLACE exists; name a new folder'),
+    ('file', 'PLACE cannot be written: PLACE is not a folder'),
+    ('file/run', 'PLACE cannot be written: FOLDER/file is not a folder'),
+    ('/sys/run', 'PLACE cannot be written: ')])
+def test_a_folder_that_cannot_be_made_reads_as_on_the_command_line(
+        place: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Existing, below a file, and not for us."""
+    (tmp_path / 'file').touch()
+    output = tmp_path / place
+    message = message.replace('PLACE', str(output)).replace('FOLDER', str(tmp_path))
+    with pytest.raises(ConfigError) as raised:
+        record(Scenario.load('flat'), output)
+    said = str(raised.value)
+    assert said.startswith(f'folder: {message}')
+    assert main(['run', 'flat', '-o', str(output)]) == 1
+    assert capsys.readouterr().err == 'lunar_rover_sim: --output' + said[len('folder'):] + '\n'
+
+
+def test_a_scenario_is_shown_in_one_short_line() -> None:
+    """Its YAML has all of it."""
+    scenario = Scenario.load('flat', seed=7, duration_s=2.5)
+    assert repr(scenario) == "Scenario(name='flat', seed=7, duration_s=2.5)"
+
+
 def small_scenario(duration_s: float) -> Scenario:
     """Return a small `baseline` on ground that gives."""
     return Scenario.load('baseline', [*SMALL, SOFT[1], SOFT[3]], duration_s=duration_s)
@@ -103,7 +187,7 @@ def test_record(recorded_run: Path, tmp_path: Path) -> None:
     assert not recording.interrupted
     assert seen[-1] == 2_000_000_000
     assert dict(os.environ) == before
-    with pytest.raises(LunarRoverSimError, match='exists already'):
+    with pytest.raises(LunarRoverSimError, match='^folder: .* exists; name a new folder$'):
         record(small_scenario(2.0), tmp_path / 'run')
 
 

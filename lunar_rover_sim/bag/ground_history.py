@@ -6,9 +6,9 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.ground_points import changes_of, FARTHEST_M
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.seconds import NS_PER_S
 
 
 def ground_at(bag: Bag, time_ns: int | None = None,

@@ -7,11 +7,13 @@ ended where it did not end cleanly. While a recording runs, its process holds a 
 from __future__ import annotations
 
 from contextlib import suppress
-import fcntl
+import os
 from pathlib import Path
 from typing import BinaryIO
 
 import yaml
+
+from lunar_rover_sim.files.lock import lock as lock_file
 
 MARKER_NAME = 'incomplete.yaml'
 METADATA_NAME = 'metadata.yaml'
@@ -45,13 +47,7 @@ def lock(bag: Path) -> BinaryIO:
 
     Raises BlockingIOError where another process records or recovers the bag.
     """
-    file = (bag / MARKER_NAME).open('rb')
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        file.close()
-        raise
-    return file
+    return os.fdopen(lock_file(bag / MARKER_NAME, mode=None), 'rb')
 
 
 def unmark(bag: Path) -> None:

@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.rover.description import JOINT_NAMES
+from lunar_rover_sim.seconds import NS_PER_S
 
 
 def time_ns(stamp: Any) -> int:

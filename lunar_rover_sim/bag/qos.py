@@ -8,8 +8,8 @@ from rosbags.interfaces import (Qos, QosDurability, QosHistory, QosLiveliness, Q
                                 QosTime)
 import yaml
 
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import CONTRACT, LATCHED
 
 _FOREVER_NS = 2**63 - 1

@@ -21,7 +21,7 @@ from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.typestores import typestore_of
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.regular_file import check_regular
-from lunar_rover_sim.parameters import brief, nearest
+from lunar_rover_sim.parameters import brief, check_path, nearest
 
 _MOST_BYTES = 1 << 24    # of metadata.yaml
 
@@ -260,6 +260,7 @@ def open_bag(path: Path | str) -> Bag:
 
     Raises BagError where it is missing, no bag, or was cut off and has not been recovered.
     """
+    check_path('path', path)
     return Bag(Path(path))
 
 

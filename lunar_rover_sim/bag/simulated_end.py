@@ -33,7 +33,7 @@ def simulated_end_ns(bag: Bag) -> int:
 
 
 def _by_preference(bag: Bag) -> Iterator[list[str]]:
-    """Yield the names of topics that tell the time, the best ones first."""
+    """Yield the topics from which the end is read, most reliable first."""
     for rates in ((STATE,), (FRAME, DEPTH_FRAME)):
         known = [topic.name for topic in topics.CONTRACT if topic.rate in rates]
         yield [f'{namespace}/{name}' for namespace in {'', *bag.namespaces} for name in known

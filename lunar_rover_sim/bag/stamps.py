@@ -16,7 +16,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
-NS_PER_S = 1_000_000_000
+from lunar_rover_sim.seconds import NS_PER_S
 
 _TIME = 'builtin_interfaces/msg/Time'
 _LITTLE = struct.Struct('<iI')
@@ -85,9 +85,3 @@ def stamp_ns(msgtype: str, raw: bytes | memoryview) -> int | None:
     orders. `msgtype` as ROS 2 writes it, `nav_msgs/msg/Odometry`.
     """
     return _jazzy().stamp_ns(msgtype, raw)
-
-
-def in_seconds(stamp_ns: int) -> str:
-    """Return integer ns as seconds with nine decimals, exactly."""
-    sign = '-' if stamp_ns < 0 else ''
-    return f'{sign}{abs(stamp_ns) // NS_PER_S}.{abs(stamp_ns) % NS_PER_S:09d}'

@@ -27,9 +27,10 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import write_checksums
 from lunar_rover_sim.bag.definitions import learn
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
-from lunar_rover_sim.bag.stamps import NS_PER_S, StampTable
+from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
+from lunar_rover_sim.seconds import NS_PER_S
 
 STORAGES = ('mcap', 'sqlite3')
 COMPRESSIONS = ('none', 'zstd')

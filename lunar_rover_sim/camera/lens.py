@@ -53,8 +53,8 @@ class Lens:
     def scatter_peak(self) -> float:
         """Scattered share per steradian at its source, b0 [1/sr].
 
-        All directions in front of the lens share what is scattered of light on its axis. Of light
-        from aside about as much falls on them.
+        The scattered share of light on the axis goes to all directions in front of the lens.
+        Off-axis light is scattered about as much.
         """
         square = math.radians(self.config.scatter_core_deg)**2
         power = 1.0 - 0.5 * self.config.scatter_exponent

@@ -27,7 +27,7 @@ def unit_points(design: str, count: int, dimensions: int, seed: int) -> NDArray[
     if design == LATIN_HYPERCUBE:
         return qmc.LatinHypercube(dimensions, seed=generator).random(count)
     if design == SOBOL:
-        # Balanced in powers of two: so many points are drawn, and the first are used.
+        # Sobol points are balanced for powers of two: draw the next power, keep the first ones.
         sampler = qmc.Sobol(dimensions, scramble=True, seed=generator)
         return sampler.random_base2(max(count - 1, 0).bit_length())[:count]
     return generator.random((count, dimensions))

@@ -62,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='folder of the sequence, or file of the stage (.usd, .usda, .usdc, '
                               '.usdz); must not exist')
     command.set_defaults(check_output=check_path)
-    command.add_argument('--format', choices=(*FORMATS, _USD), default='euroc')
+    command.add_argument('--format', choices=(*FORMATS, _USD), default='euroc',
+                         help=f'format of the sequence, or {_USD} for a stage (default: '
+                              '%(default)s)')
     command.add_argument('--shard-size', type=int, metavar='N',
                          help=f'with --format {WEBDATASET}: samples a shard (default: '
                               f'{DEFAULT_SIZE})')

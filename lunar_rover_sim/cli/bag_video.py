@@ -17,6 +17,8 @@ from lunar_rover_sim.files.film import check_suffix, SUFFIXES, U8, write_film
 from lunar_rover_sim.files.outputs import check_path
 from lunar_rover_sim.inspection.film import Film, FilmOptions
 
+_QUALITY = 70
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
@@ -40,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'heading')
     parser.add_argument('--tripod', metavar='X,Y,HEIGHT', type=numbers(3),
                         help='the camera stands there and turns after the rover [m]')
-    parser.add_argument('--quality', type=int, default=70, metavar='N',
-                        help='of a .webp, 1 to 100 (default: 70)')
+    parser.add_argument('--quality', type=int, metavar='N',
+                        help=f'of a .webp, 1 to 100 (default: {_QUALITY})')
     parser.add_argument('--world', type=Path, metavar='DIR',
                         help='the world that was driven on, where it is not in the cache')
     parser.set_defaults(check_output=_check_output)
@@ -56,8 +58,11 @@ def _check_output(path: Path) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw and write the film."""
-    if not 1 <= args.quality <= 100:
-        raise ConfigError(f'--quality: {args.quality} is not valid; valid is 1 to 100')
+    quality = _QUALITY if args.quality is None else args.quality
+    if not 1 <= quality <= 100:
+        raise ConfigError(f'--quality: {quality} is not valid; valid is 1 to 100')
+    if args.quality is not None and args.output.suffix != '.webp':
+        raise ConfigError(f'--quality: has no effect on a {args.output.suffix}; valid is a .webp')
     for option, given in (('--behind', args.behind), ('--from', args.place is not None)):
         if args.tripod is not None and given:
             raise ConfigError(f'{option}: has no effect beside --tripod; leave one of them out')
@@ -76,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
                 yield frame
                 progress.advance(task)
 
-        count = write_film(args.output, drawn(), args.fps, args.quality)
+        count = write_film(args.output, drawn(), args.fps, quality)
     print(f'{args.output}: {count} frames, {count / args.fps:.1f} s, '
           f'{args.output.stat().st_size / 1e6:.2f} MB')
     return 0

@@ -31,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'benchmark that ran on several machines are joined by `slam table`.')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
                         help='folder of the benchmark; may hold part of it')
-    parser.add_argument('--scenarios', nargs='+', default=list(_SCENARIOS), metavar='SCENARIO')
+    parser.add_argument('--scenarios', nargs='+', default=list(_SCENARIOS), metavar='SCENARIO',
+                        help='packaged names or YAML files (default: '
+                             f'{" ".join(_SCENARIOS)})')
     parser.add_argument('--sensors', nargs='+', choices=SENSORS, default=['mono', 'stereo'],
                         metavar='SENSOR', help=f'of {", ".join(SENSORS)} (default: mono stereo)')
     parser.add_argument('--seeds', default='5', metavar='SEEDS',

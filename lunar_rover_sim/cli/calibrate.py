@@ -22,19 +22,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ' gait, at many phase rates and turns, and writes the table that'
         ' gait_controller_node follows commands by (parameter calibration).')
     parser.add_argument('scenario', nargs='?', default='flat',
-                        help='scenario that names rover, gravity, contact and gait (flat)')
+                        help='scenario that names rover, gravity, contact and gait (default: '
+                             '%(default)s)')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
     parser.add_argument('-o', '--output', type=Path, default=Path('gait_calibration.yaml'),
-                        metavar='FILE', help='table to write (gait_calibration.yaml)')
+                        metavar='FILE', help='table to write (default: %(default)s)')
     parser.add_argument('--force', action='store_true', help='overwrite an existing table')
     parser.add_argument('--coarse', action='store_true',
                         help='a table of 54 instead of 165 strides')
     parser.add_argument('--measure', type=float, default=20.0, metavar='S',
                         help='time that each walk is measured for [s]; fast turns scatter, and'
-                             ' longer walks average it out (20)')
+                             ' longer walks average it out (default: %(default)s)')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
-                        help='processes that share the work (one per core)')
+                        help='processes that share the work (default: one per core)')
     parser.set_defaults(run=run, check_output=check_file)
 
 

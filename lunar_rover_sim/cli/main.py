@@ -24,7 +24,7 @@ class Command(NamedTuple):
     help: str
 
 
-GROUPS = {'validate': 'hold a part of the simulator to its theory or to the paper',
+GROUPS = {'validate': 'compare a part of the simulator with theory or published results',
           'calibrate': 'measure a map that a node uses',
           'evaluate': 'judge an estimated trajectory, or compare sets of images'}
 # What the name of a group means without one of its members.

@@ -15,9 +15,8 @@ from lunar_rover_sim.camera.hazard import HazardMount, sides
 from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.cli.number_lists import numbers
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.folders import make_new
 from lunar_rover_sim.files.images import write_png
-from lunar_rover_sim.files.outputs import check_new_folder
+from lunar_rover_sim.files.outputs import check_new_folder, make_new_folder
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.frame import LAYERS
@@ -25,7 +24,7 @@ from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, settled, standing
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.run.recorded_ground import recorded_ground
+from lunar_rover_sim.run.recorded_ground import recorded_ground, world_beside
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.cache import cached
@@ -71,18 +70,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw and save."""
-    scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed)
     if args.time is not None and args.at is None:
         raise ConfigError('--time: needs --at BAG')
+    folder = args.world
+    if folder is None and args.at is not None:
+        folder = world_beside(args.at)
+    scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed, world=folder)
     chase = _chase(args, scenario.render_node.chase)
     hazards = _hazards(args.cameras, scenario.render_node.hazard)
     console = Console()
     with console.status('building the world'):
         overlay = None
         if args.at is not None:
-            world, overlay = recorded_ground(args.at, args.world, args.time)
+            world, overlay = recorded_ground(args.at, folder, args.time)
         else:
-            world = load_world(args.world or cached(scenario.world, scenario.shared.seed))
+            world = load_world(folder or cached(scenario.world, scenario.shared.seed))
     angles = np.radians(args.joints)
     poses = [_standing(world, pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]
     with console.status('computing the sunlight'):
@@ -95,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
         further = {name: renderer.add_camera(config, HazardMount(config))
                    for name, config in hazards.items()}
         matcher = SgmMatcher.from_scenario(scenario)
-        make_new(args.output)
+        make_new_folder(args.output)
         for k, T in enumerate(poses):
             state = RoverPose(T, angles, np.array(args.twist[:3]), np.array(args.twist[3:]))
             settle(renderer, state)

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from lunar_rover_sim.files.outputs import check_new_folder
+from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.inspection.summary import summarise
 from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_view import check_view, ViewProcess
@@ -54,10 +55,12 @@ def run(args: argparse.Namespace) -> int:
     require_ros()
     if args.view is not None:
         check_view(args.view, '--view')
+        layout = config_path('foxglove/lunar_rover.json')
     overrides = [*args.overrides]
     if args.real_time:
         overrides.append(f'time_mode={REAL_TIME}')
-    scenario = Scenario.load(args.scenario, overrides, seed=args.seed, duration_s=args.duration)
+    scenario = Scenario.load(args.scenario, overrides, seed=args.seed, duration_s=args.duration,
+                             world=args.world)
     if args.slam:
         scenario = with_slam(scenario, args.slam)
     console = Console()
@@ -70,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         if args.view is not None:
             view.start(domain, args.view)
             console.print(f'live view: open a connection to ws://localhost:{args.view} in '
-                          'Foxglove or Lichtblick; layout config/foxglove/lunar_rover.json',
+                          f'Foxglove or Lichtblick; layout {layout}',
                           highlight=False, soft_wrap=True)
         display.start(resolved, domain)
 

@@ -14,8 +14,8 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import ConfigError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.folders import make_new
-from lunar_rover_sim.files.outputs import check_file, check_folder, check_new_folder
+from lunar_rover_sim.files.outputs import (check_file, check_folder, check_new_folder,
+                                           make_new_folder)
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
@@ -38,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                                                                 'file')
     command.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
                          help='YAML file to write; must not exist')
-    command.add_argument('--sensor', choices=SENSORS, default='stereo')
+    command.add_argument('--sensor', choices=SENSORS, default='stereo',
+                         help='input of the program (default: %(default)s)')
     command.add_argument('--features', type=int, default=2000, metavar='N',
                          help='keypoints per image (default: %(default)s)')
     command.add_argument('--legacy', action='store_true',
@@ -46,10 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.set_defaults(run=_settings, check_output=check_file)
     text = 'run a SLAM program on a bag and evaluate its result'
     command = group.add_parser('run', help=text, description=text)
-    command.add_argument('bag', type=Path, metavar='BAG')
+    command.add_argument('bag', type=Path, metavar='BAG', help='a bag folder')
     command.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
                          help='folder for settings, log and results; must not exist')
-    command.add_argument('--sensor', choices=SENSORS, default='stereo')
+    command.add_argument('--sensor', choices=SENSORS, default='stereo',
+                         help='input of the program (default: %(default)s)')
     command.add_argument('--keep-sequence', action='store_true', help='keep the exported images')
     command.add_argument('--quiet', action='store_true', help='do not show the log of the program')
     add_system_arguments(command)
@@ -132,7 +134,7 @@ def estimator_of(args: argparse.Namespace, sensor: str) -> Estimator:
 
 def _run(args: argparse.Namespace) -> int:
     estimator = estimator_of(args, args.sensor)
-    make_new(args.output)
+    make_new_folder(args.output)
     console = Console()
 
     def say(line: str) -> None:

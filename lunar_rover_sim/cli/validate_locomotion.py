@@ -11,8 +11,7 @@ from rich.progress import Progress
 
 from lunar_rover_sim.cli.terminal import print_markdown
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.folders import make_new
-from lunar_rover_sim.files.outputs import check_new_folder
+from lunar_rover_sim.files.outputs import check_new_folder, make_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import (locomotion, locomotion_grounds, locomotion_report,
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     gait, physics = scenario.gait_controller_node, scenario.physics_node
     table = GaitCalibration.of(gait, physics.ground.name)
     overlays = [read_curve(path) for path in args.overlay]
-    make_new(args.output)
+    make_new_folder(args.output)
 
     console = Console()
     tracking: list[CommandTracking] = []

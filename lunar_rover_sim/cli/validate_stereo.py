@@ -11,8 +11,7 @@ from rich.progress import Progress
 from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.folders import make_new
-from lunar_rover_sim.files.outputs import check_new_folder
+from lunar_rover_sim.files.outputs import check_new_folder, make_new_folder
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.stereo import study
 
@@ -39,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     if args.frames < 1:
         raise ConfigError(f'frames: {args.frames} is not valid; valid is >= 1')
     scenarios = [Scenario.load(name, args.overrides, seed=args.seed) for name in args.scenarios]
-    make_new(args.output)
+    make_new_folder(args.output)
     out = console()
     results: dict[str, dict[str, float]] = {}
     for scenario in scenarios:

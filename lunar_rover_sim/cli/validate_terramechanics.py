@@ -12,8 +12,7 @@ from rich.progress import Progress
 
 from lunar_rover_sim.cli.terminal import print_markdown
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.folders import make_new
-from lunar_rover_sim.files.outputs import check_new_folder
+from lunar_rover_sim.files.outputs import check_new_folder, make_new_folder
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import terramechanics_anchors, terramechanics_report
 from lunar_rover_sim.studies.parallel import map_in_processes
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     scenario = Scenario.load(args.scenario, args.overrides)
     gait = scenario.gait_controller_node
     settings = WalkSettings(scenario.rover, scenario.physics_node, gait, args.speed, args.duration)
-    make_new(args.output)
+    make_new_folder(args.output)
 
     console = Console()
     grounds = [Ground(name, slope) for name in args.grounds for slope in SLOPES_DEG]

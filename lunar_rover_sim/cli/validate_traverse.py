@@ -28,21 +28,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ' waypoints over each, around the larger rocks. Writes traverse.md,'
         ' traverse.csv and traverse.png. With --grounds it drives the same worlds on several'
         ' grounds and compares them: grounds.md, grounds.png, and a folder for each.')
-    parser.add_argument('scenario', nargs='?', default='baseline', help='scenario (baseline)')
+    parser.add_argument('scenario', nargs='?', default='baseline',
+                        help='packaged name or YAML file (default: %(default)s)')
     parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
                         dest='overrides', help='override one parameter; may be repeated')
-    parser.add_argument('--seeds', type=int, default=20, metavar='N', help='number of worlds (20)')
+    parser.add_argument('--seeds', type=int, default=20, metavar='N',
+                        help='number of worlds (default: %(default)s)')
     parser.add_argument('--first-seed', type=int, default=1, metavar='N',
-                        help='seed of the first world (1)')
+                        help='seed of the first world (default: %(default)s)')
     parser.add_argument('--duration', type=float, default=600.0, metavar='S',
-                        help='simulated time of each drive [s]')
+                        help='simulated time of each drive [s] (default: %(default)s)')
     parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
-                        help='processes that share the drives (one per core)')
+                        help='processes that share the drives (default: one per core)')
     parser.add_argument('--grounds', nargs='+', default=[], metavar='NAME',
                         help='grounds to compare, the first one with the others: rigid, or presets'
-                             ' (that of the scenario)')
+                             ' (default: that of the scenario)')
     parser.add_argument('-o', '--output', type=Path, default=Path('traverse'), metavar='DIR',
-                        help='folder to write to (traverse)')
+                        help='folder to write to (default: %(default)s)')
     parser.add_argument('--resume', action='store_true',
                         help='go on with an interrupted study: finished drives are kept')
     parser.set_defaults(run=run, check_output=check_folder)

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     """Walk until the window is closed."""
     if not args.rtf > 0.0:
         raise ConfigError(f'--rtf: {args.rtf:g} is not valid; valid is > 0')
-    scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed)
+    scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed, world=args.world)
     if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
         raise ConfigError("view: there is no display (DISPLAY is not set) for MuJoCo's window")
     console = Console(stderr=True)

@@ -55,7 +55,10 @@ class ImageStatistics:
 
 
 def image_statistics(pair: GreyPair, truth_shows_sky: bool = False) -> ImageStatistics:
-    """Return the statistics of an image or pair; whether its truth says what is sky."""
+    """Return the statistics of an image or pair.
+
+    truth_shows_sky: whether true disparity 0 marks the sky; else steps in brightness do
+    """
     ground = pair.truth_px != 0.0 if truth_shows_sky and pair.truth_px is not None \
         else ground_mask(pair.left)
     logs = _log_gradients(pair.left, ground)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import dataclasses
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +17,22 @@ from lunar_rover_sim.frames import Array, distance_along
 Stamps = NDArray[np.int64]
 
 
+class StampedState(Protocol):
+    """Where the rover is at a stamp."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time [ns]."""
+
+    @property
+    def position_m(self) -> Array:
+        """(3,) origin of base_link, world frame."""
+
+    @property
+    def orientation_wxyz(self) -> Array:
+        """(4,) base_link in the world frame."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Trajectory:
     """Poses T_fixed_moving over time; arrays are read-only copies.
@@ -24,7 +42,8 @@ class Trajectory:
     orientations_wxyz: (n, 4), normalised on construction
     name: how errors and plots name it, for instance a file
 
-    Raises EvaluationError where shapes differ, stamps do not increase, or a number is not finite.
+    Raises EvaluationError where shapes differ, stamps are not whole numbers or do not increase, or
+    a number is not finite.
     """
 
     stamps_ns: Stamps
@@ -32,8 +51,20 @@ class Trajectory:
     orientations_wxyz: Array
     name: str = 'trajectory'
 
+    @classmethod
+    def of_states(cls, states: Iterable[StampedState], name: str = 'truth') -> Trajectory:
+        """Return the poses of base_link in states, such as those of a `Simulation`."""
+        known = list(states)
+        return cls(np.array([state.stamp_ns for state in known], np.int64),
+                   np.array([state.position_m for state in known]).reshape(-1, 3),
+                   np.array([state.orientation_wxyz for state in known]).reshape(-1, 4), name)
+
     def __post_init__(self) -> None:
-        stamps = np.array(self.stamps_ns, dtype=np.int64).reshape(-1)
+        stamps = np.array(self.stamps_ns).reshape(-1)
+        if len(stamps) and stamps.dtype.kind not in 'iu':
+            raise EvaluationError(f'{self.name}: stamps_ns: {stamps.dtype} is not valid; valid '
+                                  'are whole nanoseconds')
+        stamps = stamps.astype(np.int64)
         n = len(stamps)
         positions = np.array(self.positions_m, dtype=float)
         quats = np.array(self.orientations_wxyz, dtype=float)

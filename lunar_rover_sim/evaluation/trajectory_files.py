@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lunar_rover_sim.bag.stamps import in_seconds, NS_PER_S
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.regular_file import check_regular
 from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
 from lunar_rover_sim.parameters import brief
+from lunar_rover_sim.seconds import from_seconds, in_seconds
 
 # Stamps above this are ns: as seconds they would lie 30,000 years ahead.
 _NS_FROM = 1e12
@@ -169,7 +169,7 @@ def _stamps(path: Path, words: Sequence[str], always_ns: bool = False) -> list[i
     try:
         largest = max((abs(_float(word)) for word in words), default=0.0)
         ns = always_ns or largest > _NS_FROM
-        to_ns: Callable[[str], int] = _integer if ns else _from_seconds
+        to_ns: Callable[[str], int] = _integer if ns else from_seconds
         stamps = [to_ns(word) for word in words]
     except (ValueError, OverflowError):
         raise EvaluationError(f'{path}: a stamp is not a finite number') from None
@@ -182,15 +182,6 @@ def _stamps(path: Path, words: Sequence[str], always_ns: bool = False) -> list[i
 
 def _integer(word: str) -> int:
     return int(word) if word.lstrip('+-').isdigit() else round(float(word))
-
-
-def _from_seconds(word: str) -> int:
-    whole, _, part = word.partition('.')
-    digits = whole.lstrip('+-')
-    if (digits or part) and (digits + part).isdigit():
-        ns = int(digits or '0') * NS_PER_S + int(part[:9].ljust(9, '0') or '0')
-        return -ns if word.startswith('-') else ns
-    return round(float(word) * NS_PER_S)
 
 
 def _float(word: str) -> float:

@@ -1,8 +1,8 @@
-"""Refusing the output of a command before anything is computed.
+"""Refusing the output of a command before anything is computed; new output folders.
 
 Each function raises ConfigError where nothing can be written under a name: a folder is expected
 where a file is or the other way round, the name is that of a device, or the folder in which it
-would be made is missing or not for this user.
+would be made is missing or not for this user. `name`: of the parameter, in the error.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from pathlib import Path
 import tempfile
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.folders import refuse_existing
+
+_OPTION = '--output'
 
 
 def check_file(path: Path) -> None:
@@ -29,15 +30,26 @@ def check_png(path: Path) -> None:
     check_file(path)
 
 
-def check_folder(path: Path) -> None:
+def check_folder(path: Path, name: str = _OPTION) -> None:
     """Refuse what is not a folder to write to, and cannot be made with the folders above it."""
-    _check_inside(next(p for p in (path, *path.absolute().parents) if _exists(p)), path)
+    _check_inside(next(p for p in (path, *path.absolute().parents) if _exists(p, name)), path,
+                  name)
 
 
-def check_new_folder(path: Path) -> None:
-    """Refuse what exists or cannot be made with the folders above it."""
-    check_folder(path)
-    refuse_existing(path)
+def check_new_folder(path: Path, name: str = _OPTION) -> None:
+    """Refuse what exists or cannot be made with the folders above it: nothing is overwritten."""
+    check_folder(path, name)
+    if path.exists():
+        raise ConfigError(f'{name}: {path} exists; name a new folder')
+
+
+def make_new_folder(path: Path, name: str = _OPTION) -> None:
+    """Make a folder and those above it; refuse as `check_new_folder`."""
+    check_new_folder(path, name)
+    try:
+        path.mkdir(parents=True)
+    except OSError as error:
+        raise ConfigError(f'{name}: {path} cannot be written: {error.strerror}') from None
 
 
 def check_path(path: Path) -> None:
@@ -45,20 +57,20 @@ def check_path(path: Path) -> None:
     check_folder(path.parent)
 
 
-def _exists(path: Path) -> bool:
+def _exists(path: Path, name: str = _OPTION) -> bool:
     try:
         return path.exists()
     except OSError as error:    # such as a name that is too long
-        raise ConfigError(f'--output: {path} cannot be written: {error.strerror}') from None
+        raise ConfigError(f'{name}: {path} cannot be written: {error.strerror}') from None
 
 
-def _check_inside(folder: Path, path: Path) -> None:
+def _check_inside(folder: Path, path: Path, name: str = _OPTION) -> None:
     """Raise ConfigError for the output `path` if no file can be made in a folder."""
     if not folder.is_dir():
-        raise ConfigError(f'--output: {path} cannot be written: {folder} is not a folder')
+        raise ConfigError(f'{name}: {path} cannot be written: {folder} is not a folder')
     try:
         # Permissions alone do not say it: root has them in /sys, too.
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        raise ConfigError(f'--output: {path} cannot be written: '
+        raise ConfigError(f'{name}: {path} cannot be written: '
                           f'{error.strerror or error}') from None

@@ -35,7 +35,7 @@ def ground_conditions(physics: PhysicsConfig) -> Conditions:
 
 
 def differences(measured: Mapping[str, Any], here: Conditions) -> list[str]:
-    """Return how the conditions of a measurement differ from those of here, a line each.
+    """Return how the conditions of a measurement differ from the present ones, a line each.
 
     A line names the quantity with both values. What a table does not name is not compared: an
     analytic table names nothing. A table of before soft ground names gravity and no ground, which

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
-from lunar_rover_sim.parameters import brief
+from lunar_rover_sim.parameters import brief, check_scenario
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
 
@@ -40,6 +40,7 @@ class LegCommand:
     phase: Array
 
 
+@runtime_checkable
 class WalkingScenario(Protocol):
     """What a gait controller needs of a scenario."""
 
@@ -86,6 +87,7 @@ class GaitController:
 
         Raises ConfigError if its gait does not fit its rover or its calibration cannot be read.
         """
+        check_scenario(scenario, WalkingScenario)
         config = scenario.gait_controller_node.for_rover(scenario.rover)
         return cls(config, GaitCalibration.of(config, scenario.physics_node.ground.name))
 
@@ -133,9 +135,13 @@ class GaitController:
         It holds until `cmd_timeout_s` after `stamp_ns`; without a stamp, until the next command.
         A velocity beyond reach is scaled down with its curvature kept, and reported once.
 
-        Raises GaitError, and keeps the command in force, where a value is not finite.
+        Raises GaitError, and keeps the command in force, where a value is not a finite number.
         """
-        if not (math.isfinite(forward_mps) and math.isfinite(yaw_rate_radps)):
+        try:
+            finite = math.isfinite(forward_mps) and math.isfinite(yaw_rate_radps)
+        except (TypeError, OverflowError):
+            finite = False
+        if not finite:
             raise GaitError(f'velocity: {forward_mps} m/s and {yaw_rate_radps} rad/s is not valid;'
                             ' valid is finite')
         self._command_ns = math.inf if stamp_ns is None else stamp_ns

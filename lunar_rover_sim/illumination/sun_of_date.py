@@ -54,9 +54,10 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
 
 
 def sun_after(sun: SunConfig, seconds: float) -> SunConfig:
-    """Return the sun so many seconds of the sky later, with the date of then.
+    """Return the sun `seconds` later, with its date.
 
     sun: as `sun_of_date` returned it, with a date
+    seconds: of the date, not of simulated time
     A sun below what is valid, where it lights nothing, is returned at the lowest valid elevation.
     Raises ConfigError if the series do not cover the date.
     """

@@ -13,10 +13,11 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.dates import LAST, parse_date, shown
 from lunar_rover_sim.illumination.sun_of_date import sun_after
+from lunar_rover_sim.seconds import NS_PER_S
 
 # The fastest that the sun goes over the Moon's sky; it is 0.5050 at the slowest.
 _FASTEST_DEG_PER_H = 0.511
-_NS_PER_H = 3600 * 10**9
+_NS_PER_H = 3600 * NS_PER_S
 
 
 class SunPath:

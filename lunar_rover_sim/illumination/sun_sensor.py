@@ -10,6 +10,8 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_view import SeenSun
 from lunar_rover_sim.parameters import param, Parameters
 
+_MOST_RAD = np.radians(89.99)       # of a measured angle
+
 
 @dataclasses.dataclass(frozen=True)
 class SunSensorConfig(Parameters):
@@ -74,6 +76,8 @@ class SunSensor:
             return direction
         angles = np.arctan2([x, y], z) + self._bias_rad[k] \
             + np.radians(self._config.noise_deg) * self._rng.standard_normal(2)
+        # Errors at the edge of a wide field may lead past 90 deg, where the tangent changes sign.
+        angles = np.clip(angles, -_MOST_RAD, _MOST_RAD)
         measured = self._heads[k].T @ np.append(np.tan(angles), 1.0)
         return measured / np.linalg.norm(measured)
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from lunar_rover_sim.bag.checksums import damage
 from lunar_rover_sim.bag.marker import METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.inspection import (imu_checks, lidar_checks, message_checks, stereo_checks,
                                         tracking)
@@ -22,10 +21,11 @@ from lunar_rover_sim.inspection.hazard_checks import hazards
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import (measured_period_ns, read_rover_data, RoverData,
                                                    scenario_rate_hz)
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
 _RATE_TOLERANCE_NS = 1000
-_LATEST_NS = 5 * NS_PER_S    # the runner gives the last answers less time than this
+_LATEST_NS = 5 * NS_PER_S    # longer than a run waits for the last answers
 
 
 def check(path: Path | str, progress: Callable[[], None] | None = None) -> Report:

@@ -18,9 +18,9 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.grid import HeightGrid
 
-WINDOW_S = 1.0             # over which slip is told
-_SLIP_RATE_HZ = 50.0        # at which feet are looked at
-_LEAST_SWEEP_M = 0.02       # of all feet in a window, below which they do not say how they slip
+WINDOW_S = 1.0             # window of a slip ratio
+_SLIP_RATE_HZ = 50.0        # sampling rate of the feet
+_LEAST_SWEEP_M = 0.02       # sum over the feet in a window; below it there is no slip ratio
 
 
 class Drive(NamedTuple):
@@ -41,7 +41,7 @@ class Drive(NamedTuple):
         return max(int(np.searchsorted(self.stamps_ns, time_ns, side='right')) - 1, 0)
 
     def pose(self, k: int) -> RoverPose:
-        """Return what a picture of a state depends on."""
+        """Return pose, velocities and leg angles of state `k`."""
         row = self.poses[k]
         return RoverPose(se3(matrix_from_wxyz(row[3:7]), row[:3]), self.angles[k], row[7:10],
                          row[10:13], self.velocities[k])
@@ -54,8 +54,8 @@ class Drive(NamedTuple):
              window_s: float = WINDOW_S) -> tuple[Array, Array]:
         """Return times [s] and slip ratios of the rover over the window before each.
 
-        The ratio is that of the ways of all feet, as `physics/foot_motion.py` has it; NaN where
-        they hardly move or contacts are not known.
+        The ratio is slipped over swept distance of all feet, see `physics/foot_motion.py`; NaN
+        where they hardly move or contacts were not recorded.
         """
         n = len(self.stamps_ns)
         steps = np.diff(self.stamps_ns)

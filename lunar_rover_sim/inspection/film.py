@@ -19,7 +19,6 @@ from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
@@ -31,6 +30,7 @@ from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.layer_pictures import disparity_picture, gray8
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.run.recorded_nodes import recorded_nodes
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.world.site import reported_site
 
 U8 = NDArray[np.uint8]
@@ -96,7 +96,7 @@ class Film:
                 raise BagError(f'{path}: its world is not found; name its folder with --world')
             self.world = found
             self.times_ns = self._times(bag)
-            # Slip needs what was before.
+            # The first slip ratio needs the window before it.
             self._drive = read_drive(bag, int(self.times_ns[0]) - 2 * round(WINDOW_S * NS_PER_S),
                                      int(self.times_ns[-1]) + 1)
 
@@ -124,7 +124,7 @@ class Film:
             self.chase.camera, width=width, height=height))
         render = self._nodes.render
         sun = sun_of_date(render.sun, reported_site(self.world.report))
-        # Older recordings state that they were drawn with steps.
+        # Films have smooth outlines, whatever the scenario of an older recording states.
         config = dataclasses.replace(render, sun=sun, detail=dataclasses.replace(
             render.detail, smooth_outlines=True))
         captions = Captions(width)
@@ -167,7 +167,7 @@ class Film:
 
 def _along(bag: Bag, times_ns: NDArray[np.int64],
            overlay: Overlay | None) -> Iterator[tuple[int, dict[str, RawMessage]]]:
-    """Yield each time with the newest image messages by their topics; the overlay keeps up."""
+    """Yield each time with the newest image of each topic; update the overlay up to it."""
     names = [topic.name for topic in (topics.LEFT_IMAGE, topics.DISPARITY, topics.GROUND_CHANGES)
              if bag.has(topic.name)]
     contract = {bag.resolve(name): name for name in names}

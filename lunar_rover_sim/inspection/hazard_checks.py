@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.camera.models import geometry_of
@@ -15,6 +14,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.inspection.message_checks import count_problem, recorded_names
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import RoverData
+from lunar_rover_sim.seconds import NS_PER_S
 
 
 def hazards(rover: RoverData, report: Report) -> None:

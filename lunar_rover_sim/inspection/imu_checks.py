@@ -13,7 +13,7 @@ from lunar_rover_sim.inspection.rover_data import RoverData
 # rounding of their messages, and the mean attitude that stands for the interval.
 MAX_ATTITUDE_DRIFT_RAD = 2e-3
 MAX_VELOCITY_DRIFT_MPS = 5e-3
-# Position against twist is a trapezoid over impacts that are shorter than an interval.
+# The trapezoidal rule from twist to position misses impacts shorter than an interval.
 MAX_POSITION_DRIFT_M = 5e-3
 MAX_ATTITUDE_OFFSET_RAD = 1e-6
 MAX_NOISE_SIGMAS = 6.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.inspection.message_checks import count_problem
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import RoverData
+from lunar_rover_sim.seconds import NS_PER_S
 
 _SCANS = (topics.LIDAR_POINTS, topics.LIDAR_DESKEWED, topics.LIDAR_SCAN)
 

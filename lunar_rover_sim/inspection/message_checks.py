@@ -8,7 +8,6 @@ import re
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.yaml_text import read_yaml
@@ -16,6 +15,7 @@ from lunar_rover_sim.inspection.report import grouped, Report, Status
 from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.inspection.scan import TopicScan
 from lunar_rover_sim.regolith.config import REGOLITH
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, Topic
 
 # tf2_msgs and vision_msgs may not be installed; velocity commands come at the pace of their
@@ -25,7 +25,7 @@ OPTIONAL = (topics.TF.name, topics.TF_STATIC.name, topics.CMD_VEL.name, topics.D
             topics.SLAM_STATUS.name, topics.LIDAR_SCANNED.name,
             *(topic.name for topic in topics.OF_VISION))
 _MAX_BYTES = 1 << 20     # of world.yaml
-_VOLUME_M = 1e-5    # of samples: what rounding to float32 leaves of a sum over all prints
+_VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave
 
 
 def contract_topics(rover: RoverData, report: Report) -> None:
@@ -76,9 +76,9 @@ def counts(rover: RoverData, report: Report) -> None:
                        Status.WARN if rover.real_time else Status.FAIL)
     problems = [f'{t.name}: {len(t.stamps_ns)} messages' for t in rover.of_rate(LATCHED)
                 if len(t.stamps_ns) != 1 and t.topic is not topics.TF_STATIC
-                # Anew for every reader that joins.
+                # Sent again to every new reader.
                 and not (t.topic is topics.GROUND_SNAPSHOT and t.stamps_ns)
-                # That of a date moves.
+                # A dated sun moves.
                 and not (t.topic is topics.SUN and (np.diff(t.stamps_ns) > 0).all())]
     report.verdict('latched', problems, f'{len(rover.of_rate(LATCHED))} topics, once each')
 
@@ -100,7 +100,7 @@ def stamps(rover: RoverData, report: Report) -> None:
 
 
 def stereo_sets(rover: RoverData, report: Report) -> None:
-    """One stamp per stereo set and per set of depths, which has images, and a pose for each."""
+    """Stereo sets and depth sets are complete at each stamp, and each stamp has a pose."""
     images, depths = _stamps(rover, IMAGE_SET), _stamps(rover, DEPTH_SET)
     if not images and not depths:
         return

@@ -10,8 +10,8 @@ import numpy as np
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.inspection.scan import Scan, scan, TopicScan
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
 IMAGE_SET = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO)

@@ -117,7 +117,7 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
                     known, name, bag.types[name], _CONTENT.get(_like(known), ()))
                 break
     if topics.TRUE_ODOM.name in result.topics and topics.ODOM.name in result.topics:
-        # That of an estimator, at a rate and in frames of its own.
+        # Here `odom` is that of an estimator, which has its own rate and frames.
         del by_topic[result.topics.pop(topics.ODOM.name).name]
     if not by_topic:
         return result
@@ -143,7 +143,7 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
 
 
 def _like(topic: Topic) -> str:
-    """Return the name of the topic whose contents one is like."""
+    """Return the name of the topic whose content checks hold for `topic`, too."""
     hazard = topics.of_hazard(topic.name)
     if hazard is None:
         return topic.name

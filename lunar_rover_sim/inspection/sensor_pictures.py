@@ -23,14 +23,14 @@ Save = Callable[[Figure, str], None]
 _OF_HAZARD = (topics.HAZARD_IMAGE, topics.HAZARD_DEPTH, topics.HAZARD_LABELS,
               topics.HAZARD_CRATERS)
 _CHASE_FRAMES = 4
-_NEAR_SHARE = 95.0      # percentile of the distances that the map of a scan holds
+_NEAR_SHARE = 95.0      # the map of a scan extends to this percentile of the distances
 _CLOUDS = topics.LIDAR_POINTS, topics.LIDAR_DESKEWED
 
 
 def hazard_figures(bag: Bag, save: Save) -> None:
-    """Draw each hazard camera: the last image that has all of the truth, and that truth.
+    """Draw for each hazard camera the last image with all recorded truth, and that truth.
 
-    Where none has all of it, the last image alone.
+    If no image has all of it, draw the last image alone.
     """
     for camera, names in hazard_topics(bag).items():
         named = {bag.resolve(names[kind]): kind for kind in _OF_HAZARD if kind in names}

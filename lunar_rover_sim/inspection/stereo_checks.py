@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.inspection.matching import FrameError
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
+from lunar_rover_sim.seconds import NS_PER_S
 
 # Semi-global matching errs by 0.1 px on textured ground, by 0.3 px without refinement; a wrong
 # baseline, focal length, a shift of half a pixel or exchanged images err by more.

@@ -12,7 +12,6 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.messages import odometry_row
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.prediction import prediction_miss, PredictionMiss
 from lunar_rover_sim.camera.rig import StereoRig
@@ -21,10 +20,11 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import RoverData
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.seconds import NS_PER_S
 
 # On `baseline` 40 to 48 % of the frames are beyond at 10 Hz, where ORB-SLAM3 loses track, and at
-# 20 Hz up to 2 % (6 to 7 % on rigid ground), where it tracked all of 400: it finds single frames
-# again by their words.
+# 20 Hz up to 2 % (6 to 7 % on rigid ground), where it tracked all of 400: after a single lost
+# frame it relocalises by its bag of words.
 MAX_LOST = 0.1
 _RATES = 4      # the recorded one and its multiples by 2
 

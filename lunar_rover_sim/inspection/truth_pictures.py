@@ -20,7 +20,7 @@ _LEFT_OF = dict(zip(topics.OF_RIGHT, (topics.TRUE_DEPTH, topics.LABELS, topics.C
 
 
 def truth_figures(bag: Bag, save: Callable[[Figure, str], None]) -> None:
-    """Draw what is there of the last frame that has all of it, for each camera of the pair."""
+    """Draw the truth of the last frame with all recorded layers, for each camera of the pair."""
     _figure(bag, _OF_LEFT, 'truth.png', save)
     _figure(bag, topics.OF_RIGHT, 'truth_right.png', save)
 

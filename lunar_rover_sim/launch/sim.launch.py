@@ -19,6 +19,7 @@ from launch_ros.actions import Node
 
 from lunar_rover_sim.bag.marker import mark_failed
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.run.ending import Ending
 from lunar_rover_sim.run.plan import (BAG_FOLDER, LOG_FOLDER, prepare, resolve, SCENARIO_FILE,
                                       with_slam)
@@ -58,7 +59,8 @@ def _scenario(values):
     except ValueError:
         raise ConfigError(f'seed: {values["seed"]!r} is not valid; valid is a whole number') \
             from None
-    scenario = Scenario.load(values['scenario'], overrides, seed=seed)
+    scenario = Scenario.load(values['scenario'], overrides, seed=seed,
+                             world=values['world'] or None)
     return resolve(with_slam(scenario, values['slam']) if values['slam'] else scenario)
 
 
@@ -68,6 +70,7 @@ def _start(context):
         raise ConfigError("output: '' is not valid; valid is a folder that does not exist")
     scenario = _scenario(values)
     folder = Path(values['output']).resolve()
+    check_new_folder(folder, 'output')
     world = Path(values['world'] or scenario.world_folder()).resolve()
     options = []
     if values['use_sim_time']:

@@ -46,7 +46,7 @@ class BeamPattern:
 
     @functools.cached_property
     def direction_f32(self) -> NDArray[np.float32]:
-        """(n, 3) directions as points have them."""
+        """(n, 3) directions as float32."""
         return self.direction.astype(np.float32)
 
     def ring_at(self, horizontal_beam: int) -> int:
@@ -65,7 +65,7 @@ def _scanning(optics: LidarOptics, rate_hz: float) -> BeamPattern:
     columns, beams = optics.columns_at(rate_hz), optics.beams
     start_s = np.arange(columns) / optics.columns_per_s
     time_s = (start_s[:, None] + optics.firing_s * np.arange(beams)).ravel()
-    # It turns on while a column is fired. In the middle of its field it looks ahead.
+    # The head keeps turning while a column is fired. In the middle of its field it looks ahead.
     begin = -np.radians(0.5 * optics.horizontal_deg)
     azimuth = begin + 2.0 * np.pi * rate_hz * time_s
     elevations = np.radians(optics.elevations())

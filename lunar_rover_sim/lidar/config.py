@@ -8,6 +8,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.illumination.config import ReflectanceConfig
 from lunar_rover_sim.lidar.optics import LidarOptics, MAX_POINTS, OWN, PARTS
 from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.seconds import NS_PER_S
 
 DROP, END = 'drop', 'end'
 
@@ -43,10 +44,16 @@ class LidarConfig(Parameters):
     @property
     def period_ns(self) -> int:
         """The period of scans [ns]."""
-        return 1_000_000_000 // self.rate_hz
+        return NS_PER_S // self.rate_hz
 
     def validate(self) -> None:
-        """Raise ConfigError for a rate that the part has not, and for too many points."""
+        """Raise ConfigError for what the part has not, or ignores, and for too many points."""
+        if self.part != OWN:
+            given, defaults = self.own.to_mapping(), LidarOptics().to_mapping()
+            for name in given:
+                if given[name] != defaults[name]:
+                    raise ConfigError(f'own.{name}: has no effect with part = {self.part}; valid '
+                                      f'is part = {OWN}')
         optics = self.optics
         if self.rate_hz > optics.most_rate_hz:
             raise ConfigError(f'rate_hz: {self.rate_hz} is not valid for {self.part}; valid is <= '

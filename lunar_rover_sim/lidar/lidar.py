@@ -19,6 +19,7 @@ from lunar_rover_sim.lidar.rock_hulls import RockHulls
 from lunar_rover_sim.lidar.scan import Scan
 from lunar_rover_sim.lidar.scanned_scenario import ScannedScenario
 from lunar_rover_sim.lidar.soft_cells import SoftCells
+from lunar_rover_sim.parameters import check_scenario
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import lidar_pose
@@ -65,6 +66,7 @@ class Lidar:
     @classmethod
     def from_scenario(cls, scenario: ScannedScenario, world: World | None = None) -> Lidar:
         """Return the sensor of a scenario, on another world if one is given."""
+        check_scenario(scenario, ScannedScenario)
         config = dataclasses.replace(scenario.lidar_node,
                                      reflectance=scenario.render_node.reflectance)
         return cls(scenario.load_world() if world is None else world, scenario.rover, config,
@@ -76,7 +78,7 @@ class Lidar:
         return self._own.legs_met
 
     def follow(self, overlay: Overlay) -> None:
-        """See what a rover changes of the ground from now on; it is read at every scan."""
+        """Use the deformed ground of `overlay` from now on; it is read at every scan."""
         self._soft = SoftCells(self._pyramid, overlay)
         self._caster.soft = self._soft
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from lunar_rover_sim.illumination.config import ReflectanceConfig
 from lunar_rover_sim.lidar.config import LidarConfig
@@ -26,6 +26,7 @@ class Reflecting(Protocol):
         """Kind and brightness of the regolith."""
 
 
+@runtime_checkable
 class ScannedScenario(Protocol):
     """What `Lidar.from_scenario` needs of a scenario."""
 

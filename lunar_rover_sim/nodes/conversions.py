@@ -1,6 +1,8 @@
 """Conversions between core classes and ROS 2 messages of states and commands.
 
-Only this module and `image_conversions` know the fields of messages.
+Images, camera infos, and the clouds of stereo and ground are in `image_conversions`, LiDAR clouds
+and scans in `lidar_conversions`, boxes and labels in `vision_conversions`. The publishers of
+heading, power, feet, sun and diagnostics, and slam_node, fill their messages themselves.
 
 Quaternions are wxyz in the core and xyzw in messages. The `fill_` functions write every field that
 they name, so a message object that is made once can be published for every state.
@@ -22,11 +24,11 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
 
 from lunar_rover_sim import frames
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.description import JOINT_NAMES
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.seconds import NS_PER_S
 
 if TYPE_CHECKING:
     from lunar_rover_sim.physics.imu import ImuSample

@@ -16,6 +16,7 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.path_following.driver import Driver, STOPPED
 from lunar_rover_sim.run.node_config import DriveNodeConfig
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.world.world_folder import load_world
 
 
@@ -30,7 +31,7 @@ class DriveNode(node_main.GraphNode):
             # physics_node and render_node verify the files of the world.
             half_extent_m = load_world(config.world, verify=False).ground.half_extent_m
         self._driver = Driver(config, half_extent_m)
-        self._period_ns = 1_000_000_000 // config.rate_hz
+        self._period_ns = NS_PER_S // config.rate_hz
         self._no_period = self._last_period = 0 if config.lockstep else -1
         self._jump = TimeJump(self)
         self._status = ''

@@ -21,6 +21,7 @@ from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
+from lunar_rover_sim.seconds import NS_PER_S
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -51,7 +52,7 @@ class HazardPublisher:
     def __init__(self, node: Node, name: str, config: RenderNodeConfig, renderer: Renderer,
                  on_reader: Callable[[], None]) -> None:
         self._name, self._config, self._renderer = name, config.hazard[name], renderer
-        self._period_ns = 1_000_000_000 // self._config.rate_hz
+        self._period_ns = NS_PER_S // self._config.rate_hz
         self._frame_period_ns = config.frame_period_ns
         # Its noise does not depend on which camera is read first.
         self._seed = int(np.random.SeedSequence(

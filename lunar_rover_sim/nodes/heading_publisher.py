@@ -16,8 +16,8 @@ from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.sun_from_rover import SunFromRover
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.seconds import NS_PER_S
 
-_NS = 1_000_000_000
 _EXACT_RAD2 = 1e-14     # added, since zeros would say that the covariance is unknown
 
 
@@ -41,10 +41,10 @@ class HeadingPublisher:
         """Publish what is due at a state and read, and what can be seen there."""
         config = self._config
         if (self._direction.get_subscription_count()
-                and stamp_ns % (_NS // config.sun_sensor.rate_hz) == 0):
+                and stamp_ns % (NS_PER_S // config.sun_sensor.rate_hz) == 0):
             self._publish_direction(state, stamp_ns)
         if (self._attitude.get_subscription_count()
-                and stamp_ns % (_NS // config.star_tracker.rate_hz) == 0):
+                and stamp_ns % (NS_PER_S // config.star_tracker.rate_hz) == 0):
             self._publish_attitude(state, stamp_ns)
 
     def _publish_direction(self, state: RoverState, stamp_ns: int) -> None:

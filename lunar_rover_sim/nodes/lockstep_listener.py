@@ -18,10 +18,11 @@ from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.run.lockstep import StampGate, STARTED_NS
 from lunar_rover_sim.run.shared_config import WaitConfig
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import Topic
 
 # An answer may refer to a state that has not reached this node yet, but not to a later one.
-_MAX_AHEAD_NS = 1_000_000_000
+_MAX_AHEAD_NS = NS_PER_S
 _DISCOVERY_S = 0.02
 _NOTICE_S = 4.0     # without an answer, after which a warning tells who is awaited
 
@@ -108,7 +109,7 @@ class LockstepListener:
         missing = self.gate.missing(now_ns) or self.gate.behind(now_ns)
         if not missing:
             return
-        # Who answers with wrong stamps has started, too.
+        # A node that answers with wrong stamps has started, too.
         started = all(self.gate.has_answered(topic) or topic in self._refused
                       for topic in missing)
         if now_ns <= STARTED_NS and not self._relays.isdisjoint(missing):

@@ -20,7 +20,7 @@ from lunar_rover_sim.nodes.message_types import name_of
 # A node advertises its topics before it subscribes, or after: the graph must have been the same
 # for this long.
 _SETTLED_S = 0.2
-# Who reads but takes no part, and is never matched, delays time no longer than this.
+# A reader that takes no part, and is never matched, delays time no longer than this.
 _STRANGERS_S = 3.0
 _POLL_S = 0.02
 _SLOW_S = 10.0

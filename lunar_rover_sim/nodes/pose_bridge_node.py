@@ -24,6 +24,7 @@ from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.companion_config import PoseBridgeNodeConfig, SET_ENTITY_STATE
+from lunar_rover_sim.seconds import NS_PER_S
 
 # Joint states may come a little before the odometry of their stamp, or after.
 _KEPT_JOINTS = 100
@@ -46,7 +47,7 @@ class PoseBridgeNode(node_main.GraphNode):
                 [offset.roll_deg, offset.pitch_deg, offset.yaw_deg]))),
             [offset.x_m, offset.y_m, offset.z_m])
         self._moves_legs = config.interface == SET_ENTITY_STATE and config.send_legs
-        self._period_ns = 1_000_000_000 // config.rate_hz
+        self._period_ns = NS_PER_S // config.rate_hz
         self._no_period = self._last_period = 0 if config.lockstep else -1
         self._jump = TimeJump(self)
         self._odometry: tuple[int, bytes] | None = None

@@ -26,13 +26,14 @@ from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.nodes.type_definitions import definition_of
 from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
+from lunar_rover_sim.seconds import NS_PER_S
 
 _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
 # done often while topics appear, and seldom when none has appeared for a while.
 _DISCOVERY_S, _SETTLED_S, _SETTLED_DISCOVERY_S = 0.05, 5.0, 0.5
 # Stamps after simulated time by more than this are of another clock, as in the check of bags.
-_LATEST_NS = 5 * 10**9
+_LATEST_NS = 5 * NS_PER_S
 
 
 class RecorderNode(node_main.GraphNode):
@@ -153,7 +154,7 @@ class RecorderNode(node_main.GraphNode):
                     and not at_wall_time):
                 self._warned.add(name)
                 self.get_logger().warning(
-                    f'{name}: is stamped more than {_LATEST_NS // 10**9} s after /clock (with '
+                    f'{name}: is stamped more than {_LATEST_NS // NS_PER_S} s after /clock (with '
                     'wall time?); its messages get the time of their arrival in the bag')
             if is_clock and self._jump.has_occurred(stamp_ns):
                 self._newest_ns = self._sent_ns = 0

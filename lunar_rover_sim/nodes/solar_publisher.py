@@ -14,8 +14,7 @@ from lunar_rover_sim.nodes.sun_from_rover import SunFromRover
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import Motor
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
-
-_NS = 1_000_000_000
+from lunar_rover_sim.seconds import NS_PER_S
 
 
 class SolarPublisher:
@@ -35,7 +34,7 @@ class SolarPublisher:
     def publish(self, state: RoverState, stamp_ns: int) -> None:
         """Publish what is due at a state and read."""
         panel = self._panel
-        if stamp_ns % (_NS // panel.rate_hz) or not self.publisher.get_subscription_count():
+        if stamp_ns % (NS_PER_S // panel.rate_hz) or not self.publisher.get_subscription_count():
             return
         sun = self._sun.seen(state, panel.position_m, stamp_ns)
         power_w = solar_power_w(panel, sun, self._irradiance, state.T_world_base[:3, :3])

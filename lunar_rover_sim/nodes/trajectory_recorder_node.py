@@ -8,7 +8,6 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from lunar_rover_sim.bag.stamps import in_seconds
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.evaluation.trajectory_sources import POSES_OF
 from lunar_rover_sim.nodes import node_main, qos
@@ -16,6 +15,7 @@ from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.run.companion_config import TrajectoryRecorderNodeConfig
+from lunar_rover_sim.seconds import in_seconds
 
 TOPIC = 'pose'
 _DISCOVERY_S = 0.1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import queue
 import time
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
@@ -43,6 +44,7 @@ class ViewNode(node_main.GraphNode):
         self._types: dict[str, str] = {}
         self._read: dict[str, Subscription] = {}
         self._clock_reader: Subscription | None = None
+        self._now_ns: int | None = None         # the simulated time that was told last
         self.create_timer(_POLL_S, self._poll)
         self.report_ready(config, f'ws://{HOST}:{config.port}')
 
@@ -64,12 +66,17 @@ class ViewNode(node_main.GraphNode):
         for topic in [t for t in self._read if t not in watched or t in begun]:
             # Once more for a new client: latched messages come to new subscriptions.
             self.destroy_subscription(self._read.pop(topic))
+        if self._read_clock(bool(watched)):
+            # What has no stamp gets the time of the clock, which has come by the next call.
+            return
         for topic in sorted(watched.difference(self._read)):
             self._subscribe(topic)
-        self._read_clock(bool(watched))
 
-    def _read_clock(self, wanted: bool) -> None:
-        """Tell clients the simulated time; where there is none, that of the wall."""
+    def _read_clock(self, wanted: bool) -> bool:
+        """Tell clients the simulated time; where there is none, that of the wall.
+
+        Return whether the node has just begun to listen to the clock.
+        """
         clock = topics.CLOCK
         if not wanted and self._clock_reader is not None:
             self.destroy_subscription(self._clock_reader)
@@ -77,10 +84,15 @@ class ViewNode(node_main.GraphNode):
         elif wanted and self._clock_reader is None and clock.graph_name in self._types:
             self._clock_reader = self.create_subscription(
                 message_class(clock.type), clock.graph_name,
-                lambda message: self._view.tell_time(time_ns(message.clock)),
-                qos.adapted(_HISTORY, False))
+                self._clock_callback, qos.adapted(_HISTORY, False))
+            return True
         if wanted and self._clock_reader is None:
             self._view.tell_time(time.time_ns())
+        return False
+
+    def _clock_callback(self, message: Any) -> None:
+        self._now_ns = time_ns(message.clock)
+        self._view.tell_time(self._now_ns)
 
     def _make_transforms(self, topic: str) -> None:
         """Offer transforms made of odometry, where those of the graph cannot be read."""
@@ -98,7 +110,9 @@ class ViewNode(node_main.GraphNode):
 
         def callback(raw: bytes) -> None:
             stamp_ns = self._stamps.stamp_ns(msgtype, raw)
-            self._view.send(topic, time.time_ns() if stamp_ns is None else stamp_ns,
+            if stamp_ns is None:
+                stamp_ns = time.time_ns() if self._now_ns is None else self._now_ns
+            self._view.send(topic, stamp_ns,
                             raw if source == topic else self._transforms.of(raw))
 
         self._read[topic] = self.create_subscription(

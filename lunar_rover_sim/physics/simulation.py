@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import numbers
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import matrix_from_wxyz
-from lunar_rover_sim.parameters import brief
+from lunar_rover_sim.parameters import brief, check_scenario
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.foot_motion import FootMotion, FootObserver
@@ -38,6 +38,7 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
 
 
+@runtime_checkable
 class SimulatedScenario(Protocol):
     """What a simulation needs of a scenario."""
 
@@ -76,7 +77,7 @@ class Simulation:
         self._gear = rover.motor.gear_ratio
         model, data = self._model, self._data
         self._base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
-        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+        self._qpos, self._qvel = data.qpos, data.qvel
         self._full = [data.warning[kind] for kind in _FULL]
         self._steps = 0
         self._state: RoverState
@@ -103,6 +104,7 @@ class Simulation:
     @classmethod
     def from_scenario(cls, scenario: SimulatedScenario, world: World | None = None) -> Simulation:
         """Return the simulation of a scenario, on another world if one is given."""
+        check_scenario(scenario, SimulatedScenario)
         if world is None:
             world = scenario.load_world()
         return cls(world, scenario.rover, scenario.physics_node)
@@ -140,7 +142,7 @@ class Simulation:
     def command(self, velocity_radps: ArrayLike) -> None:
         """Set the velocity setpoints of the motors, (4,) [rad/s] in the order of LEG_NAMES.
 
-        Raises PhysicsError if they are not four finite numbers.
+        Raises PhysicsError if they are not four finite numbers, or after `close`.
         """
         try:
             velocity = np.asarray(velocity_radps, dtype=float)
@@ -152,7 +154,7 @@ class Simulation:
         # The bound is far above what gives full torque, and below 1e10, from where on MuJoCo
         # takes a control for an error and sets it to 0.
         velocity = np.minimum(np.maximum(velocity, -MAX_COMMAND_RADPS), MAX_COMMAND_RADPS)
-        self._ctrl[:] = velocity * self._gear
+        self.data.ctrl[:] = velocity * self._gear
 
     def apply_force(self, force_n: ArrayLike) -> None:
         """Pull at the centre of mass of the chassis with a force (3,) [N], world axes.

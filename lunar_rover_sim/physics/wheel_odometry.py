@@ -82,7 +82,7 @@ class Rolled:
 
 
 class RollingFeet:
-    """Turns angles of the legs into ways, as the encoders see them."""
+    """Turns angles of the legs into distances rolled, as the encoders see them."""
 
     def __init__(self, rover: RoverDescription, counts_per_turn: int) -> None:
         legs = rover.legs

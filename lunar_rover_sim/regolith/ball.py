@@ -100,7 +100,7 @@ def swept_bearing(shape: ResistiveForce, depth: float,
 
 
 class DigTable:
-    """The slope of the way of a dragged tip: depth gained per distance slipped.
+    """The slope of the path of a dragged tip: depth gained per distance slipped.
 
     Read it with `slope(load, depth)`: load as a part of F(z), depth in radii. Positive: it digs
     itself in; negative: it climbs. It is rate independent, and a tip that does not slip stays.
@@ -119,7 +119,7 @@ class DigTable:
 
     def slope(self, load: float, depth: float) -> float:
         """Return depth gained per distance slipped, between -2 and 2."""
-        # Conditions take a third of the time of min and max.
+        # Conditional expressions take a third of the time of min() and max().
         x = 0.0 if load < 0.0 else load * _LOADS if load < 1.0 else _LOADS
         y = 0.0 if depth < 0.0 else (depth * (_DEPTHS / _DEEPEST) if depth < _DEEPEST
                                      else _DEPTHS)

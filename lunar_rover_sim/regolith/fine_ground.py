@@ -8,7 +8,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.regolith.overlay import CELL_M, pieces, TILE, TileKey
 from lunar_rover_sim.world.grid import HeightGrid
 
-MOST_TILES = 64     # that are kept, 13 kB each: the prints of a rover lie on a few
+MOST_TILES = 64     # tiles in the cache, 13 kB each; the prints of a rover lie on a few
 
 
 def base_heights(ground: HeightGrid, ix: int, iy: int, nx: int, ny: int) -> Array:
@@ -26,7 +26,7 @@ class FineGround:
         self._tiles: dict[TileKey, Array] = {}
 
     def heights(self, ix: int, iy: int, nx: int, ny: int) -> Array:
-        """Return what `base_heights` returns, from tiles that were read before."""
+        """Return the same as `base_heights`, from tiles in a cache."""
         heights = np.empty((ny, nx))
         for key, there, here in pieces(ix, iy, nx, ny):
             heights[here] = self._tile(key)[there]

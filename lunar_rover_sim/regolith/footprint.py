@@ -32,7 +32,7 @@ def press(overlay: Overlay, ground: FineGround, start: Point, end: Point, radius
     nx = math.ceil((max(start[0], end[0]) + reach) / CELL_M) - ix + 1
     ny = math.ceil((max(start[1], end[1]) + reach) / CELL_M) - iy + 1
     window = ix, iy, nx, ny
-    # From the start to the samples, and on from the nearest point of the way.
+    # Offsets of the samples from the start, then from the nearest point of the path.
     dx = (np.arange(ix, ix + nx) * CELL_M - start[0])[None, :]
     dy = (np.arange(iy, iy + ny) * CELL_M - start[1])[:, None]
     way_x, way_y = end[0] - start[0], end[1] - start[1]
@@ -84,7 +84,7 @@ def press(overlay: Overlay, ground: FineGround, start: Point, end: Point, radius
 
 
 def hull(one: Window, other: Window) -> Window:
-    """Return the window around two."""
+    """Return the smallest window that holds both."""
     ix, iy = min(one[0], other[0]), min(one[1], other[1])
     return (ix, iy, max(one[0] + one[2], other[0] + other[2]) - ix,
             max(one[1] + one[3], other[1] + other[3]) - iy)

@@ -24,7 +24,7 @@ CELL_M = 0.1
 FRESH = 0.5                   # age of a crater, in lifetimes, from which on it no longer counts
 LEAST_DIAMETER_M = 0.5
 REACH = 4.0                   # radii: 1.6 % of the rim's looseness is left there
-AT_CENTRE = 0.3               # of a crater, of the looseness of its rim
+AT_CENTRE = 0.3               # looseness at the centre of a crater over that of its rim
 SLOPES = math.tan(math.radians(10.0)), math.tan(math.radians(30.0))   # not loose, and loosest
 SLOPE_OVER_M = 0.5
 _LOOSE, _FIRM = PRESETS['highland_loose'], PRESETS['highland']
@@ -51,7 +51,7 @@ class SoilMap:
 
 
 def soil_map(world: World, variation: float) -> SoilMap:
-    """Return the map of a world; variation: 0 for a uniform soil, 1 for all of it."""
+    """Return the map of a world; variation: 0 for a uniform soil, 1 for its full looseness."""
     n = 2 * math.ceil(world.ground.half_extent_m / CELL_M) + 1
     firm = 1.0 - _crater_looseness(world.craters, n)
     firm *= 1.0 - _slope_looseness(world.ground, n)
@@ -59,7 +59,7 @@ def soil_map(world: World, variation: float) -> SoilMap:
 
 
 def _crater_looseness(craters: Craters, n: int) -> Array:
-    """Return the (n, n) looseness by craters: the most of those around."""
+    """Return the (n, n) looseness by craters: the greatest where several overlap."""
     field = np.zeros((n, n))
     for i in np.flatnonzero((craters.age < FRESH) & (craters.diameter_m >= LEAST_DIAMETER_M)):
         radius = 0.5 * craters.diameter_m[i] / CELL_M

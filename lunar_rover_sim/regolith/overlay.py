@@ -56,9 +56,9 @@ class Overlay:
     def __init__(self) -> None:
         self._tiles: dict[TileKey, _Tile] = {}
         self._dirty: set[TileKey] = set()
-        # Tile → number of the last write to it; the tile written last is the last one.
+        # Tile → number of its last write, in the order of these.
         self._written: dict[TileKey, int] = {}
-        self.writes = 0     # so far
+        self.writes = 0     # number of writes
         self.residue_m = 0.0
 
     # Reading

@@ -20,7 +20,7 @@ from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 
 TOLERANCE_DEG = 0.8
 _SWEEPS, _LOOK = 400, 4   # the edge of the window is looked at after every fourth sweep
-_PART = 0.45   # of an excess that moves at once; both neighbours of a line may take as much
+_PART = 0.45   # share of an excess that moves at once; both neighbours in a line may take it
 _GROW = 6
 _ALL_HOLDS_M = 1e9
 
@@ -32,11 +32,11 @@ def relax(overlay: Overlay, ground: FineGround, ix: int, iy: int, nx: int, ny: i
     more = math.tan(math.radians(repose_deg + TOLERANCE_DEG)) - slope
     base = ground.heights(ix, iy, nx, ny)
     change, compaction = overlay.window(ix, iy, nx, ny)
-    # About 0, where sums of heights are exact to far less than what is accounted for.
+    # Heights relative to the middle: near 0 their sums lose least by rounding.
     begin = base - np.nan_to_num(base[ny // 2, nx // 2]) + change
     begin[np.isnan(begin)] = 0.0
     total = begin.copy()
-    # All rows in one line: neighbours of any direction are pairs at one distance in it.
+    # Flattened rows: neighbours in one direction are pairs at one offset.
     line = total.ravel()
     edge, neighbours = _window(ny, nx)
     edge_before = line[edge]
@@ -64,8 +64,8 @@ _Pairs = tuple[Array, Array, Array, float, Array, Array]
 def _window(ny: int, nx: int) -> tuple[NDArray[np.int_], list[_Neighbours]]:
     """Return the samples at the edge of a window, and the four directions of neighbours.
 
-    A direction: the distance of neighbours in a line of all rows, the (n,) pairs in that line
-    that are neighbours, and their distance on the ground [m].
+    A direction: the offset of neighbours in the flattened rows, which (n,) pairs at that offset
+    are neighbours, and their distance on the ground [m].
     """
     samples = np.arange(ny * nx).reshape(ny, nx)
     edge = np.concatenate([samples[0], samples[-1], samples[1:-1, 0], samples[1:-1, -1]])
@@ -79,14 +79,14 @@ def _window(ny: int, nx: int) -> tuple[NDArray[np.int_], list[_Neighbours]]:
 
 def _pairs(line: Array, base: Array, neighbours: list[_Neighbours], slope: float,
            more: float) -> list[_Pairs]:
-    """Return for each direction what `_slide` takes."""
+    """Return the arguments of `_slide` for each direction."""
     result = []
     step, size = np.empty(line.size), np.empty(line.size)
     for offset, there, way in neighbours:
         # Beyond the ground heights are NaN, and no comparison with them holds.
         slides = np.abs(base[offset:] - base[:-offset]) < slope * way
         slides &= there
-        # The difference of height that stands between a pair.
+        # The height difference up to which a pair does not slide.
         held = np.where(slides, slope * way, _ALL_HOLDS_M)
         result.append((line[:-offset], line[offset:], held, more * way, step[:-offset],
                        size[:-offset]))

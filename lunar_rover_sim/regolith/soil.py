@@ -77,7 +77,7 @@ class Soil:
         return min(-change_m, compaction_m / max(self.compacted, 1e-3))
 
     def bearing_on_slope(self, tangent: float) -> float:
-        """Return what a slope leaves of the bearing of level ground: (1 - tan b)^2.
+        """Return the bearing on a slope over that on level ground: (1 - tan b)^2.
 
         The ground inclination factor of surcharge and weight (Vesic, in Winterkorn and Fang,
         Foundation Engineering Handbook, 1975). Hansen (1970) has (1 - 0.5 tan b)^5, 0.63, 0.37

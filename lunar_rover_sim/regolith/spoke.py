@@ -13,7 +13,7 @@ from lunar_rover_sim.regolith.ball import (bearing_n, bearing_slope_npm, contact
                                            silhouette_m3)
 from lunar_rover_sim.regolith.soil import Soil
 
-_MOST_STEPS, _EXACT_M = 3, 1e-7   # to the plastic depth; in elastic depth
+_MOST_STEPS, _EXACT_M = 3, 1e-7   # Newton's steps; tolerance of the depth
 
 
 class SpokeInSoil:
@@ -49,8 +49,8 @@ class SpokeInSoil:
                 lean: float) -> tuple[float, float]:
         """Return the plastic depth [m] to which soil yields, and what it bears there [N].
 
-        It bears a part of what level soil bears, and as much as the elastic force that a tip at
-        `depth` has. Newton's steps from a plastic depth that bears less.
+        There `part` of the bearing of level soil equals the elastic force on a tip at `depth`. The
+        depth is found by Newton's method, from a plastic depth that bears less.
         """
         bears = part * self.bears_n(plastic, lean)
         exact = _EXACT_M * elastic_npm
@@ -65,7 +65,7 @@ class SpokeInSoil:
         return plastic, bears
 
     def ploughs_n(self, depth: float, reserve: float) -> float:
-        """Return the force of tip and rod sideways [N]; reserve: the part that a slope leaves."""
+        """Return the sideways force on tip and rod [N]; reserve: share of it left on a slope."""
         plough = self._side * silhouette_m3(depth, self._radius)
         below = depth - 2.0 * self._radius
         if below > 0.0:

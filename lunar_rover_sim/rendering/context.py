@@ -6,21 +6,15 @@ import functools
 from importlib import resources
 import logging
 import re
-from typing import Any, Protocol
+from typing import Any
 
 import moderngl
 import numpy as np
 
 from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.rendering.gl_owner import Releasable
 
 log = logging.getLogger(__name__)
-
-
-class Releasable(Protocol):
-    """A GL object, or an owner of some."""
-
-    def release(self) -> None:
-        """Release the GL objects."""
 
 
 def create_context() -> moderngl.Context:

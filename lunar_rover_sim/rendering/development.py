@@ -1,4 +1,4 @@
-"""From what a pair of cameras is lit with to the pixels of their sensors."""
+"""Exposure, motion blur, lens and sensor: from radiance images to pixels."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Development(GlOwner):
         self.exposure_s = first_exposure_s(self.sensor, config.sun, config.lamp,
                                            config.reflectance)
         with self._making():
-            # No ground and no lamp is brighter than a white surface under the sun, but the sun is.
+            # Only the sun itself is brighter than a white surface under the sun.
             most = config.sun.irradiance or math.inf
             self._optics = self._own(OpticsPass(context, lens, image, most))
             self._sensor_pass = self._own(SensorPass(context, camera, self.sensor, seed, padding))

@@ -20,7 +20,7 @@ _FINE = 64      # samples across the disc, at least, that make its image
 
 
 class EarthPass:
-    """Draws the Earth into the radiance of the sky. Without one it makes nothing."""
+    """Draws the Earth into the radiance of the sky. It makes GL objects only if there is one."""
 
     def __init__(self, context: moderngl.Context, lit: LitTargets, projection: Projection,
                  config: RenderConfig) -> None:
@@ -38,7 +38,7 @@ class EarthPass:
 
     def _make(self, earth: EarthDisc) -> None:
         K = self._projection.K
-        # A tenth more than now: it comes and goes by 7 %. As the sun, longer towards the corners.
+        # A tenth more than its present size, which varies by 7 %; longer towards the corners.
         across = 2.2 * K[0, 0] * math.tan(earth.radius_rad)
         corner = np.abs(K[:2, 2]).max() * math.sqrt(2.0) / K[0, 0]
         self._side = 2 * math.ceil(0.5 * across * (1.0 + corner**2)) + 2

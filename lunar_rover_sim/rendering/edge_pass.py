@@ -10,7 +10,7 @@ from lunar_rover_sim.rendering.context import load_program, release_all, set_uni
 from lunar_rover_sim.rendering.frame_targets import attachment, LitTargets
 from lunar_rover_sim.rendering.view import View, Window
 
-_DEPTHS = {'FIND': 0.0, 'MIX': 0.5, 'COPY': 0.8}    # in clip space; 1 is where no edge is
+_DEPTHS = {'FIND': 0.0, 'MIX': 0.5, 'COPY': 0.8}    # of each step, clip space; 1: no edge
 
 
 class EdgePass:

@@ -1,8 +1,8 @@
 """The planes that a fisheye image is drawn on: the faces of a cube, as far as they are seen.
 
 What is drawn is made of triangles, which a fisheye would bend. So each face is drawn as a pinhole
-image from the same place, and the fisheye image is sampled from them. A face has as many pixels
-per solid angle as the fisheye has anywhere in it, at least, with supersampling more of them. Four
+image from the same place, and the fisheye image is sampled from them. A face has at least as many
+pixels per solid angle as the fisheye has anywhere within it, and more with supersampling. Four
 faces beside the front one show up to 35 deg beyond the plane of the lens.
 """
 
@@ -21,7 +21,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.projection import Projection
 
 _ALONE_RAD = math.radians(52.0)     # up to this angle to the axis one face shows all
-_MARGIN_PX = 4.0        # beyond what is sampled, so that edges are smooth there too
+_MARGIN_PX = 4.0        # beyond the sampled part, so that edges are smooth up to its border
 # Axes of the faces as columns: front, right, left, below, above.
 _TURNS = (np.eye(3),
           np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),

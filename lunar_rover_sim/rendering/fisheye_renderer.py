@@ -135,10 +135,10 @@ class FisheyeRenderer(GlOwner):
                 self._fisheye.add_links(face, marked.link, target, sides)
 
     def abandon(self) -> None:
-        """Forget what is under way: nothing is between frames."""
+        """Do nothing: no frame is under way between calls."""
 
     def _strays(self, index: int, direction: Array) -> bool:
-        """Return whether a face is that which looks for sunlight that strays in the lens.
+        """Return whether sunlight strays in the lens, and this face is the one to draw it.
 
         direction: (3,) of the sun, in axes of the face
         """
@@ -160,7 +160,7 @@ class FisheyeRenderer(GlOwner):
 
     def _add_truth(self, raw: dict[str, NDArray[Any]], face: Face, scene: Scene,
                    side: int) -> None:
-        """Add what is true of the pixels that a face shows, that of the nearest pixel drawn."""
+        """Fill in the truth of the pixels that a face shows, from the nearest pixel drawn."""
         projection = face.projection
         request = scene.request
         drawn = scene.pixels.targets.truth.read(
@@ -177,7 +177,7 @@ class FisheyeRenderer(GlOwner):
 
 def _seen_links(rover: RoverDescription, mount: Mount,
                 drawn: tuple[Face, ...]) -> tuple[int, ...]:
-    """Return the links of the rover that may show; beside the rover, all."""
+    """Return the links of the rover that may be in view; all if the camera is not on the rover."""
     if not mount.on_body:
         return tuple(range(1 + len(LEG_NAMES)))
     at_origin = RoverPose(np.eye(4))

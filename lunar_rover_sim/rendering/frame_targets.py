@@ -77,7 +77,7 @@ class FrameTargets:
 
 
 class TruthTargets:
-    """Where shaders/truth.glsl writes what is true of the pixels of the cameras.
+    """Where shaders/truth.glsl writes the truth of the pixels of both cameras.
 
     colour: framebuffer without depth; framebuffers: with the depth buffers of the frame, of the
         left and the right camera

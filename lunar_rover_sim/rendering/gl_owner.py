@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 
 class Releasable(Protocol):
-    """What holds GL objects."""
+    """A GL object, or an owner of some."""
 
     def release(self) -> Any:
         """Release them."""

@@ -34,7 +34,7 @@ _SHADERS: dict[str, dict[str, int]] = {
 _FRAGMENT = {name: 'ground_truth' if name == 'truth' else 'ground' for name in _SHADERS}
 _WITH_TRACKS = ('lit', 'lit refined', 'lit shaded', 'lit refined shaded', 'unlit refined',
                 'truth')
-_MESH_TRACKS = 0.85       # of the way up to which the mesh is the grid, tracks are drawn as a mesh
+_MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh at full resolution
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,7 +122,7 @@ class GroundPass:
                 **({'SMOOTH': 1} if lit and self._detail.smooth_outlines else {})}
 
     def follow(self, tracks: TrackMap) -> None:
-        """Draw tracks from now on; `programs` are more then."""
+        """Draw tracks from now on; adds to `programs`."""
         context = self._context
         reach = _MESH_TRACKS * float(self._ranges[0][0])
         self._tracks = TrackPass(context, tracks, self._levels[0], reach)
@@ -192,8 +192,7 @@ class GroundPass:
              ground_depth: moderngl.Texture, *, lit: bool, add: bool = False) -> None:
         """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
 
-        add: to what is there
-
+        add: whether to add to the present radiance
         target: with the depth buffer that the meshes were drawn with; rows: see `rows`; where the
         meshes may be coarser than the grid, depth is refined first
         """

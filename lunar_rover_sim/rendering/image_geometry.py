@@ -1,4 +1,4 @@
-"""What the lens and the motion of a camera need to know of where its image shows what."""
+"""Mapping between pixels and viewing directions, for lens and motion blur."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class ImageGeometry(Protocol):
 
     @property
     def defines(self) -> dict[str, int]:
-        """For the compiler."""
+        """Shader defines by name."""
 
     @property
     def uniforms(self) -> dict[str, Any]:
-        """Values by name."""
+        """Shader uniforms by name."""
 
     def falloff(self, places_px: Array) -> Array:
         """Return the irradiance of (..., 2) pixels under even light, over that on the axis."""

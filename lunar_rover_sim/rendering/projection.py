@@ -50,7 +50,7 @@ class Projection:
         return float(self.K[0, 0])
 
     def finer(self, times: int) -> Projection:
-        """Return this camera with so many pixels along a side for each."""
+        """Return this camera with `times` pixels along each side of its own pixels."""
         K = self.K.copy()
         K[:2] *= times
         K[:2, 2] += 0.5 * (times - 1)

@@ -29,18 +29,18 @@ from lunar_rover_sim.world.fine_relief import disc_share
 
 LEVELS = 9              # mip levels of the fine tile; coarser ones are not used
 AZIMUTHS, COSINES = 8, 16       # nodes of the factor
-# Heights of the sun over the local plane, over that over level ground, as tangents. Below it light
-# changes faster.
+# Nodes: tangent of the sun's elevation over the local plane, over that over level ground. Below 1
+# light changes faster.
 HEIGHTS = (0.25, 0.5, 1.0, 4.0)
-LEAST_FACTOR, MOST_FACTOR = (128.0 / 255.0)**2, 8.0     # 1 is a whole code in surface.py
+LEAST_FACTOR, MOST_FACTOR = (128.0 / 255.0)**2, 8.0     # a factor of 1 has an exact code
 LEAST_SCALES = (0.05, 0.0, 0.0, 1.0)
 _LEAST_TANGENT = 0.01   # of the sun's elevation
 _SAMPLES = 40_000
 _COARSE = [max(k - FINER, 0) for k in range(LEVELS)]     # levels of the coarse tile
 _NODES = (LEVELS, COSINES, AZIMUTHS, len(HEIGHTS))
 _MOST_GAIN = 20.0
-_LEAST_SHARE = 0.7      # of the law, that drawn ground has before the factor
-_ACROSS = np.array([0.0, 0.97, 0.243])      # a view
+_LEAST_SHARE = 0.7      # least brightness of drawn ground before the factor, over the law
+_ACROSS = np.array([0.0, 0.97, 0.243])      # direction of a view across the sun
 _EDGES = np.array([-0.6, -0.33, -0.2, -0.12, -0.06, -0.02, 0.02, 0.06, 0.12, 0.2, 0.33, 0.6])
 
 

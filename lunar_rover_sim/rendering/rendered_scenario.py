@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rover.description import RoverDescription
@@ -17,6 +17,7 @@ class Seeded(Protocol):
         """Seed of everything random."""
 
 
+@runtime_checkable
 class RenderedScenario(Protocol):
     """What `Renderer.from_scenario` needs of a scenario."""
 

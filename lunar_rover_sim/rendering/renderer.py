@@ -18,6 +18,7 @@ from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.parameters import check_scenario
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.camera_renderer import CameraRenderer, check_size, padded_projection
 from lunar_rover_sim.rendering.canvas import FRAMES_UNDER_WAY
@@ -79,6 +80,7 @@ class Renderer:
     @classmethod
     def from_scenario(cls, scenario: RenderedScenario, world: World | None = None) -> Renderer:
         """Return the renderer of a scenario; world: loaded from the scenario if it is None."""
+        check_scenario(scenario, RenderedScenario)
         return cls(scenario.load_world() if world is None else world, scenario.rover,
                    scenario.render_node, scenario.shared.seed)
 

@@ -18,8 +18,8 @@ F32 = NDArray[np.float32]
 _INSTANCE = '3f 3f 3f 3f 4f 4f /i'
 _NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
 _FLOATS = 20
-# Rocks that look smaller than so many pixels are hulls of so few vertices, and still smaller ones
-# octahedra.
+# Rocks smaller than _COARSE_PX are drawn as hulls of _COARSE_VERTICES vertices, those smaller than
+# _TINY_PX as octahedra.
 _COARSE_PX, _COARSE_VERTICES = 14.0, 10
 _TINY_PX = 5.0
 _RADIUS = 0.75          # of a ball around a rock of diameter 1
@@ -114,7 +114,7 @@ class RockPass:
     def draw(self, *, truth: bool = False, add: bool = False) -> None:
         """Draw the chosen rocks, lit or as normals and labels, into the framebuffer in use.
 
-        add: to what is there
+        add: whether to add to the present radiance
         """
         enable(self._context, self._context.DEPTH_TEST | self._context.CULL_FACE, add=add)
         program = self._truth if truth else self._lit

@@ -63,7 +63,7 @@ class RoverPass:
         width: radius of the cone at depth 1
         """
         for link, T in enumerate(inverse(T_world_view) @ T_world_links):
-            # A look at the box of a link comes before one at its faces.
+            # The box of a link is tested first, then its faces.
             for corners in (self._boxes[link][:, None], self._faces[link]):
                 seen = corners @ T[:3, :3].T + T[:3, 3]
                 low, high = seen.min(axis=0), seen.max(axis=0)
@@ -95,7 +95,7 @@ class RoverPass:
              add: bool = False) -> None:
         """Draw the rover, lit or as normals and labels, into the framebuffer in use.
 
-        add: to what is there
+        add: whether to add to the present radiance
         """
         enable(self._context, self._context.DEPTH_TEST, add=add)
         program = self._truth if truth else self._lit

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 import dataclasses
+import numbers
 from typing import Any
 
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.parameters import brief, nearest
 from lunar_rover_sim.rendering.canvas import Drawing
 from lunar_rover_sim.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
 from lunar_rover_sim.rover.pose import RoverPose
@@ -28,7 +29,8 @@ class Request:
 
     other: the state that flow leads to
 
-    Raises RenderError for an unknown layer, and for flow without another state.
+    Raises RenderError for an unknown layer, for flow without another state, and for an index that
+    is not a whole number.
     """
 
     layers: frozenset[str]
@@ -38,7 +40,10 @@ class Request:
     @classmethod
     def of(cls, layers: Collection[str], frame_index: int,
            other: RoverPose | None = None) -> Request:
-        """Check the names of the layers."""
+        """Check the names of the layers, and the index."""
+        if not isinstance(frame_index, numbers.Integral):
+            raise RenderError(f'frame_index: {brief(frame_index)} is not valid; valid is a whole '
+                              'number')
         valid = (*LAYERS, *RIGHT_TRUTH, *FLOWS)
         for name in sorted(set(layers).difference(valid)):
             raise RenderError(f'layer {name!r} is not valid; {nearest(name, valid)}')

@@ -150,7 +150,7 @@ class ScenePasses(GlOwner):
                 self._draw_ground(scene, drawing, side)
                 self._draw_objects(scene, drawing, drawing.targets.lit[side], side)
                 self._add_objects(scene, drawing, side)
-        if request.lit:     # before edges are smoothed, those before the Earth among them
+        if request.lit:     # before edges are smoothed, also those in front of the Earth
             self._earth.draw(scene)
         if request.lit and self._edges is not None:
             self._edges.draw([(samples.targets.views[side], samples.windows[side])
@@ -179,7 +179,7 @@ class ScenePasses(GlOwner):
 
     def _lights(self, scene: Scene, drawing: Drawing,
                 side: int) -> list[tuple[WorldPasses, SceneLight]]:
-        """Return the sources of light of a camera; the sun also where there is but truth."""
+        """Return the sources of light of a camera; the sun alone where only truth is drawn."""
         every = list(zip(self._shared.sources, scene.lights))
         return every if side in drawing.lit_sides else every[:1]
 

@@ -33,12 +33,12 @@ from lunar_rover_sim.rendering.view import View
 
 _MARGIN = 1.05              # of the view of the disc, over its diameter
 _LEAST, _MOST = 64, 512     # pixels of that view along a side
-_CLEAR = 3.0                # radii that the sun stands above ground that surely does not hide it
+_CLEAR = 3.0                # radii of the sun above the ground's horizon that surely clear it
 _FINE = 16                  # samples across the disc, at least, that make its image
 
 
 class Occluders(NamedTuple):
-    """What may hide the sun, and its light on the ground, which tells where it rises."""
+    """What may hide the sun, and the sunlight, which knows the horizon of the ground."""
 
     ground: GroundPass
     rocks: RockPass
@@ -87,7 +87,7 @@ class SunPass:
     def look(self, scene: Scene, volume: ViewVolume, occluders: Occluders) -> None:
         """Draw what hides the sun from the cameras of a scene, unless they cannot see it at all.
 
-        It chooses other rocks to draw than were chosen. volume: of the images
+        It changes the choice of rocks. volume: of the images
         """
         direction = scene.T_world_cameras[0][:3, :3].T @ self._direction
         if not self._sun.shines or not self._matters(direction):
@@ -95,7 +95,7 @@ class SunPass:
         scene.sun = SeenSun(direction, np.full(2, self._sun.irradiance))
         turn = _turn(scene.T_world_cameras[0][:3, 1], self._direction)
         views = [se3(turn, T[:3, 3]) for T in scene.T_world_cameras]
-        # Most often a look at numbers tells that nothing is in the way.
+        # Bounds mostly show that nothing is in the way.
         width = _MARGIN * math.tan(self._radius)
         rover = any(occluders.rover.is_in_cone(scene.T_world_links, view, width)
                     for view in views)

@@ -27,10 +27,10 @@ NEAR_TILES, FAR_TILES = 40, 128
 DEFINES = {'PRINT_OFFSET': f'{0.5 / (NEAR_TILES * TILE):.9f}',
            'PRINT_LOG2': f'{-math.log2(CELL_M):.6f}', 'PRINT_CELL': f'{CELL_M:.6f}',
            'FAR_OFFSET': f'{0.5 * CELL_M / (FAR_TILES * TILE_M):.9f}'}
-_SEAM_TILES = 2             # at the edges of a window, where the next tile may be another one
+_SEAM_TILES = 2             # unused at the edges of a window, where tiles wrap around
 _CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
-_HEIGHT_M, _MARGIN_M = 0.06, 0.05    # by which boxes of tiles are larger than their ground
-_RIM_M = 0.02               # no rim that casts a shadow is higher
+_HEIGHT_M, _MARGIN_M = 0.06, 0.05    # of the boxes of tiles, upright and sideways
+_RIM_M = 0.02               # greatest height of a rim that casts a shadow
 
 
 class TrackMap:

@@ -58,7 +58,7 @@ class TrackTexels:
 
 @dataclasses.dataclass(frozen=True)
 class Surroundings:
-    """The samples that what a tile shows depends on.
+    """The samples that the texels of a tile depend on.
 
     height: (ny, nx) height changes [m]; corner: the tile's first sample in it, ix and iy;
     compaction: (TILE, TILE) that of the tile [m]; reach_m: how far shadows may come from

@@ -147,6 +147,6 @@ class WorldPasses(GlOwner):
 
 
 def _under_earth(config: RenderConfig) -> RenderConfig:
-    """Return the parameters of a world without sun and lamp on which the Earth shines."""
+    """Return the parameters with the Earth in place of the sun, and without a lamp."""
     return dataclasses.replace(config, sun=earth_as_sun(config.sun, config.earth),
                                earth=EarthConfig(), lamp=LampConfig())

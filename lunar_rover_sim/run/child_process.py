@@ -44,7 +44,7 @@ class Ended:
 
     @property
     def words(self) -> str:
-        """What happened, for people; empty if all went well."""
+        """How the program ended, as text; empty if it succeeded."""
         if self.interrupted:
             return 'was interrupted'
         if self.timed_out:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 import os
 from pathlib import Path
 import tempfile
@@ -9,6 +10,7 @@ from types import TracebackType
 
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.files.lock import lock
+from lunar_rover_sim.parameters import brief
 
 # Domains whose ports stay clear of the ephemeral range on Linux.
 _FIRST, _LAST = 1, 101
@@ -31,8 +33,9 @@ class OwnDomain:
         Raises ConfigError for a number that is no domain, GraphError if a run of this package
         holds it.
         """
-        if domain is not None and not 0 <= domain <= _MOST:
-            raise ConfigError(f'--domain {domain}: is not valid; valid is 0 to {_MOST}')
+        if domain is not None and not (isinstance(domain, numbers.Integral)
+                                       and 0 <= domain <= _MOST):
+            raise ConfigError(f'--domain {brief(domain)}: is not valid; valid is 0 to {_MOST}')
         folder = Path(tempfile.gettempdir()) / f'lunar_rover_sim_domains_{os.getuid()}'
         folder.mkdir(mode=0o700, exist_ok=True)
         # Runs of two users, who do not share the folder, seldom start at the same domain.

@@ -18,7 +18,7 @@ class Step:
     """What follows when a node has ended; '' is nothing.
 
     stop: the node to be stopped next
-    lost: how a node ended without which the run goes on
+    lost: how a node ended, if the run goes on without it
     failure: why the run has failed; then all nodes are to be stopped
     mark: why the bag is to be marked as failed: no recorder can add to it any more
     """

@@ -92,7 +92,7 @@ class LiveView:
             topic, schema=schema, message_encoding='cdr', context=self._context)
 
     def offer_again(self) -> None:
-        """Offer those topics anew of which a client's request was refused; call it regularly.
+        """Offer topics again for which a client's request was refused; call it regularly.
 
         foxglove-sdk 0.30.3 advertises a channel before it takes requests for it: a client that
         answers at once may be refused, and would wait for ever. It asks again for a new channel.

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from lunar_rover_sim.seconds import NS_PER_S
+
 # Longer than the lag of any participant: after this simulated time all have answered.
-STARTED_NS = 1_000_000_000
+STARTED_NS = NS_PER_S
 
 
 class StampGate:

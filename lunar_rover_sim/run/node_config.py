@@ -25,6 +25,7 @@ from lunar_rover_sim.physics.config import (ImuConfig, PhysicsConfig, PowerMonit
                                             WheelOdometryConfig)
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.run.shared_config import MAX_DURATION_S, NodeConfig, WaitConfig
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.stereo.config import SgmConfig
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
@@ -86,17 +87,17 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
     @property
     def state_period_ns(self) -> int:
         """The period of state messages [ns]."""
-        return 1_000_000_000 // self.state_rate_hz
+        return NS_PER_S // self.state_rate_hz
 
     @property
     def ground_period_ns(self) -> int:
         """The period of ground/changes [ns]."""
-        return 1_000_000_000 // self.ground_rate_hz
+        return NS_PER_S // self.ground_rate_hz
 
     def validate(self) -> None:
         """Raise ConfigError unless state messages fall on steps, and what is slower on states."""
         super().validate()
-        if 1_000_000_000 % self.state_rate_hz or self.state_period_ns % self.step_ns:
+        if NS_PER_S % self.state_rate_hz or self.state_period_ns % self.step_ns:
             raise ConfigError(f'state_rate_hz: {self.state_rate_hz} is not valid; valid is a rate '
                               f'whose period is a multiple of step_s = {self.step_s:g} s')
         if self.ground.deforms and self.state_rate_hz % self.ground_rate_hz:
@@ -128,7 +129,7 @@ class DriveNodeConfig(NodeConfig, DriveConfig):
 
 @dataclasses.dataclass(frozen=True)
 class RawTopicConfig(Parameters):
-    """What goes with an image topic."""
+    """Parameters of the transports of an image topic."""
 
     compressed: CompressionConfig = group(CompressionConfig)
 
@@ -180,7 +181,7 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     @property
     def frame_period_ns(self) -> int:
         """The period of stereo pairs [ns]."""
-        return 1_000_000_000 // self.frame_rate_hz
+        return NS_PER_S // self.frame_rate_hz
 
     @property
     def depth_period_ns(self) -> int:
@@ -190,7 +191,7 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     @property
     def chase_period_ns(self) -> int:
         """The period of the chase camera [ns]."""
-        return 1_000_000_000 // self.chase.rate_hz
+        return NS_PER_S // self.chase.rate_hz
 
     def validate(self) -> None:
         """Raise ConfigError unless images of further cameras fall on stereo pairs."""
@@ -292,5 +293,5 @@ NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'slam_node': SlamNodeConfig,
     'lidar_node': LidarNodeConfig,
 }
-# Those that every run starts; slam_node needs a program, lidar_node is an extra sensor.
+# Nodes of a run by default; slam_node needs a program, lidar_node is an extra sensor.
 DEFAULT_NODES = tuple(name for name in NODE_CONFIGS if name not in ('slam_node', 'lidar_node'))

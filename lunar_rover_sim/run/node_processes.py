@@ -22,8 +22,8 @@ from lunar_rover_sim.run.ros_installation import dds_environment
 from lunar_rover_sim.run.thread_states import is_at_work, Looks
 
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
-# left to add to it. Who still works then is given more: a recorder reads a large bag again for its
-# checksums.
+# left to add to it. A process that still works then is given more: a recorder reads a large bag
+# again for its checksums.
 _STOP_S = 15.0
 _STOP_AT_WORK_S = 600.0
 _POLL_S = 0.05
@@ -58,7 +58,7 @@ class NodeProcesses:
     """The processes of one run; context manager that leaves none behind.
 
     cpu_s: node → processor time used so far [s]
-    lost: how nodes ended without which the run goes on
+    lost: node → how it ended, of nodes without which the run goes on
     """
 
     def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int,
@@ -114,14 +114,14 @@ class NodeProcesses:
             end = self._describe_end(name)
             if not self._goes_on_without(name, end):
                 late = self.unstarted() if ': no publisher for' in end else ''
-                # It waited for a topic; who would have published it is still starting.
+                # It waited for a topic whose publisher is still starting.
                 raise GraphError(f'{end}; not started yet: {late}' if late else end)
         return False
 
     def _has_done_its_work(self, name: str) -> bool:
         """Return whether a node that has ended has nothing left undone.
 
-        SIGALRM ends one that DDS did not let leave (`nodes.leaving`).
+        SIGALRM ends a node that DDS keeps from leaving (`nodes.leaving`).
         """
         status = self._processes[name].returncode
         return status == 0 or (status == -signal.SIGALRM and not self._fatal_line(name))
@@ -147,7 +147,7 @@ class NodeProcesses:
                          and not any(': ready: ' in line for line in self._log_lines(name)))
 
     def silent_participant(self, now_ns: int) -> str:
-        """Return which answer a node misses at a simulated time, as it has logged; '' if none.
+        """Return the log line of a node that misses an answer at a simulated time; '' if none.
 
         The gait controller comes first: physics misses its answer in consequence.
         """
@@ -253,7 +253,7 @@ class NodeProcesses:
         """Return how a node ended, with the reason that it gave, and its log."""
         status = self._processes[name].returncode
         how = f'status {status}' if status >= 0 else signal.Signals(-status).name
-        # What it logged of its work is no reason.
+        # Lines of level INFO are no reason.
         lines = [line.strip() for line in self._log_lines(name)
                  if line.strip() and not line.startswith('[INFO]')]
         reason = self._fatal_line(name) or (lines[-1] if lines else '')
@@ -274,7 +274,7 @@ class NodeProcesses:
 def _has_ended(process: psutil.Popen, limit_s: float) -> bool:
     """Wait until a process has ended; return False if it does not in time.
 
-    limit_s: of one that is idle; one of _STOP_S or more is longer for one that works
+    limit_s: its time [s]; if that is _STOP_S or more, a process at work has _STOP_AT_WORK_S
     """
     start_s, looks = time.monotonic(), Looks()
     while process.poll() is None:

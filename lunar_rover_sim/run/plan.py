@@ -13,7 +13,8 @@ from pathlib import Path
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.camera.hazard import sides
-from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.outputs import make_new_folder
 from lunar_rover_sim.gait.calibration import packaged_calibration
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LIDAR_TOPICS, LidarNodeConfig,
@@ -35,8 +36,8 @@ _RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
 _LIDAR_LAG_SCANS, _RECORDER_LAG_SCANS = 2, 4
-# The gait controller reports who is silent on cmd_vel after this share of the time that physics
-# allows. Otherwise physics would report the gait controller.
+# The gait controller reports a silent publisher of cmd_vel after this share of the time that
+# physics allows. Otherwise physics would report the gait controller.
 _GAIT_SILENCE_SHARE = 0.8
 
 
@@ -168,18 +169,18 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
     if 'render_node' in nodes:
         awaited[topics.LEFT_INFO.name] = _RENDERER_LAG_FRAMES * frame_s
     if 'slam_node' in nodes:
-        # The frame that is tracked, beside the one that is drawn.
+        # One frame more: it is tracked while the next one is drawn.
         awaited[topics.SLAM_STATUS.name] = round((_RENDERER_LAG_FRAMES + 1) * frame_s, 9)
     scan_s = scenario.lidar_node.period_ns / 1e9
     if _awaits_lidar(scenario):
-        # A scan is made of states up to its end, while physics goes on by another one.
+        # A scan is computed after its last state, while physics goes on by one more scan.
         awaited[topics.LIDAR_SCANNED.name] = round(
             _LIDAR_LAG_SCANS * scan_s + (frame_s if scenario.physics_node.ground.deforms else 0.0),
             9)
     if 'recorder_node' in nodes and _acknowledged(scenario):
         lag_s = _RECORDER_LAG_S
         if 'render_node' in nodes:
-            # What is drawn is written after it is published, and the renderer may be behind.
+            # Images are written after they are published, and the renderer may lag.
             least = _RENDERER_LAG_FRAMES + 2
             if 'slam_node' in nodes:
                 least += 1
@@ -212,7 +213,7 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
             continue
         if topic in _unpublished(scenario) or topic.node in scenario.run.may_fail:
             continue
-        # As recorder_node has it.
+        # The same choice as in recorder_node.
         in_all = (ALL in recorder.topics and topic.name not in recorder.exclude
                   and not topic.on_request)
         if in_all or topic.name in recorder.topics:
@@ -221,7 +222,7 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _period_s(scenario: Scenario, name: str) -> float:
-    """Return the period [s] of a topic of the contract, 0 of one without."""
+    """Return the period [s] of a topic of the contract; 0 if it has none."""
     render = scenario.render_node
     period_ns = {topics.STATE: scenario.physics_node.state_period_ns,
                  topics.FRAME: render.frame_period_ns,
@@ -232,7 +233,7 @@ def _period_s(scenario: Scenario, name: str) -> float:
 
 
 def _unpublished(scenario: Scenario) -> tuple[topics.Topic, ...]:
-    """Return the topics that physics does not publish, or may not."""
+    """Return the topics that are not published in this run, or perhaps not."""
     separate = scenario.shared.separate_truth
     clock = () if scenario.physics_node.publish_clock else (topics.CLOCK,)
     ground = () if scenario.physics_node.ground.deforms else topics.OF_SOFT_GROUND
@@ -270,17 +271,12 @@ def _recorded_hazards(scenario: Scenario) -> list[str]:
 def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
     """Write the resolved scenario and the rover to the run's folder; return the nodes' plans.
 
-    Raises BagError where the folder exists already: nothing is ever overwritten.
+    Raises ConfigError where the folder exists or cannot be written: nothing is ever overwritten.
     """
     if not scenario.run.nodes:
         raise ConfigError(f'run.nodes: [] is not valid; valid are some of '
                           f'{", ".join(NODE_CONFIGS)}')
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError:
-        raise BagError(f'{folder}: exists already; give -o a folder that does not') from None
-    except OSError as error:
-        raise BagError(f'{folder}: cannot be made: {error.strerror}') from None
+    make_new_folder(folder, 'folder')
     (folder / SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
     save_rover(scenario.rover, folder / ROVER_FILE)
     # Tools that read the bag later find its world here.

@@ -23,7 +23,7 @@ class RecordedNodes:
 
 
 def recorded_nodes(bag: Bag) -> RecordedNodes:
-    """Return what the scenario of a bag says.
+    """Return the rover and the parameters from the scenario in a bag.
 
     Raises BagError where there is none, or it is not of this version.
     """

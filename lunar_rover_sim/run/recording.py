@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 import dataclasses
 import logging
+import numbers
 from pathlib import Path
 import time
 
@@ -12,10 +13,13 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
-from lunar_rover_sim.errors import did_you_mean, GraphError
+from lunar_rover_sim.errors import ConfigError, did_you_mean, GraphError
+from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, ground_conditions
+from lunar_rover_sim.parameters import brief, check_path, check_scenario
 from lunar_rover_sim.run.clock_reader import check_domain, ClockReader
+from lunar_rover_sim.run.dated_scenario import dated_sun
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.node_logs import NodeLogs
 from lunar_rover_sim.run.node_processes import NodeProcesses
@@ -46,10 +50,10 @@ class Recording:
     folder: Path
     bag: Path | None
     scenario: Scenario
-    counts: dict[str, int]
+    counts: dict[str, int] = dataclasses.field(repr=False)
     simulated_s: float
     wall_s: float
-    cpu_s: dict[str, float]
+    cpu_s: dict[str, float] = dataclasses.field(repr=False)
     interrupted: bool
     warnings: tuple[str, ...] = ()
 
@@ -70,22 +74,31 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     folder: must not exist; takes the bag, the resolved scenario and the logs
     world: folder of a world that is used instead of the scenario's own
     domain: ROS_DOMAIN_ID; by default a free one of this machine
-    timeout_s: wall time after which the run counts as failed [s]
+    timeout_s: wall time, > 0, after which the run counts as failed [s]
     should_stop: asked ten times a second; once it returns True, the run ends early
     on_start: called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start
     on_progress: called ten times a second with the simulated time [ns]
     on_warning: called with every line of level WARN or worse that a node logs
 
-    ROS runs in the node processes only. Raises GraphError if rclpy is missing, a node fails or
-    nothing was recorded, BagError if `folder` exists, WorldError for a damaged world.
-    KeyboardInterrupt stops the nodes in order, so that the bag is complete up to there, before it
-    is raised.
+    ROS runs in the node processes only. Raises ConfigError if an argument is not valid, or
+    `folder` exists or cannot be written, GraphError if rclpy is missing, a node fails or nothing
+    was recorded, WorldError for a damaged world. KeyboardInterrupt stops the nodes in order, so
+    that the bag is complete up to there, before it is raised.
     """
+    check_scenario(scenario, Scenario)
+    check_path('folder', folder)
+    if world is not None:
+        check_path('world', world)
+    if timeout_s is not None and not (isinstance(timeout_s, numbers.Real) and timeout_s > 0):
+        raise ConfigError(f'timeout_s: {brief(timeout_s)} is not valid; valid is > 0 [s]')
+    check_new_folder(Path(folder), 'folder')
     require_ros()
     if world is not None:
         world_folder = Path(world).resolve()
         used = load_world(world_folder)
         scenario.check_world(used)
+        # The scenario may have been loaded without this world.
+        dated_sun(scenario.render_node.sun, scenario.world, used)
         scenario = dataclasses.replace(scenario, world=used.config)
     else:
         world_folder = scenario.world_folder()

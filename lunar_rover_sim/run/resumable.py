@@ -42,7 +42,7 @@ def record_once(scenario: Scenario, folder: Path, *, partial: Path | None = None
     options: further arguments of `record`
 
     Raises BagError if `folder` holds the recording of another scenario or cannot be written,
-    GraphError if the run fails or is interrupted, and what `finish` raises.
+    GraphError if the run is interrupted, and what `recorder` and `finish` raise.
     """
     scenario = resolve(scenario)
     partial = partial or folder.with_name(f'.{folder.name}.partial')

@@ -20,7 +20,7 @@ from lunar_rover_sim.files.resources import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.illumination.sun_path import check_last_date
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.parameters import brief, merge, nearest, nest, param, Parameters
+from lunar_rover_sim.parameters import brief, check_path, merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.dated_scenario import dated_sun
@@ -80,24 +80,25 @@ class Scenario:
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Iterable[str] | Mapping[str, Any] = (), *,
-             seed: int | None = None, duration_s: float | None = None) -> Scenario:
+             seed: int | None = None, duration_s: float | None = None,
+             world: str | Path | None = None) -> Scenario:
         """Load a scenario by packaged name or by path.
 
         overrides: `'section.param=value'` with a YAML value, or a mapping of `section.param` to
             values; parameters that all nodes share have no section
         seed: replaces the shared seed
         duration_s: replaces the simulated time of the run [s]
+        world: folder of a world that will be used instead of the scenario's own: it says where on
+            the Moon the date of a sun holds; the scenario keeps the recipe of its own world
         A date of the sun becomes azimuth and elevation. Raises ConfigError that names the
         parameter and offers the nearest valid names, WorldError if the place of an elevation model
-        is needed for the date and cannot be read.
+        or of a world is needed for the date and cannot be read.
         """
+        if world is not None:
+            check_path('world', world)
         path = find_file('scenario', str(name_or_path))
         sections = _read(path)
-        if isinstance(overrides, Mapping):
-            changes = [_override(name, value, f'overrides: {name}')
-                       for name, value in overrides.items()]
-        else:
-            changes = [_parse_override(text) for text in overrides]
+        changes = _changes(overrides)
         if seed is not None:
             changes.append({SHARED: {'seed': seed}})
         if duration_s is not None:
@@ -105,7 +106,11 @@ class Scenario:
         for change in changes:
             sections = merge(sections, change)
         scenario = _build(path.stem, sections)
-        return _dated(scenario, changes)
+        return _dated(scenario, changes, world)
+
+    def __repr__(self) -> str:
+        return (f'Scenario(name={self.name!r}, seed={self.shared.seed}, '
+                f'duration_s={self.run.duration_s:g})')
 
     def world_folder(self) -> Path:
         """Return the folder of the scenario's world, which is built if the cache lacks it.
@@ -130,7 +135,9 @@ class Scenario:
         return load_world_folder(self.world_folder())
 
     def node(self, name: str) -> NodeConfig:
-        """Return the parameters of one node."""
+        """Return the parameters of one node; ConfigError if there is no such node."""
+        if name not in tuple(NODE_CONFIGS):
+            raise ConfigError(f'{brief(name)}: no such node; {nearest(str(name), NODE_CONFIGS)}')
         return getattr(self, name)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -189,6 +196,18 @@ def _section_names() -> tuple[str, ...]:
 
 def _shared_names() -> list[str]:
     return [field.name for field in dataclasses.fields(NodeConfig)]
+
+
+def _changes(overrides: Iterable[str] | Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return each override as nested sections; ConfigError where they are no texts."""
+    items: list[Any] = list(overrides) if isinstance(overrides, Iterable) else [overrides]
+    if isinstance(overrides, str) or not all(isinstance(item, str) for item in items):
+        raise ConfigError(f'overrides: {brief(overrides)} is not valid; valid is a list of '
+                          "'section.parameter=value', or a mapping of 'section.parameter' to "
+                          'values')
+    if isinstance(overrides, Mapping):
+        return [_override(name, value, f'overrides: {name}') for name, value in overrides.items()]
+    return [_parse_override(text) for text in items]
 
 
 def _parse_override(override: str) -> dict[str, Any]:
@@ -251,8 +270,11 @@ def _check_lidar_mount(scenario: Scenario) -> None:
     OwnBody(scenario.rover, beam_pattern(sensor.optics, sensor.rate_hz))
 
 
-def _dated(scenario: Scenario, changes: Iterable[Mapping[str, Any]]) -> Scenario:
+def _dated(scenario: Scenario, changes: Iterable[Mapping[str, Any]],
+           world: str | Path | None) -> Scenario:
     """Return the scenario with the sun of its date, if it names one.
+
+    world: folder of a world that is used instead of the scenario's own
 
     A file may state both, as a recorded scenario does; the date is what counts. Raises ConfigError
     if an override sets what the date decides.
@@ -267,7 +289,8 @@ def _dated(scenario: Scenario, changes: Iterable[Mapping[str, Any]]) -> Scenario
                 raise ConfigError(f'render_node.sun.{name}: {brief(values[name])} is not valid '
                                   f'with render_node.sun.date ({render.sun.date}), which decides '
                                   "it; set the date to ''")
-    sun = dated_sun(render.sun, scenario.world)
+    used = None if world is None else load_world_folder(world, verify=False)
+    sun = dated_sun(render.sun, scenario.world, used)
     try:
         check_last_date(sun, scenario.run.duration_s)
     except ConfigError as error:

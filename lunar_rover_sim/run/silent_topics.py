@@ -11,15 +11,15 @@ from lunar_rover_sim.run.scenario import Scenario
 
 _BY_NAME = {topic.name: topic for topic in topics.CONTRACT}
 _SENSORS = 'lidar_node', 'render_node'
-_ALIKE = 0.85        # of names, from 0 to 1
+_ALIKE = 0.85        # least similarity of names for a hint, from 0 to 1
 _OF_CHASE = topics.CHASE_IMAGE, topics.CHASE_INFO, topics.CHASE_POSE
 
 
 def silent_topics(scenario: Scenario) -> list[str]:
     """Return a line on each topic in `recorder_node.topics` that nobody will publish, with why.
 
-    Names that the contract does not know may be those of the user's own nodes; they are named
-    where they are nearly those of the contract.
+    A name outside the contract may be that of a user's own node; it is listed only if it
+    resembles a name of the contract.
     """
     return [f'{name}: {reason}' for name in scenario.recorder_node.topics
             if name != ALL and (reason := _reason(scenario, name.lstrip('/')))]

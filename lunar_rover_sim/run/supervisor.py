@@ -18,8 +18,8 @@ _POLL_S = 0.1
 # physics_node names the participant that it waits for before the supervisor names physics_node. It
 # begins to wait once it has started itself, which takes seconds.
 _SILENCE_MARGIN_S, _START_MARGIN_S = 1.0, 30.0
-# Time stands still and no node works: they wait for each other. A node that draws for a minute,
-# or that gets a tenth of a core, works.
+# Limit where time stands still and no node works: they wait for each other. A node that draws
+# for a minute, or that gets a tenth of a core, works.
 _IDLE_S = 6.5
 # Time that physics has to leave after its last state.
 _LEAVE_S = 15.0
@@ -103,7 +103,7 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
 
 def _describe_silence(nodes: NodeProcesses, suspended: list[str], limit_s: float,
                       now_ns: int) -> str:
-    """Return why time stands still: an error of a node, or who is stopped, late or silent."""
+    """Return why time stands still: a node has failed, or is stopped, late or silent."""
     fatal = nodes.fatal_error()
     if fatal is not None:
         return fatal

@@ -1,14 +1,14 @@
-"""Whether a process works or waits, as Linux tells it of each thread."""
+"""Whether a process works or waits, from the states of its threads in Linux."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-_WORKING = frozenset('RD')      # runs or waits for a core; waits for a disk
+_WORKING = frozenset('RD')      # R: runs or waits for a core; D: waits for a disk
 
 
 class Looks:
-    """How often somebody was seen at work; who is idle wakes up for a moment now and then."""
+    """Share of samples in which a process was active. Idle processes wake up briefly, too."""
 
     def __init__(self) -> None:
         self._count = self._working = 0
@@ -27,8 +27,8 @@ class Looks:
 def is_at_work(pid: int) -> bool:
     """Return whether any thread of a process runs, would if it had a core, or waits for a disk.
 
-    A process that does not exist any more is not at work. A machine that has ten times the work
-    it can do does not change the answer, as it changes how much time a process gets.
+    A process that does not exist any more is not at work. The load of the machine changes how
+    much time a process gets, but not the answer.
     """
     try:
         return any(_state(task / 'stat') in _WORKING
@@ -38,7 +38,7 @@ def is_at_work(pid: int) -> bool:
 
 
 def _state(file: Path) -> str:
-    """Return the letter after the name, which is in parentheses and may hold some."""
+    """Return the state letter: it follows the last parenthesis, as the name may hold others."""
     try:
         return file.read_text(encoding='utf-8', errors='replace').rpartition(') ')[2][:1]
     except OSError:     # the thread has ended

@@ -1,7 +1,7 @@
 """The frame of the rover in the live view where tf2_msgs is not installed: made of odometry.
 
-A viewer that lacks it draws the rover at rest, and nothing that is given in `odom`. The legs and
-sensors below base_link follow from robot_description and joint_states.
+Without this frame a viewer draws the rover at rest, and nothing that is given in `odom`. The legs
+and sensors below base_link follow from robot_description and joint_states.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from lunar_rover_sim import topics
 def transforms_of(topic: str) -> str:
     """Return the tf topic that belongs to a topic of odometry; '' for any other topic.
 
-    That of wheels, of SLAM or of the truth beside an estimator has no say in where base_link is.
+    Odometry of wheels, of SLAM, or of the truth beside an estimator does not place base_link.
     """
     scope, _, name = topic.rpartition('/')
     truth = topics.TRUE_ODOM.name.rpartition('/')[0]

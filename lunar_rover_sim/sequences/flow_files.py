@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.bag.stamps import in_seconds
 from lunar_rover_sim.camera.flow import FlowModel, Moved
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.labels import link_label
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.visual import link_poses
+from lunar_rover_sim.seconds import in_seconds
 
 SEEN, HIDDEN, OUTSIDE = 0, 1, 100       # values of the mask
 _CLOSE = 1.02           # depths that differ by less are of one surface

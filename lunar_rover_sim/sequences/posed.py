@@ -8,9 +8,9 @@ from typing import Any
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.stamps import in_seconds
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.seconds import in_seconds
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 
 _MOST_WAITING = 2000    # poses kept in memory

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.stamps import in_seconds
 from lunar_rover_sim.frames import wxyz_from_matrix
+from lunar_rover_sim.seconds import in_seconds
 from lunar_rover_sim.sequences.orbslam3_settings import DEPTH_FACTOR
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter, Sequence
 

@@ -6,7 +6,7 @@ Trans. Pattern Analysis and Machine Intelligence 30(2), 2008.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import StereoError
+from lunar_rover_sim.parameters import brief, check_scenario
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import DisparityMap
@@ -27,6 +28,7 @@ _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
 _MARGIN_OVERLAP_PX = 32     # of the left margin with the rest; paths begin there
 
 
+@runtime_checkable
 class MatchedScenario(Protocol):
     """What `SgmMatcher.from_scenario` needs of a scenario."""
 
@@ -70,15 +72,19 @@ class SgmMatcher:
     @classmethod
     def from_scenario(cls, scenario: MatchedScenario) -> SgmMatcher:
         """Return the matcher of a scenario; its maps know the depth."""
+        check_scenario(scenario, MatchedScenario)
         node = scenario.render_node
         return cls(node.sgm, StereoRig(scenario.rover, node.camera))
 
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16.
 
-        Raises StereoError if their shapes differ or the search range exceeds the width.
+        Raises StereoError if they are others, their shapes differ or the search range exceeds the
+        width.
         """
         config = self.config
+        _check_image('left', left)
+        _check_image('right', right)
         if left.shape != right.shape:
             raise StereoError(f'right: shape {right.shape} is not valid; valid is that of the '
                               f'left image, {left.shape}')
@@ -185,9 +191,20 @@ def _variance(image: NDArray[np.uint8], block: int) -> NDArray[np.float32]:
     return np.subtract(square, mean, out=square)
 
 
+def _check_image(name: str, image: NDArray[Any]) -> None:
+    """Raise StereoError, which names the image, unless it is one that can be matched."""
+    is_array = isinstance(image, np.ndarray)
+    if (is_array and image.dtype.kind == 'u' and image.dtype.itemsize <= 2 and image.ndim >= 2
+            and image.shape[2:] in ((), (3,))):
+        return
+    what = f'{image.dtype} {image.shape}' if is_array else brief(image)
+    raise StereoError(f'{name}: {what} is not valid; valid is uint8 or uint16, (h, w) or '
+                      '(h, w, 3)')
+
+
 def _gray(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Return an image of any encoding as (h, w) grey of 8 bits."""
-    if image.dtype == np.uint16:
+    if image.dtype.itemsize == 2:       # in any order of bytes
         image = (image >> 8).astype(np.uint8)
     if image.ndim == 3:
         image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)

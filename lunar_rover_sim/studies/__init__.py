@@ -1,1 +1,1 @@
-"""Studies that hold a part of the simulator to its theory: what `validate` and `calibrate` run."""
+"""Studies that compare the simulator with theory: what `validate` and `calibrate` run."""

@@ -27,7 +27,7 @@ FINE: Grid = ((0.2, 0.4, 0.55, 0.75, 1.0, 1.2, 1.5, 1.75, 1.88, 2.0, 2.2),
 COARSE: Grid = ((0.2, 0.5, 0.9, 1.2, 1.5, 2.2), (0.0, 0.1, 0.25, 0.4, 0.55, 0.69, 0.71, 0.85, 1.0))
 SKIP_S, SKIP_CYCLES = 5.0, 1.0
 MEASURE_S, MEASURE_CYCLES = 20.0, 4.0
-MAX_MEASURE_S = 120.0   # the ground grows with it
+MAX_MEASURE_S = 120.0   # a longer walk needs larger ground
 FASTEST_MPS = 0.6
 
 

@@ -1,4 +1,4 @@
-"""The wheel odometry study: what the encoders of the legs miss of the way, and how surely."""
+"""The wheel odometry study: errors against the true pose, and the stated covariance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.parallel import map_in_processes
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S, Walk, walk
 
-COMMAND_S = 5.0                           # each random command lasts so long
+COMMAND_S = 5.0                           # duration of each random command
 LEAST_DRIVES = 3
 _FORWARD_MPS, _YAW_RADPS = (-0.1, 0.2), (-0.15, 0.15)
 _CONFIDENCE = 0.95
@@ -27,7 +27,7 @@ _CONFIDENCE = 0.95
 
 @dataclasses.dataclass(frozen=True)
 class OdometryStudy:
-    """What drives say of the wheel odometry.
+    """Errors and consistency of the wheel odometry over several drives.
 
     drives: number of drives; rolled_m: way that their legs rolled, in all
     tipped_over: seeds of further drives, in which the rover tipped over: encoders do not see that
@@ -51,7 +51,7 @@ class OdometryStudy:
 
     @property
     def consistent(self) -> bool:
-        """Whether the stated covariance is that of the errors, as far as so many drives show."""
+        """Whether the errors agree with the stated covariance: `consistency` is in `interval`."""
         return self.interval[0] <= self.consistency <= self.interval[1]
 
 
@@ -97,8 +97,9 @@ def _drive(scenario: Scenario, duration_s: float, seed: int) -> Walk:
 
 def judge(walks: Sequence[Walk], rover: RoverDescription, counts_per_turn: int,
           rolling: Rolling) -> OdometryStudy:
-    """Return what recorded walks say of the odometry of an encoder and a way to roll.
+    """Judge wheel odometry on recorded walks.
 
+    counts_per_turn: of the encoders; rolling: scales and deviations that the odometry assumes
     Walks in which the rover tips over are left out; `tipped_over` holds their indices. Raises
     StudyError if fewer than three are left, or if the rover stood still.
     """

@@ -54,7 +54,7 @@ class ResolutionCurve:
 
 
 def finer_camera(renderer: Renderer, times: int) -> FurtherCamera:
-    """Return a camera in the place of the left one, with so many pixels along a side for each.
+    """Return a camera in the place of the left one, with `times` as many pixels along a side.
 
     Raises RenderError if the device cannot draw its image size.
     """

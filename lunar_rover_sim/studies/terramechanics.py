@@ -30,7 +30,7 @@ GROUNDS = (RIGID, 'highland_dense', 'highland', 'highland_loose')
 SLOPES_DEG = tuple(2.5 * k for k in range(13))
 PULLS = tuple(round(0.05 * k, 2) for k in range(19))   # over the weight
 SKIP_S = 3.0
-HALF_EXTENT_M = 30.0   # of the plane: a rover that is pulled back does not leave it
+HALF_EXTENT_M = 30.0   # of the plane, so that a rover that is pulled back stays on it
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Numbers that the soft ground is held to: published ones, closed forms, and scaling laws."""
+"""Reference values for the soft ground: published ones, closed forms, and scaling laws."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ LOST_SLIP = 0.5
 
 @dataclasses.dataclass(frozen=True)
 class Anchor:
-    """A number, what it is held to, and where that comes from.
+    """A number of the model, its bounds, and their source.
 
-    held: whether the model is to agree; other numbers are of other machines, for comparison
+    held: whether the number must lie between them; if not, they are those of other machines, for
+        comparison
     """
 
     name: str
@@ -102,7 +103,7 @@ def simulated(settings: WalkSettings) -> list[Anchor]:
         found.append(Anchor(f'slide at {limit + 3.0:.0f}°, {name}',
                             _slide_mmps(settings, name, limit + 3.0), 20.0, math.inf, 'mm/s',
                             'Coulomb'))
-    # Steps in proportion to the time of a fall.
+    # Time steps in proportion to the time of a fall, about sqrt(1 / g).
     moon, earth = (_rest_m(settings, 'highland', g, step_s)
                    for g, step_s in ((1.62, 0.0005), (9.81, 0.0002)))
     found.append(_within('sinkage at rest on Earth over that on the Moon', earth / moon, 1.0, 0.02,
@@ -123,7 +124,7 @@ def _within(name: str, measured: float, expected: float, tolerance: float, unit:
 
 def _simulation(settings: WalkSettings, physics: PhysicsConfig, name: str,
                 slope_deg: float = 0.0) -> Simulation:
-    # Slopes are for friction alone: where they bear less, its belly holds the rover, too.
+    # Slopes test friction alone: if they bore less, the belly would hold the rover, too.
     ground = GroundConfig(model=REGOLITH, preset=name, weak_slopes=False)
     return Simulation(sloping_world(slope_deg), settings.rover,
                       dataclasses.replace(physics, ground=ground))

@@ -73,7 +73,7 @@ def plot(walks: Sequence[GroundWalk], path: Path) -> None:
         power.plot(degrees, [w.power_w for w in sloping], 'o-', ms=3)
         held = holding(pulled)
         line, = pull.plot([1e2 * w.slip for w in held], [w.ground.pull for w in held], 'o-', ms=3)
-        # Farther on it depends on the start whether a walk is drawn back.
+        # Beyond that pull, it depends on the start whether a walk is drawn back.
         later = [w for w in pulled if w.speed_mps > 0.0 and w not in held]
         pull.plot([1e2 * w.slip for w in later], [w.ground.pull for w in later], 'x',
                   color=line.get_color())

@@ -24,9 +24,9 @@ from lunar_rover_sim.studies.walking import STATE_PERIOD_S
 from lunar_rover_sim.world.grid import HeightGrid
 
 REST_S = 5.0                   # a rover that is tilted past the limit has this time to come back
-ON_ITS_SIDE_DEG = 70.0         # if it leans no more than this then, it backs up once
+ON_ITS_SIDE_DEG = 70.0         # if it is tilted less than this after REST_S, it backs up once
 BACK_UP_S, BACK_UP_MPS = 6.0, -0.08   # a rover that is stuck backs up, and takes another way
-PITCH_MEAN_S = 2.0             # over which slopes pass, and steps do not
+PITCH_MEAN_S = 2.0             # window of the moving mean: steps are shorter, slopes longer
 DRIVE_PERIODS = 10             # periods of the controller per update of the driver: 20 Hz
 PATH_PERIODS = round(PATH_PERIOD_S / STATE_PERIOD_S)
 
@@ -59,7 +59,7 @@ class TraverseDrive:
         outcome, periods = DRIVEN, round(duration_s / self._period_s)
         velocity, back_up = (0.0, 0.0), 0
         tilted_since: int | None = None
-        backed_up = False       # from a tilt that stayed; the next time it has tipped over
+        backed_up = False       # from a lasting tilt; a second one counts as tipped over
         try:
             for k in range(periods):
                 if back_up > 0:

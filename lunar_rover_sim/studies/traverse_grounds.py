@@ -1,4 +1,4 @@
-"""The traverse study on several grounds: the same worlds and ways, rigid and in soft soil."""
+"""The traverse study on several grounds: the same worlds and routes, rigid and soft."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import numpy as np
 from lunar_rover_sim.frames import Array
 
 PATH_PERIOD_S = 0.2                   # of the recorded path
-STRANDED_S, STRANDED_M = 60.0, 0.5    # a rover that stays so near its end for so long is stranded
+STRANDED_S, STRANDED_M = 60.0, 0.5    # a rover that stays this long this near its end is stranded
 DRIVEN, TIPPED_OVER, STRANDED, DUG_IN = 'driven', 'tipped over', 'stranded', 'dug in'  # outcomes
 
 

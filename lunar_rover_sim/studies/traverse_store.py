@@ -10,7 +10,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.folders import make_new
+from lunar_rover_sim.files.outputs import make_new_folder
 from lunar_rover_sim.studies.traverse_result import Traverse
 
 SETTINGS_FILE, DRIVES_FOLDER = 'settings.yaml', 'drives'
@@ -37,7 +37,7 @@ class TraverseStore:
                 raise StudyError(f'{folder}: was made with other settings; compare {file}, or give'
                                  ' another folder')
         else:
-            make_new(folder)
+            make_new_folder(folder)
             atomic_write(file, settings, StudyError)
         self._drives.mkdir(exist_ok=True)
 

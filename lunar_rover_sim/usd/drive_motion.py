@@ -12,10 +12,10 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import header_ns, imu_row, joint_order, odometry_row, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.series import Odometry
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import UsdError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.rover.description import JOINT_NAMES, LEG_NAMES, RoverDescription
+from lunar_rover_sim.seconds import NS_PER_S
 
 
 class Series(NamedTuple):
@@ -41,7 +41,7 @@ class Motion(NamedTuple):
 
     @property
     def rate_hz(self) -> int:
-        """Rate of the states: that of their median distance in time."""
+        """State rate [Hz], from the median interval."""
         steps = np.diff(self.odometry.stamps_ns)
         return round(NS_PER_S / float(np.median(steps))) if len(steps) else 1
 

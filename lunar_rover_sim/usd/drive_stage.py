@@ -20,12 +20,12 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.errors import UsdError
 from lunar_rover_sim.frames import Array, BASE_FRAME, IMU_FRAME, matrix_from_wxyz
 from lunar_rover_sim.inspection.bag_pictures import recorded_world
 from lunar_rover_sim.regolith.overlay import CELL_M
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.usd.cameras import LEFT, RIGHT
 from lunar_rover_sim.usd.conventions import new_stage, quaternion, vector
 from lunar_rover_sim.usd.drive_motion import continuous, link_motion, Motion, read_motion, Series
@@ -92,7 +92,10 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
 
 
 def _reference(stage: Path, path: Path) -> str:
-    """Return how a stage at `path` refers to another one; a package finds what it takes in."""
+    """Return the reference of a stage at `path` to another one.
+
+    It is absolute for a package, which copies the other one.
+    """
     if is_package(path):
         return str(stage.absolute())
     relative = os.path.relpath(stage, path.parent)

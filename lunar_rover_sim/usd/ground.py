@@ -57,7 +57,10 @@ def write_texture(path: Path, albedo: F32) -> None:
 
 
 def tile_cells(cells: int) -> int:
-    """Return the cells along a side of a tile: divides `cells`, and by 16 where that does."""
+    """Return the cells along a side of a tile: a divisor of `cells`, at most _TILE_CELLS.
+
+    It is the largest one that is a multiple of 16 if possible, else of 8, 4 or 2.
+    """
     step = next(s for s in (16, 8, 4, 2, 1) if cells % s == 0)
     return max(c for c in range(step, min(_TILE_CELLS, cells) + 1, step) if cells % c == 0)
 

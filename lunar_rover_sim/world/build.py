@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy.ndimage
 
+from lunar_rover_sim.parameters import check_argument
 from lunar_rover_sim.world import crater_population, curvature
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world import relief, rockfield, shapes, stamping
@@ -42,6 +43,7 @@ def build_world(config: WorldConfig, seed: int = 0, progress: Progress | None = 
 
     Raises ConfigError if the seed is not valid, WorldError if the source cannot be read or used.
     """
+    check_argument('config', config, WorldConfig, 'a WorldConfig (Scenario.world)')
     config = config.with_seed(seed)
     tell = progress or (lambda what, fraction: None)
     source = _open(config)

@@ -10,27 +10,21 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 import rasterio
-from rasterio.crs import CRS
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from rasterio.warp import transform
 from rasterio.windows import Window
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.library_output import stderr_to_log
 from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.map_projection import lon_lat_crs, site_of, transformed
 from lunar_rover_sim.world.raster import Raster
-from lunar_rover_sim.world.site import Site, site_towards, unit_vector
+from lunar_rover_sim.world.site import Site
 
 logger = logging.getLogger(__name__)
 
 _COLOURS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha,
             ColorInterp.palette)
-
-
-# Bodies of this radius are the Moon. The direction of north is taken over twice this step.
-_MOON_M = (1.73e6, 1.745e6)
-_NORTH_STEP_M = 50.0
 
 
 class GeoRaster(Raster):
@@ -112,19 +106,13 @@ class GeoRaster(Raster):
             raise WorldError(f'world.dem.center_mode: {dem.center_mode}; {self.path} has no CRS: '
                              'use offset or pixel')
         if dem.center_mode == 'lonlat':
-            projected = _transformed(self._lon_lat_crs(), data.crs, a, b)
+            projected = transformed(lon_lat_crs(data.crs), data.crs, a, b)
             if projected is None:
                 raise WorldError(f'world.dem.center: {a:g}, {b:g} cannot be projected to the CRS '
                                  f'of {self.path}')
             a, b = projected
         grid = data.transform
         return float((a - grid.c) / grid.a), float((b - grid.f) / grid.e)
-
-    def _lon_lat_crs(self) -> CRS:
-        """Return longitude and latitude on the body of the file's CRS."""
-        body = self._data.crs.to_dict()
-        keys = {k: body[k] for k in ('R', 'a', 'b', 'rf', 'ellps', 'datum') if k in body}
-        return CRS.from_dict(proj='longlat', no_defs=True, **(keys or {'R': 1737400.0}))
 
     def site_of_origin(self) -> Site | None:
         """Return where the world's origin is on the Moon.
@@ -135,7 +123,7 @@ class GeoRaster(Raster):
         if data.crs is None or data.transform.is_identity:
             return None
         grid = data.transform
-        return self._site(grid.c + self.column0 * grid.a, grid.f + self.row0 * grid.e)
+        return site_of(data.crs, grid.c + self.column0 * grid.a, grid.f + self.row0 * grid.e)
 
     def site_at(self, lon_deg: float, lat_deg: float) -> Site | None:
         """Return a place with the direction of the grid there; None as `site_of_origin`.
@@ -144,8 +132,8 @@ class GeoRaster(Raster):
         """
         if self.site_of_origin() is None:
             return None
-        projected = _transformed(self._lon_lat_crs(), self._data.crs, lon_deg, lat_deg)
-        bounds = self._data.bounds
+        crs, bounds = self._data.crs, self._data.bounds
+        projected = transformed(lon_lat_crs(crs), crs, lon_deg, lat_deg)
         if projected is None or not (bounds.left <= projected[0] <= bounds.right
                                      and min(bounds.bottom, bounds.top) <= projected[1]
                                      <= max(bounds.bottom, bounds.top)):
@@ -154,20 +142,7 @@ class GeoRaster(Raster):
                 f'longitude {lon_deg:g}, latitude {lat_deg:g}{where} is not on {self.path}; valid '
                 f'is x {bounds.left:.6g} to {bounds.right:.6g}, y {bounds.bottom:.6g} to '
                 f'{bounds.top:.6g}')
-        return self._site(*projected)
-
-    def _site(self, x: float, y: float) -> Site | None:
-        """Return the place of projected coordinates."""
-        sphere = self._lon_lat_crs()
-        radius = sphere.to_dict().get('R') or sphere.to_dict().get('a') or 0.0
-        if not _MOON_M[0] <= radius <= _MOON_M[1]:
-            return None
-        step = _NORTH_STEP_M / float(self._data.crs.linear_units_factor[1])
-        here, south, north = (_transformed(self._data.crs, sphere, x, y + dy)
-                              for dy in (0.0, -step, step))
-        if here is None or south is None or north is None:
-            return None
-        return site_towards(*here, unit_vector(*south), unit_vector(*north))
+        return site_of(crs, *projected)
 
     def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
         """Return a window; overviews are used if the file has them."""
@@ -187,12 +162,3 @@ class GeoRaster(Raster):
         heights = np.ma.getdata(values).astype(float)
         scale, offset = self._data.scales[band - 1], self._data.offsets[band - 1]
         return heights * scale + offset, known
-
-
-def _transformed(source: CRS, target: CRS, x: float, y: float) -> tuple[float, float] | None:
-    """Return coordinates in another CRS, None where there are none."""
-    try:
-        xs, ys = transform(source, target, [x], [y])
-    except Exception:  # rasterio has no public class for the errors of PROJ
-        return None
-    return (float(xs[0]), float(ys[0])) if np.all(np.isfinite([*xs, *ys])) else None

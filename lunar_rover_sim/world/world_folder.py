@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.arrays import map_array, read_archive
 from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
-from lunar_rover_sim.parameters import brief
+from lunar_rover_sim.parameters import brief, check_argument, check_path
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
@@ -69,6 +69,8 @@ def save_world(world: World, folder: str | pathlib.Path, overwrite: bool = False
     overwrite: replace an existing world; any other folder stays as it is.
     Raises WorldError if the folder exists and is not replaced, or if it cannot be written.
     """
+    check_argument('world', world, World, 'a World (build_world(...))')
+    check_path('folder', folder)
     folder = pathlib.Path(folder)
     if folder.exists() or folder.is_symlink():
         if not overwrite:
@@ -129,6 +131,7 @@ def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     verify: compare the content with its hash (about 0.1 s for the default world).
     Raises WorldError if the folder is not a world, is damaged, or of another format.
     """
+    check_path('folder', folder)
     folder = pathlib.Path(folder)
     document = _document(folder)
     cells = document.get('cells_m')

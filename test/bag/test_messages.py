@@ -7,7 +7,8 @@ import pytest
 from rosbags.typesys import get_typestore, Stores
 
 from lunar_rover_sim.bag import message_validity as validity
-from lunar_rover_sim.bag.stamps import in_seconds, stamp_ns
+from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.seconds import in_seconds
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 T = STORE.types

@@ -1,4 +1,4 @@
-"""The layouts of RViz and Foxglove show every topic that they can show."""
+"""The layouts of RViz and Foxglove show every topic but for those that are listed here."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import re
 from typing import Any
 
 import pytest
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from lunar_rover_sim import topics
@@ -19,7 +21,8 @@ CONFIG = Path(__file__).parents[2] / 'config'
 # Type → the display of RViz that shows it.
 SHOWN = {'sensor_msgs/msg/Image': 'Image', 'sensor_msgs/msg/PointCloud2': 'PointCloud2',
          'sensor_msgs/msg/LaserScan': 'LaserScan', 'nav_msgs/msg/Odometry': 'Odometry',
-         'nav_msgs/msg/Path': 'Path', 'geometry_msgs/msg/PoseStamped': 'Pose'}
+         'geometry_msgs/msg/PoseStamped': 'Pose', 'geometry_msgs/msg/WrenchStamped': 'Wrench',
+         'geometry_msgs/msg/TwistStamped': 'TwistStamped'}
 # Images of two or three floats: RViz shows their colours, Foxglove makes colours of them.
 FLOATS = {topic.name.removesuffix('/image_color') for topic in topics.OF_COLOURS}
 COLOURS = {topic.name for topic in topics.OF_COLOURS}
@@ -27,6 +30,42 @@ COLOURS = {topic.name for topic in topics.OF_COLOURS}
 ALL = {topic.name.replace(NAME, 'front'): topic for topic in topics.CONTRACT
        if topic.type in SHOWN and topic is not topics.TELEPORT}
 EXPECTED = {name: topic for name, topic in ALL.items() if name not in FLOATS}
+NAMES = {topic.name.replace(NAME, 'front'): topic for topic in topics.CONTRACT}
+# What neither layout shows, and why.
+NOT_SHOWN = {
+    'clock': 'the time of the viewer itself',
+    'tf': 'the scene reads it by itself',
+    'tf_static': 'the scene reads it by itself',
+    'stereo/disparity': 'no viewer draws its type; stereo/depth/image is made of it',
+    'stereo/left/image_raw/compressed': 'the picture of stereo/left/image_raw',
+    'stereo/right/image_raw/compressed': 'the picture of stereo/right/image_raw',
+    'stereo/depth/camera_info': 'that of the left camera',
+    'hazard/front/camera_info': 'Lichtblick draws no image of a fisheye with one',
+    'ground_truth/label_info': 'text, JSON',
+    'ground_truth/boxes': 'of vision_msgs, which needs a plugin',
+    'ground_truth/label_classes': 'of vision_msgs, which needs a plugin',
+    'ground_truth/vision_info': 'of vision_msgs, which needs a plugin',
+    'world_hash': 'text',
+    'scenario': 'text, YAML',
+    'lidar/scanned': 'a stamp, by which lockstep waits',
+    'recorder/written': 'a stamp, by which lockstep waits',
+    'pose_bridge/shown': 'a stamp, by which lockstep waits',
+    'teleport': 'a request to another simulator',
+    'pose_bridge/joint_states': 'joint_states, for another simulator'}
+NOT_IN_FOXGLOVE = {**NOT_SHOWN, **dict.fromkeys(COLOURS, 'a script makes them of the floats')}
+# Types that RViz 2 with the displays it comes with shows badly or not at all.
+NOT_IN_RVIZ_TYPES = {
+    'sensor_msgs/msg/JointState': 'numbers over time; the model of the rover shows the angles',
+    'sensor_msgs/msg/BatteryState': 'numbers over time',
+    'sensor_msgs/msg/Imu': 'its display is in another package',
+    'geometry_msgs/msg/AccelStamped': 'a bias: numbers over time',
+    'geometry_msgs/msg/Vector3Stamped': 'no display',
+    'sensor_msgs/msg/CameraInfo': 'the display of images reads none',
+    'diagnostic_msgs/msg/DiagnosticArray': 'rqt_robot_monitor shows it'}
+NOT_IN_RVIZ = {**NOT_SHOWN, **dict.fromkeys(FLOATS, 'their colours are shown'),
+               **{name: NOT_IN_RVIZ_TYPES[topic.type] for name, topic in NAMES.items()
+                  if topic.type in NOT_IN_RVIZ_TYPES}}
+STORE = get_typestore(Stores.ROS2_JAZZY)
 # Properties of the displays of RViz 2 (rviz_default_plugins, those that may be of use here).
 CLOUD = {'Topic', 'Selectable', 'Style', 'Size (m)', 'Size (Pixels)', 'Alpha', 'Decay Time',
          'Position Transformer', 'Color Transformer', 'Channel Name', 'Use rainbow',
@@ -41,7 +80,12 @@ PROPERTIES: dict[str, set[str]] = {
     'Odometry': {'Topic', 'Position Tolerance', 'Angle Tolerance', 'Keep', 'Shape', 'Covariance'},
     'Image': {'Topic', 'Normalize Range', 'Min Value', 'Max Value', 'Median window'},
     'PointCloud2': CLOUD, 'LaserScan': CLOUD,
-    'Pose': {'Topic', 'Shape', 'Color', 'Alpha', 'Axes Length', 'Axes Radius'}}
+    'Pose': {'Topic', 'Shape', 'Color', 'Alpha', 'Axes Length', 'Axes Radius'},
+    'Wrench': {'Topic', 'Accept NaN Values', 'Force Color', 'Torque Color', 'Alpha',
+               'Force Arrow Scale', 'Torque Arrow Scale', 'Arrow Width', 'History Length'},
+    'TwistStamped': {'Topic', 'Linear Color', 'Angular Color', 'Alpha', 'Linear Arrow Scale',
+                     'Angular Arrow Scale', 'Arrow Width', 'Hide Small Values',
+                     'History Length'}}
 QOS = {'Value', 'Depth', 'History Policy', 'Reliability Policy', 'Durability Policy',
        'Filter size'}
 
@@ -54,6 +98,14 @@ def displays() -> dict[str, dict[str, Any]]:
     return {display['Topic']['Value']: display for display in found if 'Topic' in display}
 
 
+@pytest.fixture(scope='module')
+def panels() -> dict[str, dict[str, Any]]:
+    """Return the panels of the layout of Foxglove."""
+    document = json.loads((CONFIG / 'foxglove/lunar_rover.json').read_text())
+    found: dict[str, dict[str, Any]] = document['configById']
+    return found
+
+
 def test_rviz(displays: dict[str, dict[str, Any]]) -> None:
     """Each in a display of its type, which asks for what is offered."""
     assert set(displays) == set(EXPECTED)
@@ -64,8 +116,58 @@ def test_rviz(displays: dict[str, dict[str, Any]]) -> None:
         assert (durability == 'Transient Local') == (topic.rate == topics.LATCHED), name
 
 
-def test_foxglove(displays: dict[str, dict[str, Any]]) -> None:
-    """Images in panels of their own, each placed in the layout; the rest in the scene."""
+def test_every_topic_is_in_rviz(displays: dict[str, dict[str, Any]]) -> None:
+    layout = yaml.safe_load((CONFIG / 'rviz/lunar_rover.rviz').read_text())
+    shown = {*displays, *(display['Description Topic']['Value']
+                          for display in layout['Visualization Manager']['Displays']
+                          if 'Description Topic' in display)}
+    assert shown.isdisjoint(NOT_IN_RVIZ)
+    assert shown | set(NOT_IN_RVIZ) == set(NAMES)
+
+
+def test_every_topic_is_in_foxglove(panels: dict[str, dict[str, Any]]) -> None:
+    document = json.loads((CONFIG / 'foxglove/lunar_rover.json').read_text())
+    made_of = dict(_ends(script['sourceCode']) for script in document['userNodes'].values())
+    shown = {path['value'].partition('.')[0] for panel in panels.values()
+             for path in panel.get('paths', ())}
+    shown |= set(panels['3D!scene']['topics'])
+    for panel in panels.values():
+        mode = panel.get('imageMode', {})
+        shown |= {mode[key] for key in ('imageTopic', 'calibrationTopic') if key in mode}
+        if 'topicToRender' in panel:
+            shown.add(panel['topicToRender'])
+    names = {made_of.get(name, name)[1:] for name in shown}
+    assert names.isdisjoint(NOT_IN_FOXGLOVE)
+    assert names | set(NOT_IN_FOXGLOVE) == set(NAMES)
+
+
+def test_plots_are_of_numbers_that_messages_have(panels: dict[str, dict[str, Any]]) -> None:
+    for panel in panels.values():
+        for path in panel.get('paths', ()):
+            name, _, fields = path['value'][1:].partition('.')
+            assert _is_number(NAMES[name].type, fields), path['value']
+
+
+def test_panels_of_diagnostics_are_of_their_type(panels: dict[str, dict[str, Any]]) -> None:
+    shown = [panel['topicToRender'][1:] for panel in panels.values() if 'topicToRender' in panel]
+    assert {NAMES[name].type for name in shown} == {'diagnostic_msgs/msg/DiagnosticArray'}
+
+
+def _is_number(kind: str, fields: str) -> bool:
+    """Return whether `a.b[0]` leads from a message to one number."""
+    node: Any = Nodetype.NAME
+    of: Any = kind
+    for field in fields.split('.'):
+        name, index, _ = field.partition('[')
+        node, of = dict(STORE.fielddefs[of][1])[name]
+        if index:
+            assert node in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+            node, of = of[0]
+    return node == Nodetype.BASE and of[0] != 'string'
+
+
+def test_foxglove() -> None:
+    """Images in panels of their own; what has a place in the scene there, or in a plot."""
     document = json.loads((CONFIG / 'foxglove/lunar_rover.json').read_text())
     panels = document['configById']
     made_of = dict(_ends(script['sourceCode']) for script in document['userNodes'].values())
@@ -75,7 +177,9 @@ def test_foxglove(displays: dict[str, dict[str, Any]]) -> None:
     scene = {name[1:] for name in panels['3D!scene']['topics']}
     expected = {name for name, topic in ALL.items() if SHOWN[topic.type] == 'Image'} - COLOURS
     assert images == expected and len(shown) == len(expected)
-    assert set(EXPECTED) - expected - COLOURS <= scene <= set(EXPECTED) | {'robot_description'}
+    plotted = {name for name, topic in ALL.items()
+               if SHOWN[topic.type] in ('Wrench', 'TwistStamped')}
+    assert scene == set(EXPECTED) - expected - COLOURS - plotted | {'robot_description'}
     placed = json.dumps(document['layout']) + json.dumps(panels['Tab!images'])
     assert all(placed.count(f'"{panel}"') == 1 for panel in panels)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.frames import inverse, se3
 from lunar_rover_sim.inspection.summary import summarise
+from lunar_rover_sim.rover.pose import RoverPose
 
 
 def wander(n: int, seed: int, period_ns: int = 50_000_000) -> Trajectory:
@@ -68,6 +70,20 @@ def test_a_moved_copy_has_no_error(mode):
     assert result.scale == pytest.approx(1.0 / scale, abs=1e-12)
     assert result.tracked_share == 1.0
     assert result.end_drift_percent < 1e-9
+
+
+def test_states_become_a_trajectory():
+    states = [RoverPose(se3(Rotation.from_euler('Z', 0.1 * k).as_matrix(), [k, 0.0, 0.5]))
+              for k in range(4)]
+    found = Trajectory.of_states(
+        SimpleNamespace(stamp_ns=5_000_000 * k, position_m=state.T_world_base[:3, 3],
+                        orientation_wxyz=[np.cos(0.05 * k), 0.0, 0.0, np.sin(0.05 * k)])
+        for k, state in enumerate(states))
+    assert found.stamps_ns.tolist() == [0, 5_000_000, 10_000_000, 15_000_000]
+    np.testing.assert_allclose(found.positions_m[:, 0], range(4))
+    np.testing.assert_allclose(found.rotations.as_matrix(),
+                               [state.T_world_base[:3, :3] for state in states], atol=1e-12)
+    assert len(Trajectory.of_states([])) == 0
 
 
 def test_alignment_is_the_least_squares_one():
@@ -273,6 +289,17 @@ def test_more_bad_input(tmp_path):
         n = len(stamps)
         with pytest.raises(EvaluationError, match=f'stamps do not increase: pose {pose}'):
             Trajectory(stamps, np.zeros((n, 3)), np.tile([1.0, 0, 0, 0], (n, 1)))
+
+
+@pytest.mark.parametrize('stamps', [np.array([1.0, 2.5]), np.array([True, False]), ['1', '2']])
+def test_stamps_are_whole_nanoseconds(stamps):
+    """Seconds would be cut to whole ns; without poses there is no type to refuse."""
+    with pytest.raises(EvaluationError, match='^mine: stamps_ns: .* is not valid; valid are whole '
+                       'nanoseconds$'):
+        Trajectory(stamps, np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)), 'mine')
+    assert len(Trajectory([], np.zeros((0, 3)), np.zeros((0, 4)))) == 0
+    assert Trajectory(np.array([1, 2], np.uint32), np.zeros((2, 3)),
+                      np.tile([1.0, 0, 0, 0], (2, 1))).stamps_ns.dtype == np.int64
 
 
 def test_the_command_judges_a_bag(bag, tmp_path, capsys):

@@ -180,7 +180,8 @@ def test_a_command_without_a_stamp_holds_until_the_next():
     assert controller.stride.stands
 
 
-@pytest.mark.parametrize('bad', [(math.nan, 0.0), (0.1, math.inf), (-math.inf, math.nan)])
+@pytest.mark.parametrize('bad', [(math.nan, 0.0), (0.1, math.inf), (-math.inf, math.nan),
+                                 ('a', 0.0), (0.1, None), (10**400, 0.0)])
 def test_a_velocity_that_is_not_finite_is_refused(bad):
     controller = GaitController()
     controller.set_velocity(0.1, 0.0, 0)

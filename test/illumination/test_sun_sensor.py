@@ -106,6 +106,18 @@ def test_the_field_of_view_and_shadow_silence_the_sun_sensor():
     assert one.measure(dataclasses.replace(seen(0.0, 0.0), share=0.4), np.eye(3)) is None
 
 
+@pytest.mark.parametrize('azimuth_deg, elevation_deg', [(84.0, 0.0), (-84.0, 0.0), (0.0, 84.0)])
+def test_no_head_points_behind_itself(azimuth_deg, elevation_deg):
+    """At the edge of a wide field errors of 5 deg lead past 90 deg, and stay errors of 5 deg."""
+    sensor = SunSensor(SunSensorConfig(heads_yaw_deg=(0.0,), heads_elevation_deg=0.0, bias_deg=0.0,
+                                       field_of_view_deg=170.0, noise_deg=5.0),
+                       np.random.default_rng(1))
+    sun = seen(azimuth_deg, elevation_deg)
+    found = np.array([sensor.measure(sun, np.eye(3)) for _ in range(1000)])
+    assert np.all(found[:, 0] > 0.0)
+    assert max(angle_deg(one, sun.direction) for one in found) < 25.0
+
+
 @pytest.mark.parametrize('yaw_deg', [0.0, 125.0, -40.0])
 def test_a_head_sees_a_cone_about_where_it_looks(yaw_deg):
     """44 deg off its axis in any direction is seen, 46 deg is not; its errors are about it."""

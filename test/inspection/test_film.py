@@ -146,6 +146,8 @@ def test_refused(recorded: Recorded, options: dict, words: str) -> None:
     (['--tripod', '1e9,1,0.5'], '--tripod: 1000000000.0 is not valid; valid is 3 elements'),
     (['--tripod', '1,1,1', '--behind'], '--behind: has no effect beside --tripod; leave one'),
     (['--tripod', '1,1,1', '--from', '2,0,9'], '--from: has no effect beside --tripod'),
+    (['--quality', '0'], '--quality: 0 is not valid; valid is 1 to 100'),
+    (['--quality', '70'], '--quality: has no effect on a .mp4; valid is a .webp'),
     (['--from', '0.1,0,9'], '--from: distance_m: 0.1 is not valid; valid is >= 0.2'),
     (['--world', 'nowhere'], '--world: nowhere: not a world folder')])
 def test_errors_name_the_options(recorded: Recorded, options: list[str], words: str,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
-from lunar_rover_sim.bag.stamps import NS_PER_S
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.lidar.scan import POINT
+from lunar_rover_sim.seconds import NS_PER_S
 
 NS = NS_PER_S // 10
 _DATATYPES = {'f4': 7, 'u2': 4}     # of PointField

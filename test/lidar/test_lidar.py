@@ -303,6 +303,8 @@ def test_off_the_ground():
     ({'own': {'firing_s': 1e-4}}, 'own.firing_s: 0.0001 is not valid; 16 beams .* leave'),
     ({'own': {'min_range_m': 200.0}}, 'own.min_range_m: 200 is not valid; valid is < max_range_m'),
     ({'own': {'limit_noise_m': 0.01}}, 'own.limit_noise_m: 0.01 is not valid; .* >= noise_m'),
+    ({'own': {'beams': 32}}, '^own.beams: has no effect with part = velodyne_vlp16; .* = own$'),
+    ({'part': 'espros_tofcam635', 'own': {'firing_s': 1e-6}}, '^own.firing_s: has no effect with'),
 ])
 def test_impossible_optics(values, message):
     with pytest.raises(ConfigError, match=message):

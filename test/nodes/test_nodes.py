@@ -558,11 +558,33 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
         while first.time_ns() != 7_000_000_000:     # that of the wall, as long as there was none
             pass
         first.subscribe('/robot_description', 8)
-        assert deserialize_message(first.message()[2], String).data == '<robot/>'
+        _, stamp_ns, data = first.message()
+        assert deserialize_message(data, String).data == '<robot/>'
+        assert stamp_ns == 7_000_000_000        # it has none of its own
         with client(port) as second:
             second.subscribe('/robot_description')
             assert deserialize_message(second.message()[2], String).data == '<robot/>'
     peer.spin_until(lambda: not poses.get_subscription_count())
+
+
+def test_view_node_hears_the_clock_before_what_has_no_stamp(peer: Peer) -> None:
+    """A latched message comes at once; its first client gets it in simulated time too."""
+    pytest.importorskip('foxglove')
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import String
+    from view_client import client, free_port
+
+    from lunar_rover_sim.nodes import qos
+    latched = peer.node.create_publisher(String, 'robot_description', qos.newest(durable=True))
+    latched.publish(String(data='<robot/>'))
+    clock = peer.node.create_publisher(Clock, '/clock', 10)
+    port = free_port()
+    with running('view_node', '-p', f'port:={port}'), client(port) as first:
+        first.find('/clock')
+        first.subscribe('/robot_description')
+        peer.spin_until(lambda: latched.get_subscription_count() > 0,
+                        meanwhile=lambda: clock.publish(Clock(clock=time_msg(7_000_000_000))))
+        assert first.message()[1] == 7_000_000_000
 
 
 def test_render_node_listens_before_it_is_seen(world_folder: Path,

@@ -199,3 +199,5 @@ def test_a_closed_simulation_says_so():
     simulation.close()
     with pytest.raises(PhysicsError, match='the simulation is closed'):
         simulation.advance(1)
+    with pytest.raises(PhysicsError, match='the simulation is closed'):
+        simulation.command(np.zeros(4))

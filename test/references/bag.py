@@ -33,9 +33,10 @@ from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.series import (common_stamps, picture, read_calibration, read_imu,
                                         read_odometry)
-from lunar_rover_sim.bag.stamps import in_seconds, stamp_ns, StampTable
+from lunar_rover_sim.bag.stamps import stamp_ns, StampTable
 from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.regolith.overlay import GroundChanges
+from lunar_rover_sim.seconds import in_seconds
 from lunar_rover_sim.world.grid import HeightGrid
 
 

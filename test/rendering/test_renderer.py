@@ -459,6 +459,8 @@ def test_rig_geometry():
 def test_bad_input(world, renderer):
     with pytest.raises(RenderError, match="layer 'dept' is not valid; did you mean depth"):
         renderer.render(RoverPose(np.eye(4)), 0, ('dept',))
+    with pytest.raises(RenderError, match='^frame_index: 1.5 is not valid; valid is a whole num'):
+        renderer.render(RoverPose(np.eye(4)), 1.5)
     with pytest.raises(RenderError, match='finite 4 x 4'):
         renderer.render(RoverPose(np.full((4, 4), np.nan)), 0, ('left',))
     with pytest.raises(RenderError, match='leg angles are four finite numbers'):

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.run.domain import OwnDomain
 
 
-@pytest.mark.parametrize('domain', [-1, 233, 10**9])
-def test_numbers_that_are_no_domain(domain: int) -> None:
+@pytest.mark.parametrize('domain', [-1, 233, 10**9, '7', 1.5])
+def test_numbers_that_are_no_domain(domain: Any) -> None:
     """Their ports would not exist; rclpy takes a negative one for domain 0 without a word."""
-    with pytest.raises(ConfigError, match=rf'--domain {domain}: is not valid; valid is 0 to 232'):
+    with pytest.raises(ConfigError, match=f'--domain {domain!r}: is not valid; valid is 0 to 23'):
         OwnDomain(domain)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
+import re
 import socket
 import time
 
@@ -11,8 +13,10 @@ import pytest
 pytest.importorskip('foxglove')
 from view_client import client, free_port  # noqa: E402  (needs the extra)
 
-from lunar_rover_sim.errors import ConfigError  # noqa: E402
-from lunar_rover_sim.run.live_view import check_view, LiveView  # noqa: E402
+from lunar_rover_sim.cli.main import main  # noqa: E402
+from lunar_rover_sim.errors import ConfigError, GraphError  # noqa: E402
+from lunar_rover_sim.run.live_view import check_view, LiveView, ViewProcess  # noqa: E402
+from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 IMAGE, ODOM = 'sensor_msgs/msg/Image', 'nav_msgs/msg/Odometry'
 _WAIT_S = 10.0
@@ -123,3 +127,22 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
     with pytest.raises(ConfigError, match=r"pip install '.\[view\]' in a clone"):
         LiveView(free_port())
+
+
+def test_run_names_the_layout_where_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    """Its full path, which also leads from another folder than a clone to the file."""
+    def start(scenario: Scenario, *_: object, on_start: Callable[[Scenario, int], None],
+              **__: object) -> None:
+        on_start(scenario, 7)
+        raise GraphError('far enough')
+
+    for name, instead in (('require_ros', lambda: None), ('record', start)):
+        monkeypatch.setattr(f'lunar_rover_sim.cli.run.{name}', instead)
+    monkeypatch.setattr(ViewProcess, 'start', lambda *_: None)
+    monkeypatch.chdir(tmp_path)
+    assert main(['run', 'flat', '--world', 'any', '--view', str(free_port()), '-o', 'out']) == 1
+    written = capsys.readouterr()
+    assert 'far enough' in written.err
+    found = re.search('Lichtblick; layout (.*lunar_rover.json)', written.out)
+    assert found and Path(found[1]).is_absolute() and Path(found[1]).is_file()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -57,6 +58,8 @@ def test_overrides() -> None:
     ('render_node.hazard.front.rate_hz=7', r'hazard\.front\.rate_hz: 7 .* frame_rate_hz = 20'),
     ('physics_node.state_rate_hz=300', 'state_rate_hz: 300 is not valid'),
     ('run.nodes=[rviz]', "run.nodes: 'rviz' is not valid"),
+    ('run.may_fail=[physics_node]', "run.may_fail: 'physics_node' is not valid; "
+                                    'valid is lidar_node$'),
     ('run.nodes=[physics_node, physics_node]', 'run.nodes: physics_node is given 2 times'),
     ('run.duration_s=1e10', r'run.duration_s: 10000000000.0 is not valid; .*<= 2e[+]09'),
 ])
@@ -79,6 +82,16 @@ def test_a_lidar_that_sees_only_the_rover_is_refused_before_a_run() -> None:
             'lidar_node.part': 'espros_tofcam635', 'run.nodes': ['physics_node', 'lidar_node']}
     with pytest.raises(ConfigError, match=r'not valid with rpy_deg = \[0\.0, 80\.0, 0\.0\]'):
         Scenario.load('flat', down)
+
+
+@pytest.mark.parametrize(('name', 'match'), [
+    ('render_nod', "^'render_nod': no such node; did you mean render_node"),
+    ('name', "^'name': no such node; valid are drive_node, gait_controller_node"),
+    (3, '^3: no such node'), (['x'], r"^\['x'\]: no such node")])
+def test_unknown_node(name: Any, match: str) -> None:
+    """What is not a node is no parameters of one."""
+    with pytest.raises(ConfigError, match=match):
+        Scenario.load('flat').node(name)
 
 
 def test_unknown_scenario() -> None:

@@ -15,8 +15,8 @@ from lunar_rover_sim.frames import inverse, R_BODY_OPTICAL, se3
 from lunar_rover_sim.slam.euroc_reader import Camera, Frame
 from lunar_rover_sim.slam.reference.bundle import Problem, residuals
 from lunar_rover_sim.slam.reference.features import detect, disparities, track
-from lunar_rover_sim.slam.reference.geometry import (from_disparity, locate, project,
-                                                     triangulate, two_views)
+from lunar_rover_sim.slam.reference.geometry import (from_disparity, locate, project, triangulate,
+                                                     two_views)
 from lunar_rover_sim.slam.reference.odometry import VisualOdometry
 
 CAMERA = Camera((300.0, 300.0), (159.5, 119.5), 0.1)

@@ -291,6 +291,33 @@ def test_shapes_are_checked():
         matcher.match(np.zeros((10, 50), np.uint8), np.zeros((10, 50), np.uint8))
 
 
+@pytest.mark.parametrize('image, said', [
+    (np.zeros((80, 200)), r'float64 \(80, 200\)'), (np.zeros((80, 200), np.int32), 'int32 .*'),
+    (np.zeros((80, 200), np.uint32), 'uint32 .*'), (np.zeros((80, 200, 4), np.uint8), 'uint8 .*'),
+    (np.zeros(200, np.uint8), 'uint8 .*'), (None, 'None'), ('left.png', "'left.png'")])
+def test_what_is_no_image_is_refused(image, said):
+    """Images in 0..1 were matched as black ones: 0 % valid without a word."""
+    matcher = SgmMatcher(SgmConfig(num_disparities=64))
+    good = np.zeros((80, 200), np.uint8)
+    for name, pair in (('left', (image, good)), ('right', (good, image))):
+        with pytest.raises(StereoError, match=rf'^{name}: {said} is not valid; valid is uint8 or '
+                           r'uint16, \(h, w\) or \(h, w, 3\)$'):
+            matcher.match(*pair)
+
+
+@pytest.mark.parametrize('dtype', ['uint8', '<u2', '>u2'])
+@pytest.mark.parametrize('channels', [(), (3,)])
+def test_images_of_all_encodings_match_alike(dtype, channels):
+    """8 and 16 bits, grey and colour."""
+    left, right = textured_pair(np.full(120, 10.0), height=120, width=200, sky=0)
+    matcher = SgmMatcher(SgmConfig(num_disparities=32))
+    expected = matcher.match(left, right)
+    scale = 1 if dtype == 'uint8' else 256
+    pair = [(image.reshape(120, 200, *(1,) * len(channels)) * np.ones(channels)
+             * scale).astype(dtype) for image in (left, right)]
+    np.testing.assert_array_equal(matcher.match(*pair).disparity_px, expected.disparity_px)
+
+
 @pytest.mark.parametrize('block', [5, 7, 9])
 def test_matches_keep_half_a_block_from_the_edges(block):
     """The block around a match lies in both images, at the upper edge and on the sides."""
