@@ -20,7 +20,7 @@ from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import common_stamps, picture, read_imu, read_odometry
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
-from lunar_rover_sim.inspection.matching import disparity_map, is_textured
+from lunar_rover_sim.inspection.disparity_error import disparity_map, is_textured
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.stereo.depth import disparity_from_depth
 from lunar_rover_sim.stereo.error import disparity_errors_px

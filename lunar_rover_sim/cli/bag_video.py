@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SUN, TRIPOD, tripod_problem
 from lunar_rover_sim.cli.number_lists import numbers
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.film import check_suffix, SUFFIXES, U8, write_film
+from lunar_rover_sim.files.film_file import check_suffix, SUFFIXES, U8, write_film
 from lunar_rover_sim.files.outputs import check_path
 from lunar_rover_sim.inspection.film import Film, FilmOptions
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.inspection.scan import Scan
+from lunar_rover_sim.inspection.bag_scan import BagScan
 
 WINDOW_S = 1.0
 
@@ -44,7 +44,7 @@ def _rotation(quat_wxyz: np.ndarray) -> Rotation:
     return Rotation.from_quat(quat_wxyz[:, [1, 2, 3, 0]])
 
 
-def imu_drift(scan: Scan, imu_position_m: np.ndarray, gravity_mps2: float) -> Drift | None:
+def imu_drift(scan: BagScan, imu_position_m: np.ndarray, gravity_mps2: float) -> Drift | None:
     """Return how far the true IMU signal drifts from odometry; None where there is too little.
 
     imu_position_m: (3,) origin of the IMU in base_link.
@@ -84,7 +84,7 @@ def imu_drift(scan: Scan, imu_position_m: np.ndarray, gravity_mps2: float) -> Dr
     return Drift(*(float(drift.max()) for drift in drifts))
 
 
-def attitude_offset_rad(scan: Scan, R_base_imu: np.ndarray) -> float | None:
+def attitude_offset_rad(scan: BagScan, R_base_imu: np.ndarray) -> float | None:
     """Return the largest angle between the IMU's true orientation and that of odometry."""
     odom_ns, odom = scan.signal(scan.truth)
     imu_ns, imu = scan.signal(topics.IMU_TRUTH)
@@ -101,7 +101,7 @@ def attitude_offset_rad(scan: Scan, R_base_imu: np.ndarray) -> float | None:
     return float((expected.inv() * _rotation(quats[:, 4:])).magnitude().max())
 
 
-def raw_imu_offset(scan: Scan) -> NoiseOffset | None:
+def raw_imu_offset(scan: BagScan) -> NoiseOffset | None:
     """Return the mean of raw minus truth minus bias; None where not all of them are recorded."""
     stamps = None
     for topic in (topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS):

@@ -11,9 +11,9 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.yaml_text import read_yaml
+from lunar_rover_sim.inspection.bag_scan import TopicScan
 from lunar_rover_sim.inspection.report import grouped, Report, Status
 from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
-from lunar_rover_sim.inspection.scan import TopicScan
 from lunar_rover_sim.regolith.config import REGOLITH
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, Topic

@@ -10,7 +10,7 @@ import numpy as np
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
-from lunar_rover_sim.inspection.scan import Scan, scan, TopicScan
+from lunar_rover_sim.inspection.bag_scan import BagScan, scan, TopicScan
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
@@ -34,7 +34,7 @@ class RoverData:
 
     namespace: str
     scenario: RecordedScenario
-    scan: Scan
+    scan: BagScan
     state_ns: int
     frame_ns: int
     depth_ns: int
@@ -73,7 +73,7 @@ def scenario_rate_hz(rate: str, scenario: RecordedScenario) -> float:
         1.0, scenario.number('render_node', 'depth_every', 1.0))
 
 
-def measured_period_ns(rate: str, found: Scan) -> int:
+def measured_period_ns(rate: str, found: BagScan) -> int:
     """Return the median period [ns] of a rate class; 0 where too little was recorded."""
     recorded = next((found.topics[t.name] for t in _MEASURED[rate] if t.name in found.topics),
                     None)
@@ -81,6 +81,6 @@ def measured_period_ns(rate: str, found: Scan) -> int:
     return int(np.median(steps)) if len(steps) else 0
 
 
-def _period_ns(rate: str, scenario: RecordedScenario, found: Scan) -> int:
+def _period_ns(rate: str, scenario: RecordedScenario, found: BagScan) -> int:
     rate_hz = scenario_rate_hz(rate, scenario)
     return round(NS_PER_S / rate_hz) if rate_hz else measured_period_ns(rate, found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.inspection.matching import FrameError
+from lunar_rover_sim.inspection.disparity_error import FrameError
 from lunar_rover_sim.inspection.report import Report, Status
 from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.seconds import NS_PER_S

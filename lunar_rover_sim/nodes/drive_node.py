@@ -11,8 +11,8 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.nodes import conversions, node_main, qos
-from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.path_following.driver import Driver, STOPPED
 from lunar_rover_sim.run.node_config import DriveNodeConfig
@@ -39,8 +39,8 @@ class DriveNode(node_main.GraphNode):
         self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
                                                 topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
         # In lockstep the first command is held until everybody reads it.
-        self._matching = Matching(self, [self._publisher],
-                                  config.participants if config.lockstep else ())
+        self._matching = ReaderDiscovery(self, [self._publisher],
+                                         config.participants if config.lockstep else ())
         self._held: list[bytes] = []
         self.create_subscription(Odometry, config.truth.name, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)

@@ -15,8 +15,8 @@ from lunar_rover_sim.gait.conditions import differences, rover_conditions
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
-from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare, on_change
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.nodes.velocity_subscription import VelocitySubscription
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -49,9 +49,10 @@ class GaitControllerNode(node_main.GraphNode):
         self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
                                                 qos.offered(topics.JOINT_COMMANDS))
         # In lockstep the first answer is held until everybody reads it.
-        self._matching = Matching(self, [self._publisher],
-                                  tuple(dict.fromkeys([*config.wait.topics, *config.participants]))
-                                  if config.lockstep else ())
+        self._matching = ReaderDiscovery(
+            self, [self._publisher],
+            tuple(dict.fromkeys([*config.wait.topics, *config.participants]))
+            if config.lockstep else ())
         self._listener = LockstepListener(self, config.wait, config.lockstep, self._newest_ns,
                                           self._answer_while_open,
                                           {topics.CMD_VEL: self._velocities.append}

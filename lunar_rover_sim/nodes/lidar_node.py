@@ -23,9 +23,9 @@ from lunar_rover_sim.lidar.motion import Motion
 from lunar_rover_sim.nodes import conversions, lidar_conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
 from lunar_rover_sim.nodes.ground_listener import GroundListener
-from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import LidarNodeConfig
@@ -71,8 +71,8 @@ class LidarNode(node_main.GraphNode):
         self._scanned = self.create_publisher(Header, topics.LIDAR_SCANNED.name,
                                               qos.offered(topics.LIDAR_SCANNED),
                                               event_callbacks=events)
-        self._readers = Matching(self, [*self._outputs.values(), self._scanned],
-                                 config.participants if config.lockstep else ())
+        self._readers = ReaderDiscovery(self, [*self._outputs.values(), self._scanned],
+                                        config.participants if config.lockstep else ())
         refuse_other_worlds(self, config.world, world, config.lockstep)
         self._of_rover: list[Subscription] = []
         self._listen_while_read()

@@ -12,10 +12,10 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
 from lunar_rover_sim.nodes.ground_publisher import GroundPublisher
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
-from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.own_world import load_own_world
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
 from lunar_rover_sim.nodes.stepping import Stepping
@@ -50,7 +50,7 @@ class PhysicsNode(node_main.GraphNode):
             topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
         self._requested = RequestedSensors(self, self._simulation, world, rover, config)
-        self._matching = Matching(
+        self._matching = ReaderDiscovery(
             self, [*self._publisher.publishers, *self._requested.publishers, *changes],
             tuple(dict.fromkeys([*config.wait.topics, *config.participants])))
         self._latched_publishers = [self._latch(topics.WORLD_HASH, world.hash),

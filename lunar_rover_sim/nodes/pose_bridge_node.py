@@ -15,10 +15,10 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops
-from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.pose_stream import BridgedState, LossLog, PoseStream
 from lunar_rover_sim.nodes.pose_targets import make_target
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -62,8 +62,8 @@ class PoseBridgeNode(node_main.GraphNode):
             JointState, topics.BRIDGED_JOINTS.name, qos.offered(topics.BRIDGED_JOINTS))
         self._shown_publisher = self.create_publisher(Header, topics.SHOWN.name,
                                                       qos.offered(topics.SHOWN))
-        self._matching = Matching(self, [self._joint_publisher, self._shown_publisher],
-                                  config.participants if config.lockstep else ())
+        self._matching = ReaderDiscovery(self, [self._joint_publisher, self._shown_publisher],
+                                         config.participants if config.lockstep else ())
         truth = config.truth.name
         self.create_subscription(Odometry, truth, self._odom_callback,
                                  qos.requested(topics.ODOM, config.lockstep), raw=True)

@@ -19,10 +19,10 @@ from lunar_rover_sim.nodes.frame_publisher import FramePublisher
 from lunar_rover_sim.nodes.further_cameras import FurtherCameras
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.label_publisher import LabelPublisher
-from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.moving_sun import MovingSun
 from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare, on_change
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rendering.frame import unknown_flows
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -102,8 +102,9 @@ class RenderNode(node_main.GraphNode):
         self._publisher = FramePublisher(self, config, self._renderer.rig, self._wake_if_idle,
                                          self._wake_later)
         self._further = FurtherCameras(self, config, self._renderer, self._wake_if_idle)
-        self._readers = Matching(self, [*self._publisher.publishers, *self._further.publishers],
-                                 config.participants if config.lockstep else ())
+        self._readers = ReaderDiscovery(
+            self, [*self._publisher.publishers, *self._further.publishers],
+            config.participants if config.lockstep else ())
         self._sun = MovingSun(self, config, self._renderer)
         LabelPublisher(self, self._renderer.rocks, world.craters, world.hash)
         refuse_other_worlds(self, config.world, world, config.lockstep)

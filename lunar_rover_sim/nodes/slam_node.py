@@ -22,8 +22,8 @@ from lunar_rover_sim.files.resources import program_path
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, Status, WARN
-from lunar_rover_sim.nodes.matching import Matching
 from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import SlamNodeConfig
@@ -75,7 +75,7 @@ class SlamNode(node_main.GraphNode):
                                     config.ready_s, config.answer_s, self._wake_later)
         # The publisher of the status is made when the program is ready: time waits for it.
         self._status: Publisher | None = None
-        self._matching: Matching | None = None
+        self._matching: ReaderDiscovery | None = None
         self._pose = self.create_publisher(PoseStamped, topics.SLAM_POSE.name,
                                            qos.offered(topics.SLAM_POSE))
         self._tf = None
@@ -179,8 +179,9 @@ class SlamNode(node_main.GraphNode):
     def _begin(self) -> None:
         self._status = self.create_publisher(DiagnosticArray, topics.SLAM_STATUS.name,
                                              qos.offered(topics.SLAM_STATUS))
-        self._matching = Matching(self, [self._pose, self._status],
-                                  self._config.participants if self._config.lockstep else ())
+        self._matching = ReaderDiscovery(
+            self, [self._pose, self._status],
+            self._config.participants if self._config.lockstep else ())
         self.get_logger().info('the program is ready')
 
     def _has_imu_until(self, stamp_ns: int) -> bool:

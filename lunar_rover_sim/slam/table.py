@@ -15,7 +15,7 @@ from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.slam.drives import Judged
 from lunar_rover_sim.slam.estimators import join
-from lunar_rover_sim.slam.statistics import Median, Share
+from lunar_rover_sim.slam.paired_drives import Median, Share
 
 SUCCESS_SHARE = 0.9     # of the frames
 _MAX_BYTES = 1 << 18

@@ -8,8 +8,8 @@ from scipy import stats
 
 from lunar_rover_sim.slam.drives import Drive, Judged
 from lunar_rover_sim.slam.findings import findings
+from lunar_rover_sim.slam.paired_drives import Comparison, Median
 from lunar_rover_sim.slam.run_on_bag import SlamResult
-from lunar_rover_sim.slam.statistics import Comparison, Median
 
 LOST = None
 

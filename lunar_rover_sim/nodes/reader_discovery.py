@@ -29,7 +29,7 @@ UNKNOWN_NAME = '_NODE_NAME_UNKNOWN_'
 _NEEDED = 'valid in lockstep is RELIABLE, VOLATILE, as QoSProfile(depth=10) of rclpy is'
 
 
-class Matching:
+class ReaderDiscovery:
     """Finds out when every participant has been discovered and matched.
 
     publishers: those of the node

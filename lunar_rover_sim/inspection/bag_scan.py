@@ -16,7 +16,8 @@ from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.scan_validity import laser_scan_problem, lidar_cloud_problem
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.inspection.matching import disparity_map, frame_error, FrameError, is_textured
+from lunar_rover_sim.inspection.disparity_error import (disparity_map, frame_error, FrameError,
+                                                        is_textured)
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.stereo.depth import disparity_from_depth
 from lunar_rover_sim.topics import Topic
@@ -65,7 +66,7 @@ class TopicScan:
 
 
 @dataclasses.dataclass
-class Scan:
+class BagScan:
     """The topics of one namespace of a bag, by their names in the contract."""
 
     namespace: str
@@ -103,9 +104,9 @@ _SIGNALS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     topics.IMU_BIAS.name: _accel}
 
 
-def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -> Scan:
+def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -> BagScan:
     """Read the contract's topics under `namespace` once; `progress` is called once per message."""
-    result = Scan(namespace)
+    result = BagScan(namespace)
     by_topic: dict[str, TopicScan] = {}
     hazards = {found[1] for name in bag.types
                if (found := topics.of_hazard(name.removeprefix(f'{namespace}/'))) is not None}
@@ -153,7 +154,7 @@ def _like(topic: Topic) -> str:
 
 
 def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validity.FiniteCheck,
-          result: Scan, pair: _DepthPair) -> None:
+          result: BagScan, pair: _DepthPair) -> None:
     name = topic.topic.name
     topic.last = message
     header = getattr(message, 'header', None)
@@ -185,7 +186,7 @@ def _look(topic: TopicScan, message: Any, stamp_ns: int, finite: message_validit
 class _DepthPair:
     """Compares disparity with true depth and with depth as soon as both of one stamp are read."""
 
-    def __init__(self, result: Scan) -> None:
+    def __init__(self, result: BagScan) -> None:
         self._result = result
         self._waiting: dict[int, dict[str, Any]] = {}
         self._images: dict[int, np.ndarray] = {}
