@@ -50,7 +50,7 @@ class Lidar:
         self._own = OwnBody(rover, self.pattern)
         self._range_m = config.optics.max_range_m
         reach = world.ground.half_extent_m + self._range_m
-        self._rocks = rocks = world.rocks.joined(far_rocks(world, reach))
+        rocks = world.rocks.joined(far_rocks(world, reach))
         hulls = RockHulls(rocks, world.rock_shapes)
         pyramids = []
         for grid in world.levels:

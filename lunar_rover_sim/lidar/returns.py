@@ -53,11 +53,11 @@ class Returns:
 
 
 class _Ranging(NamedTuple):
-    """Numbers of a sensor that the loop over its beams needs; they are those of LidarOptics."""
+    """What the loop over beams needs of LidarOptics."""
 
     reference_range_m: float
     reference_reflectance: float
-    divergence_rad: float
+    divergence_mrad: float
     pulse_m: float
     noise_m: float
     limit_noise_m: float
@@ -75,11 +75,8 @@ class ReturnModel:
     def __init__(self, config: LidarConfig, ground_albedo: NDArray[np.float32], cell_m: float,
                  rock_albedo: NDArray[np.float32]) -> None:
         """Tabulate reflectances; compiles the loop over beams if no process has done so before."""
-        optics, self._noise = config.optics, config.noise
-        self._ranging = _Ranging(
-            optics.reference_range_m, optics.reference_reflectance, 1e-3 * optics.divergence_mrad,
-            optics.pulse_m, optics.noise_m, optics.limit_noise_m, optics.resolution_m,
-            optics.min_range_m, optics.max_range_m)
+        self._noise = config.noise
+        self._ranging = _Ranging(*(getattr(config.optics, name) for name in _Ranging._fields))
         self._ground_albedo, self._cell_m = ground_albedo, cell_m
         self._rock_albedo = np.ascontiguousarray(rock_albedo, np.float32)
         kinds = config.reflectance
@@ -108,7 +105,7 @@ def _measure(of, tables, ground_albedo, cell_m, rock_albedo, rover, origin_m, di
     """Fill in range_m and intensity of the beams that return, as `Returns` has them."""
     n, cells_per_m = len(ground_albedo), 1.0 / cell_m
     strength_m2 = of.reference_range_m ** 2 / of.reference_reflectance
-    spread_per_m = of.divergence_rad / of.pulse_m
+    spread_per_m = 1e-3 * of.divergence_mrad / of.pulse_m
     strong2, weak2 = of.noise_m ** 2, of.limit_noise_m ** 2 - of.noise_m ** 2
     steps_per_m = 1.0 / of.resolution_m if of.resolution_m > 0.0 else 0.0
     for i in range(len(distance_m)):

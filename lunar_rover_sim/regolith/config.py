@@ -92,7 +92,9 @@ class GroundConfig(Parameters):
         if gravity_mps2 <= 0.0:
             raise ConfigError(f'gravity_mps2: {gravity_mps2:g} is not valid on ground.model ='
                               f' {REGOLITH}; valid is > 0')
-        changed = {field: getattr(self, name) * factor
-                   for name, (field, factor, _, _) in _OVERRIDES.items() if name in self.given()}
+        changed = {}
+        for name in self.given():
+            field, factor, _, _ = _OVERRIDES[name]
+            changed[field] = getattr(self, name) * factor
         return dataclasses.replace(PRESETS[self.preset], weak_slopes=self.weak_slopes,
                                    **changed).under(gravity_mps2)

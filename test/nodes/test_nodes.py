@@ -24,6 +24,7 @@ from nav_msgs.msg import Odometry  # noqa: E402
 from peer import at_rest_odometry, ended, fails, LEGS, Peer, running, SMALL_CAMERA  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters, SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.publisher import Publisher  # noqa: E402
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from sensor_msgs.msg import (CameraInfo, CompressedImage, Image, JointState,  # noqa: E402
                              PointCloud2)
@@ -522,6 +523,16 @@ def test_an_answer_from_the_future_does_not_hold_the_gate_open(peer: Peer,
         assert 'joint_commands: stamp 1700000000.000 s refused' in process.stdout.read()
 
 
+def latched_description(peer: Peer) -> Publisher:
+    """Publish a description of a robot, which has no stamp, as physics_node does."""
+    from std_msgs.msg import String
+
+    from lunar_rover_sim.nodes import qos
+    latched = peer.node.create_publisher(String, 'robot_description', qos.newest(durable=True))
+    latched.publish(String(data='<robot/>'))
+    return latched
+
+
 def test_view_node_serves_what_is_watched(peer: Peer) -> None:
     """A client without ROS gets the bytes of messages; latched ones come to every client."""
     pytest.importorskip('foxglove')
@@ -531,9 +542,7 @@ def test_view_node_serves_what_is_watched(peer: Peer) -> None:
     from view_client import client, free_port
 
     from lunar_rover_sim import topics
-    from lunar_rover_sim.nodes import qos
-    latched = peer.node.create_publisher(String, 'robot_description', qos.newest(durable=True))
-    latched.publish(String(data='<robot/>'))
+    latched_description(peer)
     poses = peer.node.create_publisher(Odometry, 'odom', 10)
     port = free_port()
     with running('view_node', '-p', f'port:={port}'), client(port) as first:
@@ -571,12 +580,8 @@ def test_view_node_hears_the_clock_before_what_has_no_stamp(peer: Peer) -> None:
     """A latched message comes at once; its first client gets it in simulated time too."""
     pytest.importorskip('foxglove')
     from rosgraph_msgs.msg import Clock
-    from std_msgs.msg import String
     from view_client import client, free_port
-
-    from lunar_rover_sim.nodes import qos
-    latched = peer.node.create_publisher(String, 'robot_description', qos.newest(durable=True))
-    latched.publish(String(data='<robot/>'))
+    latched = latched_description(peer)
     clock = peer.node.create_publisher(Clock, '/clock', 10)
     port = free_port()
     with running('view_node', '-p', f'port:={port}'), client(port) as first:
