@@ -13,7 +13,7 @@ import numpy as np
 
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.lidar.lidar import Lidar
-from lunar_rover_sim.lidar.motion import Motion
+from lunar_rover_sim.lidar.motion import ScanMotion
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
@@ -42,7 +42,7 @@ def main() -> None:
         settle(renderer, state)
         image = np.asarray(renderer.render(state, 0, ('left',)).left)
     lidar = Lidar.from_scenario(scenario, world)
-    cloud = lidar.scan(Motion([0.0, 0.1], [T_world_base, T_world_base])).cloud()
+    cloud = lidar.scan(ScanMotion([0.0, 0.1], [T_world_base, T_world_base])).cloud()
     points = np.stack([cloud[axis] for axis in 'xyz'], axis=1).astype(float)
     T = T_world_base @ lidar.T_base_lidar
     rig = StereoRig(rover, scenario.render_node.camera)

@@ -34,7 +34,7 @@ VOCABULARIES = 'label_info'     # a folder with a file for each drive
 
 
 @dataclasses.dataclass(frozen=True)
-class Drive:
+class Episode:
     """An episode: its name, the scenario that it starts from, and the hash of its world."""
 
     name: str
@@ -85,7 +85,7 @@ def write_shards(dataset: Path, output: Path, size: int, shares: Mapping[str, fl
             for split in SPLITS if split in made]
 
 
-def split_worlds(drives: list[Drive], shares: Mapping[str, float]) -> dict[str, str]:
+def split_worlds(drives: list[Episode], shares: Mapping[str, float]) -> dict[str, str]:
     """Return the split of each world by its hash.
 
     The order in which worlds are taken follows from their hashes, so that it is always the same.
@@ -115,13 +115,13 @@ def split_worlds(drives: list[Drive], shares: Mapping[str, float]) -> dict[str, 
     return result
 
 
-def _drives(dataset: Path) -> list[Drive]:
+def _drives(dataset: Path) -> list[Episode]:
     recorded = read_json(dataset / CAMPAIGN_FILE).get('campaign')
     base = str(recorded.get(BASE, '')) if isinstance(recorded, dict) else ''
     drives = []
     for manifest in manifests(dataset):
         name, drawn = manifest['name'], manifest.get('drawn') or {}
-        drives.append(Drive(name, str(drawn.get(BASE, base)), _world(dataset / EPISODES / name)))
+        drives.append(Episode(name, str(drawn.get(BASE, base)), _world(dataset / EPISODES / name)))
     if not drives:
         raise CampaignError(f'{dataset}: has no finished episodes')
     return drives
@@ -179,5 +179,5 @@ def _listed(index: Path) -> list[dict[str, Any]]:
     return entries
 
 
-def _worlds(drives: list[Drive], split_of: Mapping[str, str], split: str) -> int:
+def _worlds(drives: list[Episode], split_of: Mapping[str, str], split: str) -> int:
     return len({drive.world for drive in drives if split_of[drive.world] == split})

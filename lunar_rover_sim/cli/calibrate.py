@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f'--measure: {args.measure:g} is not valid; valid is 1 to '
                           f'{gait_measurement.MAX_MEASURE_S:g} [s]')
     scenario = Scenario.load(args.scenario, args.overrides)
-    settings = gait_measurement.WalkSettings(scenario.rover, scenario.physics_node,
-                                             scenario.gait_controller_node, args.measure)
+    settings = gait_measurement.MeasurementSettings(scenario.rover, scenario.physics_node,
+                                                    scenario.gait_controller_node, args.measure)
     rates, turns = gait_measurement.COARSE if args.coarse else gait_measurement.FINE
     console = Console()
     with Progress(console=console, transient=True) as bar:

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from lunar_rover_sim.cli.terminal import console, table
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.bootstrap import Difference, Estimate
+from lunar_rover_sim.evaluation.bootstrap import Difference, SeriesMean
 from lunar_rover_sim.evaluation.image_comparison import (compare_images, DISTANCE, FRAMES,
                                                          ImageComparison)
 from lunar_rover_sim.evaluation.image_plots import save_comparison
@@ -89,7 +89,7 @@ def _print(out: Console, result: ImageComparison) -> None:
               style='dim', highlight=False, markup=False, soft_wrap=True)
 
 
-def _value(found: Estimate | Difference) -> str:
+def _value(found: SeriesMean | Difference) -> str:
     if found.value != found.value:
         return '-'
     text = _number(found.value)

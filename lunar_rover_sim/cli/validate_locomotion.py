@@ -17,7 +17,7 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import (locomotion, locomotion_grounds, locomotion_report,
                                      terramechanics)
 from lunar_rover_sim.studies.command_tracking import COMMANDS, CommandTracking, measure_commands
-from lunar_rover_sim.studies.gait_measurement import WalkSettings
+from lunar_rover_sim.studies.gait_measurement import MeasurementSettings
 from lunar_rover_sim.studies.pitch import read_curve, STEADY_FROM_S
 from lunar_rover_sim.studies.terramechanics import Ground
 
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         if not args.no_commands:
             following = bar.add_task('following commands')
             tracking = measure_commands(
-                COMMANDS, table, WalkSettings(scenario.rover, physics, gait), args.workers,
+                COMMANDS, table, MeasurementSettings(scenario.rover, physics, gait), args.workers,
                 lambda done, total: bar.update(following, completed=done, total=total))
         walks: locomotion_grounds.Walks = {}
         if args.grounds:

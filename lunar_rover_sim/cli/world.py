@@ -259,19 +259,19 @@ def _export_mesh(args: argparse.Namespace, output: Path) -> None:
 def _export_stage(args: argparse.Namespace, output: Path) -> None:
     # Here, because OpenUSD is an optional dependency.
     from lunar_rover_sim.usd.output import check_output, check_prim_name
-    from lunar_rover_sim.usd.recorded_site import site_of
+    from lunar_rover_sim.usd.recorded_drive import settings_of
     from lunar_rover_sim.usd.world_stage import write_world
     check_output(output, args.overwrite)
     name = check_prim_name(args.name if args.name is not None else 'World')
     scenario = Scenario.load(args.scenario) if args.scenario else None
-    site = site_of(scenario.physics_node if scenario else PhysicsNodeConfig(),
-                   scenario.render_node if scenario else RenderNodeConfig())
+    settings = settings_of(scenario.physics_node if scenario else PhysicsNodeConfig(),
+                           scenario.render_node if scenario else RenderNodeConfig())
     if args.sun is not None:
         azimuth, elevation = _checked_sun(args.sun)
-        sun = dataclasses.replace(site.sun, azimuth_deg=azimuth, elevation_deg=elevation)
-        site = dataclasses.replace(site, sun=sun)
+        sun = dataclasses.replace(settings.sun, azimuth_deg=azimuth, elevation_deg=elevation)
+        settings = dataclasses.replace(settings, sun=sun)
     with Console(stderr=True).status('writing the stage'):
-        write_world(load_world(args.folder), output, site, name=name,
+        write_world(load_world(args.folder), output, settings, name=name,
                     surroundings=not args.no_surroundings, overwrite=args.overwrite)
 
 

@@ -21,7 +21,7 @@ LEAST = 3       # values; fewer have no interval
 _TAIL = 2.5     # percent
 
 
-class Estimate(NamedTuple):
+class SeriesMean(NamedTuple):
     """A value and its 95 % interval, NaN where there is none; n: number of values behind it."""
 
     value: float
@@ -52,19 +52,19 @@ def resampled(count: int, rng: np.random.Generator) -> NDArray[np.int64]:
     return places.reshape(RESAMPLES, -1)[:, :count]
 
 
-def estimate(values: Array, rng: np.random.Generator) -> tuple[Estimate, Array]:
+def estimate(values: Array, rng: np.random.Generator) -> tuple[SeriesMean, Array]:
     """Return the mean of (n,) values, NaN left out, and the means of the resamples."""
     known = values[np.isfinite(values)]
     nan = float('nan')
     if not len(known):
-        return Estimate(nan, nan, nan, 0), np.full(RESAMPLES, nan)
+        return SeriesMean(nan, nan, nan, 0), np.full(RESAMPLES, nan)
     mean = float(known.mean())
     if len(known) < LEAST:
-        return Estimate(mean, nan, nan, len(known)), np.full(RESAMPLES, nan)
+        return SeriesMean(mean, nan, nan, len(known)), np.full(RESAMPLES, nan)
     means = known[resampled(len(known), rng)].mean(axis=1)
     means = mean + _spread(len(known)) * (means - mean)
     low, high = np.percentile(means, (_TAIL, 100.0 - _TAIL))
-    return Estimate(mean, float(low), float(high), len(known)), means
+    return SeriesMean(mean, float(low), float(high), len(known)), means
 
 
 def _spread(count: int) -> float:

@@ -16,7 +16,7 @@ from scipy.stats import wasserstein_distance
 
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import bootstrap
-from lunar_rover_sim.evaluation.bootstrap import Difference, Estimate
+from lunar_rover_sim.evaluation.bootstrap import Difference, SeriesMean
 from lunar_rover_sim.evaluation.image_layouts import ImageSet, open_images
 from lunar_rover_sim.evaluation.image_statistics import (image_statistics, LOG_BINS, LOG_FLOOR,
                                                          LOG_STEP, MEASURES)
@@ -40,12 +40,12 @@ class SetStatistics:
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
+class MeasureRow:
     """One measure: its mean in both sets, and the second less the first."""
 
     name: str
-    first: Estimate
-    second: Estimate
+    first: SeriesMean
+    second: SeriesMean
     difference: Difference
 
 
@@ -60,13 +60,13 @@ class ImageComparison:
     first: SetStatistics
     second: SetStatistics
     width_px: int
-    rows: tuple[Row, ...]
+    rows: tuple[MeasureRow, ...]
     distance: Difference
     chance: float
 
     def to_mapping(self) -> dict[str, Any]:
         """Return all numbers as plain values; None for what is not known."""
-        def plain(estimate: Estimate | Difference) -> dict[str, Any]:
+        def plain(estimate: SeriesMean | Difference) -> dict[str, Any]:
             return {name: None if value != value else value
                     for name, value in estimate._asdict().items()}
 
@@ -112,7 +112,7 @@ def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAME
     for k, name in enumerate(MEASURES):
         one, means = bootstrap.estimate(a.values[:, k], rng)
         other, other_means = bootstrap.estimate(b.values[:, k], rng)
-        rows.append(Row(name, one, other, bootstrap.difference(
+        rows.append(MeasureRow(name, one, other, bootstrap.difference(
             other.value - one.value, other_means - means)))
     return ImageComparison(a, b, width, tuple(rows), *_distance(a, b, rng))
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.image_comparison import ImageComparison, Row
+from lunar_rover_sim.evaluation.image_comparison import ImageComparison, MeasureRow
 from lunar_rover_sim.evaluation.image_statistics import LOG_BINS, LOG_FLOOR, LOG_STEP
 
 _COLOURS = {'A': 'tab:blue', 'B': 'tab:orange'}
@@ -45,7 +45,7 @@ def _histograms(axes: Axes, result: ImageComparison) -> None:
     axes.grid(alpha=0.3)
 
 
-def _measure(axes: Axes, row: Row, result: ImageComparison) -> None:
+def _measure(axes: Axes, row: MeasureRow, result: ImageComparison) -> None:
     index = [other.name for other in result.rows].index(row.name)
     sets = (row.first, result.first), (row.second, result.second)
     for k, ((name, colour), (estimate, one)) in enumerate(zip(_COLOURS.items(), sets)):

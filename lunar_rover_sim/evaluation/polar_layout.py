@@ -30,14 +30,14 @@ _MATRICES = {'CAMERA_MATRIX_LEFT': 9, 'DISTORTION_COEFFICIENTS_LEFT': 0, 'CAMERA
 Maps = tuple[Any, ...]     # of cv2.remap: columns and rows, left and right
 
 
-class Scene(NamedTuple):
+class PolarScene(NamedTuple):
     """One position under one light: exposures [ms] → left image."""
 
     folder: Path
     exposures: dict[int, Path]
 
 
-def scenes(path: Path) -> list[Scene]:
+def scenes(path: Path) -> list[PolarScene]:
     """Return the scenes below a folder: the set, a terrain, a position or a light."""
     found: dict[Path, dict[int, Path]] = {}
     depths = ('', '*/', '*/*/', '*/*/*/')      # a light, a position, a terrain, the set
@@ -46,10 +46,10 @@ def scenes(path: Path) -> list[Scene]:
         if exposure is None:
             raise EvaluationError(f'{left}: names no exposure; valid is CamL_*_EXPOSURE.png')
         found.setdefault(left.parent, {})[int(exposure[1])] = left
-    return [Scene(folder, exposures) for folder, exposures in found.items()]
+    return [PolarScene(folder, exposures) for folder, exposures in found.items()]
 
 
-def pairs(all_scenes: list[Scene], most: int) -> Iterator[GreyPair]:
+def pairs(all_scenes: list[PolarScene], most: int) -> Iterator[GreyPair]:
     """Yield one pair for each of at most so many scenes."""
     for scene in chosen(all_scenes, most):
         left_path, left = _exposed(scene)
@@ -76,7 +76,7 @@ def _root(linear: F32) -> F32:
     return np.sqrt(np.clip(linear, 0.0, 1.0))
 
 
-def _exposed(scene: Scene) -> tuple[Path, F32]:
+def _exposed(scene: PolarScene) -> tuple[Path, F32]:
     for exposure in sorted(scene.exposures, reverse=True):
         path = scene.exposures[exposure]
         image = _linear(path)

@@ -18,7 +18,7 @@ from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.inspection import (imu_checks, lidar_checks, message_checks, stereo_checks,
                                         tracking)
 from lunar_rover_sim.inspection.hazard_checks import hazards
-from lunar_rover_sim.inspection.report import Report, Status
+from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import (measured_period_ns, read_rover_data, RoverData,
                                                    scenario_rate_hz)
 from lunar_rover_sim.seconds import NS_PER_S
@@ -28,9 +28,9 @@ _RATE_TOLERANCE_NS = 1000
 _LATEST_NS = 5 * NS_PER_S    # longer than a run waits for the last answers
 
 
-def check(path: Path | str, progress: Callable[[], None] | None = None) -> Report:
+def check(path: Path | str, progress: Callable[[], None] | None = None) -> CheckReport:
     """Check a bag; `progress` is called once per message. Raises BagError if it cannot be read."""
-    report = Report()
+    report = CheckReport()
     ends_ns: list[int] = []
     read: dict[str, int] = {}
     with open_bag(path) as bag:
@@ -54,7 +54,7 @@ def check(path: Path | str, progress: Callable[[], None] | None = None) -> Repor
     return report
 
 
-def checksums(bag: Bag, report: Report) -> None:
+def checksums(bag: Bag, report: CheckReport) -> None:
     """The file fits its checksums. Those of chunks are verified whenever messages are read."""
     if bag.incomplete or bag.storage_path.suffix != '.mcap':
         report.add('checksums', Status.SKIP, 'the file has none')
@@ -65,7 +65,7 @@ def checksums(bag: Bag, report: Report) -> None:
                                  for file, one in found.items() if one], 'fit')
 
 
-def readable(bag: Bag, read: Mapping[str, int], report: Report) -> None:
+def readable(bag: Bag, read: Mapping[str, int], report: CheckReport) -> None:
     """As many messages are read as the bag counts.
 
     read: topic → messages that were read already
@@ -93,7 +93,7 @@ def _messages_in(file: Path) -> int:
         return sum(1 for _ in bag.raw())
 
 
-def span(bag: Bag, report: Report) -> None:
+def span(bag: Bag, report: CheckReport) -> None:
     """The first and the last message have the times that the bag begins and ends with."""
     if not bag.message_count:
         return
@@ -110,7 +110,7 @@ def _has(bag: Bag, start_ns: int | None, stop_ns: int | None) -> bool:
     return next(bag.raw(start_ns=start_ns, stop_ns=stop_ns), None) is not None
 
 
-def one_clock(bag: Bag, end_ns: int, report: Report) -> None:
+def one_clock(bag: Bag, end_ns: int, report: CheckReport) -> None:
     """No message is stamped long after the last state: that would be another clock.
 
     Topics that bear wall time by their nature, such as /diagnostics, are left out.
@@ -126,7 +126,7 @@ def one_clock(bag: Bag, end_ns: int, report: Report) -> None:
     report.verdict('one clock', problems, f'all within {_LATEST_NS // NS_PER_S} s of the states')
 
 
-def _check(rover: RoverData, report: Report) -> None:
+def _check(rover: RoverData, report: CheckReport) -> None:
     """Run all checks on one rover of a bag."""
     for one in (rates, duration, message_checks.contract_topics, message_checks.counts,
                 message_checks.stamps, message_checks.stereo_sets, message_checks.contents,
@@ -136,7 +136,7 @@ def _check(rover: RoverData, report: Report) -> None:
         one(rover, report)
 
 
-def rates(rover: RoverData, report: Report) -> None:
+def rates(rover: RoverData, report: CheckReport) -> None:
     """The measured rates are those of the scenario."""
     for rate in (STATE, FRAME, DEPTH_FRAME):
         meant_hz = scenario_rate_hz(rate, rover.scenario)
@@ -148,7 +148,7 @@ def rates(rover: RoverData, report: Report) -> None:
                        f'{NS_PER_S / measured_ns:g} Hz measured, {meant_hz:g} Hz in the scenario')
 
 
-def duration(rover: RoverData, report: Report) -> None:
+def duration(rover: RoverData, report: CheckReport) -> None:
     """The recording is as long as its scenario runs."""
     meant_s = rover.scenario.number('run', 'duration_s', 0.0)
     if not meant_s:

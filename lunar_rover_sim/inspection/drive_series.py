@@ -23,7 +23,7 @@ _SLIP_RATE_HZ = 50.0        # sampling rate of the feet
 _LEAST_SWEEP_M = 0.02       # sum over the feet in a window; below it there is no slip ratio
 
 
-class Drive(NamedTuple):
+class DriveSeries(NamedTuple):
     """States that the bag holds, (n, …) arrays.
 
     stamps_ns (n,); poses (n, 13) as `odometry_row`; angles, velocities (n, 4) of the legs;
@@ -84,7 +84,7 @@ class Drive(NamedTuple):
                           np.zeros((4, 3)), np.zeros(3), np.zeros(3))
 
 
-def read_drive(bag: Bag, start_ns: int | None = None, end_ns: int | None = None) -> Drive:
+def read_drive(bag: Bag, start_ns: int | None = None, end_ns: int | None = None) -> DriveSeries:
     """Return the motion in a bag between two times; raise BagError where it holds none."""
     for name in (bag.truth, topics.JOINT_STATES.name):
         if not bag.has(name) or not bag.counts[bag.resolve(name)]:
@@ -109,8 +109,8 @@ def read_drive(bag: Bag, start_ns: int | None = None, end_ns: int | None = None)
         found = rows.get(contact.name, {})
         for k, stamp in enumerate(common):
             forces[k, leg] = found.get(stamp, np.nan)
-    return Drive(np.array(common, np.int64), np.array([rows[bag.truth][s] for s in common]),
-                 legs[:, 0], legs[:, 1], forces)
+    return DriveSeries(np.array(common, np.int64), np.array([rows[bag.truth][s] for s in common]),
+                       legs[:, 0], legs[:, 1], forces)
 
 
 def _legs(bag: Bag, message: Any) -> Array:

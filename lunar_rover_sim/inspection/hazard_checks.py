@@ -12,12 +12,12 @@ from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.camera.models import geometry_of
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.inspection.message_checks import count_problem, recorded_names
-from lunar_rover_sim.inspection.report import Report, Status
+from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import RoverData
 from lunar_rover_sim.seconds import NS_PER_S
 
 
-def hazards(rover: RoverData, report: Report) -> None:
+def hazards(rover: RoverData, report: CheckReport) -> None:
     """Images and CameraInfos of hazard cameras that were to be recorded are there, and fit."""
     sets = rover.scenario.get('render_node', 'hazard')
     if not isinstance(sets, Mapping):

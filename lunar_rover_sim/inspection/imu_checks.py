@@ -6,7 +6,7 @@ import numpy as np
 
 from lunar_rover_sim import frames
 from lunar_rover_sim.inspection import consistency
-from lunar_rover_sim.inspection.report import Report, Status
+from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import RoverData
 
 # Drift of the noise-free IMU over one second. The samples are exact means; what remains is the
@@ -19,7 +19,7 @@ MAX_ATTITUDE_OFFSET_RAD = 1e-6
 MAX_NOISE_SIGMAS = 6.0
 
 
-def imu_and_odometry(rover: RoverData, report: Report) -> None:
+def imu_and_odometry(rover: RoverData, report: CheckReport) -> None:
     """The noise-free IMU integrates to odometry."""
     position = _vector(rover.scenario.get('rover', 'imu.position_m'))
     rpy = np.radians(_vector(rover.scenario.get('rover', 'imu.rpy_deg')))
@@ -47,7 +47,7 @@ def imu_and_odometry(rover: RoverData, report: Report) -> None:
                    f'{drift.position_m:.1e} m')
 
 
-def imu_noise(rover: RoverData, report: Report) -> None:
+def imu_noise(rover: RoverData, report: CheckReport) -> None:
     """The raw signal is truth, bias and white noise."""
     imperfect = [name for name in ('accel_scale_error', 'gyro_scale_error',
                                    'accel_misalignment_deg', 'gyro_misalignment_deg',

@@ -6,14 +6,14 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.inspection.message_checks import count_problem
-from lunar_rover_sim.inspection.report import Report, Status
+from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import RoverData
 from lunar_rover_sim.seconds import NS_PER_S
 
 _SCANS = (topics.LIDAR_POINTS, topics.LIDAR_DESKEWED, topics.LIDAR_SCAN)
 
 
-def scans(rover: RoverData, report: Report) -> None:
+def scans(rover: RoverData, report: CheckReport) -> None:
     """Each topic has a scan of every period that ends within the recording.
 
     With `run.may_fail` scans may be missing, as in real time.

@@ -12,7 +12,7 @@ from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.inspection.bag_scan import TopicScan
-from lunar_rover_sim.inspection.report import grouped, Report, Status
+from lunar_rover_sim.inspection.report import CheckReport, grouped, Status
 from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.regolith.config import REGOLITH
 from lunar_rover_sim.seconds import NS_PER_S
@@ -28,7 +28,7 @@ _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave
 
 
-def contract_topics(rover: RoverData, report: Report) -> None:
+def contract_topics(rover: RoverData, report: CheckReport) -> None:
     """Every topic that was to be recorded is there, and has its type."""
     listed = rover.scenario.get('recorder_node', 'topics', ['all'])
     excluded = _names(rover, rover.scenario.get('recorder_node', 'exclude', []))
@@ -54,7 +54,7 @@ def contract_topics(rover: RoverData, report: Report) -> None:
                    Status.WARN if only_missing else Status.FAIL)
 
 
-def counts(rover: RoverData, report: Report) -> None:
+def counts(rover: RoverData, report: CheckReport) -> None:
     """Counts are rate x duration, stamp by stamp; latched topics came once."""
     for rate, period in ((STATE, rover.state_ns), (FRAME, rover.frame_ns),
                          (DEPTH_FRAME, rover.depth_ns)):
@@ -83,7 +83,7 @@ def counts(rover: RoverData, report: Report) -> None:
     report.verdict('latched', problems, f'{len(rover.of_rate(LATCHED))} topics, once each')
 
 
-def stamps(rover: RoverData, report: Report) -> None:
+def stamps(rover: RoverData, report: CheckReport) -> None:
     """Stamps increase strictly; bag time is the stamp."""
     repeated, late = [], []
     for t in rover.scan.topics.values():
@@ -99,7 +99,7 @@ def stamps(rover: RoverData, report: Report) -> None:
     report.verdict('bag time', late, 'is the stamp', Status.WARN)
 
 
-def stereo_sets(rover: RoverData, report: Report) -> None:
+def stereo_sets(rover: RoverData, report: CheckReport) -> None:
     """Stereo sets and depth sets are complete at each stamp, and each stamp has a pose."""
     images, depths = _stamps(rover, IMAGE_SET), _stamps(rover, DEPTH_SET)
     if not images and not depths:
@@ -131,7 +131,7 @@ def _stamps(rover: RoverData, wanted: tuple[Topic, ...]) -> dict[str, set[int]]:
             if t.name in rover.scan.topics}
 
 
-def contents(rover: RoverData, report: Report) -> None:
+def contents(rover: RoverData, report: CheckReport) -> None:
     """Numbers are finite, images have their size, frames are those of the contract."""
     problems = [f'{t.name} {t.problems[0]}' + (f' (in {len(t.problems)} messages)'
                                                if len(t.problems) > 1 else '')
@@ -144,7 +144,7 @@ def contents(rover: RoverData, report: Report) -> None:
     report.verdict('frames', wrong, 'as in the contract')
 
 
-def ground(rover: RoverData, report: Report) -> None:
+def ground(rover: RoverData, report: CheckReport) -> None:
     """The ground can be rebuilt: changes begin at the start, and soil is neither made nor lost."""
     changes = rover.scan.topics.get(topics.GROUND_CHANGES.name)
     if changes is None or not changes.stamps_ns:
@@ -160,7 +160,7 @@ def ground(rover: RoverData, report: Report) -> None:
                    f'{len(rover.scan.ground.snapshot())} samples, no soil made or lost')
 
 
-def world_hash(rover: RoverData, report: Report) -> None:
+def world_hash(rover: RoverData, report: CheckReport) -> None:
     """The hash of the world is recorded; it is that of the world in the scenario's folder."""
     topic = rover.scan.topics.get(topics.WORLD_HASH.name)
     if topic is None or topic.last is None:

@@ -25,15 +25,15 @@ class Finding:
 
 
 @dataclasses.dataclass
-class Report:
+class CheckReport:
     """All findings on one bag."""
 
     findings: list[Finding] = dataclasses.field(default_factory=list)
     prefix: str = ''
 
-    def of(self, prefix: str) -> Report:
+    def of(self, prefix: str) -> CheckReport:
         """Return a report whose findings are added to this one, their names prefixed."""
-        return Report(self.findings, prefix)
+        return CheckReport(self.findings, prefix)
 
     def add(self, check: str, status: Status, detail: str) -> None:
         """Append a finding."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.inspection.disparity_error import FrameError
-from lunar_rover_sim.inspection.report import Report, Status
+from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.seconds import NS_PER_S
 
@@ -19,7 +19,7 @@ MAX_SCALE = 0.01
 MIN_MATCHED = 0.2
 
 
-def calibration(rover: RoverData, report: Report) -> None:
+def calibration(rover: RoverData, report: CheckReport) -> None:
     """Both camera infos, the disparity message and the images describe one camera."""
     last = {name: t.last for name, t in rover.scan.topics.items()
             if t.topic in IMAGE_SET + DEPTH_SET and t.last is not None and not t.problems}
@@ -51,7 +51,7 @@ def calibration(rover: RoverData, report: Report) -> None:
                    f'{left.width}x{left.height}, f = {left.p[0]:g} px, b = {baseline_m:g} m')
 
 
-def disparity_and_depth(rover: RoverData, report: Report) -> None:
+def disparity_and_depth(rover: RoverData, report: CheckReport) -> None:
     """Disparity agrees with true depth, and depth with disparity."""
     errors = rover.scan.frames
     if not errors:
@@ -74,7 +74,7 @@ def disparity_and_depth(rover: RoverData, report: Report) -> None:
         report.add('images', Status.FAIL, 'every left image is of one single grey')
 
 
-def _matching(seen: list[FrameError], report: Report) -> None:
+def _matching(seen: list[FrameError], report: CheckReport) -> None:
     median, bias, shift, lag, scale, outliers = (
         float(np.median([getattr(e, name) for e in seen]))
         for name in ('median_px', 'bias_px', 'shift_px', 'lag_rows', 'scale', 'outliers'))

@@ -17,7 +17,7 @@ from lunar_rover_sim.camera.prediction import prediction_miss, PredictionMiss
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.inspection.report import Report, Status
+from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import RoverData
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.seconds import NS_PER_S
@@ -101,7 +101,7 @@ def sentence(found: Sequence[PredictionMiss]) -> str:
     return line
 
 
-def tracking(rover: RoverData, report: Report) -> None:
+def tracking(rover: RoverData, report: CheckReport) -> None:
     """The frame rate fits the motion: trackers find points where they expect them."""
     info = rover.scan.topics.get(topics.LEFT_INFO.name)
     odom_ns, odom = rover.scan.signal(rover.scan.truth)

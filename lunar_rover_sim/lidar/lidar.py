@@ -11,9 +11,9 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.lidar.config import DROP, LidarConfig
 from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
-from lunar_rover_sim.lidar.motion import Motion
+from lunar_rover_sim.lidar.motion import ScanMotion
 from lunar_rover_sim.lidar.own_body import OwnBody
-from lunar_rover_sim.lidar.ray_caster import Hits, NOTHING, RayCaster, ROVER
+from lunar_rover_sim.lidar.ray_caster import NOTHING, RayCaster, RayHits, ROVER
 from lunar_rover_sim.lidar.returns import ReturnModel
 from lunar_rover_sim.lidar.rock_hulls import RockHulls
 from lunar_rover_sim.lidar.scan import Scan
@@ -82,15 +82,15 @@ class Lidar:
         self._soft = SoftCells(self._pyramid, overlay)
         self._caster.soft = self._soft
 
-    def scan(self, motion: Motion | Posed, index: int = 0) -> Scan:
+    def scan(self, motion: ScanMotion | Posed, index: int = 0) -> Scan:
         """Return a scan.
 
         motion: of base_link, from the start of the scan on; or a state, whose velocities last
         index: of the scan; each has its own noise, the same one at every call
         Raises ConfigError where the sensor is not over the ground that the rover walks on.
         """
-        if not isinstance(motion, Motion):
-            motion = Motion.of(motion, 1e-9 * self._config.period_ns)
+        if not isinstance(motion, ScanMotion):
+            motion = ScanMotion.of(motion, 1e-9 * self._config.period_ns)
         times = np.append(0.0, self.pattern.column_s)
         R_base, p_base = motion.at(times)
         R = R_base @ self.T_base_lidar[:3, :3]
@@ -101,7 +101,7 @@ class Lidar:
         returns = self._returns.measure(origin, direction, hits, rng)
         return Scan(self.pattern, returns, R, p)
 
-    def true_hits(self, T_world_base: Array, joint_angle_rad: Array | None = None) -> Hits:
+    def true_hits(self, T_world_base: Array, joint_angle_rad: Array | None = None) -> RayHits:
         """Return what the beams of a sensor at rest meet, (4, 4) pose of base_link.
 
         joint_angle_rad: (4,) leg angles; None: legs are met by no beam
@@ -124,7 +124,7 @@ class Lidar:
         return np.repeat(p, pattern.rings, axis=0), direction
 
     def _cast(self, origin: Array, direction: Array, R_base: Array,
-              joint_angle_rad: Array | None) -> Hits:
+              joint_angle_rad: Array | None) -> RayHits:
         """Return what rays meet; R_base: (columns, 3, 3); joint_angle_rad: (columns, 4)."""
         half = self._grid.half_extent_m
         x, y = origin[0, :2].tolist()
@@ -137,7 +137,7 @@ class Lidar:
         self._end_on_rover(hits, R_base, joint_angle_rad)
         return hits
 
-    def _end_on_rover(self, hits: Hits, R_base: Array, joint_angle_rad: Array | None) -> None:
+    def _end_on_rover(self, hits: RayHits, R_base: Array, joint_angle_rad: Array | None) -> None:
         """Let beams end on the rover, or return nothing."""
         own, drop = self._own, self._config.own_body == DROP
         body = np.flatnonzero(np.isfinite(own.body_m) & (own.body_m <= self._range_m))

@@ -11,7 +11,7 @@ from lunar_rover_sim.frames import Array, se3
 from lunar_rover_sim.rover.pose import Posed
 
 
-class Motion:
+class ScanMotion:
     """Poses of base_link over a scan.
 
     times_s: (k,) since its start, ascending, k >= 2; T_world_base: (k, 4, 4). Between them
@@ -36,7 +36,7 @@ class Motion:
         self._R_K, self._R_K_K = R @ K, R @ K @ K
 
     @classmethod
-    def of(cls, state: Posed, duration_s: float) -> Motion:
+    def of(cls, state: Posed, duration_s: float) -> ScanMotion:
         """Return the motion of a rover that keeps its velocities for some time [s]."""
         # Poses of a constant twist lie on a screw; short chords are close to it.
         times = np.linspace(0.0, duration_s, 33)

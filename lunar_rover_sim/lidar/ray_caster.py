@@ -19,13 +19,13 @@ from lunar_rover_sim.lidar.soft_cells import SoftCells
 I32 = NDArray[np.int32]
 Index = NDArray[np.int64]
 
-__all__ = ['GROUND', 'Hits', 'NOTHING', 'RayCaster', 'ROVER']
+__all__ = ['GROUND', 'RayHits', 'NOTHING', 'RayCaster', 'ROVER']
 
 ROVER = -3                  # a target, besides GROUND, NOTHING and the numbers of rocks
 
 
 @dataclasses.dataclass(frozen=True)
-class Hits:
+class RayHits:
     """Where n rays meet the world.
 
     distance_m: (n,) inf where nothing is met; target: (n,) GROUND, NOTHING, a rock, or of
@@ -52,15 +52,15 @@ class RayCaster:
         self.cast(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), 0.0)
 
     def cast(self, origin_m: Array, direction: Array, range_m: float,
-             which: Index | None = None) -> Hits:
+             which: Index | None = None) -> RayHits:
         """Return the first hits of (n, 3) rays within a range [m].
 
         origin_m: (n, 3) world frame, on the finest level and above the ground; direction: (n, 3)
         unit length; which: (m,) rays to cast, all by default
         """
         count = len(direction)
-        hits = Hits(np.full(count, np.inf), np.full(count, NOTHING, np.int32),
-                    np.zeros((count, 3)))
+        hits = RayHits(np.full(count, np.inf), np.full(count, NOTHING, np.int32),
+                       np.zeros((count, 3)))
         origin_m, direction = (np.ascontiguousarray(a, float) for a in (origin_m, direction))
         range_m = float(range_m)
         if which is None:

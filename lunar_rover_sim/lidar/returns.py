@@ -30,7 +30,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.lidar.compiled import compiled
 from lunar_rover_sim.lidar.config import LidarConfig
-from lunar_rover_sim.lidar.ray_caster import Hits, ROVER
+from lunar_rover_sim.lidar.ray_caster import RayHits, ROVER
 
 _THRESHOLD = 6.0            # of the noise: a false alarm in a billion; a choice
 _REFERENCE = _THRESHOLD + NormalDist().inv_cdf(0.9)
@@ -83,10 +83,10 @@ class ReturnModel:
         self._tables = np.stack(
             [_table(hapke.parameter_set(kinds.ground), config.laser_albedo * kinds.albedo_scale),
              _table(hapke.parameter_set(kinds.rocks), config.laser_albedo)]).astype(np.float32)
-        nothing = Hits(np.full(1, np.inf), np.zeros(1, np.int32), np.zeros((1, 3)))
+        nothing = RayHits(np.full(1, np.inf), np.zeros(1, np.int32), np.zeros((1, 3)))
         self.measure(np.zeros((1, 3)), np.zeros((1, 3)), nothing, np.random.default_rng(0))
 
-    def measure(self, origin_m: Array, direction: Array, hits: Hits,
+    def measure(self, origin_m: Array, direction: Array, hits: RayHits,
                 rng: np.random.Generator) -> Returns:
         """Return what is measured of what (n, 3) beams meet; contiguous arrays in world frame."""
         count = len(direction)

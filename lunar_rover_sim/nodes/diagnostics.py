@@ -23,7 +23,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 
 @dataclasses.dataclass(frozen=True)
-class Status:
+class SubjectStatus:
     """What is to be said of one subject.
 
     level: OK, WARN or ERROR; values: key → value as text
@@ -41,7 +41,7 @@ class Diagnostics:
         covers one second
     """
 
-    def __init__(self, node: GraphNode, subjects: dict[str, Callable[[], Status]]) -> None:
+    def __init__(self, node: GraphNode, subjects: dict[str, Callable[[], SubjectStatus]]) -> None:
         self._node = node
         self._subjects = subjects
         # Two rovers in one graph are told apart by their namespaces.
@@ -81,7 +81,7 @@ class Rate:
         """Count one event."""
         self._count += 1
 
-    def status(self, idle: str = '') -> Status:
+    def status(self, idle: str = '') -> SubjectStatus:
         """Return the status since the window began; idle: why no event is expected, if so."""
         now_s, (then_s, before) = time.monotonic(), self._marks[self._next]
         self._marks[self._next] = now_s, self._count
@@ -102,7 +102,7 @@ class Rate:
         if self._target_hz:
             values |= {'Target frequency (Hz)': f'{self._target_hz:g}',
                        'Minimum acceptable frequency (Hz)': f'{least_hz:g}'}
-        return Status(level, message, values)
+        return SubjectStatus(level, message, values)
 
 
 class Drops:
@@ -121,10 +121,10 @@ class Drops:
         """All losses since the start."""
         return sum(self._by_kind.values())
 
-    def status(self) -> Status:
+    def status(self) -> SubjectStatus:
         """Return the status since the last one, with the counts since the start."""
         total = self.total
         new, self._told = total - self._told, total
-        return Status(WARN if new else OK, f'{new} lost' if new else 'Nothing lost',
-                      {'Lost since startup': str(total),
-                       **{kind: str(count) for kind, count in self._by_kind.items()}})
+        return SubjectStatus(WARN if new else OK, f'{new} lost' if new else 'Nothing lost',
+                             {'Lost since startup': str(total),
+                              **{kind: str(count) for kind, count in self._by_kind.items()}})

@@ -19,9 +19,9 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar.lidar import Lidar
-from lunar_rover_sim.lidar.motion import Motion
+from lunar_rover_sim.lidar.motion import ScanMotion
 from lunar_rover_sim.nodes import conversions, lidar_conversions, node_main, qos
-from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare
@@ -200,7 +200,7 @@ class LidarNode(node_main.GraphNode):
                 scan.planar(self._ring), config.optics, config.period_ns,
                 topics.LIDAR_SCAN.frame_id, stamp))
 
-    def _motion(self, start: int, end: int) -> Motion:
+    def _motion(self, start: int, end: int) -> ScanMotion:
         """Return the poses of the states up to the first one at or after a stamp."""
         times, poses = [], []
         for stamp, raw in self._states:
@@ -209,13 +209,13 @@ class LidarNode(node_main.GraphNode):
             if stamp >= end:
                 break
         if not self._angles:
-            return Motion(times, poses)
+            return ScanMotion(times, poses)
         known = sorted(self._angles)
-        return Motion(times, poses, np.stack([
+        return ScanMotion(times, poses, np.stack([
             np.interp(times, [1e-9 * (stamp - start) for stamp in known], leg)
             for leg in np.array([self._angles[stamp] for stamp in known]).T], axis=-1))
 
-    def _scan_rate_status(self) -> Status:
+    def _scan_rate_status(self) -> SubjectStatus:
         fed, self._is_fed = self._is_fed, False
         if not self._read_topics():
             return self._rate.status('Nobody reads scans')

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import time
 
-from lunar_rover_sim.nodes.diagnostics import (Diagnostics, Drops, ERROR, OK, Rate, Status,
+from lunar_rover_sim.nodes.diagnostics import (Diagnostics, Drops, ERROR, OK, Rate, SubjectStatus,
                                                TOLERANCE, WARN)
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.physics.state import RoverState
@@ -45,10 +45,10 @@ class PhysicsDiagnostics:
             self._warnings.add('tip-over', f'tipped over at {self._now_ns() / 1e9:.2f} s, x '
                                f'{x:.2f} m, y {y:.2f} m')
 
-    def _state_rate(self) -> Status:
+    def _state_rate(self) -> SubjectStatus:
         return self._rate.status('Paused' if self._is_paused() else '')
 
-    def _speed(self) -> Status:
+    def _speed(self) -> SubjectStatus:
         """Compare the pace of the last second with the one that is wanted."""
         now_s, now_ns = time.monotonic(), self._now_ns()
         # Time may have begun at 0 again.
@@ -68,15 +68,15 @@ class PhysicsDiagnostics:
                   'Simulated time (s)': f'{now_ns / 1e9:.3f}'}
         if self._factor:
             values['Target real-time factor'] = f'{self._factor:g}'
-        return Status(level, message, values)
+        return SubjectStatus(level, message, values)
 
-    def _attitude(self) -> Status:
+    def _attitude(self) -> SubjectStatus:
         values = {'Tilt (deg)': f'{self._tip_over.tilt_deg:.1f}'}
         if self._tip_over.lies:
-            return Status(ERROR, 'Tipped over', values)
-        return Status(OK, 'Upright', values)
+            return SubjectStatus(ERROR, 'Tipped over', values)
+        return SubjectStatus(OK, 'Upright', values)
 
-    def _participants(self) -> Status:
+    def _participants(self) -> SubjectStatus:
         """Return by how much each awaited topic is behind the simulated time."""
         now_ns, values, level = self._now_ns(), {}, OK
         behind, late = self._gate.behind(now_ns), []
@@ -89,5 +89,5 @@ class PhysicsDiagnostics:
                 late.append(topic)
                 level = max(level, ERROR if lag_ns > _ERROR_TIMES * limit_ns else WARN)
         if late:
-            return Status(level, 'Late: ' + ', '.join(late), values)
-        return Status(level, 'All are in time' if values else 'Nobody is awaited', values)
+            return SubjectStatus(level, 'Late: ' + ', '.join(late), values)
+        return SubjectStatus(level, 'All are in time' if values else 'Nobody is awaited', values)

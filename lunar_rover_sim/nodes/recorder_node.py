@@ -19,7 +19,7 @@ from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
-from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
@@ -170,7 +170,7 @@ class RecorderNode(node_main.GraphNode):
         events = None if latched else SubscriptionEventCallbacks(message_lost=on_loss)
         self.create_subscription(cls, name, callback, profile, raw=True, event_callbacks=events)
 
-    def _rate_status(self) -> Status:
+    def _rate_status(self) -> SubjectStatus:
         stands_still = self._newest_ns == self._newest_told_ns
         self._newest_told_ns = self._newest_ns
         return self._rate.status('Nothing new is published' if stands_still else '')

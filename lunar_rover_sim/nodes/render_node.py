@@ -14,7 +14,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
-from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, Status
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.frame_publisher import FramePublisher
 from lunar_rover_sim.nodes.further_cameras import FurtherCameras
 from lunar_rover_sim.nodes.ground_listener import GroundListener
@@ -272,7 +272,7 @@ class RenderNode(node_main.GraphNode):
             self._counted = frame
             self._rate.tick()
 
-    def _frame_rate_status(self) -> Status:
+    def _frame_rate_status(self) -> SubjectStatus:
         fed, self._is_fed = self._is_fed, False
         return self._rate.status('' if fed else 'No new odometry')
 

@@ -21,7 +21,7 @@ from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.files.resources import program_path
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.nodes import conversions, node_main, qos
-from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, Status, WARN
+from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, SubjectStatus, WARN
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
@@ -207,13 +207,13 @@ class SlamNode(node_main.GraphNode):
         assert self._status is not None and time_ns(stamp) == pose.stamp_ns
         self._status.publish(array)
 
-    def _tracking_status(self) -> Status:
+    def _tracking_status(self) -> SubjectStatus:
         recent_s = self._latencies_s[-20:]
-        return Status(OK if self._state == protocol.TRACKING else WARN,
-                      protocol.STATES[self._state] if self._program.is_ready else 'not ready',
-                      {'Frames answered': str(self._answered),
-                       'Frames tracked': str(self._tracked),
-                       'Latency (ms)': f'{1e3 * float(np.median(recent_s)):.1f}'})
+        state = protocol.STATES[self._state] if self._program.is_ready else 'not ready'
+        return SubjectStatus(OK if self._state == protocol.TRACKING else WARN, state,
+                             {'Frames answered': str(self._answered),
+                              'Frames tracked': str(self._tracked),
+                              'Latency (ms)': f'{1e3 * float(np.median(recent_s)):.1f}'})
 
 
 def description(suite: SensorSuite, config: SlamNodeConfig) -> dict[str, Any]:

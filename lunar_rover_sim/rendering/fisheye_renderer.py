@@ -25,7 +25,7 @@ from lunar_rover_sim.rendering.frame_targets import LitTargets, read_image
 from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.image_geometry import FisheyeImage
 from lunar_rover_sim.rendering.motion_pass import LinkTargets, MotionPass
-from lunar_rover_sim.rendering.scene import LEFT, Request, RIGHT, Scene, SeenSun
+from lunar_rover_sim.rendering.scene import ImagedSun, LEFT, Request, RIGHT, Scene
 from lunar_rover_sim.rendering.scene_passes import ScenePasses
 from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rendering.world_passes import WorldPasses
@@ -147,11 +147,11 @@ class FisheyeRenderer(GlOwner):
 
     def _whole(self, state: RoverPose) -> Scene:
         """Return the scene of the fisheye images from those of their faces."""
-        sun: SeenSun | None = None
+        sun: ImagedSun | None = None
         for face, scene in zip(self._faces, self._scenes):
             # A disc on a seam is seen from two faces, which agree.
             if scene.sun is not None:
-                sun = SeenSun(face.R_camera_face @ scene.sun.direction, scene.sun.irradiance)
+                sun = ImagedSun(face.R_camera_face @ scene.sun.direction, scene.sun.irradiance)
         return dataclasses.replace(
             self._scenes[0], T_world_cameras=self._mount.poses(state), sun=sun,
             pixels=dataclasses.replace(self._scenes[0].pixels, windows=[

@@ -18,7 +18,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.frame_targets import attachment
 from lunar_rover_sim.rendering.image_geometry import ImageGeometry
-from lunar_rover_sim.rendering.scene import SeenSun
+from lunar_rover_sim.rendering.scene import ImagedSun
 
 _CELL = 24                  # pixels along a side of a cell
 _NEAR_PX = 32.0, 128.0      # from the sun: within the first, every pixel is computed; beyond, none
@@ -43,7 +43,7 @@ class OpticsPass:
         """Compile the programs.
 
         image: either of both, padding included; most_radiance: of all but the sun itself,
-        whose glare follows from `SeenSun` [W m-2 sr-1]
+        whose glare follows from `ImagedSun` [W m-2 sr-1]
         """
         self._context, self._lens, self._image = context, lens, image
         w, h = image.width, image.height
@@ -78,7 +78,7 @@ class OpticsPass:
         self._target: moderngl.Framebuffer | None = None
 
     def draw(self, radiance: moderngl.Texture, depth: moderngl.Texture, sides: Sequence[int],
-             sun: SeenSun | None) -> None:
+             sun: ImagedSun | None) -> None:
         """Change radiance to what the lens passes on, in place.
 
         radiance: texture of float32 [W m-2 sr-1], the left image above the right one; depth: in a
@@ -111,7 +111,7 @@ class OpticsPass:
                 if self._lens.config.ghost_share > 0.0:
                     self._draw_ghosts(seen, side)
 
-    def _seen(self, sun: SeenSun) -> _Sun:
+    def _seen(self, sun: ImagedSun) -> _Sun:
         hood = self._lens.hood(math.acos(min(max(float(sun.direction[2]), -1.0), 1.0)))
         return _Sun(sun.direction, self._image.place(sun.direction),
                     sun.irradiance * hood * self._image.pupil(sun.direction))

@@ -95,7 +95,7 @@ class Request:
 
 
 @dataclasses.dataclass
-class SeenSun:
+class ImagedSun:
     """The sun as both cameras of a rectified pair see it.
 
     direction: (3,) unit vector in axes of the cameras
@@ -140,7 +140,7 @@ class Scene:
     T_world_links: Array
     T_world_cameras: list[Array]
     lights: list[SceneLight] = dataclasses.field(default_factory=list)
-    sun: SeenSun | None = None
+    sun: ImagedSun | None = None
     shows_rover: bool = False
 
     @property

@@ -28,7 +28,7 @@ from lunar_rover_sim.rendering.ground_pass import GroundPass
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
-from lunar_rover_sim.rendering.scene import Scene, SeenSun
+from lunar_rover_sim.rendering.scene import ImagedSun, Scene
 from lunar_rover_sim.rendering.view import View
 
 _MARGIN = 1.05              # of the view of the disc, over its diameter
@@ -92,7 +92,7 @@ class SunPass:
         direction = scene.T_world_cameras[0][:3, :3].T @ self._direction
         if not self._sun.shines or not self._matters(direction):
             return
-        scene.sun = SeenSun(direction, np.full(2, self._sun.irradiance))
+        scene.sun = ImagedSun(direction, np.full(2, self._sun.irradiance))
         turn = _turn(scene.T_world_cameras[0][:3, 1], self._direction)
         views = [se3(turn, T[:3, 3]) for T in scene.T_world_cameras]
         # Bounds mostly show that nothing is in the way.
@@ -149,7 +149,7 @@ class SunPass:
         limit = 1e6     # of pixels, so that directions near the plane of the lens stay whole
         return np.rint(np.clip(centre, -limit, limit)).astype(int) - self._side // 2
 
-    def _sky(self, sun: SeenSun) -> NDArray[np.bool_] | None:
+    def _sky(self, sun: ImagedSun) -> NDArray[np.bool_] | None:
         """Return (2, n, n) where the narrow views see the sky; None if nothing hides the sun."""
         if sun.T_world_views is None:
             return None

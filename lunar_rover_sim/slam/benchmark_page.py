@@ -14,12 +14,12 @@ import numpy as np
 from lunar_rover_sim.files.templates import data_uri, template
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.slam.drives import Judged
-from lunar_rover_sim.slam.table import is_success, Paper, Row, row_of, text_cells
+from lunar_rover_sim.slam.table import is_success, Paper, row_of, TableRow, text_cells
 
 _MEASURES = {'ate_percent': 'ATE [% of distance]', 'scale': 'scale', 'tracked': 'tracked [%]'}
 
 
-def html_report(title: str, statement: Sequence[str], rows: Sequence[Row],
+def html_report(title: str, statement: Sequence[str], rows: Sequence[TableRow],
                 judged: Sequence[Judged], findings: Sequence[str], parameter: str = '',
                 paper: Paper | None = None) -> str:
     """Return the report as HTML.
@@ -41,7 +41,7 @@ def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout='constrained')
 
 
-def _bars(rows: Sequence[Row], judged: Sequence[Judged]) -> Figure:
+def _bars(rows: Sequence[TableRow], judged: Sequence[Judged]) -> Figure:
     figure = _figure(12.0, 4.0)
     several = len({row.system for row in rows}) > 1
     labels = ['\n'.join([r.scenario, r.sensor, *([r.system] if several else [])]) for r in rows]
@@ -52,7 +52,7 @@ def _bars(rows: Sequence[Row], judged: Sequence[Judged]) -> Figure:
     return figure
 
 
-def curves(rows: Sequence[Row], judged: Sequence[Judged], parameter: str) -> Figure:
+def curves(rows: Sequence[TableRow], judged: Sequence[Judged], parameter: str) -> Figure:
     """Return success and error over the values of a sweep, a curve per scenario, sensor, system.
 
     Whiskers are 95 % intervals: Wilson's of the share of successes, the bootstrap's of the median
@@ -114,7 +114,7 @@ def _whiskers(axis: Axes, places: Sequence[float], values: Array, style: str, la
     return to_hex(drawn.lines[0].get_color())
 
 
-def _draw_values(axis: Axes, places: Sequence[float], rows: Sequence[Row],
+def _draw_values(axis: Axes, places: Sequence[float], rows: Sequence[TableRow],
                  judged: Sequence[Judged], name: str, style: str) -> None:
     """Draw medians with their intervals, every success as a cross, every failure as a circle."""
     medians = [getattr(row, name) for row in rows]
@@ -134,7 +134,7 @@ def _scale_axis(axis: Axes, title: str) -> None:
     axis.grid(alpha=0.3)
 
 
-def _paths(rows: Sequence[Row], judged: Sequence[Judged]) -> Figure:
+def _paths(rows: Sequence[TableRow], judged: Sequence[Judged]) -> Figure:
     columns = min(3, max(1, len(rows)))
     lines = max(1, -(-len(rows) // columns))
     figure = _figure(4.2 * columns, 3.8 * lines)

@@ -16,7 +16,7 @@ from lunar_rover_sim.slam.seeds import text_of_seeds
 
 
 @dataclasses.dataclass(frozen=True)
-class Report:
+class BenchmarkReport:
     """The table as Markdown, the findings as sentences, and the files that were written."""
 
     table: str
@@ -25,7 +25,7 @@ class Report:
 
 
 def write_report(judged: Sequence[Judged], folder: Path, name: str,
-                 paper: table.Paper | None = None) -> Report:
+                 paper: table.Paper | None = None) -> BenchmarkReport:
     """Write NAME.md, .csv, .tex and .html, NAME_drives.csv, and NAME.png of a sweep.
 
     judged: at least one; of several systems, each has findings of its own
@@ -49,7 +49,7 @@ def write_report(judged: Sequence[Judged], folder: Path, name: str,
         contents[f'{name}.png'] = png(curves(rows, judged, parameter))
     for file, content in contents.items():
         atomic_write(folder / file, content, SlamError)
-    return Report(text, found, [folder / file for file in contents])
+    return BenchmarkReport(text, found, [folder / file for file in contents])
 
 
 def _statement(judged: Sequence[Judged], systems: Sequence[str]) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from lunar_rover_sim.slam.drives import Judged
 from lunar_rover_sim.slam.paired_drives import Comparison, CONFIDENCE, Median
-from lunar_rover_sim.slam.table import is_success, Row, rows_of
+from lunar_rover_sim.slam.table import is_success, rows_of, TableRow
 
 SHOWN, NOT_SHOWN, CONTRADICTED = 'shown', 'not shown', 'contradicted'
 _SPARSE, _BASELINE, _DARK = 'feature_sparse', 'baseline', 'low_albedo'
@@ -128,7 +128,7 @@ def _scale(judged: Sequence[Judged], scenario: str, sensor: str) -> str:
             f'n = {away.count})')
 
 
-def _successes(rows: Sequence[Row], parameter: str) -> list[str]:
+def _successes(rows: Sequence[TableRow], parameter: str) -> list[str]:
     sentences = []
     for scenario, sensor in dict.fromkeys((r.scenario, r.sensor) for r in rows):
         own = [r for r in rows if (r.scenario, r.sensor) == (scenario, sensor)]
@@ -137,7 +137,7 @@ def _successes(rows: Sequence[Row], parameter: str) -> list[str]:
     return sentences
 
 
-def _steps(rows: Sequence[Row], judged: Sequence[Judged]) -> list[str]:
+def _steps(rows: Sequence[TableRow], judged: Sequence[Judged]) -> list[str]:
     """Say of each value and the next one at which the error is larger, failures first."""
     sentences = []
     for scenario, sensor in dict.fromkeys((r.scenario, r.sensor) for r in rows):

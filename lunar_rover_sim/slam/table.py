@@ -25,7 +25,7 @@ Paper = Mapping[str, Mapping[str, Mapping[str, float]]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
+class TableRow:
     """All seeds of one scenario (and swept value), sensor and system.
 
     drives: number of drives; successes: those of which it tracked nearly all, see `is_success`
@@ -78,7 +78,7 @@ def _what_went_wrong(one: Judged) -> str:
     return join(share + error, result.reason)
 
 
-def rows_of(judged: Iterable[Judged]) -> list[Row]:
+def rows_of(judged: Iterable[Judged]) -> list[TableRow]:
     """Return the rows of a table, in the order of their first drives."""
     groups: dict[tuple[str, str, str, str], list[Judged]] = {}
     for one in judged:
@@ -90,13 +90,14 @@ def rows_of(judged: Iterable[Judged]) -> list[Row]:
         good = [one.result for one in group if is_success(one)]
         reasons = [f'seed {one.drive.seed}: {text}' for one in group
                    if (text := _what_went_wrong(one))]
-        rows.append(Row(scenario, value, sensor, system, len(group), len(good),
-                        Share.of(len(good), len(group)),
-                        Median.of(r.ate_m for r in good), Median.of(r.ate_percent for r in good),
-                        Median.of(r.scale for r in good), Median.of(r.rpe_m for r in good),
-                        Median.of(100.0 * r.tracked_share for r in ran),
-                        Median.of(one.result.distance_m for one in group),
-                        Median.of(one.result.duration_s for one in group), tuple(reasons)))
+        rows.append(TableRow(scenario, value, sensor, system, len(group), len(good),
+                             Share.of(len(good), len(group)),
+                             Median.of(r.ate_m for r in good),
+                             Median.of(r.ate_percent for r in good),
+                             Median.of(r.scale for r in good), Median.of(r.rpe_m for r in good),
+                             Median.of(100.0 * r.tracked_share for r in ran),
+                             Median.of(one.result.distance_m for one in group),
+                             Median.of(one.result.duration_s for one in group), tuple(reasons)))
     return rows
 
 
@@ -122,7 +123,7 @@ def _finite(value: Any) -> float:
     return number
 
 
-def markdown(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '') -> str:
+def markdown(rows: Sequence[TableRow], paper: Paper | None = None, parameter: str = '') -> str:
     """Return the table as Markdown, with the reasons below it."""
     titles, lines = text_cells(rows, paper or {}, parameter)
     table = ['| ' + ' | '.join(line) + ' |' for line in (titles, ['---'] * len(titles), *lines)]
@@ -133,7 +134,7 @@ def markdown(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '
     return '\n'.join([*table, *(['', 'What went wrong:', '', *reasons] if reasons else [])]) + '\n'
 
 
-def latex(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '') -> str:
+def latex(rows: Sequence[TableRow], paper: Paper | None = None, parameter: str = '') -> str:
     """Return the table as a LaTeX tabular (booktabs)."""
     titles, lines = text_cells(rows, paper or {}, parameter)
     body = [' & '.join(_escaped(cell) for cell in line) + r' \\' for line in (titles, *lines)]
@@ -141,7 +142,7 @@ def latex(rows: Sequence[Row], paper: Paper | None = None, parameter: str = '') 
                       body[0], r'\midrule', *body[1:], r'\bottomrule', r'\end{tabular}']) + '\n'
 
 
-def csv_text(rows: Sequence[Row]) -> str:
+def csv_text(rows: Sequence[TableRow]) -> str:
     """Return the table as CSV, with all digits."""
     names = ('ate_m', 'ate_percent', 'scale', 'rpe_m', 'tracked', 'distance_m', 'duration_s')
     file = io.StringIO()
@@ -159,7 +160,7 @@ def csv_text(rows: Sequence[Row]) -> str:
     return file.getvalue()
 
 
-def text_cells(rows: Sequence[Row], paper: Paper,
+def text_cells(rows: Sequence[TableRow], paper: Paper,
                parameter: str = '') -> tuple[list[str], list[list[str]]]:
     """Return the titles of the columns, and the lines of the table, as text."""
     paper = {row.scenario: paper[row.scenario] for row in rows if row.scenario in paper}

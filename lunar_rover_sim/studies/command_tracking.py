@@ -8,7 +8,7 @@ import functools
 
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.studies.gait_measurement import SKIP_S, WalkSettings
+from lunar_rover_sim.studies.gait_measurement import MeasurementSettings, SKIP_S
 from lunar_rover_sim.studies.parallel import map_in_processes
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S, walk
 
@@ -49,7 +49,7 @@ class CommandTracking:
 
 
 def measure_commands(commands: Sequence[tuple[float, float]], calibration: GaitCalibration,
-                     settings: WalkSettings = WalkSettings(), workers: int = 1,
+                     settings: MeasurementSettings = MeasurementSettings(), workers: int = 1,
                      progress: Callable[[int, int], object] = lambda done, total: None
                      ) -> list[CommandTracking]:
     """Command velocities (forward [m/s], yaw rate [rad/s]) and measure what the rover does.
@@ -63,7 +63,7 @@ def measure_commands(commands: Sequence[tuple[float, float]], calibration: GaitC
     return [CommandTracking(*pair) for pair in zip(commands, measured)]
 
 
-def _follow(settings: WalkSettings, calibration: GaitCalibration,
+def _follow(settings: MeasurementSettings, calibration: GaitCalibration,
             command: tuple[float, float]) -> tuple[float, float]:
     end_s = SKIP_S + settings.measure_s
     with settings.simulation() as simulation:

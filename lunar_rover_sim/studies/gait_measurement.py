@@ -32,7 +32,7 @@ FASTEST_MPS = 0.6
 
 
 @dataclasses.dataclass(frozen=True)
-class WalkSettings:
+class MeasurementSettings:
     """The rover, physics and gait of a measurement, and how long each walk is measured [s].
 
     The walk starts at the origin. Raises ConfigError if the gait does not suit the spokes.
@@ -67,7 +67,7 @@ def measure_stride(simulation: Simulation, gait: GaitConfig, stride: Stride,
     return recorded.mean_velocity(skip_s, end_s)
 
 
-def measure(settings: WalkSettings, rates_hz: Sequence[float] = FINE[0],
+def measure(settings: MeasurementSettings, rates_hz: Sequence[float] = FINE[0],
             turns: Sequence[float] = FINE[1], workers: int = 1,
             progress: Callable[[int, int], object] = lambda done, total: None) -> GaitCalibration:
     """Walk every stride of a table on flat ground, turning left and right; return the table.
@@ -102,6 +102,6 @@ def measure(settings: WalkSettings, rates_hz: Sequence[float] = FINE[0],
          **rover_conditions(rover)})
 
 
-def _measure_one(settings: WalkSettings, stride: Stride) -> tuple[float, float]:
+def _measure_one(settings: MeasurementSettings, stride: Stride) -> tuple[float, float]:
     with settings.simulation() as simulation:
         return measure_stride(simulation, settings.gait, stride, settings.measure_s)

@@ -30,7 +30,7 @@ class Quantity:
 
 
 @dataclasses.dataclass(frozen=True)
-class Estimate:
+class WorldsMean:
     """A mean, the bounds of its 95 % bootstrap interval, and the number of values."""
 
     mean: float
@@ -49,19 +49,19 @@ class Compared:
 
     quantity: Quantity
     ground: str
-    estimate: Estimate
-    difference: Estimate | None = None
+    estimate: WorldsMean
+    difference: WorldsMean | None = None
     p: float | None = None
 
 
-def estimate(values: Array) -> Estimate:
+def estimate(values: Array) -> WorldsMean:
     """Return mean and percentile bootstrap interval of the mean of (n,) values."""
     if not len(values):
-        return Estimate(math.nan, math.nan, math.nan, 0)
+        return WorldsMean(math.nan, math.nan, math.nan, 0)
     chosen = np.random.default_rng(1).integers(len(values), size=(RESAMPLES, len(values)))
     low, high = np.quantile(values[chosen].mean(axis=1),
                             [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE])
-    return Estimate(float(values.mean()), float(low), float(high), len(values))
+    return WorldsMean(float(values.mean()), float(low), float(high), len(values))
 
 
 def compare(results: Mapping[str, Sequence[Any]],
@@ -129,6 +129,6 @@ def plot_comparison(results: Mapping[str, Sequence[Any]], quantities: Sequence[Q
     atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format='png'), StudyError)
 
 
-def _text(value: Estimate, digits: int, sign: str = '') -> str:
+def _text(value: WorldsMean, digits: int, sign: str = '') -> str:
     spec = f'{sign}.{digits}f'
     return f'{value.mean:{spec}} [{value.low:{spec}}, {value.high:{spec}}]'

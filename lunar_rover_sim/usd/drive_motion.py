@@ -25,7 +25,7 @@ class Series(NamedTuple):
     values: Array
 
 
-class Motion(NamedTuple):
+class DriveMotion(NamedTuple):
     """The motion of a rover; those of `others` that were recorded, by name.
 
     odometry: poses and twists of base_link
@@ -46,7 +46,7 @@ class Motion(NamedTuple):
         return round(NS_PER_S / float(np.median(steps))) if len(steps) else 1
 
 
-def read_motion(bag: Bag) -> Motion:
+def read_motion(bag: Bag) -> DriveMotion:
     """Return the motion in a bag, which is read once; raise UsdError where it holds no drive."""
     for name in (bag.truth, topics.JOINT_STATES.name):
         if not bag.has(name) or not bag.counts[bag.resolve(name)]:
@@ -80,11 +80,11 @@ def read_motion(bag: Bag) -> Motion:
             topics.LEFT_INFO.name: 'frames',
             **{topic.name: f'contact/{leg}' for leg, topic in zip(LEG_NAMES, topics.CONTACTS)}}
     others |= {key: found[name] for name, key in keys.items() if name in found}
-    return Motion(Odometry(odometry.stamps_ns, pose[:, 0:3], pose[:, 3:7], pose[:, 7:13]), joints,
-                  others)
+    path = Odometry(odometry.stamps_ns, pose[:, 0:3], pose[:, 3:7], pose[:, 7:13])
+    return DriveMotion(path, joints, others)
 
 
-def link_motion(rover: RoverDescription, motion: Motion) -> dict[str, tuple[Array, Array]]:
+def link_motion(rover: RoverDescription, motion: DriveMotion) -> dict[str, tuple[Array, Array]]:
     """Return leg → positions (n, 3) and orientations_wxyz (n, 4) in the world."""
     odometry = motion.odometry
     rotation = matrix_from_wxyz(odometry.orientations_wxyz)

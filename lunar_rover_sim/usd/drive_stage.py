@@ -28,11 +28,12 @@ from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.usd.cameras import LEFT, RIGHT
 from lunar_rover_sim.usd.conventions import new_stage, quaternion, vector
-from lunar_rover_sim.usd.drive_motion import continuous, link_motion, Motion, read_motion, Series
+from lunar_rover_sim.usd.drive_motion import (continuous, DriveMotion, link_motion, read_motion,
+                                              Series)
 from lunar_rover_sim.usd.drive_tracks import can_hold_tracks, read_ground_changes, write_tracks
 from lunar_rover_sim.usd.output import check_output, write_stage
 from lunar_rover_sim.usd.pixar import Gf, Sdf, Tf, Usd, UsdPhysics
-from lunar_rover_sim.usd.recorded_site import recorded_site, RecordedSite
+from lunar_rover_sim.usd.recorded_drive import recorded_drive, RecordedDrive
 from lunar_rover_sim.usd.rover_stage import compose_rover, JOINTS
 from lunar_rover_sim.usd.suffixes import is_package
 from lunar_rover_sim.usd.world_stage import compose_world, HASH_KEY
@@ -59,7 +60,7 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
     check_output(path, overwrite)
     with open_bag(bag) as opened:
         motion = read_motion(opened)
-        recorded = recorded_site(opened)
+        recorded = recorded_drive(opened)
         changes = read_ground_changes(opened)
         found = None
         if world_stage is None:
@@ -118,12 +119,13 @@ def _check_world_stage(path: Path, bag: Bag) -> None:
                        f'{wanted}')
 
 
-def _compose(motion: Motion, recorded: RecordedSite, world: World | None, world_stage: str,
+def _compose(motion: DriveMotion, recorded: RecordedDrive, world: World | None, world_stage: str,
              root: Path, parts: Path, tracks: Callable[[Usd.Stage, Sdf.Path], None]) -> None:
     stage, top = new_stage(root, NAME)
     if world is not None:
         (parts / 'world_parts').mkdir()
-        compose_world(world, parts / 'world.usdc', parts / 'world_parts', recorded.site, WORLD)
+        compose_world(world, parts / 'world.usdc', parts / 'world_parts',
+                      recorded.stage_settings, WORLD)
     (parts / 'rover_parts').mkdir()
     compose_rover(recorded.rover, parts / 'rover.usdc', parts / 'rover_parts',
                   recorded.render.camera, recorded.render.sensor,
@@ -144,7 +146,7 @@ def _compose(motion: Motion, recorded: RecordedSite, world: World | None, world_
     layer.Save()
 
 
-def _set_time(stage: Usd.Stage, motion: Motion, frame_hz: float) -> None:
+def _set_time(stage: Usd.Stage, motion: DriveMotion, frame_hz: float) -> None:
     """Let a stage count time in states, from 0 at the beginning of the recording."""
     stage.SetTimeCodesPerSecond(motion.rate_hz)
     stage.SetFramesPerSecond(frame_hz)
@@ -153,13 +155,13 @@ def _set_time(stage: Usd.Stage, motion: Motion, frame_hz: float) -> None:
     stage.SetEndTimeCode(codes[1])
 
 
-def _codes(motion: Motion, stamps_ns: Any) -> list[float]:
+def _codes(motion: DriveMotion, stamps_ns: Any) -> list[float]:
     """Return stamps as time codes; whole numbers for states."""
     rate_hz = motion.rate_hz
     return [int(t) * rate_hz / NS_PER_S for t in stamps_ns]
 
 
-def _write_motion(path: Path, motion: Motion, rover: RoverDescription,
+def _write_motion(path: Path, motion: DriveMotion, rover: RoverDescription,
                   tracks: Callable[[Usd.Stage, Sdf.Path], None]) -> None:
     stage = Usd.Stage.CreateNew(str(path))
     _set_time(stage, motion, motion.rate_hz)
@@ -176,13 +178,13 @@ def _write_motion(path: Path, motion: Motion, rover: RoverDescription,
     stage.Save()
 
 
-def _poses(motion: Motion, rover: RoverDescription) -> dict[str, tuple[Array, Array]]:
+def _poses(motion: DriveMotion, rover: RoverDescription) -> dict[str, tuple[Array, Array]]:
     odometry = motion.odometry
     return {BASE_FRAME: (odometry.positions_m, odometry.orientations_wxyz),
             **link_motion(rover, motion)}
 
 
-def _write_recorded(stage: Usd.Stage, rover_path: Sdf.Path, motion: Motion,
+def _write_recorded(stage: Usd.Stage, rover_path: Sdf.Path, motion: DriveMotion,
                     rover: RoverDescription) -> None:
     """Write poses and everything else that was recorded as samples, with physics off."""
     stamps = motion.odometry.stamps_ns
@@ -199,7 +201,7 @@ def _write_recorded(stage: Usd.Stage, rover_path: Sdf.Path, motion: Motion,
     _write_signals(stage, rover_path, motion)
 
 
-def _write_signals(stage: Usd.Stage, rover_path: Sdf.Path, motion: Motion) -> None:
+def _write_signals(stage: Usd.Stage, rover_path: Sdf.Path, motion: DriveMotion) -> None:
     """Write velocities, joint states, contacts, IMU and the stamps of frames."""
     odometry, others = motion.odometry, motion.others
     base = stage.OverridePrim(rover_path.AppendChild(BASE_FRAME))
@@ -238,7 +240,7 @@ def _write_signals(stage: Usd.Stage, rover_path: Sdf.Path, motion: Motion) -> No
                     frames.stamps_ns.tolist())
 
 
-def _write_simulated(stage: Usd.Stage, rover_path: Sdf.Path, motion: Motion,
+def _write_simulated(stage: Usd.Stage, rover_path: Sdf.Path, motion: DriveMotion,
                      rover: RoverDescription) -> None:
     """Write the first pose, and the commands to the motors as samples."""
     for link, (positions, orientations) in _poses(motion, rover).items():
@@ -256,8 +258,8 @@ def _write_simulated(stage: Usd.Stage, rover_path: Sdf.Path, motion: Motion,
                 command.stamps_ns, np.degrees(command.values[:, k]).tolist())
 
 
-def _sample(motion: Motion, prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, stamps_ns: Any,
-            values: Iterable[Any]) -> None:
+def _sample(motion: DriveMotion, prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName,
+            stamps_ns: Any, values: Iterable[Any]) -> None:
     """Give an attribute a value at each stamp."""
     attribute = prim.CreateAttribute(name, kind, custom=False)
     for code, value in zip(_codes(motion, stamps_ns), values, strict=True):

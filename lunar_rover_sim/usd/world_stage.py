@@ -30,7 +30,7 @@ _ROCK_CLASSES = 8           # of brightness, each with a material of its own
 
 
 @dataclasses.dataclass(frozen=True)
-class Site:
+class StageSettings:
     """What a stage needs to know besides the world.
 
     sun, reflectance: as the renderer has them; gravity_mps2: along -z; friction: of contacts;
@@ -44,7 +44,8 @@ class Site:
     detail: DetailConfig = DetailConfig()
 
 
-def write_world(world: World, path: str | Path, site: Site = Site(), *, name: str = 'World',
+def write_world(world: World, path: str | Path,
+                settings: StageSettings = StageSettings(), *, name: str = 'World',
                 surroundings: bool = True, overwrite: bool = False) -> Path:
     """Write a world as a stage whose default prim is `/NAME`; return its path.
 
@@ -56,22 +57,23 @@ def write_world(world: World, path: str | Path, site: Site = Site(), *, name: st
     check_prim_name(name)
 
     def compose(root: Path, parts: Path) -> None:
-        compose_world(world, root, parts, site, name, surroundings)
+        compose_world(world, root, parts, settings, name, surroundings)
 
     return write_stage(Path(path), compose, overwrite)
 
 
-def compose_world(world: World, root: Path, parts: Path, site: Site, name: str = 'World',
-                  surroundings: bool = True) -> None:
+def compose_world(world: World, root: Path, parts: Path, settings: StageSettings,
+                  name: str = 'World', surroundings: bool = True) -> None:
     """Write the root layer of a world and the files in the folder `parts` beside it."""
-    _WorldStage(world, root, parts, site, name).compose(surroundings)
+    _WorldStage(world, root, parts, settings, name).compose(surroundings)
 
 
 class _WorldStage:
     """A stage while it is written: the root layer, and the folder of parts it refers to."""
 
-    def __init__(self, world: World, root: Path, parts: Path, site: Site, name: str) -> None:
-        self._world, self._site = world, site
+    def __init__(self, world: World, root: Path, parts: Path, settings: StageSettings,
+                 name: str) -> None:
+        self._world, self._settings = world, settings
         self._parts, self._parts_path = parts, f'./{parts.name}'
         self._stage, self._root = new_stage(root, name)
         self._top = self._root.GetPath()
@@ -80,10 +82,10 @@ class _WorldStage:
 
     def compose(self, surroundings: bool) -> None:
         """Write everything."""
-        add_gravity(self._stage, self._root, self._site.gravity_mps2)
+        add_gravity(self._stage, self._root, self._settings.gravity_mps2)
         self._add_sun()
         contact = add_contact_material(self._stage, self._looks_path.AppendChild('contact'),
-                                       self._site.friction)
+                                       self._settings.friction)
         self._add_ground(contact)
         if len(self._world.rocks):
             self._add_rocks(contact)
@@ -107,7 +109,7 @@ class _WorldStage:
 
     def _add_sun(self) -> None:
         """Add the sun, which shines along -z of its prim; nothing else lights the scene."""
-        sun = self._site.sun
+        sun = self._settings.sun
         light = UsdLux.DistantLight.Define(self._stage, self._path('sun'))
         light.CreateAngleAttr(sun.angular_diameter_deg)
         light.CreateIntensityAttr(LUMENS_PER_WATT * sun.irradiance)
@@ -157,7 +159,7 @@ class _WorldStage:
                                                            world.levels), 1):
             bind(self._payload(self._path('surroundings', name), 'surroundings.usdc', f'/{name}'),
                  self._regolith(k))
-        distant = far_rocks(world, self._site.detail.far_rocks_m)
+        distant = far_rocks(world, self._settings.detail.far_rocks_m)
         if len(distant):
             rocks.write_far_rocks(self._parts / 'far_rocks.usdc', distant, world.rock_shapes)
             bind(self._payload(self._path('surroundings', 'rocks'), 'far_rocks.usdc', '/rocks'),
@@ -165,15 +167,15 @@ class _WorldStage:
 
     def _regolith(self, k: int) -> UsdShade.Material:
         """Return the material of a level of the ground."""
-        reflectance = self._site.reflectance
-        fit = fit_shading(parameter_set(reflectance.ground), self._site.sun.elevation_deg,
+        reflectance = self._settings.reflectance
+        fit = fit_shading(parameter_set(reflectance.ground), self._settings.sun.elevation_deg,
                           reflectance.albedo_scale)
         texture, relief, repeats = f'albedo_{k}.png', '', 1.0
         ground.write_texture(self._parts / texture,
                              self._world.albedo if k == 0 else far_albedo(self._world, k))
         if k == 0:
             relief = 'relief.png'
-            tiles = relief_heights(self._site.detail, max(self._world.config.seed, 0))
+            tiles = relief_heights(self._settings.detail, max(self._world.config.seed, 0))
             grid = self._world.ground
             repeats = grid.n * grid.cell_m / ground.write_relief(self._parts / relief, tiles)
         return self._material(f'regolith_{k}', Look(
@@ -182,8 +184,8 @@ class _WorldStage:
 
     def _rock(self, name: str, factor: float) -> UsdShade.Material:
         """Return a material of rocks; factor: on their single-scattering albedo."""
-        fit = fit_shading(parameter_set(self._site.reflectance.rocks),
-                          self._site.sun.elevation_deg, factor)
+        fit = fit_shading(parameter_set(self._settings.reflectance.rocks),
+                          self._settings.sun.elevation_deg, factor)
         return self._material(name, Look([fit.preview_albedo] * 3, fit.preview_roughness,
                                          [fit.lambert_albedo] * 3))
 

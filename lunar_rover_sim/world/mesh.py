@@ -26,7 +26,7 @@ _LARGEST_M = 1e8         # of a coordinate: 60 radii of the Moon
 
 
 @dataclasses.dataclass(frozen=True)
-class Hits:
+class MeshHits:
     """Where vertical rays met a mesh.
 
     top_m: (ny, nx) highest hit, NaN where there is none; layers: (ny, nx) number of separate
@@ -38,7 +38,7 @@ class Hits:
 
 
 def cast(triangles_m: NDArray[np.float64], x_m: NDArray[np.float64], y_m: NDArray[np.float64],
-         count_layers: bool = True) -> Hits:
+         count_layers: bool = True) -> MeshHits:
     """Return where vertical rays at the grid of x and y (evenly spaced) meet (f, 3, 3) triangles.
 
     Each triangle is tested against the rays in its bounding box only, exactly, by its edges.
@@ -94,7 +94,7 @@ def cast(triangles_m: NDArray[np.float64], x_m: NDArray[np.float64], y_m: NDArra
         separate[1:] = (place[1:] != place[:-1]) | (z[1:] - z[:-1] > 1e-6)
         np.add.at(layers, place[separate], 1)
     top[np.isneginf(top)] = np.nan
-    return Hits(top.reshape(ny, nx), layers.reshape(ny, nx))
+    return MeshHits(top.reshape(ny, nx), layers.reshape(ny, nx))
 
 
 class MeshSource:
@@ -157,7 +157,7 @@ class MeshSource:
 
     def _cast(self, half_m: float, spacing_m: float,
               area_m: tuple[float, float, float, float],
-              count_layers: bool = False) -> tuple[Any, Hits]:
+              count_layers: bool = False) -> tuple[Any, MeshHits]:
         """Cast rays at the multiples of the spacing that lie in the area and in [-h, h]^2."""
         axes = []
         for low, high in (area_m[:2], area_m[2:]):
@@ -165,7 +165,7 @@ class MeshSource:
             last = int(np.floor(min(high, half_m) / spacing_m + 1e-6))
             axes.append(np.arange(first, last + 1, dtype=np.float64) * spacing_m)
         if min(len(axes[0]), len(axes[1])) < 2:
-            return None, Hits(np.empty((0, 0)), np.empty((0, 0), np.int32))
+            return None, MeshHits(np.empty((0, 0)), np.empty((0, 0), np.int32))
         return (axes[0], axes[1]), cast(self._triangles, axes[0], axes[1], count_layers)
 
 

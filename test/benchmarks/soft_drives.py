@@ -74,7 +74,7 @@ def commands(seed: int, straight: bool) -> Iterator[tuple[float, float]]:
         yield (0.2, 0.0) if straight else (rng.uniform(-0.05, 0.2), rng.uniform(-0.2, 0.2))
 
 
-class Drive:
+class SoftDrive:
     """One drive, its records and what is held of it."""
 
     def __init__(self, args: argparse.Namespace, seed: int) -> None:
@@ -99,7 +99,7 @@ class Drive:
         self._cpu = time.process_time()
 
     def rows(self) -> Iterator[dict[str, float]]:
-        """Drive, and yield what was seen at each checkpoint."""
+        """SoftDrive, and yield what was seen at each checkpoint."""
         simulation, controller, args = self.simulation, self._controller, self._args
         state, steps = simulation.state, round(STATE_S / simulation.config.step_s)
         xy = state.position_m[:2]
@@ -163,7 +163,7 @@ class Drive:
 
 def drive(args: argparse.Namespace, seed: int) -> dict[str, object]:
     """Make one drive and return its result."""
-    one = Drive(args, seed)
+    one = SoftDrive(args, seed)
     path = args.output / f'seed_{seed}.csv'
     outcome, row = 'driven', {}
     with open(path, 'w', newline='', encoding='utf-8') as file, one.simulation:
@@ -192,7 +192,7 @@ def version() -> str:
 
 
 def main() -> int:
-    """Drive what has not been driven yet; 1 if anything was lost or diverged."""
+    """SoftDrive what has not been driven yet; 1 if anything was lost or diverged."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
     parser.add_argument('-o', '--output', type=Path, required=True)
     parser.add_argument('--seeds', type=int, default=10, help='drives, with seeds from 1')

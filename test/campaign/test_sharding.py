@@ -13,7 +13,7 @@ import synthetic_bag
 from lunar_rover_sim import topics
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
 from lunar_rover_sim.campaign.manifest import MANIFEST, write_json
-from lunar_rover_sim.campaign.sharding import Drive, split_worlds
+from lunar_rover_sim.campaign.sharding import Episode, split_worlds
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import CampaignError, ConfigError
 from lunar_rover_sim.sequences.export import export
@@ -83,7 +83,7 @@ def test_one_shard_is_told_in_the_singular(dataset: Path, tmp_path: Path,
 
 
 def test_splits_are_the_same_every_time() -> None:
-    drives = [Drive(f'{k:04d}', 'a', f'world {k}') for k in range(20)]
+    drives = [Episode(f'{k:04d}', 'a', f'world {k}') for k in range(20)]
     split_of = split_worlds(drives, {'val': 0.1, 'test': 0.2})
     assert split_of == split_worlds(drives[::-1], {'val': 0.1, 'test': 0.2})
     found = list(split_of.values())
@@ -92,7 +92,7 @@ def test_splits_are_the_same_every_time() -> None:
 
 
 def test_what_cannot_be_split_is_refused(dataset: Path, tmp_path: Path) -> None:
-    one = [Drive('0000', 'a', 'w')]
+    one = [Episode('0000', 'a', 'w')]
     with pytest.raises(CampaignError, match='a: 1 worlds are too few for test'):
         split_worlds(one, {'test': 0.2})
     for shares in ({'test': -0.1}, {'test': 1.0}, {'val': 0.5, 'test': 0.5}):

@@ -16,7 +16,7 @@ from lunar_rover_sim.cli.main import main, parse
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import bootstrap
 from lunar_rover_sim.evaluation.grey_images import GreyPair
-from lunar_rover_sim.evaluation.image_comparison import compare_images, ImageComparison, Row
+from lunar_rover_sim.evaluation.image_comparison import compare_images, ImageComparison, MeasureRow
 from lunar_rover_sim.evaluation.image_plots import save_comparison
 from lunar_rover_sim.evaluation.image_statistics import (ground_mask, image_statistics, MEASURES,
                                                          spectrum_slope)
@@ -56,7 +56,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_set(tmp_path_factory.mktemp('sets') / 'plain')
 
 
-def row(result: ImageComparison, name: str) -> Row:
+def row(result: ImageComparison, name: str) -> MeasureRow:
     """Return one measure."""
     return next(row for row in result.rows if row.name == name)
 

@@ -15,9 +15,9 @@ from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.lidar.lidar import Lidar
-from lunar_rover_sim.lidar.motion import Motion
+from lunar_rover_sim.lidar.motion import ScanMotion
 from lunar_rover_sim.lidar.optics import FLASH, LidarOptics, TOFCAM635, VLP16
-from lunar_rover_sim.lidar.ray_caster import GROUND, Hits
+from lunar_rover_sim.lidar.ray_caster import GROUND, RayHits
 from lunar_rover_sim.lidar.returns import ReturnModel
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.config import WorldConfig
@@ -119,7 +119,7 @@ def _turn(vector):
 
 def test_motion_passes_through_its_poses():
     poses = [at(x=0.1 * k, rpy=(0.0, 0.02 * k, 0.3 * k)).T_world_base for k in range(5)]
-    motion = Motion([0.0, 0.025, 0.05, 0.075, 0.1], poses)
+    motion = ScanMotion([0.0, 0.025, 0.05, 0.075, 0.1], poses)
     R, p = motion.at(np.array([0.0, 0.05, 0.1, 0.0625]))
     assert np.allclose(R[:3], [poses[0][:3, :3], poses[2][:3, :3], poses[4][:3, :3]])
     assert np.allclose(p[:, 0], [0.0, 0.2, 0.4, 0.25])
@@ -150,7 +150,7 @@ def measured(config, distance_m, cosine=1.0, albedo=1.0, rock=False, seed=1):
     place = np.stack([ix, iy, np.zeros(count)], axis=-1) - 0.5 * (side - 1) + 0.3
     model = ReturnModel(config, ground.reshape(side, side), 1.0, albedo.astype(np.float32))
     return model.measure(place, np.tile([0.0, 0.0, -1.0], (count, 1)),
-                         Hits(distance.copy(), target.astype(np.int32), normal),
+                         RayHits(distance.copy(), target.astype(np.int32), normal),
                          np.random.default_rng(seed))
 
 
@@ -177,7 +177,8 @@ def test_albedo_is_that_of_the_nearest_sample():
     model = ReturnModel(LidarConfig(noise=False), ground, 0.5, np.ones(0, np.float32))
     # They go 0.4 m along x while they go down: where they end counts.
     origin = np.array([[0.1, 0.1, 1.0], [-0.4, 0.4, 1.0], [-0.9, -0.6, 1.0], [0.5, 0.0, 1.0]])
-    hits = Hits(np.full(4, 1.077), np.full(4, GROUND, np.int32), np.tile([0.0, 0.0, 1.0], (4, 1)))
+    hits = RayHits(np.full(4, 1.077), np.full(4, GROUND, np.int32),
+                   np.tile([0.0, 0.0, 1.0], (4, 1)))
     found = model.measure(origin, np.tile([0.3714, 0.0, -0.9285], (4, 1)), hits,
                           np.random.default_rng(0)).intensity
     alone = measured(LidarConfig(noise=False), np.full(4, 1.077), 0.9285, [0.5, 1.5, 2.0, 1.0])

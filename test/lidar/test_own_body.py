@@ -13,7 +13,7 @@ from ray_scene import RayScene
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.lidar.lidar import Lidar
-from lunar_rover_sim.lidar.motion import Motion
+from lunar_rover_sim.lidar.motion import ScanMotion
 from lunar_rover_sim.lidar.optics import LidarOptics
 from lunar_rover_sim.lidar.ray_caster import GROUND, NOTHING
 from lunar_rover_sim.lidar.ray_caster import ROVER as OWN
@@ -96,13 +96,13 @@ def test_legs_turn_during_a_scan():
     times = np.linspace(0.0, 0.1, 21)
     poses = [STATE.T_world_base] * len(times)
     turning = STATE.joint_angle_rad + 20.0 * times[:, None]
-    scan = sensor.scan(Motion(times, poses, turning)).returns.range_m.reshape(-1, 40)
+    scan = sensor.scan(ScanMotion(times, poses, turning)).returns.range_m.reshape(-1, 40)
     for column in (100, 450, 700):
         angles = STATE.joint_angle_rad + 20.0 * sensor.pattern.column_s[column]
         still = sensor.true_hits(STATE.T_world_base, angles).distance_m.reshape(-1, 40)[column]
         np.testing.assert_allclose(scan[column], np.where(np.isfinite(still), still, np.nan),
                                    atol=1e-4)
-    without = sensor.scan(Motion(times, poses)).returns.range_m.reshape(-1, 40)
+    without = sensor.scan(ScanMotion(times, poses)).returns.range_m.reshape(-1, 40)
     assert (np.abs(without - scan) > 0.01).sum() > 100
 
 

@@ -22,7 +22,7 @@ from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.inspection.check import check  # noqa: E402
 from lunar_rover_sim.lidar.lidar import Lidar  # noqa: E402
-from lunar_rover_sim.lidar.motion import Motion  # noqa: E402
+from lunar_rover_sim.lidar.motion import ScanMotion  # noqa: E402
 from lunar_rover_sim.lidar.scan import POINT  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
@@ -55,8 +55,8 @@ def test_scans_in_a_bag(tmp_path):
         planar = [scan for _, _, scan in bag.messages(['/lidar/scan'])]
     for start, cloud in clouds:
         stamps = range(start, start + 100_000_001, 5_000_000)
-        scan = lidar.scan(Motion([1e-9 * (s - start) for s in stamps],
-                                 [states[s] for s in stamps], [angles[s] for s in stamps]),
+        scan = lidar.scan(ScanMotion([1e-9 * (s - start) for s in stamps],
+                                     [states[s] for s in stamps], [angles[s] for s in stamps]),
                           start // 100_000_000)
         points = np.frombuffer(cloud.data.tobytes(), POINT)
         assert np.array_equal(points, scan.cloud())

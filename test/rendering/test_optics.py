@@ -14,7 +14,7 @@ from lunar_rover_sim.rendering.context import create_context
 from lunar_rover_sim.rendering.image_geometry import PinholeImage
 from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.projection import Projection
-from lunar_rover_sim.rendering.scene import SeenSun
+from lunar_rover_sim.rendering.scene import ImagedSun
 
 CAMERA = CameraConfig(width=320, height=240)
 RIG = StereoRig(scene.ROVER, CAMERA)
@@ -54,7 +54,7 @@ def passed(context, config, images, sun=None, sky=None):
 
 def sun_at(x_px, y_px, irradiance=(E, E)):
     ray = np.linalg.inv(RIG.K) @ [x_px, y_px, 1.0]
-    return SeenSun(ray / np.linalg.norm(ray), np.array(irradiance))
+    return ImagedSun(ray / np.linalg.norm(ray), np.array(irradiance))
 
 
 # Steep enough that next to nothing leaves the image.

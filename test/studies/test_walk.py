@@ -15,7 +15,7 @@ from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.studies import command_tracking
 from lunar_rover_sim.studies.command_tracking import CommandTracking, measure_commands
-from lunar_rover_sim.studies.gait_measurement import measure, measure_stride, WalkSettings
+from lunar_rover_sim.studies.gait_measurement import measure, measure_stride, MeasurementSettings
 from lunar_rover_sim.studies.walking import flat_world, walk
 
 
@@ -90,8 +90,8 @@ def test_a_stride_advances_by_the_sweep_of_the_stance(simulation):
 
 
 def test_a_table_is_measured_and_the_workers_do_not_matter():
-    one = measure(WalkSettings(measure_s=1.0), (1.0,), (0.0, 1.0), workers=1)
-    two = measure(WalkSettings(measure_s=1.0), (1.0,), (0.0, 1.0), workers=2)
+    one = measure(MeasurementSettings(measure_s=1.0), (1.0,), (0.0, 1.0), workers=1)
+    two = measure(MeasurementSettings(measure_s=1.0), (1.0,), (0.0, 1.0), workers=2)
     assert one == two
     assert one.forward_mps[0][0] == pytest.approx(0.13, rel=0.1)
     assert 0.2 < one.yaw_rate_radps[0][1] < 1.0

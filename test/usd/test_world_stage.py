@@ -20,7 +20,7 @@ from lunar_rover_sim.rendering.relief_tiles import relief_heights
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.usd.ground import TEXTURE_SCALE, tile_cells
 from lunar_rover_sim.usd.shading_fit import fit_shading
-from lunar_rover_sim.usd.world_stage import Site, write_world
+from lunar_rover_sim.usd.world_stage import StageSettings, write_world
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World
 
@@ -150,7 +150,8 @@ def test_surroundings_leave_the_inner_levels_out(stage: Usd.Stage, moon: World) 
 
 
 def test_sun(moon: World, tmp_path: Path) -> None:
-    path = write_world(moon, tmp_path / 'w.usd', Site(SunConfig(200.0, 3.0)), surroundings=False)
+    path = write_world(moon, tmp_path / 'w.usd', StageSettings(SunConfig(200.0, 3.0)),
+                       surroundings=False)
     stage = Usd.Stage.Open(str(path))
     light = UsdLux.DistantLight.Get(stage, '/World/sun')
     assert light.GetAngleAttr().Get() == pytest.approx(0.533)

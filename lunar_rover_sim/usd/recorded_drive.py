@@ -9,11 +9,11 @@ from lunar_rover_sim.errors import BagError, UsdError
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.recorded_nodes import recorded_nodes
-from lunar_rover_sim.usd.world_stage import Site
+from lunar_rover_sim.usd.world_stage import StageSettings
 
 
 @dataclasses.dataclass(frozen=True)
-class RecordedSite:
+class RecordedDrive:
     """The rover, its cameras and the physics of a recording."""
 
     rover: RoverDescription
@@ -21,18 +21,18 @@ class RecordedSite:
     render: RenderNodeConfig
 
     @property
-    def site(self) -> Site:
+    def stage_settings(self) -> StageSettings:
         """What the stage of the world is to be made for."""
-        return site_of(self.physics, self.render)
+        return settings_of(self.physics, self.render)
 
 
-def site_of(physics: PhysicsNodeConfig, render: RenderNodeConfig) -> Site:
+def settings_of(physics: PhysicsNodeConfig, render: RenderNodeConfig) -> StageSettings:
     """Return what the stage of a world is to be made for, by the parameters of the nodes."""
-    return Site(render.sun, render.reflectance, physics.gravity_mps2,
-                physics.contact.sliding_friction, render.detail)
+    return StageSettings(render.sun, render.reflectance, physics.gravity_mps2,
+                         physics.contact.sliding_friction, render.detail)
 
 
-def recorded_site(bag: Bag) -> RecordedSite:
+def recorded_drive(bag: Bag) -> RecordedDrive:
     """Return what the scenario of a bag says.
 
     Raises UsdError where there is none, or it is not of this version.
@@ -41,4 +41,4 @@ def recorded_site(bag: Bag) -> RecordedSite:
         found = recorded_nodes(bag)
     except BagError as error:
         raise UsdError(str(error)) from None
-    return RecordedSite(found.rover, found.physics, found.render)
+    return RecordedDrive(found.rover, found.physics, found.render)
