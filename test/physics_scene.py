@@ -12,6 +12,7 @@ from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.ray_cast import reaches_sky
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.regolith.config import GroundConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
@@ -92,3 +93,8 @@ def simulate(world: World | None = None, rover: RoverDescription = ROVER,
              **config: object) -> Simulation:
     """Return a simulation with some physics parameters changed."""
     return Simulation(world or make_world(), rover, PhysicsConfig(**config))
+
+
+def soft(preset: str = 'highland', **values: object) -> GroundConfig:
+    """Return soft ground of a preset with some parameters changed."""
+    return GroundConfig(model='regolith', preset=preset, **values)

@@ -6,7 +6,7 @@ IMU, odometry, images, depth and disparity agree.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,8 @@ from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.ground_points import FLOAT32, POINT, points_of
 from lunar_rover_sim.bag.writer import BagWriter
-from lunar_rover_sim.regolith.fine_ground import FineGround
-from lunar_rover_sim.regolith.footprint import press
-from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import JOINT_NAMES, StereoMount
-from lunar_rover_sim.world.grid import HeightGrid
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 GRAVITY = 1.62
@@ -228,30 +223,6 @@ def frame_items(ns: int, scene: Scene, with_depth: bool = True) -> list[Item]:
         (topics.TRUE_DEPTH, image(ns, frame, '32FC1', depth))]
     return [Item(topic.name, topic.type, message) for topic, message in made
             if with_depth or topic.rate != topics.DEPTH_FRAME]
-
-
-def ground_items(duration_s: float, overlay: Overlay | None = None,
-                 seen: Callable[[int], None] = lambda ns: None) -> list[Item]:
-    """Return changes of level ground at 10 Hz: prints along x, the last ones on older ones.
-
-    seen: called with each stamp when the overlay is as its message says
-    """
-    ground = HeightGrid(np.zeros((81, 81), np.float32), 0.025)
-    overlay, fine = Overlay() if overlay is None else overlay, FineGround(ground)
-    items = []
-    for k in range(1, round(duration_s * 10.0) + 1):
-        x = 0.02 * k - 0.1
-        press(overlay, fine, (x, 0.03, 0.008), (x, 0.03, -0.012), 0.008, 0.6)
-        points = points_of(overlay.take_changes(), ground)
-        fields = [msg('sensor_msgs/PointField', name=name, offset=4 * i, datatype=FLOAT32, count=1)
-                  for i, name in enumerate(POINT.names)]
-        items.append(Item(topics.GROUND_CHANGES.name, topics.GROUND_CHANGES.type, msg(
-            'sensor_msgs/PointCloud2', header=header(k * 10**8, frames.ODOM_FRAME), height=1,
-            width=len(points), fields=fields, is_bigendian=False, point_step=POINT.itemsize,
-            row_step=points.nbytes, data=np.frombuffer(points.tobytes(), np.uint8),
-            is_dense=True)))
-        seen(k * 10**8)
-    return items
 
 
 def latched_items() -> list[Item]:

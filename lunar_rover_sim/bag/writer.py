@@ -230,7 +230,9 @@ class BagWriter:
 class _Transaction:
     """Commits what is written to SQLite about once a second, of bag time or of wall time.
 
-    rosbags itself commits only at the end, and a kill would lose the whole recording.
+    rosbags (0.11.9) commits only at the end, and a kill would lose the whole recording. It has no
+    documented way to commit earlier, and no other connection can commit what this one has written:
+    hence its `storage.conn`.
     """
 
     def __init__(self, writer: Writer) -> None:

@@ -10,7 +10,6 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 import dataclasses
 import hashlib
-import os
 from pathlib import Path
 import shutil
 from typing import Any
@@ -22,6 +21,7 @@ from lunar_rover_sim.campaign.dataset import manifests
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
 from lunar_rover_sim.campaign.manifest import read_json
 from lunar_rover_sim.errors import CampaignError, ConfigError
+from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.run.plan import BAG_FOLDER
 from lunar_rover_sim.sequences.export import export
@@ -59,26 +59,22 @@ def write_shards(dataset: Path, output: Path, size: int, shares: Mapping[str, fl
                             'folder')
     drives = _drives(dataset)
     split_of = split_worlds(drives, shares)
-    partial = output.with_name(f'.{output.name}.{os.getpid()}.partial')
-    try:
-        partial.mkdir(parents=True)
+    with partial_folder(output, CampaignError) as partial:
+        folder = partial / output.name
+        folder.mkdir()
         made: dict[str, list[Shard]] = defaultdict(list)
         for drive in drives:
             seen(drive.name)
             made[split_of[drive.world]] += _take(dataset / EPISODES / drive.name, drive.name,
-                                                 partial, split_of[drive.world],
+                                                 folder, split_of[drive.world],
                                                  len(made[split_of[drive.world]]), size)
         name = str(read_json(dataset / CAMPAIGN_FILE).get('campaign', {}).get('name', ''))
         for split, shards in made.items():
             ours = [drive for drive in drives if split_of[drive.world] == split]
-            (partial / f'{split}.json').write_text(index_text(f'{name} {split}', shards, {
+            (folder / f'{split}.json').write_text(index_text(f'{name} {split}', shards, {
                 'drives': {drive.name: {BASE: drive.base, 'world': drive.world}
                            for drive in ours}}), encoding='ascii')
-        partial.rename(output)
-    except OSError as error:
-        raise CampaignError(f'{output}: cannot be written: {error.strerror or error}') from None
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        folder.rename(output)
     return [f'{output}/{split}: {counted(sum(s.samples for s in made[split]), "sample")} in '
             f'{counted(len(made[split]), "shard")}, '
             f'{counted(_worlds(drives, split_of, split), "world")}'

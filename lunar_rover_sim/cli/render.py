@@ -6,16 +6,19 @@ import argparse
 from collections.abc import Mapping, Sequence
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.camera.hazard import HazardMount, sides
 from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.cli.number_lists import numbers
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.images import write_png
+from lunar_rover_sim.errors import ConfigError, RenderError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.images import png_bytes
 from lunar_rover_sim.files.outputs import check_new_folder, make_new_folder
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
@@ -105,29 +108,37 @@ def run(args: argparse.Namespace) -> int:
             name = f'{k:03d}'
             out = args.output
             for side in ('left', 'right'):
-                write_png(out / f'{name}_{side}.png', getattr(frame, side))
+                _save_picture(out / f'{name}_{side}.png', getattr(frame, side))
             for layer in ('depth_m', 'normal', 'label', 'radiance', 'crater', 'shadow'):
-                np.save(out / f'{name}_{layer}.npy', getattr(frame, layer))
+                _save_array(out / f'{name}_{layer}.npy', getattr(frame, layer))
             assert frame.left is not None and frame.right is not None
             disparity = matcher.match(frame.left, frame.right)
-            np.save(out / f'{name}_disparity_px.npy', disparity.disparity_px)
+            _save_array(out / f'{name}_disparity_px.npy', disparity.disparity_px)
             sheet = contact_sheet(frame, disparity.disparity_px, disparity.depth_m)
-            write_png(out / f'{name}_preview.png', sheet[..., ::-1])    # it is BGR
+            _save_picture(out / f'{name}_preview.png', sheet[..., ::-1])    # it is BGR
             if chase is not None:
                 mount.follow(state, k)
                 outside = settled(camera, state).left
                 assert outside is not None
-                write_png(out / f'{name}_chase.png', outside)
+                _save_picture(out / f'{name}_chase.png', outside)
             for hazard, taken in further.items():
                 settled(taken, state)
                 layers = ('left', 'right')[:1 + hazards[hazard].stereo]
                 pictures = taken.render(state, k, layers)
                 for layer, camera_name in zip(layers, sides(hazard, hazards[hazard])):
-                    write_png(out / f'{name}_hazard_{camera_name.replace("/", "_")}.png',
-                              pictures.layer(layer))
+                    _save_picture(out / f'{name}_hazard_{camera_name.replace("/", "_")}.png',
+                                  pictures.layer(layer))
             console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                           f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0
+
+
+def _save_picture(path: Path, pixels: NDArray[Any]) -> None:
+    atomic_write(path, png_bytes(pixels), RenderError)
+
+
+def _save_array(path: Path, values: NDArray[Any]) -> None:
+    atomic_write(path, lambda stream: np.save(stream, values, allow_pickle=False), RenderError)
 
 
 def _standing(world: World, pose: Sequence[float]) -> Array:

@@ -77,11 +77,16 @@ def run(args: argparse.Namespace) -> int:
                           highlight=False, soft_wrap=True)
         display.start(resolved, domain)
 
+    def progress(now_ns: int) -> None:
+        display.update(now_ns)
+        if lost := view.early_end():
+            display.warn(lost)
+
     with _stop_request() as stop_request, _Display(console) as display:
         try:
             recording = record(scenario, args.output, world=args.world, domain=args.domain,
                                should_stop=stop_request.is_made, on_start=start,
-                               on_progress=display.update, on_warning=display.warn)
+                               on_progress=progress, on_warning=display.warn)
         finally:
             view.stop()
     if recording.interrupted:

@@ -11,6 +11,7 @@ import numpy as np
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.image_comparison import ImageComparison, MeasureRow
 from lunar_rover_sim.evaluation.image_statistics import LOG_BINS, LOG_FLOOR, LOG_STEP
+from lunar_rover_sim.files.figures import save_figure
 
 _COLOURS = {'A': 'tab:blue', 'B': 'tab:orange'}
 
@@ -29,9 +30,9 @@ def save_comparison(result: ImageComparison, path: Path) -> None:
         one.set_axis_off()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=110)
     except OSError as error:
         raise EvaluationError(f'{path}: cannot be written: {error.strerror}') from None
+    save_figure(figure, path, EvaluationError)
 
 
 def _histograms(axes: Axes, result: ImageComparison) -> None:

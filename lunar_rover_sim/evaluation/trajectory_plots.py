@@ -11,6 +11,7 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import metrics
 from lunar_rover_sim.evaluation.trajectory_evaluation import Evaluation
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
 
 
@@ -25,10 +26,10 @@ def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> lis
                'scale.png': _scale(result)}
     try:
         output.mkdir(parents=True, exist_ok=True)
-        for name, figure in figures.items():
-            figure.savefig(output / name, dpi=110)
     except OSError as error:
         raise EvaluationError(f'{output}: cannot be written: {error.strerror}') from None
+    for name, figure in figures.items():
+        save_figure(figure, output / name, EvaluationError)
     return [output / name for name in figures]
 
 

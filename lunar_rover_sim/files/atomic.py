@@ -1,18 +1,20 @@
-"""Writing a file whole or not at all.
+"""Writing a file or a folder whole or not at all.
 
-The content goes to a temporary file in the same folder, is forced to the disk, and takes the
-place of the file by a rename. A reader sees the old file or the new one, never a part, also
-after a crash of the machine.
+The content goes to a temporary name in the same folder and takes its place by a rename. A reader
+sees the old file or the new one, never a part. `atomic_write` forces a file to the disk before, so
+that this holds after a crash of the machine too. `partial_folder` is for what libraries write by
+its name, and for what consists of several files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import contextlib
 import errno
 import os
 from pathlib import Path
 import secrets
+import shutil
 from typing import BinaryIO
 
 from lunar_rover_sim.errors import LunarRoverSimError
@@ -31,7 +33,7 @@ def atomic_write(path: str | Path, content: str | bytes | Callable[[BinaryIO], o
     temporary file is left.
     """
     path = Path(path)
-    temporary = path.with_name(f'.{path.name}.{secrets.token_hex(4)}.partial')
+    temporary = _partial(path)
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
             raise OSError(errno.EEXIST, 'it is not a regular file')
@@ -49,7 +51,32 @@ def atomic_write(path: str | Path, content: str | bytes | Callable[[BinaryIO], o
             temporary.unlink(missing_ok=True)
         if error is None or not isinstance(reason, OSError):
             raise
-        raise error(f'{path}: cannot be written: {reason.strerror or reason}') from None
+        raise error(_in_words(path, reason)) from None
+
+
+@contextlib.contextmanager
+def partial_folder(path: Path, error: type[LunarRoverSimError]) -> Iterator[Path]:
+    """Make a temporary folder beside `path`, for what is renamed to `path` once it is complete.
+
+    Folders above it are made. At the end it is removed, with what is left in it.
+    Raises `error` in place of each OSError meanwhile, with `path` in its message.
+    """
+    folder = _partial(path)
+    try:
+        folder.mkdir(parents=True)
+        yield folder
+    except OSError as reason:
+        raise error(_in_words(path, reason)) from None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(f'.{path.name}.{secrets.token_hex(4)}.partial')
+
+
+def _in_words(path: Path, reason: OSError) -> str:
+    return f'{path}: cannot be written: {reason.strerror or reason}'
 
 
 def sync_folder(folder: Path) -> None:

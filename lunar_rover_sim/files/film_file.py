@@ -7,9 +7,7 @@ wheels; those of H.264 are under the GPL, and not in there.
 from __future__ import annotations
 
 from collections.abc import Iterator
-import contextlib
 from pathlib import Path
-import secrets
 
 import cv2
 import numpy as np
@@ -17,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
+from lunar_rover_sim.files.atomic import partial_folder
 
 U8 = NDArray[np.uint8]
 
@@ -36,22 +35,19 @@ def write_film(path: Path, frames: Iterator[U8], rate_hz: float, quality: int = 
     """Write (h, w, 3) RGB frames of one size to a new file; return their number.
 
     quality: of a WebP, 1 to 100. The file is there when it is complete.
-    Raises ConfigError for an unknown suffix or without any frame, FileExistsError, OSError, and
-    LunarRoverSimError where this OpenCV has no encoder.
+    Raises ConfigError for an unknown suffix, without any frame, and if the file exists or cannot
+    be written; LunarRoverSimError where this OpenCV has no encoder.
     """
     check_suffix(path)
-    temporary = path.with_name(f'.{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}')
-    try:
+    with partial_folder(path, ConfigError) as folder:
+        film = folder / path.name
         if path.suffix == '.mp4':
-            count = _encode(temporary, frames, rate_hz)
+            count = _encode(film, frames, rate_hz)
         else:
-            count = _animate(temporary, frames, rate_hz, quality)
+            count = _animate(film, frames, rate_hz, quality)
         if path.exists():
-            raise FileExistsError(17, 'exists already', str(path))
-        temporary.replace(path)
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+            raise ConfigError(f'{path}: exists already')
+        film.rename(path)
     return count
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import pathlib
 from typing import Any
 
@@ -10,7 +9,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.illumination.light_time import SkyOverTime
 
 
@@ -50,6 +49,4 @@ def figure(over: SkyOverTime, title: str) -> Any:
 
 def write(over: SkyOverTime, path: str | pathlib.Path, title: str) -> None:
     """Write the figure to a PNG file; raise WorldError if it cannot be written."""
-    content = io.BytesIO()
-    figure(over, title).savefig(content, dpi=110, format='png')
-    atomic_write(path, content.getvalue(), WorldError)
+    save_figure(figure(over, title), path, WorldError)

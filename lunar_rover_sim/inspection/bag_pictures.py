@@ -18,6 +18,7 @@ from lunar_rover_sim.bag.driven_distance import driven_distance_m
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, WorldError
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.inspection.sensor_pictures import chase_figure, hazard_figures, lidar_figure
 from lunar_rover_sim.inspection.truth_pictures import truth_figures
 from lunar_rover_sim.world.cache import cache_folder
@@ -42,12 +43,12 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     paths: list[Path] = []
 
     def save(figure: Figure, name: str) -> None:
-        paths.append(output / name)
         try:
             output.mkdir(parents=True, exist_ok=True)
-            figure.savefig(paths[-1], dpi=100)
         except OSError as error:
-            raise BagError(f'{paths[-1]}: cannot be written: {error.strerror}') from None
+            raise BagError(f'{output / name}: cannot be written: {error.strerror}') from None
+        save_figure(figure, output / name, BagError, dpi=100)
+        paths.append(output / name)
         if progress is not None:
             progress(name)
 

@@ -12,6 +12,7 @@ import importlib.util
 import logging
 import queue
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -159,6 +160,7 @@ class ViewProcess:
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
+        self._told_end = False
 
     def start(self, domain: int, port: int) -> None:
         """Start it in the graph of a ROS domain."""
@@ -166,6 +168,15 @@ class ViewProcess:
                    '--ros-args', '--log-level', 'warn', '-p', f'port:={port}']
         self._process = subprocess.Popen(dies_with_parent(command), env=ros_environment(domain),
                                          stdin=subprocess.DEVNULL, start_new_session=True)
+
+    def early_end(self) -> str:
+        """Return in a line, once, how it has ended by itself; else ''."""
+        status = None if self._process is None else self._process.poll()
+        if status is None or self._told_end:
+            return ''
+        self._told_end = True
+        how = f'with status {status}' if status >= 0 else f'with {signal.Signals(-status).name}'
+        return f'view_node: ended {how}; the run goes on without the live view'
 
     def stop(self) -> None:
         """End it."""

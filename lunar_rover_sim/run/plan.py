@@ -14,6 +14,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.outputs import make_new_folder
 from lunar_rover_sim.gait.calibration import packaged_calibration
 from lunar_rover_sim.rover.rover_file import save_rover
@@ -277,7 +278,7 @@ def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
         raise ConfigError(f'run.nodes: [] is not valid; valid are some of '
                           f'{", ".join(NODE_CONFIGS)}')
     make_new_folder(folder, 'folder')
-    (folder / SCENARIO_FILE).write_text(scenario.to_yaml(), encoding='utf-8')
+    atomic_write(folder / SCENARIO_FILE, scenario.to_yaml(), ConfigError)
     save_rover(scenario.rover, folder / ROVER_FILE)
     # Tools that read the bag later find its world here.
     (folder / WORLD_LINK).symlink_to(world)

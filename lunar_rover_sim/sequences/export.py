@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 import functools
-import os
 from pathlib import Path
-import shutil
 from typing import Any
 
 from lunar_rover_sim import topics
@@ -20,6 +18,7 @@ from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import picture
 from lunar_rover_sim.errors import SequenceError
+from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
@@ -55,20 +54,15 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
     if output.exists():
         raise SequenceError(f'{output}: exists already and is not overwritten; name another '
                             'folder')
-    partial = output.with_name(f'.{output.name}.{os.getpid()}.partial')
-    try:
-        with open_bag(path) as bag:
-            partial.mkdir(parents=True)
-            with PngWriter() as images, make(bag, partial, images) as sequence:
-                notes = _stream(bag, sequence, progress)
-                (partial / CALIBRATION_FILE).write_text(
-                    calibration_yaml(sequence.suite, kind, sequence.depth, sequence.further),
-                    encoding='utf-8')
-            partial.rename(output)
-    except OSError as error:
-        raise SequenceError(f'{output}: cannot be written: {error.strerror or error}') from None
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with open_bag(path) as bag, partial_folder(output, SequenceError) as partial:
+        folder = partial / output.name
+        folder.mkdir()
+        with PngWriter() as images, make(bag, folder, images) as sequence:
+            notes = _stream(bag, sequence, progress)
+            (folder / CALIBRATION_FILE).write_text(
+                calibration_yaml(sequence.suite, kind, sequence.depth, sequence.further),
+                encoding='utf-8')
+        folder.rename(output)
     return [f'{output}: {notes[0]}', *notes[1:]]
 
 

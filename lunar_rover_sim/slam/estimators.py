@@ -18,6 +18,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
+from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.resources import program_path
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.parameters import nearest
@@ -135,7 +136,7 @@ class Estimator:
         if self.system == 'reference':
             return self._reference(sequence, frames_ns, timeout_s, advance)
         path = folder / 'settings.yaml'
-        path.write_text(settings(suite, self.sensor, features=self.features), encoding='ascii')
+        atomic_write(path, settings(suite, self.sensor, features=self.features), SlamError)
         command, results = self._command(sequence, path, folder)
         ended = run_program(command, folder / 'log.txt', timeout_s, folder=folder, echo=echo,
                             stop=stop)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import wilcoxon
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.frames import Array
 
 RESAMPLES = 10000
@@ -126,7 +126,7 @@ def plot_comparison(results: Mapping[str, Sequence[Any]], quantities: Sequence[Q
         axes.grid(alpha=0.3)
     for axes in panels[len(quantities):]:
         axes.remove()
-    atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format='png'), StudyError)
+    save_figure(figure, path, StudyError)
 
 
 def _text(value: WorldsMean, digits: int, sign: str = '') -> str:

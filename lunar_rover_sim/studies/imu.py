@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.physics.config import ImuConfig
 from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters
 from lunar_rover_sim.studies.allan import AllanCurve, fit_noise, NoiseFit, overlapping_allan
@@ -113,5 +113,4 @@ def plot(sensors: list[SensorNoise], path: str | Path) -> None:
         axes.set_ylabel(f'Allan deviation [{sensor.unit}]')
         axes.grid(True, which='both', alpha=0.3)
         axes.legend()
-    atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format=plot_format(path)),
-                 StudyError)
+    save_figure(figure, path, StudyError, kind=plot_format(path))

@@ -12,6 +12,7 @@ import numpy as np
 from lunar_rover_sim.camera.prediction import LOST_PX
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.studies.command_tracking import CommandTracking
 from lunar_rover_sim.studies.locomotion import claims, LocomotionCase, STAND_S
 from lunar_rover_sim.studies.pitch import analyse, PitchCurve, PitchReport, STEADY_FROM_S
@@ -22,7 +23,10 @@ _COLUMNS = ('curve', 'v [m/s]', 'g [m/s²]', 'steps [Hz]', 'dominant [Hz]', 'at 
 
 def plot_cases(cases: Sequence[LocomotionCase], path: str | Path,
                overlays: Sequence[PitchCurve] = ()) -> None:
-    """Write a plot with one panel per case: both curves, and any other ones."""
+    """Write a plot with one panel per case: both curves, and any other ones.
+
+    Raises StudyError if the file cannot be written.
+    """
     gravities = sorted({case.gravity_mps2 for case in cases})
     speeds = sorted({case.speed_mps for case in cases})
     figure = Figure(figsize=(7.5 * len(gravities), 2.6 * len(speeds)), layout='constrained')
@@ -44,19 +48,23 @@ def plot_cases(cases: Sequence[LocomotionCase], path: str | Path,
         row[0].set_ylabel('pitch [°], nose down')
     for axis in axes[-1]:
         axis.set_xlabel('time [s]')
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path, StudyError)
 
 
 def write_curves(cases: Sequence[LocomotionCase], path: str | Path) -> None:
-    """Write the curves of all cases as one CSV: time [s], then pitch [deg] column by column."""
+    """Write the curves of all cases as one CSV: time [s], then pitch [deg] column by column.
+
+    Raises StudyError if the file cannot be written.
+    """
     names = ['time_s']
     columns = [cases[0].gait.time_s]
     for case in cases:
         for curve, kind in ((case.gait, 'gait'), (case.interface, 'interface')):
             names.append(f'{kind}_{case.speed_mps:g}mps_{case.gravity_mps2:g}mps2_deg')
             columns.append(curve.pitch_deg)
-    np.savetxt(path, np.stack(columns, axis=1), fmt='%.5f', delimiter=',',
-               header=','.join(names), comments='')
+    atomic_write(path, lambda stream: np.savetxt(
+        stream, np.stack(columns, axis=1), fmt='%.5f', delimiter=',', header=','.join(names),
+        comments=''), StudyError)
 
 
 def report_text(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve] = (),
@@ -110,7 +118,10 @@ def report_text(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve] 
 
 def write_all(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve],
               tracking: Sequence[CommandTracking], folder: Path) -> str:
-    """Write locomotion.md, locomotion.png and pitch.csv; return the text of the first."""
+    """Write locomotion.md, locomotion.png and pitch.csv; return the text of the first.
+
+    Raises StudyError if one cannot be written.
+    """
     text = report_text(cases, overlays, tracking)
     atomic_write(folder / 'locomotion.md', text, StudyError)
     plot_cases(cases, folder / 'locomotion.png', overlays)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.layer_pictures import depth_picture, gray8, signed_error_picture
@@ -33,7 +34,8 @@ def study(scenario: Scenario, frames: int, figures: Path | None = None,
     figures: folder for figures of the first and the middle pair, SCENARIO_NUMBER.png
     progress: called with the number of pairs done, and of all: at first with 0, once world and
         sunlight are ready
-    Raises StudyError for fewer than one pair, RenderError if nothing can be drawn.
+    Raises StudyError for fewer than one pair and for a figure that cannot be written, RenderError
+    if nothing can be drawn.
     """
     if frames < 1:
         raise StudyError(f'frames: {frames} is not valid; valid is >= 1')
@@ -96,4 +98,4 @@ def _plot(frame: StereoFrame, disparity: DisparityMap, truth_px: NDArray[np.floa
         axes.imshow(picture[..., ::-1])
         axes.set_title(title)
         axes.set_axis_off()
-    figure.savefig(path, dpi=100)
+    save_figure(figure, path, StudyError, dpi=100)

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.studies import sandbot
 from lunar_rover_sim.studies.terramechanics import GroundWalk, holding
 from lunar_rover_sim.studies.terramechanics_anchors import Anchor
@@ -85,7 +86,7 @@ def plot(walks: Sequence[GroundWalk], path: Path) -> None:
     for axes in (slip, power, pull, sinkage):
         axes.grid(alpha=0.3)
     slip.legend()
-    atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format='png'), StudyError)
+    save_figure(figure, path, StudyError)
 
 
 def plot_sandbot(path: Path) -> None:
@@ -103,7 +104,7 @@ def plot_sandbot(path: Path) -> None:
         axes.grid(alpha=0.3)
     axes.legend(fontsize=7, title='width of a leg, dt', title_fontsize=7, loc='upper left')
     figure.axes[0].set_ylabel('speed [m/s]')
-    atomic_write(path, lambda stream: figure.savefig(stream, dpi=110, format='png'), StudyError)
+    save_figure(figure, path, StudyError)
 
 
 def _row(cells: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import csv
+import io
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -11,6 +12,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.frames import distance_along
 from lunar_rover_sim.studies.traverse_result import DRIVEN, DUG_IN, STRANDED, TIPPED_OVER, Traverse
 
@@ -67,7 +69,10 @@ def report_text(results: Sequence[Traverse], scenario: str) -> str:
 
 
 def write_all(results: Sequence[Traverse], scenario: str, folder: Path) -> str:
-    """Write traverse.md, traverse.csv and traverse.png; return the text of the first."""
+    """Write traverse.md, traverse.csv and traverse.png; return the text of the first.
+
+    Raises StudyError if one cannot be written.
+    """
     text = report_text(results, scenario)
     atomic_write(folder / 'traverse.md', text, StudyError)
     write_csv(results, folder / 'traverse.csv')
@@ -76,16 +81,20 @@ def write_all(results: Sequence[Traverse], scenario: str, folder: Path) -> str:
 
 
 def write_csv(results: Sequence[Traverse], path: str | Path) -> None:
-    """Write one row per drive."""
-    with Path(path).open('w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
-        writer.writerow(_FIELDS)
-        for result in results:
-            writer.writerow([getattr(result, name) for name in _FIELDS])
+    """Write one row per drive; raise StudyError if the file cannot be written."""
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(_FIELDS)
+    for result in results:
+        writer.writerow([getattr(result, name) for name in _FIELDS])
+    atomic_write(path, table.getvalue(), StudyError)
 
 
 def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:
-    """Write a plot of all paths, and of distance over time."""
+    """Write a plot of all paths, and of distance over time.
+
+    Raises StudyError if the file cannot be written.
+    """
     figure = Figure(figsize=(12.0, 5.5), layout='constrained')
     above, along = figure.subplots(1, 2)
     for result in results:
@@ -103,7 +112,7 @@ def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:
     for axis in (above, along):
         axis.grid(alpha=0.3)
     above.legend(title='seed', fontsize=7, ncols=2)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path, StudyError)
 
 
 def _row(cells: Sequence[str]) -> str:

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-import secrets
-import shutil
 
 from lunar_rover_sim.errors import UsdError
+from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.usd.pixar import Sdf, Tf, UsdUtils
 from lunar_rover_sim.usd.suffixes import is_package, is_stage, parts_name, SUFFIXES
@@ -65,26 +64,22 @@ def write_stage(path: Path, compose: Callable[[Path, Path], None],
     path = Path(path)
     check_output(path, overwrite)
     packed = is_package(path)
-    work = path.with_name(f'.{path.name}.{secrets.token_hex(4)}.partial')
-    root = work / (path.with_suffix('.usdc').name if packed else path.name)
-    parts = work / parts_name(path)
     try:
-        parts.mkdir(parents=True)
-        compose(root, parts)
-        if packed:
-            package = work / path.name
-            if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(root)), str(package)):
-                raise UsdError(f'{path}: the package cannot be written')
-            package.replace(path)
-        else:
-            _replace(parts, path.with_name(parts.name), work)
-            root.replace(path)
-    except OSError as error:
-        raise UsdError(f'{path}: cannot be written: {error.strerror or error}') from None
+        with partial_folder(path, UsdError) as work:
+            root = work / (path.with_suffix('.usdc').name if packed else path.name)
+            parts = work / parts_name(path)
+            parts.mkdir()
+            compose(root, parts)
+            if packed:
+                package = work / path.name
+                if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(root)), str(package)):
+                    raise UsdError(f'{path}: the package cannot be written')
+                package.replace(path)
+            else:
+                _replace(parts, path.with_name(parts.name), work)
+                root.replace(path)
     except Tf.ErrorException as error:
         raise UsdError(f'{path}: cannot be written: {" ".join(str(error).split())}') from None
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
     return path
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import io
 import pathlib
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.world import crater_population, rockfield, shade
 from lunar_rover_sim.world.model import World
 
@@ -52,9 +51,7 @@ def sheet(world: World, azimuth_deg: float = 60.0, elevation_deg: float = 6.0,
 def write(world: World, path: str | pathlib.Path, azimuth_deg: float = 60.0,
           elevation_deg: float = 6.0, views: Views = ()) -> None:
     """Write the sheet to a PNG file; raise WorldError if it cannot be written."""
-    content = io.BytesIO()
-    sheet(world, azimuth_deg, elevation_deg, views).savefig(content, dpi=90, format='png')
-    atomic_write(path, content.getvalue(), WorldError)
+    save_figure(sheet(world, azimuth_deg, elevation_deg, views), path, WorldError, dpi=90)
 
 
 def _stride(n: int) -> int:

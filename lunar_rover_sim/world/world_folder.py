@@ -15,8 +15,6 @@ import dataclasses
 import hashlib
 import json
 import pathlib
-import shutil
-import tempfile
 from typing import Any
 
 import numpy as np
@@ -24,6 +22,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.arrays import map_array, read_archive
+from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.parameters import brief, check_argument, check_path
 from lunar_rover_sim.world.config import WorldConfig
@@ -77,21 +76,13 @@ def save_world(world: World, folder: str | pathlib.Path, overwrite: bool = False
             raise WorldError(f'{folder}: exists already; choose another folder or remove it')
         if not (folder / 'world.yaml').is_file():
             raise WorldError(f'{folder}: exists and is not a world; it is left as it is')
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = pathlib.Path(tempfile.mkdtemp(prefix=f'.{folder.name}.', dir=folder.parent))
-    except OSError as error:
-        raise WorldError(f'{folder}: cannot be written: {error.strerror or error}') from None
-    try:
-        _write(world, temporary)
-        temporary.chmod(0o755)
+    with partial_folder(folder, WorldError) as partial:
+        made = partial / folder.name
+        made.mkdir()
+        _write(world, made)
         if overwrite and folder.exists():
-            shutil.rmtree(folder)
-        temporary.rename(folder)
-    except OSError as error:
-        raise WorldError(f'{folder}: cannot be written: {error.strerror or error}') from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+            folder.rename(partial / 'replaced')
+        made.rename(folder)
     return folder
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import synthetic_bag as synthetic
+from synthetic_ground import ground_items
 import trimesh
 
 from lunar_rover_sim import topics
@@ -23,7 +24,7 @@ def walk(tmp_path):
 
     def seen(ns):
         snapshots[ns] = overlay.snapshot()
-    items = synthetic.drive(1.0) + synthetic.ground_items(1.0, overlay, seen)
+    items = synthetic.drive(1.0) + ground_items(1.0, overlay, seen)
     return synthetic.write(tmp_path / 'bag', items), snapshots, items
 
 

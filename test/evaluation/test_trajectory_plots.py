@@ -33,8 +33,8 @@ def drawn(result: Evaluation, output: Path, monkeypatch: pytest.MonkeyPatch,
           bag: Path | None = None) -> dict[str, Figure]:
     """Return the figures that `save_plots` would have written, by file name."""
     figures: dict[str, Figure] = {}
-    monkeypatch.setattr(Figure, 'savefig',
-                        lambda figure, path, **_: figures.update({Path(path).name: figure}))
+    monkeypatch.setattr('lunar_rover_sim.evaluation.trajectory_plots.save_figure',
+                        lambda figure, path, _: figures.update({Path(path).name: figure}))
     paths = save_plots(result, output, bag)
     assert [path.name for path in paths] == list(figures)
     assert all(path.parent == output for path in paths) and output.is_dir()

@@ -6,11 +6,13 @@ import os
 import subprocess
 import sys
 
+from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import BagError, WorldError
-from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.atomic import atomic_write, partial_folder
+from lunar_rover_sim.files.figures import save_figure
 
 # Is killed in the middle of a write.
 KILLED = """
@@ -93,3 +95,46 @@ def test_a_folder_in_the_way_stays(tmp_path):
     with pytest.raises(WorldError, match='a: cannot be written: Is a directory'):
         atomic_write(tmp_path / 'a', 'x', WorldError)
     assert files_in(tmp_path) == ['a']
+
+
+def test_several_files_take_their_names_when_they_are_complete(tmp_path):
+    with partial_folder(tmp_path / 'new' / 'a', WorldError) as folder:
+        (folder / 'a').mkdir()
+        (folder / 'left over').touch()
+        assert not (tmp_path / 'new' / 'a').exists()
+        (folder / 'a').rename(tmp_path / 'new' / 'a')
+    assert files_in(tmp_path / 'new') == ['a']
+
+
+@pytest.mark.parametrize(('reason', 'raised', 'words'), [
+    (OSError(28, 'No space left on device'), WorldError, 'a: cannot be written: No space left'),
+    (ValueError('no more'), ValueError, 'no more'),
+    (KeyboardInterrupt(), KeyboardInterrupt, None)])
+def test_of_several_files_nothing_is_left_by_a_failure(tmp_path, reason, raised, words):
+    with pytest.raises(raised, match=words):
+        with partial_folder(tmp_path / 'a', WorldError) as folder:
+            (folder / 'part').write_text('x')
+            raise reason
+    assert files_in(tmp_path) == []
+
+
+def test_a_folder_cannot_be_made_below_a_file(tmp_path):
+    (tmp_path / 'file').touch()
+    with pytest.raises(WorldError, match='a: cannot be written: Not a directory'):
+        with partial_folder(tmp_path / 'file' / 'a', WorldError):
+            pass
+
+
+def test_half_a_figure_is_none(tmp_path, monkeypatch):
+    save_figure(Figure(), tmp_path / 'a.png', WorldError)
+    whole = (tmp_path / 'a.png').read_bytes()
+    assert whole.startswith(b'\x89PNG')
+
+    def full(figure, stream, **_):
+        stream.write(whole[:100])
+        raise OSError(28, 'No space left on device')
+    monkeypatch.setattr(Figure, 'savefig', full)
+    for name in ('a.png', 'b.png'):
+        with pytest.raises(WorldError, match=f'{name}: cannot be written: No space left'):
+            save_figure(Figure(), tmp_path / name, WorldError)
+    assert files_in(tmp_path) == ['a.png'] and (tmp_path / 'a.png').read_bytes() == whole

@@ -14,35 +14,27 @@ import functools
 import math
 from pathlib import Path
 import random
-from typing import Any
 
+from bag_readers import read_bag, read_cut_bag
+from claims import claim, one_line, within_bounds
 import mutations
 import numpy as np
 import samples
+from world_readers import read_dem, read_mesh, read_world
 
-from lunar_rover_sim import topics
-from lunar_rover_sim.bag.content_hash import topic_hashes
-from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
-from lunar_rover_sim.bag.recovery import recover
-from lunar_rover_sim.bag.series import picture, read_calibration, read_imu, read_odometry
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.card import write_card
 from lunar_rover_sim.campaign.episode_plans import draw, episode
 from lunar_rover_sim.campaign.layout import EPISODES
 from lunar_rover_sim.campaign.manifest import why_unfinished
 from lunar_rover_sim.campaign.page import write_page
-from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.evaluation.image_comparison import compare_images
 from lunar_rover_sim.evaluation.image_layouts import open_images
 from lunar_rover_sim.evaluation.trajectory_files import read_kitti, read_trajectory
-from lunar_rover_sim.evaluation.trajectory_sources import load
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.inspection.check import check
-from lunar_rover_sim.inspection.report import Status
-from lunar_rover_sim.parameters import Parameters, ParamInfo
+from lunar_rover_sim.parameters import Parameters
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.rover_file import load_rover
@@ -54,14 +46,7 @@ from lunar_rover_sim.slam.table import read_paper
 from lunar_rover_sim.studies.pitch import read_curve
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.dem import open_dem
-from lunar_rover_sim.world.mesh import MeshSource
 from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import content_hash, load_world
-
-
-class Contradiction(AssertionError):
-    """Something was accepted that the documentation excludes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,34 +61,6 @@ class Reader:
     mutate: Mapping[str, mutations.Mutate]
     read: Callable[[Path, Path, Path, random.Random], None]
     weight: int = 4
-
-
-def claim(holds: object, what: str) -> None:
-    """Raise Contradiction if something does not hold."""
-    if not holds:
-        raise Contradiction(what)
-
-
-def within_bounds(parameters: Parameters, where: str = '') -> None:
-    """Every value has its declared type and is within its documented bounds."""
-    for name, value, info, kind in parameters.flatten():
-        for item in value if isinstance(value, tuple) else (value,):
-            _within(f'{where}{name}', item, info)
-        claim(isinstance(value, tuple) == str(kind).startswith('tuple'), f'{name}: {value!r}')
-        claim(info.length in (None, len(value) if isinstance(value, tuple) else None),
-              f'{name}: {value!r} has not {info.length} elements')
-
-
-def _within(name: str, value: Any, info: ParamInfo) -> None:
-    if isinstance(value, float):
-        claim(math.isfinite(value), f'{name}: {value}')
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        if info.low is not None:
-            claim(value > info.low if info.open_low else value >= info.low, f'{name}: {value}')
-        if info.high is not None:
-            claim(value < info.high if info.open_high else value <= info.high, f'{name}: {value}')
-    if info.choices:
-        claim(value in info.choices, f'{name}: {value!r} is none of {info.choices}')
 
 
 def _all_within_bounds(scenario: Scenario) -> None:
@@ -189,86 +146,6 @@ def read_pitch(_folder: Path, _valid: Path, file: Path, _rng: random.Random) -> 
     claim(np.isfinite(curve.pitch_deg).all() and (np.diff(curve.time_s) > 0.0).all(), f'{curve}')
 
 
-def _config(**source: Any) -> WorldConfig:
-    return WorldConfig.from_mapping({**samples.WORLD, **source})
-
-
-def _ground(source: Any) -> None:
-    """Heights are finite and those of the Moon, at fine and at coarse cells."""
-    try:
-        for half_m, cell_m in ((0.5 * samples.WINDOW_M, samples.CELL_M), (5.0, 0.8)):
-            tile = source.tile(half_m, cell_m)
-            if tile is not None:
-                claim(np.isfinite(tile.heights_m).all(), 'heights are not finite')
-                claim(np.abs(tile.heights_m).max() <= 2e5, 'heights beyond any on the Moon')
-                claim((np.diff(tile.x_m) > 0.0).all() and (np.diff(tile.y_m) > 0.0).all(),
-                      'pixels do not follow each other')
-    finally:
-        source.close()
-
-
-def read_dem(folder: Path, _valid: Path, file: Path, _rng: random.Random) -> None:
-    """A GeoTIFF, or a folder of dem.npy and dem.yaml."""
-    path = folder if file.name.startswith('dem.') else file
-    _ground(open_dem(_config(source='dem', path=str(path), dem={'nodata': 'fill'})))
-
-
-def read_mesh(_folder: Path, _valid: Path, file: Path, _rng: random.Random) -> None:
-    """A mesh of any format."""
-    _ground(MeshSource(_config(source='mesh', path=str(file), mesh={'holes': 'fill'})))
-
-
-def read_world(folder: Path, valid: Path, _file: Path, _rng: random.Random) -> None:
-    """What is accepted has the content of the valid world."""
-    world = load_world(folder / 'world')
-    claim(world.hash == content_hash(world), 'the hash is not that of the content')
-    claim(world.hash == _hash_of(valid / 'world'), 'the content is another one')
-
-
-@functools.lru_cache(maxsize=1)
-def _hash_of(folder: Path) -> str:
-    return load_world(folder).hash
-
-
-@functools.lru_cache(maxsize=8)
-def _hashes_of(bag: Path) -> dict[str, str]:
-    return topic_hashes(bag)
-
-
-def _use(bag: Bag) -> None:
-    """What the programs behind read from a bag; each part may be refused."""
-    for part in (lambda: list(bag.messages()), lambda: recorded_scenario(bag),
-                 lambda: read_odometry(bag), lambda: read_imu(bag),
-                 lambda: read_calibration(bag, topics.LEFT_INFO.name),
-                 lambda: picture(bag, bag.first(topics.LEFT_IMAGE.name)),
-                 lambda: load(bag.path)):
-        try:
-            part()
-        except LunarRoverSimError as error:
-            one_line(error)
-
-
-def read_bag(folder: Path, valid: Path, _file: Path, _rng: random.Random) -> None:
-    """What the bag check passes, its checksums fitting, has the content of the valid bag."""
-    with open_bag(folder / 'bag') as bag:
-        _use(bag)
-    report = check(folder / 'bag')
-    sealed = any(f.check == 'checksums' and f.status == Status.PASS for f in report.findings)
-    if report.ok and sealed:
-        claim(topic_hashes(folder / 'bag') == _hashes_of(valid / 'bag'),
-              'the bag check passes another content')
-
-
-def read_cut_bag(folder: Path, valid: Path, _file: Path, _rng: random.Random) -> None:
-    """What is recovered can be read, stays marked, and has no message that was not there."""
-    path = folder / 'bag'
-    recover(path)
-    with open_bag(path) as bag:
-        claim(bag.incomplete, 'a recovered bag is not marked')
-        _use(bag)
-    claim(not check(path).ok, 'the bag check passes a recovered bag')
-
-
 def read_sequence(folder: Path, _valid: Path, _file: Path, _rng: random.Random) -> None:
     """The calibration is finite, images are there."""
     camera = euroc_reader.read_camera(folder / 'euroc', True)
@@ -303,13 +180,6 @@ def read_dataset(folder: Path, valid: Path, file: Path, _rng: random.Random) -> 
             valid / file.relative_to(folder)).read_bytes(), 'a changed file is not found')
     card = write_card(folder)
     write_page(folder, card, folder / 'page.html')
-
-
-def one_line(error: LunarRoverSimError | str) -> None:
-    """A message for people is one line, not a page of it."""
-    text = str(error)
-    claim(text and text.isprintable(), f'not one printable line: {text[:300]!r}')
-    claim(len(text) < 2000, f'{len(text)} characters: {text[:300]!r}')
 
 
 _BAG = {'bag/*.yaml': mutations.any_yaml, 'bag/*.mcap': mutations.any_bytes,

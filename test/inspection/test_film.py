@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image
 import pytest
 import synthetic_bag as synthetic
+from synthetic_ground import ground_items
 import worlds
 
 from lunar_rover_sim import topics
@@ -46,7 +47,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
                         (topics.SCENARIO, Scenario.load('soft').to_yaml())):
         items.insert(0, synthetic.Item(topic.name, topic.type,
                                        synthetic.msg('std_msgs/String', data=data)))
-    items += synthetic.ground_items(0.5)
+    items += ground_items(0.5)
     order = sorted(items, key=lambda item: item.fallback_ns or header_ns(item))
     return Recorded(synthetic.write(folder / 'bag', order), folder / 'moon')
 
@@ -126,6 +127,17 @@ def test_a_film_that_fails_leaves_no_file(tmp_path: Path) -> None:
         with pytest.raises(BagError):
             write_film(tmp_path / f'film{suffix}', frames(), 10.0)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_film_replaces_no_file(tmp_path: Path) -> None:
+    """A file that came while it was drawn stays, and it is one line."""
+    def frames() -> Iterator[U8]:
+        yield np.zeros((32, 32, 3), np.uint8)
+        (tmp_path / 'film.gif').write_text('other')
+
+    with pytest.raises(ConfigError, match='film.gif: exists already$'):
+        write_film(tmp_path / 'film.gif', frames(), 10.0)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ['other']
 
 
 @pytest.mark.parametrize(('options', 'words'), [

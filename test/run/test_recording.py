@@ -1,4 +1,4 @@
-"""What a recording says of itself; whole ones are in test_run.py."""
+"""What a recording says of itself; whole ones are in test_recorded_run.py."""
 
 from pathlib import Path
 

@@ -9,6 +9,7 @@ from pxr import Usd, UsdGeom
 import pytest
 from stages import problems
 import synthetic_bag as synthetic
+from synthetic_ground import ground_items
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.ground_history import ground_at
@@ -34,7 +35,7 @@ def drive(moon: World, world_file: Path, tmp_path_factory: pytest.TempPathFactor
     for item in items:
         if item.topic in said:
             item.message = synthetic.msg('std_msgs/String', data=said[item.topic])
-    bag = synthetic.write(folder / 'bag', [*items, *synthetic.ground_items(1.0)])
+    bag = synthetic.write(folder / 'bag', [*items, *ground_items(1.0)])
     save_world(moon, folder / 'moon')
     return bag, write_drive(bag, folder / 'drive.usda', world=folder / 'moon',
                             world_stage=world_file)

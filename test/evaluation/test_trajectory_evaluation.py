@@ -1,0 +1,111 @@
+"""Files, bags and trajectories judged by the command and by Python."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+from evaluation.wandering import noisy, wander
+import numpy as np
+import pytest
+import synthetic_bag as synthetic
+
+from lunar_rover_sim.cli.main import parse
+from lunar_rover_sim.errors import ConfigError, EvaluationError
+from lunar_rover_sim.evaluation import trajectory_files
+from lunar_rover_sim.evaluation import trajectory_sources as sources
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
+from lunar_rover_sim.frames import inverse, se3
+from lunar_rover_sim.inspection.summary import summarise
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory) -> Path:
+    """Return a drive of 1.5 s; it is only read."""
+    return synthetic.write(tmp_path_factory.mktemp('bags') / 'bag',
+                           synthetic.drive(1.5, only=synthetic.FOR_ESTIMATORS))
+
+
+def test_the_command_judges_a_bag(bag, tmp_path, capsys):
+    """A camera trajectory in its own frame has no error against the bag it was made from."""
+    truth = sources.load(bag)
+    T_base_left = sources.frame_on_rover(bag, 'left')
+    assert np.allclose(T_base_left, synthetic.T_base_camera(+1.0))
+    stamps = sources.image_stamps_ns(bag)
+    keep = np.isin(truth.stamps_ns, stamps[:-3])
+    camera = truth.of_frame(T_base_left)
+    start = se3(camera.rotations[0].as_matrix(), camera.positions_m[0])
+    camera = camera.moved(inverse(start)[:3, :3], inverse(start)[:3, 3]).select(keep)
+    trajectory_files.write_tum(tmp_path / 'CameraTrajectory.txt', camera)
+    output = tmp_path / 'out'
+    args = parse(['evaluate', str(bag), str(tmp_path / 'CameraTrajectory.txt'),
+                  '--estimate-frame', 'left', '-o', str(output)])
+    assert args.run(args) == 0
+    result = json.loads((output / 'evaluation.json').read_text())
+    assert result['ate_m']['max'] < 1e-9
+    assert result['tracked_share'] == pytest.approx(12 / 15)
+    assert {p.name for p in Path(output).iterdir()} == {'evaluation.json', 'top_view.png',
+                                                        'error.png', 'scale.png'}
+    assert 'tracked 80.0 %' in capsys.readouterr().out
+
+
+def test_files_bags_and_trajectories_are_judged_alike(bag, tmp_path):
+    """A path, its text and what was loaded from it give the same result, in frozen form."""
+    truth = sources.load(bag)
+    estimate = truth.of_frame(sources.frame_on_rover(bag, 'left')).select(np.arange(0, 200, 7))
+    file = tmp_path / 'estimate.txt'
+    trajectory_files.write_tum(file, estimate)
+    results = [evaluate(a, b, align='none', estimate_frame='left', distance_m=0.05)
+               for a, b in ((bag, file), (str(bag), str(file)), (f'{bag}:odom', estimate))]
+    for result in results:
+        assert result.ate_m.max < 1e-12
+        assert result.rpe_distance_m.count > 5 and result.rpe_distance_m.max < 1e-12
+        assert result.length_m == truth.length_m
+        assert result.tracked_share == results[0].tracked_share
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            result.scale = 2.0
+    assert evaluate(bag, file, align='none').ate_m.mean > 0.1
+
+
+def test_two_files_are_judged_as_what_they_hold(tmp_path):
+    truth = wander(200, 13)
+    estimate = noisy(truth, 14)
+    for name, trajectory in (('truth.txt', truth), ('estimate.txt', estimate)):
+        trajectory_files.write_tum(tmp_path / name, trajectory)
+    of_files = evaluate(tmp_path / 'truth.txt', tmp_path / 'estimate.txt', truth_frame='imu',
+                        estimate_frame='left')
+    expected = evaluate(truth, estimate, truth_frame='imu', estimate_frame='left')
+    assert of_files.ate_m.rmse == pytest.approx(expected.ate_m.rmse, rel=1e-4)
+    assert of_files.tracked_share == pytest.approx(expected.tracked_share)
+
+
+def test_the_length_of_the_path_is_that_of_the_recording(bag):
+    """Whatever was tracked, and by which sensor: that of the summary."""
+    truth = sources.load(bag)
+    driven = summarise(bag).distance_m
+    assert driven == pytest.approx(synthetic.SPEED * 1.495, rel=1e-3)
+    assert truth.length_m == driven
+    first_half = truth.select(np.arange(len(truth) // 2))
+    assert evaluate(bag, first_half).length_m == driven
+    camera = truth.of_frame(sources.frame_on_rover(bag, 'left'))
+    assert evaluate(bag, camera, estimate_frame='left').length_m == driven
+
+
+@pytest.mark.parametrize(('options', 'error', 'words'), [
+    ({'align': 'sim'}, EvaluationError, 'did you mean sim3'),
+    ({'estimate_frame': 'lefd'}, ConfigError, 'did you mean left'),
+    ({'distance_m': 0.0}, EvaluationError, 'distance_m: 0.0 is not valid; valid is > 0'),
+    ({'time_s': float('nan')}, EvaluationError, 'time_s: nan is not valid; valid is > 0'),
+    ({'tolerance_s': -1.0}, EvaluationError, 'tolerance: -1.0 is not valid; valid is >= 0')])
+def test_bad_options_are_one_line(options, error, words):
+    truth = wander(100, 12)
+    with pytest.raises(error, match=words) as caught:
+        evaluate(truth, truth, **options)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('name', ['missing', 'missing/bag:odom'])
+def test_a_missing_truth_is_named(tmp_path, name):
+    with pytest.raises(EvaluationError, match='there is no such file or bag'):
+        evaluate(tmp_path / name, wander(100, 12))

@@ -1,0 +1,88 @@
+"""view_node alone: what a client of its websocket gets."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import pytest
+
+pytestmark = pytest.mark.ros
+
+
+pytest.importorskip('rclpy')
+
+from nav_msgs.msg import Odometry  # noqa: E402
+from peer import at_rest_odometry, Peer, running  # noqa: E402
+from rclpy.publisher import Publisher  # noqa: E402
+from rosbags.typesys import get_typestore, Stores  # noqa: E402
+
+from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
+
+
+def latched_description(peer: Peer) -> Publisher:
+    """Publish a description of a robot, which has no stamp, as physics_node does."""
+    from std_msgs.msg import String
+
+    from lunar_rover_sim.nodes import qos
+    latched = peer.node.create_publisher(String, 'robot_description', qos.newest(durable=True))
+    latched.publish(String(data='<robot/>'))
+    return latched
+
+
+def test_view_node_serves_what_is_watched(peer: Peer) -> None:
+    """A client without ROS gets the bytes of messages; latched ones come to every client."""
+    pytest.importorskip('foxglove')
+    from rclpy.serialization import deserialize_message
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import String
+    from view_client import client, free_port
+
+    from lunar_rover_sim import topics
+    latched_description(peer)
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    port = free_port()
+    with running('view_node', '-p', f'port:={port}'), client(port) as first:
+        first.find('/odom')
+        assert not poses.get_subscription_count()       # nobody watches: nothing is read
+        first.subscribe('/odom')
+        peer.spin_until(lambda: poses.get_subscription_count() > 0, meanwhile=first.attend)
+        poses.publish(at_rest_odometry())
+        number, _, data = first.message()
+        assert number == 7 and deserialize_message(data, Odometry) == at_rest_odometry()
+        if importlib.util.find_spec('tf2_msgs') is None:
+            first.subscribe('/tf', 9)       # made of the odometry
+            peer.spin_until(lambda: poses.get_subscription_count() > 1, meanwhile=first.attend)
+            poses.publish(at_rest_odometry())
+            got = {number: data for number, _, data in (first.message(), first.message())}
+            message = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(got[9], topics.TF.type)
+            assert [t.child_frame_id for t in message.transforms] == [
+                at_rest_odometry().child_frame_id]
+        clock = peer.node.create_publisher(Clock, '/clock', 10)
+        peer.spin_until(lambda: clock.get_subscription_count() > 0)
+        clock.publish(Clock(clock=time_msg(7_000_000_000)))
+        while first.time_ns() != 7_000_000_000:     # that of the wall, as long as there was none
+            pass
+        first.subscribe('/robot_description', 8)
+        _, stamp_ns, data = first.message()
+        assert deserialize_message(data, String).data == '<robot/>'
+        assert stamp_ns == 7_000_000_000        # it has none of its own
+        with client(port) as second:
+            second.subscribe('/robot_description')
+            assert deserialize_message(second.message()[2], String).data == '<robot/>'
+    peer.spin_until(lambda: not poses.get_subscription_count())
+
+
+def test_view_node_hears_the_clock_before_what_has_no_stamp(peer: Peer) -> None:
+    """A latched message comes at once; its first client gets it in simulated time too."""
+    pytest.importorskip('foxglove')
+    from rosgraph_msgs.msg import Clock
+    from view_client import client, free_port
+    latched = latched_description(peer)
+    clock = peer.node.create_publisher(Clock, '/clock', 10)
+    port = free_port()
+    with running('view_node', '-p', f'port:={port}'), client(port) as first:
+        first.find('/clock')
+        first.subscribe('/robot_description')
+        peer.spin_until(lambda: latched.get_subscription_count() > 0,
+                        meanwhile=lambda: clock.publish(Clock(clock=time_msg(7_000_000_000))))
+        assert first.message()[1] == 7_000_000_000
