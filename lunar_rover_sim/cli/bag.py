@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command = _add(add_parser, 'hash', 'a hash of what the bag says, whatever its storage',
                    _hash)
     command.add_argument('--topics', action='store_true', help='also one hash per topic')
-    command = _add(add_parser, 'preview', 'PNG pictures: cameras, their truth, LiDAR, trajectory, '
-                   'attitude, IMU', _preview)
+    command = _add(add_parser, 'preview', 'PNG pictures: cameras, their truth, LiDAR, heading, '
+                   'power, trajectory, attitude, IMU', _preview)
     command.add_argument('-o', '--output', type=Path, metavar='DIR',
                          help='folder of the pictures; by default BAG_preview beside the bag')
     command.set_defaults(check_output=check_folder)
