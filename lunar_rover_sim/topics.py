@@ -217,6 +217,7 @@ LIDAR_DESKEWED = Topic('lidar/points_deskewed', 'sensor_msgs/msg/PointCloud2', E
 LIDAR_SCAN = Topic('lidar/scan', 'sensor_msgs/msg/LaserScan', EVENT, 'lidar_node',
                    frames.LIDAR_FRAME, 'one ring of it, inf where nothing returns',
                    on_request=True)
+OF_LIDAR = LIDAR_POINTS, LIDAR_DESKEWED, LIDAR_SCAN
 LIDAR_SCANNED = Topic('lidar/scanned', 'std_msgs/msg/Header', SCAN, 'lidar_node', '',
                       'stamp by whose time all scans that had ended are published, for those who '
                       'read them')
@@ -260,8 +261,8 @@ CONTRACT: tuple[Topic, ...] = (
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
     DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
     NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES, LABEL_CLASSES,
-    VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, LIDAR_POINTS, LIDAR_DESKEWED,
-    LIDAR_SCAN, LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
+    VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, *OF_LIDAR,
+    LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
     RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
 # Of a package that may not be installed.
 OF_VISION: tuple[Topic, ...] = (BOXES, LABEL_CLASSES, VISION_INFO)

@@ -45,6 +45,11 @@ def lidar_cloud_problem(message: Any) -> str:
     missing = [name for name in _NEEDED if fields.get(name, (0, None))[1] is None]
     if missing:
         return f'fields {", ".join(missing)} are missing'
+    if message.is_bigendian:
+        return 'data are big-endian; valid is little-endian'
+    end = max(fields[name][0] + np.dtype(fields[name][1]).itemsize for name in _NEEDED)
+    if end > message.point_step:
+        return f'fields end at {end} of {message.point_step} bytes'
     size = message.point_step * message.width * message.height
     if len(message.data) != size or message.row_step != message.point_step * message.width:
         return f'data holds {len(message.data)} bytes, not {size}'

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim import __version__
-from lunar_rover_sim.campaign.contents import contents, DEPTH, IMAGES, IMU, LABELS, LIDAR, STEREO
+from lunar_rover_sim.campaign.contents import (contents, DEPTH, HEADING, IMAGES, IMU, LABELS,
+                                               LIDAR, POWER, STEREO)
 from lunar_rover_sim.campaign.croissant import croissant
 from lunar_rover_sim.campaign.dataset import failures, manifests
 from lunar_rover_sim.campaign.episode_table import episode_table
@@ -24,7 +25,8 @@ from lunar_rover_sim.parameters import brief
 
 LARGEST = 1e18     # of a statistic
 _KINDS = {IMAGES: 'images', STEREO: 'stereo images', DEPTH: 'depth', LABELS: 'labels',
-          IMU: 'inertial data', LIDAR: 'LiDAR scans'}
+          IMU: 'inertial data', LIDAR: 'LiDAR scans',
+          HEADING: 'sun sensor, star tracker or wheel odometry', POWER: 'power'}
 _SUMS = ('duration_s', 'frames', 'distance_m', 'bytes')
 _FORMATS = {
     'bag': 'rosbag2 (MCAP or SQLite), all topics; the bag of an episode is checked by '
@@ -32,13 +34,15 @@ _FORMATS = {
     'euroc': 'EuRoC/ASL: mav0/cam0, cam1, imu0, ground truth of the IMU; sensor.yaml each',
     'tum': 'TUM RGB-D: rgb, depth (16-bit PNG, 5000 counts a metre), groundtruth.txt of the left '
            'camera, calibration.yaml',
-    'kitti': 'KITTI odometry: image_0, image_1, calib.txt, times.txt, poses.txt',
+    'kitti': 'KITTI odometry: image_0, image_1, calib.txt, times.txt, poses.txt; with LiDAR '
+             'clouds, velodyne',
     'tartanair': 'TartanAir: image_left, image_right, depth_left (npy, metres; and 16-bit PNG, '
                  'millimetres), pose_left.txt, pose_right.txt (NED), calibration.yaml; with '
                  'labels, seg_left and flow',
     'coco': 'COCO: images, annotations/instances.json with boxes and masks of rocks and craters',
     'yolo': 'YOLO: images, labels (outlines of rocks and craters), boxes, data.yaml',
-    'webdataset': 'WebDataset: tar shards of PNG, NPY and JSON, index.json, label_info.json',
+    'webdataset': 'WebDataset: tar shards of PNG, NPY and JSON, index.json, label_info.json; with '
+                  'LiDAR, its scans as NPY; with heading sensors and power, their values in JSON',
 }
 
 

@@ -9,8 +9,8 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.sequences.formats import FORMATS
 
-IMAGES, STEREO, DEPTH, LABELS, IMU, LIDAR = CONTENTS = (
-    'images', 'stereo', 'depth', 'labels', 'imu', 'lidar')
+IMAGES, STEREO, DEPTH, LABELS, IMU, LIDAR, HEADING, POWER = CONTENTS = (
+    'images', 'stereo', 'depth', 'labels', 'imu', 'lidar', 'heading', 'power')
 # Each needs one topic of each of its groups.
 _LEFT = topics.LEFT_IMAGE, topics.LEFT_COMPRESSED
 _NEEDS: Mapping[str, tuple[tuple[topics.Topic, ...], ...]] = {
@@ -19,7 +19,9 @@ _NEEDS: Mapping[str, tuple[tuple[topics.Topic, ...], ...]] = {
     DEPTH: ((topics.TRUE_DEPTH,),),
     LABELS: ((topics.LABELS,),),
     IMU: ((topics.IMU_RAW,),),
-    LIDAR: ((topics.LIDAR_POINTS, topics.LIDAR_DESKEWED, topics.LIDAR_SCAN),)}
+    LIDAR: (topics.OF_LIDAR,),
+    HEADING: ((topics.SUN_SENSOR, topics.STAR_TRACKER, topics.WHEEL_ODOM),),
+    POWER: ((*topics.POWER, topics.SOLAR_POWER),)}
 
 
 def recorded_topics(bag: Bag) -> list[str]:

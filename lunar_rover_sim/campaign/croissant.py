@@ -10,9 +10,12 @@ from collections.abc import Mapping
 import hashlib
 from typing import Any
 
+from lunar_rover_sim.campaign.contents import LIDAR
 from lunar_rover_sim.campaign.episode_table import FIRST_COLUMNS
 from lunar_rover_sim.campaign.layout import CARD_FILE, EPISODE_TABLE, EPISODES
 from lunar_rover_sim.campaign.statistics import MEANINGS
+from lunar_rover_sim.sequences.formats import WEBDATASET
+from lunar_rover_sim.sequences.lidar_scans import COLUMNS, SCAN_COLUMNS
 
 _CONFORMS_TO = 'http://mlcommons.org/croissant/1.0'
 _INTEGERS = ('frames', 'bytes')
@@ -52,7 +55,9 @@ def croissant(card: Mapping[str, Any], description: str, contents: Mapping[str, 
         'version': '1.0.0',
         'distribution': [_file(CARD_FILE, 'application/json', contents),
                          _file(EPISODE_TABLE, 'text/csv', contents),
-                         *(_file_set(*item) for item in kept.items())],
+                         *(_file_set(*item) for item in kept.items()),
+                         *([_lidar_set()] if WEBDATASET in kept and LIDAR in card['contents']
+                           else [])],
         'recordSet': [_records()],
     }
 
@@ -66,6 +71,18 @@ def _file(name: str, media: str, contents: Mapping[str, bytes]) -> dict[str, Any
 def _file_set(kind: str, description: str) -> dict[str, Any]:
     return {'@type': 'cr:FileSet', '@id': kind, 'name': kind, 'description': description,
             'encodingFormat': 'application/octet-stream', 'includes': f'{EPISODES}/*/{kind}/**'}
+
+
+def _lidar_set() -> dict[str, Any]:
+    """Return the LiDAR scans in the shards: what their columns are, since NPY does not say it."""
+    return {'@type': 'cr:FileSet', '@id': f'{WEBDATASET}/lidar', 'name': f'{WEBDATASET}/lidar',
+            'description': 'LiDAR scans of the samples, float32 in the frame of the LiDAR: points '
+            f'with the columns {", ".join(COLUMNS)} (lidar.npy, each at its own time; '
+            'lidar_deskewed.npy, in the frame of the start of the scan), or a ring with '
+            f'{", ".join(SCAN_COLUMNS)} (lidar_scan.npy). It is the last scan that began at or '
+            'before the image; the JSON of the sample has its stamp in ns, and T_left_lidar.',
+            'encodingFormat': 'application/octet-stream', 'containedIn': {'@id': WEBDATASET},
+            'includes': ['*.lidar.npy', '*.lidar_deskewed.npy', '*.lidar_scan.npy']}
 
 
 def _records() -> dict[str, Any]:

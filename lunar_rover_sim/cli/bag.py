@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.text import Text
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recovery import recover
@@ -25,6 +26,7 @@ from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
+from lunar_rover_sim.sequences.left_out import hazards_left_out, sensors_left_out
 from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
 from lunar_rover_sim.sequences.webdataset import ShardOptions
 from lunar_rover_sim.usd.suffixes import stage_bytes
@@ -41,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command = _add(add_parser, 'hash', 'a hash of what the bag says, whatever its storage',
                    _hash)
     command.add_argument('--topics', action='store_true', help='also one hash per topic')
-    command = _add(add_parser, 'preview', 'PNG pictures: cameras, their truth, LiDAR, trajectory, '
-                   'attitude, IMU', _preview)
+    command = _add(add_parser, 'preview', 'PNG pictures: cameras, their truth, LiDAR, heading, '
+                   'power, trajectory, attitude, IMU', _preview)
     command.add_argument('-o', '--output', type=Path, metavar='DIR',
                          help='folder of the pictures; by default BAG_preview beside the bag')
     command.set_defaults(check_output=check_folder)
@@ -175,6 +177,9 @@ def _export_stage(args: argparse.Namespace) -> int:
         write_drive(args.bag, args.output, world=args.world, world_stage=args.world_stage,
                     overwrite=args.overwrite)
     print(f'{args.output}: {stage_bytes(args.output) / 1e6:.1f} MB')
+    with open_bag(args.bag) as bag:
+        for note in (*sensors_left_out(bag, [topics.IMU_RAW.name]), *hazards_left_out(bag, ())):
+            print(note)
     return 0
 
 

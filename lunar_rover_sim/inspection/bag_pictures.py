@@ -19,6 +19,7 @@ from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.inspection.heading_pictures import heading_figure
 from lunar_rover_sim.inspection.sensor_pictures import chase_figure, hazard_figures, lidar_figure
 from lunar_rover_sim.inspection.truth_pictures import truth_figures
 from lunar_rover_sim.world.cache import cache_folder
@@ -34,7 +35,8 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
 
     stereo_<n>.png left and right image side by side, disparity and true depth below them;
     truth.png and truth_right.png labels, craters, shadow, normals, flow; hazard_<name>.png image
-    and truth of each hazard camera; chase.png; lidar.png;
+    and truth of each hazard camera; chase.png; lidar.png; heading_and_power.png sun sensor, star
+    tracker and wheel odometry against the truth, motor currents and power;
     trajectory.png over the hillshade of the world, where its folder is found (`world` names
     it); attitude.png and imu.png over time. Pictures of topics that the bag does not hold are left
     out. Raises BagError where nothing can be shown, or where `world` is another world.
@@ -58,6 +60,7 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
         hazard_figures(bag, save)
         chase_figure(bag, save)
         lidar_figure(bag, save)
+        heading_figure(bag, save)
         if bag.has(bag.truth):
             odometry = series.read_odometry(bag)
             if len(odometry.stamps_ns):
@@ -66,8 +69,8 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
         if bag.has(topics.IMU_RAW.name):
             _imu(bag, save)
     if not paths:
-        raise BagError(f'{path}: holds neither stereo images nor odometry nor IMU; there is '
-                       'nothing to preview')
+        raise BagError(f'{path}: holds no images, odometry, IMU, LiDAR, heading or power; there '
+                       'is nothing to preview')
     return paths
 
 

@@ -22,6 +22,7 @@ from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
+from lunar_rover_sim.sequences.left_out import left_out
 from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE, calibration_yaml
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 from lunar_rover_sim.sequences.webdataset import ShardOptions, WebDatasetSequence
@@ -60,7 +61,8 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
         with PngWriter() as images, make(bag, folder, images) as sequence:
             notes = _stream(bag, sequence, progress)
             (folder / CALIBRATION_FILE).write_text(
-                calibration_yaml(sequence.suite, kind, sequence.depth, sequence.further),
+                calibration_yaml(sequence.suite, kind, sequence.depth, sequence.further,
+                                 sequence.T_base_lidar),
                 encoding='utf-8')
         folder.rename(output)
     return [f'{output}: {notes[0]}', *notes[1:]]
@@ -74,7 +76,8 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
               if bag.has(source) and _TYPES[name] != _CAMERA_INFO]
     names = {bag.resolve(sources[name]): name for name in wanted}
     images = [name for name in wanted if _TYPES[name] == _IMAGE]
-    sets = _ImageSets(bag, sequence.images, images, topics.IMU_RAW.name in wanted)
+    sets = _ImageSets(bag, sequence.images, images, topics.IMU_RAW.name in wanted,
+                      sequence.first_ns)
     further: dict[str, _ImageSets] = {}
     for camera in sequence.further:
         own = [camera.topics[topic] for topic in sequence.of_further if topic in camera.topics]
@@ -94,36 +97,24 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
             sets.imu(header_ns(decoded))
     return [*sets.finish(), *(note for group in dict.fromkeys(further.values())
                               for note in group.lacking()),
-            *sequence.notes(), *_left_out(bag, sequence)]
-
-
-def _left_out(bag: Bag, sequence: Sequence) -> list[str]:
-    """Return a note on the hazard cameras that a sequence does not hold."""
-    there = {camera for full in bag.types if (camera := _hazard_of(bag, full)) is not None}
-    lacking = sorted(there.difference(camera.name for camera in sequence.further))
-    return [f'left out: hazard cameras {", ".join(lacking)}; '
-            + (sequence.further_needs or 'this format has no place for them')] if lacking else []
-
-
-def _hazard_of(bag: Bag, full: str) -> str | None:
-    """Return the hazard camera that a topic is an image of."""
-    known = topics.of_hazard(full.removeprefix(bag.namespace + '/'))
-    return known[1] if known is not None and known[0] is topics.HAZARD_IMAGE else None
+            *sequence.notes(), *left_out(bag, sequence)]
 
 
 class _ImageSets:
     """Puts images of one stamp together and holds them until an IMU sample follows."""
 
     def __init__(self, bag: Bag, take: Callable[[int, dict[str, Any]], None], names: list[str],
-                 waits_for_imu: bool) -> None:
+                 waits_for_imu: bool, first_ns: int = 0) -> None:
+        """first_ns: sets of earlier stamps are left out, since they have no LiDAR scan."""
         self._bag = bag
+        self._first_ns = first_ns
         self._take = take
         self._names = frozenset(names)
         self._waits = waits_for_imu
         self._first_imu_ns: int | None = None
         self._open: dict[int, dict[str, Any]] = {}
         self._held: list[tuple[int, dict[str, Any]]] = []
-        self._written = self._before = 0
+        self._written = self._before = self._scanless = 0
         # Topics that were missing → sets that were left out without them.
         self._lacking: Counter[frozenset[str]] = Counter()
 
@@ -134,7 +125,9 @@ class _ImageSets:
         if set(entry) == self._names:
             for ns in [ns for ns in self._open if ns <= stamp_ns]:
                 self._note(self._open.pop(ns))
-            if not self._waits:
+            if stamp_ns < self._first_ns:
+                self._scanless += 1
+            elif not self._waits:
                 self._write(stamp_ns, entry)
             elif self._first_imu_ns is None or stamp_ns < self._first_imu_ns:
                 self._before += 1
@@ -153,14 +146,19 @@ class _ImageSets:
 
     def finish(self) -> list[str]:
         if not self._written:
+            after = ' after the first LiDAR scan' if self._scanless else ''
             raise SequenceError(f'{self._bag.path}: holds no complete set of '
-                                f'{", ".join(sorted(self._names))}; there is nothing to export')
+                                f'{", ".join(sorted(self._names))}{after}; there is nothing to '
+                                'export')
         notes = [counted(self._written, 'image set')]
         trimmed = self._before + len(self._held)
         if trimmed:
             notes.append(f'{counted(trimmed, "image set")} left out ({self._before} at the '
                          f'beginning, {len(self._held)} at the end): no IMU sample before or '
                          'after them')
+        if self._scanless:
+            notes.append(f'{counted(self._scanless, "image set")} left out at the beginning: no '
+                         'LiDAR scan before them')
         return notes + self.lacking()
 
     def lacking(self) -> list[str]:

@@ -11,21 +11,22 @@ from lunar_rover_sim.bag.messages import transform_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, ConfigError
-from lunar_rover_sim.frames import (Array, BASE_FRAME, IMU_FRAME, LEFT_OPTICAL_FRAME,
+from lunar_rover_sim.frames import (Array, BASE_FRAME, IMU_FRAME, LEFT_OPTICAL_FRAME, LIDAR_FRAME,
                                     RIGHT_OPTICAL_FRAME)
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.mounts import imu_pose, optical_poses
+from lunar_rover_sim.rover.mounts import imu_pose, lidar_pose, optical_poses
 
 FRAMES = {'base': BASE_FRAME, 'imu': IMU_FRAME, 'left': LEFT_OPTICAL_FRAME,
-          'right': RIGHT_OPTICAL_FRAME}
+          'right': RIGHT_OPTICAL_FRAME, 'lidar': LIDAR_FRAME}
 
 
 def rover_frame(rover: RoverDescription, frame: str) -> Array:
     """Return T_base_frame (4, 4) of one of `FRAMES` on a rover; ConfigError on another name."""
     _check(frame)
     left, right = optical_poses(rover)
-    return {'base': np.eye(4), 'imu': imu_pose(rover), 'left': left, 'right': right}[frame]
+    return {'base': np.eye(4), 'imu': imu_pose(rover), 'left': left, 'right': right,
+            'lidar': lidar_pose(rover)}[frame]
 
 
 def recorded_frame(bag: Bag, frame: str) -> Array:

@@ -52,6 +52,7 @@ class LabelledSequence(Sequence):
         # Images of the right camera without labels would be read for nothing.
         if bag.has(_RIGHT.image) and bag.has(_RIGHT.labels):
             self._cameras.append(_RIGHT)
+        self.lacks = {_RIGHT.image: f'its images need {_RIGHT.labels} in the bag'}
         self.uses = tuple(name for camera in self._cameras
                           for name in (camera.image, camera.labels, camera.craters)
                           if name not in self.needs)

@@ -17,10 +17,12 @@ CALIBRATION_FILE = 'calibration.yaml'
 
 def calibration_yaml(suite: SensorSuite, kind: str,
                      depth: Mapping[str, Mapping[str, Any]],
-                     further: Iterable[FurtherCamera] = ()) -> str:
+                     further: Iterable[FurtherCamera] = (),
+                     T_base_lidar: Array | None = None) -> str:
     """Return cameras, mounts, IMU and depth units of a sequence as YAML.
 
-    kind: name of the format; depth: its depth images and their units; further: hazard cameras.
+    kind: name of the format; depth: its depth images and their units; further: hazard cameras;
+    T_base_lidar: (4, 4) where the LiDAR is, if the sequence has its scans.
     Pixels are counted from the centre of the first one; T_a_b maps points of b to a; optical
     frames are x right, y down, z forward; noise is in continuous time.
     """
@@ -44,6 +46,8 @@ def calibration_yaml(suite: SensorSuite, kind: str,
         'baseline_m': round(suite.baseline_m, 9),
         'left': camera(suite.T_imu_left), 'right': camera(suite.T_imu_right),
         **{camera.word: hazard(camera) for camera in further},
+        **({} if T_base_lidar is None else {'lidar': {
+            'T_imu_lidar': _rows(inverse(suite.T_base_imu) @ T_base_lidar)}}),
         'T_base_imu': _rows(suite.T_base_imu),
         'imu': {'rate_hz': suite.imu_rate_hz,
                 'accel_noise_density': noise.accel_noise_density,

@@ -16,6 +16,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.images import write_png
+from lunar_rover_sim.sequences.extrinsics import recorded_frame
 from lunar_rover_sim.sequences.further import further_cameras, FurtherCamera
 from lunar_rover_sim.sequences.sensors import recorded_sensors, SensorSuite
 
@@ -65,6 +66,9 @@ class Sequence:
     of_further: which topics of hazard cameras the format has a place for, images first
     further_needs: what such a camera needs to be written, for messages
     further: the hazard cameras of the bag that it writes; `of_further` of each make a set
+    lacks: topic of a sensor → what it lacks to be written, where the format has a place for it
+    first_ns: images before are left out
+    T_base_lidar: (4, 4) where the LiDAR is, if its scans are written
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -72,6 +76,8 @@ class Sequence:
     depth: Mapping[str, Mapping[str, Any]] = {}
     of_further: ClassVar[tuple[topics.Topic, ...]] = ()
     further_needs: ClassVar[str] = ''
+    lacks: Mapping[str, str] = {}
+    first_ns = 0
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         for name in self.needs:
@@ -82,6 +88,9 @@ class Sequence:
         self.suite: SensorSuite = recorded_sensors(bag, self.needs)
         self.further = [c for c in further_cameras(bag) if self.has_place_for(c)] \
             if self.of_further else []
+        scans = {topic.name for topic in topics.OF_LIDAR}.intersection(self.needs + self.uses)
+        self.T_base_lidar = (recorded_frame(bag, 'lidar')
+                             if any(bag.has(name) for name in scans) else None)
         self._files: dict[str, TextIO] = {}
 
     def has_place_for(self, camera: FurtherCamera) -> bool:

@@ -1,7 +1,8 @@
 """WebDataset shards: images, truth and poses of a drive as samples in tar files.
 
-A sample is what one stamp shows: pictures as PNG, numbers of pixels as NPY, the rest as JSON. Its
-key is the name of the drive and a number. index.json lists the shards, label_info.json is the
+A sample is what one stamp shows: pictures as PNG, numbers of pixels as NPY, the rest as JSON; and
+what LiDAR, heading sensors and power monitors measured last, at or before it. Its key is the name
+of the drive and a number. index.json lists the shards, label_info.json is the
 vocabulary of the labels.
 """
 
@@ -19,10 +20,12 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.files.images import png_bytes
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.sequences.further import FurtherCamera
 from lunar_rover_sim.sequences.instances import check_pinhole
 from lunar_rover_sim.sequences.posed import PosedSequence
+from lunar_rover_sim.sequences.recent_messages import KEPT_NS, LATE_NS
+from lunar_rover_sim.sequences.sensor_samples import CARRIED, SensorSamples
 from lunar_rover_sim.sequences.sequence import PngWriter
 from lunar_rover_sim.sequences.shards import (DEFAULT_SIZE, index_text, key_part, npy_bytes,
                                               ShardWriter)
@@ -64,11 +67,15 @@ class ShardOptions:
 
 @dataclasses.dataclass
 class _Sample:
-    """A sample that is not written yet; poses: None until they are known."""
+    """A sample that is not written yet.
+
+    poses: None until they are known; measured: by other sensors, None until it is looked up
+    """
 
     stamp_ns: int
     files: dict[str, bytes]
     poses: dict[str, Any] | None
+    measured: dict[str, Any] | None = None
 
 
 class WebDatasetSequence(PosedSequence):
@@ -79,7 +86,7 @@ class WebDatasetSequence(PosedSequence):
     of_further = tuple(_FURTHER)
     further_needs = ('they need their camera_info in the bag; labels do not fit a pinhole with '
                      'distortion')
-    uses = (*(name for name in EXTENSIONS if name not in _NEEDED), topics.ODOM.name)
+    uses = (*(name for name in EXTENSIONS if name not in _NEEDED), topics.ODOM.name, *CARRIED)
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter,
                  options: ShardOptions = ShardOptions()) -> None:
@@ -101,6 +108,11 @@ class WebDatasetSequence(PosedSequence):
         self._mounts = {'left': self.suite.T_base_imu @ self.suite.T_imu_left,
                         'right': self.suite.T_base_imu @ self.suite.T_imu_right,
                         **{camera.word: camera.T_base_camera for camera in self.further}}
+        self._sensors = SensorSamples(bag)
+        self._late_ns = LATE_NS if self._sensors.recorded else 0
+        self._extrinsics = {} if self.T_base_lidar is None else {
+            'T_left_lidar': np.round(inverse(self._mounts['left']) @ self.T_base_lidar,
+                                     _DIGITS).tolist()}
         self._written = 0
         self._world = (str(bag.first(topics.WORLD_HASH.name).data)
                        if bag.has(topics.WORLD_HASH.name) else '')
@@ -114,11 +126,21 @@ class WebDatasetSequence(PosedSequence):
 
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
         """Encode a sample, and write it as soon as all of it is known."""
-        self._write_all(stamp_ns)
+        self._write_all(stamp_ns - self._late_ns)
         self._held.append(_Sample(stamp_ns, {
             EXTENSIONS[name]: _encoded(EXTENSIONS[name], image)
             for name, image in pixels.items()}, None if self.has_truth else {}))
         self.taken(stamp_ns)
+
+    def data(self, topic: str, stamp_ns: int, message: Any) -> None:
+        """Keep poses and what sensors measure until their image comes."""
+        if topic not in CARRIED:
+            super().data(topic, stamp_ns, message)
+            return
+        for sample in self._held:
+            if sample.measured is None and sample.stamp_ns < stamp_ns - KEPT_NS:
+                self._measure(sample)
+        self._sensors.add(topic, stamp_ns, message)
 
     def further_images(self, camera: FurtherCamera, stamp_ns: int,
                        pixels: dict[str, NDArray[Any]]) -> None:
@@ -163,18 +185,25 @@ class WebDatasetSequence(PosedSequence):
             for ns in [ns for ns in self._further if ns < sample.stamp_ns]:
                 del self._further[ns]
                 self._lost += 1
-            files = {**sample.files, **self._further.pop(sample.stamp_ns, {})}
-            self._write(sample.stamp_ns, files, sample.poses)
+            sample.files.update(self._further.pop(sample.stamp_ns, {}))
+            if sample.measured is None:
+                self._measure(sample)
+            self._write(sample)
         if before_ns is None:
             self._lost += len(self._further)
 
-    def _write(self, stamp_ns: int, files: dict[str, bytes], poses: dict[str, Any]) -> None:
+    def _measure(self, sample: _Sample) -> None:
+        files, sample.measured = self._sensors.at(sample.stamp_ns)
+        sample.files.update({name: npy_bytes(rows) for name, rows in files.items()})
+
+    def _write(self, sample: _Sample) -> None:
         suite = self.suite
-        metadata = {'drive': self._drive, 'world': self._world, 'stamp_ns': stamp_ns,
+        metadata = {'drive': self._drive, 'world': self._world, 'stamp_ns': sample.stamp_ns,
                     'fx_fy_cx_cy_px': [*map(float, suite.focal_px), *map(float, suite.centre_px)],
-                    'baseline_m': round(suite.baseline_m, _DIGITS), **poses}
-        files[METADATA] = json.dumps(metadata).encode()
-        self._shards.write(f'{self._drive}-{self._written:06d}', files)
+                    'baseline_m': round(suite.baseline_m, _DIGITS), **(sample.poses or {}),
+                    **self._extrinsics, **(sample.measured or {})}
+        sample.files[METADATA] = json.dumps(metadata).encode()
+        self._shards.write(f'{self._drive}-{self._written:06d}', sample.files)
         self._written += 1
 
 

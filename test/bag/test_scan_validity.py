@@ -46,7 +46,7 @@ def cloud(points, layout=LAYOUT, **values):
               for name in layout.names]
     message = {'fields': fields, 'point_step': layout.itemsize, 'width': len(points), 'height': 1,
                'row_step': layout.itemsize * len(points), 'is_dense': True,
-               'data': np.frombuffer(points.tobytes(), np.uint8)}
+               'is_bigendian': False, 'data': np.frombuffer(points.tobytes(), np.uint8)}
     return SimpleNamespace(**{**message, **values})
 
 
@@ -76,6 +76,9 @@ def test_a_wrong_cloud_is_named():
     for wrong in ({'width': 4}, {'row_step': size}, {'height': 2}):
         assert lidar_cloud_problem(cloud(three(), **wrong)).startswith(
             f'data holds {3 * size} bytes, not ')
+    assert lidar_cloud_problem(cloud(three(), point_step=size - 1)) == (
+        f'fields end at {size} of {size - 1} bytes')
+    assert lidar_cloud_problem(cloud(three(), is_bigendian=True)).startswith('data are big-endian')
     for axis in 'xyz':
         unknown = three()
         unknown[axis][[0, 2]] = np.inf, np.nan

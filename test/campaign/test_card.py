@@ -108,6 +108,30 @@ def test_tags_follow_what_is_in_the_data(tmp_path: Path, recorded: list[str],
     assert ('stereo images' in text) == ('stereo' in tags)
 
 
+@pytest.mark.parametrize('recorded, formats, scans', [
+    ([LEFT, 'lidar/points', 'sun_sensor/direction', 'power/bus'], ['webdataset'], True),
+    ([LEFT, 'lidar/scan'], ['webdataset'], True), ([LEFT], ['webdataset'], False),
+    ([LEFT, 'lidar/points'], ['euroc'], False)])
+def test_croissant_describes_the_scans_in_shards(tmp_path: Path, recorded: list[str],
+                                                 formats: list[str], scans: bool) -> None:
+    write_json(tmp_path / CAMPAIGN_FILE, {'campaign': {
+        'name': 'x', 'license': 'MIT', 'keep_bag': False, 'formats': formats}})
+    (tmp_path / EPISODES / '0000').mkdir(parents=True)
+    write_json(tmp_path / EPISODES / '0000' / MANIFEST, {
+        'name': '0000', 'topics': recorded, 'statistics': STATISTICS})
+    write_card(tmp_path)
+    metadata = mlcroissant.Dataset(tmp_path / 'croissant.json').metadata
+    assert not metadata.issues.errors
+    sets = {item.id: item for item in metadata.distribution}
+    assert ('webdataset/lidar' in sets) == scans
+    text = (tmp_path / 'README.md').read_text()
+    assert ('LiDAR scans' in text.split('##')[0]) == ('lidar' in head_of(text)['tags']) == scans
+    if scans:
+        assert 'x_m, y_m, z_m, intensity_percent, ring, time_s' in sets[
+            'webdataset/lidar'].description
+    assert ('wheel odometry and power.' in text) == ('power/bus' in recorded)
+
+
 def test_the_same_data_set_has_the_same_card(dataset: Path) -> None:
     names = ('card.json', 'croissant.json', 'episodes.csv', 'README.md')
     before = [(dataset / name).read_bytes() for name in names]

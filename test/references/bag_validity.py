@@ -98,6 +98,7 @@ def validity_of_clouds() -> dict[str, Any]:
                                   datatype=numbers[kind]) for name, kind in kinds]
         return SimpleNamespace(**{'fields': fields, 'point_step': data.dtype.itemsize, 'width': 3,
                                   'height': 1, 'row_step': data.nbytes, 'is_dense': True,
+                                  'is_bigendian': False,
                                   'data': np.frombuffer(data.tobytes(), np.uint8), **values})
 
     late, odd = points.copy(), points.copy()

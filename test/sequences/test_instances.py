@@ -74,7 +74,8 @@ def decoded(segmentation: dict) -> np.ndarray:
 
 def test_coco(bag: Path, tmp_path: Path) -> None:
     notes = export(bag, tmp_path / 'coco', 'coco')
-    assert '4 image sets' in notes[0] and '48 annotations' in notes[-1]
+    assert '4 image sets' in notes[0]
+    assert any('48 annotations' in note for note in notes)
     path = tmp_path / 'coco/annotations/instances.json'
     data = json.loads(path.read_text())
     assert [c['name'] for c in data['categories']] == ['rock', 'crater']
