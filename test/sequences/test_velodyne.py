@@ -13,6 +13,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import BagError, SequenceError
+from lunar_rover_sim.frames import inverse
 from lunar_rover_sim.sequences.export import export
 
 NEEDED = (topics.LEFT_IMAGE, topics.LEFT_INFO, topics.RIGHT_IMAGE, topics.RIGHT_INFO, topics.ODOM,
@@ -117,6 +118,21 @@ def test_late_clouds_of_other_recorders(tmp_path: Path, drive: list[synthetic.It
     export(tmp_path / 'late', tmp_path / 'b', 'kitti')
     for path in (tmp_path / 'a' / 'velodyne').iterdir():
         assert path.read_bytes() == (tmp_path / 'b' / 'velodyne' / path.name).read_bytes()
+
+
+def test_without_tf_the_scenario_says_where_the_lidar_is(tmp_path: Path,
+                                                         drive: list[synthetic.Item]) -> None:
+    """The rover of the scenario: its LiDAR 0.3 m above base_link, looking as base_link does."""
+    text = ('rover:\n  ros__parameters:\n'
+            '    lidar: {position_m: [0.1, 0.0, 0.3], rpy_deg: [0.0, 0.0, 0.0]}\n')
+    scenario = synthetic.Item(topics.SCENARIO.name, topics.SCENARIO.type,
+                              synthetic.msg('std_msgs/String', data=text))
+    kept = [item for item in drive if item.topic != topics.TF_STATIC.name]
+    bag = synthetic.write(tmp_path / 'bag', [*kept, scenario, *clouds(topics.LIDAR_DESKEWED)])
+    export(bag, tmp_path / 'seq', 'kitti')
+    matrices, _, _, _ = read(tmp_path / 'seq')
+    expected = inverse(synthetic.T_base_camera(1.0)) @ [0.1, 0.0, 0.3, 1.0]
+    np.testing.assert_allclose(matrices['Tr'][:, 3], expected[:3], atol=1e-9)
 
 
 def test_bad_clouds_are_refused(tmp_path: Path, drive: list[synthetic.Item]) -> None:
