@@ -83,7 +83,8 @@ setup(
                  'import-linter>=2', 'isort>=5', 'mlcroissant>=1.0', 'mypy>=1.10',
                  'pycocotools>=2.0.8', 'vulture>=2.11', 'types-PyYAML', 'types-psutil',
                  'mcap-ros2-support>=0.5', 'hypothesis>=6.100', 'setuptools>=70.1',
-                 'distributed>=2024.4', USD, 'foxglove-sdk>=0.14', 'websockets>=13'],
+                 'distributed>=2024.4', USD, 'foxglove-sdk>=0.14', 'webdataset>=1.0',
+                 'websockets>=13'],
         # Random changes of the code, to see which of them the tests notice.
         'mutation': ['cosmic-ray>=8.4', 'coverage>=7.4'],
         'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],

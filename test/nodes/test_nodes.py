@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.ros
-
-
 pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402  (needs rclpy)

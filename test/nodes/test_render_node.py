@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.ros
-
-
 rclpy = pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import PoseStamped  # noqa: E402

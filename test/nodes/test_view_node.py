@@ -7,8 +7,6 @@ import importlib.util
 import pytest
 
 pytestmark = pytest.mark.ros
-
-
 pytest.importorskip('rclpy')
 
 from nav_msgs.msg import Odometry  # noqa: E402

@@ -11,7 +11,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from physics_scene import trot
+from physics_scene import soft, trot
 import pytest
 from references.cases import reference
 from references.scenes import hills, stones, stony_world
@@ -41,14 +41,10 @@ from lunar_rover_sim.world.model import World
 WALK = 1e-4     # tolerance of walks
 
 
-def _world(steepness: float = 0.05, rocks: int = 5, height_m: float = 0.02) -> World:
+def rough_world(steepness: float = 0.05, rocks: int = 5, height_m: float = 0.02) -> World:
     ground = hills(161, 0.025, height_m, steepness)
     return World((ground,), np.ones_like(ground.heights_m), stones(ground, rocks, 9, 0.4),
                  shapes.library(), WorldConfig(), '')
-
-
-def _soft(preset: str = 'highland', **values: Any) -> GroundConfig:
-    return GroundConfig(model='regolith', preset=preset, **values)
 
 
 def _numbers(model: Any) -> dict[str, Any]:
@@ -76,8 +72,8 @@ def models() -> dict[str, Any]:
     for name, config in (
             ('rigid', PhysicsConfig(contact=contact, step_s=0.0007, integrator='euler')),
             ('default', PhysicsConfig(gravity_mps2=3.7)),
-            ('soft', PhysicsConfig(ground=_soft('mare'), contact=contact))):
-        with Simulation(_world(), rover, dataclasses.replace(
+            ('soft', PhysicsConfig(ground=soft('mare'), contact=contact))):
+        with Simulation(rough_world(), rover, dataclasses.replace(
                 config, start=StartPose(settle_s=0.0))) as simulation:
             found[name] = _numbers(simulation.model)
     flat = hills(41, 0.1, 0.0)
@@ -93,7 +89,7 @@ def start_poses() -> dict[str, Any]:
     for x, y, yaw in ((0.0, 0.0, 0.0), (0.61, -0.43, 65.0), (-0.8, 0.9, -130.0)):
         start = StartPose(x_m=x, y_m=y, yaw_deg=yaw, settle_s=0.0,
                           joint_angle_rad=(0.1, -0.2, 0.4, 0.9))
-        with Simulation(_world(0.2, 9, 0.05), RoverDescription(),
+        with Simulation(rough_world(0.2, 9, 0.05), RoverDescription(),
                         PhysicsConfig(start=start)) as simulation:
             found[f'{x} {y} {yaw}'] = Within(np.array(simulation.data.qpos), 1e-6)
     return found
@@ -112,8 +108,8 @@ def walk_on_rigid_ground() -> dict[str, Any]:
                                           rpy_deg=(10.0, -20.0, 170.0)))
     config = PhysicsConfig(start=StartPose(x_m=0.2, y_m=-0.1, yaw_deg=20.0, settle_s=0.4))
     meter, states, motions, depths = SlipMeter(), [], [], []
-    with Simulation(_world(), rover, config) as simulation:
-        depth = TipPenetration(simulation, _world().ground)
+    with Simulation(rough_world(), rover, config) as simulation:
+        depth = TipPenetration(simulation, rough_world().ground)
 
         def look(state: RoverState) -> None:
             motion = simulation.foot_motion
@@ -180,7 +176,7 @@ def _soft_walk(world: World, ground: GroundConfig, rover: RoverDescription, seco
 def walk_on_soft_ground() -> dict[str, Any]:
     """Several strides on a slope of loose soil that varies."""
     world = stony_world((hills(161, 0.05, 0.01, 0.15),), 0)
-    return _soft_walk(world, _soft('highland_loose', variation=0.8), RoverDescription(), 1.0,
+    return _soft_walk(world, soft('highland_loose', variation=0.8), RoverDescription(), 1.0,
                       x_m=0.4, y_m=-0.6, yaw_deg=30.0)
 
 
@@ -189,8 +185,8 @@ def walk_that_digs_in() -> dict[str, Any]:
     """A heavy rover in very soft soil with cohesion: rods in the soil, walls that slide."""
     rover = dataclasses.replace(RoverDescription(), chassis=dataclasses.replace(
         RoverDescription().chassis, mass_kg=5.0))
-    return _soft_walk(_world(0.1, 0), _soft('highland_loose', bearing_mnpm3=0.05,
-                                            cohesion_kpa=0.05), rover, 0.8)
+    return _soft_walk(rough_world(0.1, 0), soft('highland_loose', bearing_mnpm3=0.05,
+                                                cohesion_kpa=0.05), rover, 0.8)
 
 
 @reference
@@ -239,7 +235,7 @@ def sliding_walls() -> dict[str, Any]:
 def deep_tips() -> dict[str, Any]:
     """Penetration of tips that were pressed into ground and rocks."""
     found: dict[str, Any] = {}
-    world = _world(0.2, 9, 0.05)
+    world = rough_world(0.2, 9, 0.05)
     with Simulation(world, RoverDescription(), PhysicsConfig(
             start=StartPose(x_m=0.61, y_m=-0.43, settle_s=0.1))) as simulation:
         depth = TipPenetration(simulation, world.ground)

@@ -7,8 +7,9 @@ import re
 from typing import Any
 
 import numpy as np
+from physics_scene import soft
 from references.cases import reference
-from references.physics import _soft, _world
+from references.physics import rough_world
 from references.words import said
 
 from lunar_rover_sim.physics.config import (ContactConfig, ImuConfig, PhysicsConfig, StartPose,
@@ -22,7 +23,7 @@ from lunar_rover_sim.rover.description import RoverDescription
 @reference
 def refused_simulations() -> dict[str, Any]:
     """Steps that are too long, starts off the ground, commands and places that are none."""
-    rover, world = RoverDescription(), _world(rocks=0)
+    rover, world = RoverDescription(), rough_world(rocks=0)
     steps = [said(build_model, world, rover, PhysicsConfig(step_s=step, contact=ContactConfig(
         stiffness_npm=k, damping_nspm=b))) for step, k, b in (
             (0.001, 2000.0, 60.0), (0.005, 2000.0, 60.0), (0.005, 10.0, 60.0), (0.002, 20.0, 0.1),
@@ -33,8 +34,8 @@ def refused_simulations() -> dict[str, Any]:
         return said(Simulation, world, rover, PhysicsConfig(start=StartPose(**start), **values))
 
     starts = [begun(start={'x_m': 1.0}), begun(start={'x_m': 1.001}), begun(start={'y_m': -1.1}),
-              begun(ground=_soft(), step_s=0.005), begun(ground=_soft(elastic_npm=1e6)),
-              begun(ground=_soft(), gravity_mps2=0.0)]
+              begun(ground=soft(), step_s=0.005), begun(ground=soft(elastic_npm=1e6)),
+              begun(ground=soft(), gravity_mps2=0.0)]
     with Simulation(world, rover, PhysicsConfig()) as simulation:
         z = float(simulation.state.position_m[2])
         words = [said(simulation.command, value) for value in (
@@ -49,7 +50,7 @@ def refused_simulations() -> dict[str, Any]:
             {'linear_mps': [10.0, 0.0, 0.0]}, {'angular_radps': [0.0, 8.0, 8.0]},
             {'linear_mps': [0.0, 0.0]})]
         control = np.array(simulation.data.ctrl)
-    with Simulation(world, rover, PhysicsConfig(ground=_soft())) as simulation:
+    with Simulation(world, rover, PhysicsConfig(ground=soft())) as simulation:
         words.append(said(simulation.move, [0.0, 0.0, 1.0]))
     words.append(said(lambda: simulation.model))
     imus_ = [said(ImuConfig, accel_noise_density=value) for value in (-1.0, -0.5, 0.0)]
@@ -58,7 +59,7 @@ def refused_simulations() -> dict[str, Any]:
                 ImuNoise, ImuConfig(), 0.0, np.random.default_rng(0)),
             'odometry': [said(WheelOdometryConfig, yaw_scale=value) for value in (
                 -1.0, 0.0, 0.1, 0.099, 2.0)],
-            'soils': [said(_soft, **{name: value}) for name, value in (
+            'soils': [said(soft, **{name: value}) for name, value in (
                 ('friction', 0.1), ('friction', 0.099), ('repose_deg', 60.0), ('repose_deg', 9.9),
                 ('bearing_mnpm3', 0.02), ('bearing_mnpm3', 0.0199), ('compacted', -0.1))]}
 
