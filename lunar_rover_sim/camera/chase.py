@@ -19,6 +19,8 @@ from lunar_rover_sim.world.model import World
 
 SUN, HEADING, EAST = 'sun', 'heading', 'east'
 FOLLOW, TRIPOD = 'follow', 'tripod'
+# Along a side of a pixel of films and stills: with one, thin parts of the rover look dashed.
+SAMPLES = 2
 
 _CLEARANCE_M = 0.15     # of the camera above the ground and beside rocks
 _STILL_M, _FASTEST_MPS = 0.5, 5.0   # a rover that has moved farther was placed anew

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
+from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
 from lunar_rover_sim.camera.hazard import HazardMount, sides
 from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.cli.number_lists import numbers
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         renderer.follow(overlay)
         if chase is not None:
             mount = ChaseMount(chase, renderer.config.sun.azimuth_deg, world)
-            camera = renderer.add_camera(chase, mount)
+            camera = renderer.add_camera(chase, mount, samples=SAMPLES)
         further = {name: renderer.add_camera(config, HazardMount(config))
                    for name, config in hazards.items()}
         matcher = SgmMatcher.from_scenario(scenario)

@@ -19,7 +19,7 @@ from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
-from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
+from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.illumination.sun_path import SunPath
@@ -46,6 +46,7 @@ class FilmOptions:
     rate_hz: frames per second of the film; speed: simulated seconds per second of the film
     start_s, end_s: simulated times [s]; None: those of the bag
     bare: only the view from outside, without images and plots
+    samples: of the view from outside, along a side of a pixel
     Raises ConfigError for values that make no film.
     """
 
@@ -55,12 +56,15 @@ class FilmOptions:
     start_s: float | None = None
     end_s: float | None = None
     bare: bool = False
+    samples: int = SAMPLES
 
     def __post_init__(self) -> None:
         low, high = WIDTHS
         if self.width % 32 or not low <= self.width <= high:
             raise ConfigError(f'--width: {self.width} is not valid; valid is a multiple of 32 '
                               f'from {low} to {high}')
+        if not 1 <= self.samples <= 4:
+            raise ConfigError(f'--samples: {self.samples} is not valid; valid is 1 to 4')
         for name, value, most in (('--fps', self.rate_hz, 100.0), ('--speed', self.speed, 1000.0)):
             if not 0.0 < value <= most:
                 raise ConfigError(f'{name}: {value:g} is not valid; valid is > 0 and <= {most:g}')
@@ -133,7 +137,7 @@ class Film:
             overlay = Overlay() if bag.has(topics.GROUND_CHANGES.name) else None
             renderer.follow(overlay)
             mount = ChaseMount(chase, sun.azimuth_deg, self.world)
-            camera = renderer.add_camera(chase, mount)
+            camera = renderer.add_camera(chase, mount, samples=options.samples)
             plots = None if options.bare else self._plots(width)
             path, step = SunPath(sun), 0
             for k, (time_ns, shown) in enumerate(_along(bag, self.times_ns, overlay)):
@@ -145,7 +149,8 @@ class Film:
                 pixels = camera.render(state, k).left
                 assert pixels is not None
                 outside = gray8(pixels)[..., ::-1].copy()
-                captions.draw(outside, f'{time_ns / NS_PER_S:.1f} s', f'× {options.speed:g}')
+                captions.draw(outside, f'simulated time {time_ns / NS_PER_S:.1f} s',
+                              f'film speed × {options.speed:g}')
                 if plots is None:
                     yield outside
                     continue

@@ -36,11 +36,21 @@ class Selection:
     boxes: (m, 2, 3) least and greatest coordinates of each chunk, world frame [m]
     skirts: (s, 4) like chunks, one row for each side of a chunk that may adjoin another mesh; the
         number of the side, 0 to 3, is the fraction of the stride, in quarters
+    rims: (s,) index of the chunk that each skirt belongs to
     """
 
     chunks: Array
     boxes: Array
     skirts: Array
+    rims: NDArray[np.int64]
+
+    def within(self, volume: ViewVolume) -> Selection:
+        """Return what of it is in a view from the same place."""
+        seen = _seen(*_relative(self.boxes, volume), volume)
+        kept = seen[self.rims]
+        new = np.cumsum(seen) - 1
+        return Selection(self.chunks[seen], self.boxes[seen], self.skirts[kept],
+                         new[self.rims[kept]])
 
 
 class _Stride:
@@ -112,18 +122,17 @@ class ChunkTree:
 
         ranges_m: (depth,) distance up to which each stride is fine enough, increasing [m]
         """
-        normals, offsets = volume.planes[:, :3].T, volume.planes[:, 3]
         # Horizontal distances are compared, squared: the height is subtracted from the ranges.
         over = volume.above_m**2
-        chunks, boxes, skirts, near = [], [], [], []
+        chunks, boxes, skirts, rims, near = [], [], [], [], []
+        count = 0
         k = self._first_stride(volume, ranges_m)
         rows, columns = (a.ravel() for a in np.indices(2 * (self._strides[k].side,)))
         while k >= 0:
             level = self._strides[k]
             box = level.boxes(rows, columns)
-            middle, half = 0.5 * (box[:, 0] + box[:, 1]), 0.5 * (box[:, 1] - box[:, 0])
-            middle -= volume.centre_m
-            seen = np.all(middle @ normals + half @ np.abs(normals) >= -offsets, axis=1)
+            middle, half = _relative(box, volume)
+            seen = _seen(middle, half, volume)
             if self.inner_half_m:
                 seen &= ~(level.within[rows] & level.within[columns])
             rows, columns = rows[seen], columns[seen]
@@ -148,15 +157,20 @@ class ChunkTree:
             if k:
                 margin = 1.5 * CHUNK * level.stride * self.cell_m
                 other |= nearest < (finer + margin)**2 - over
-            skirts.append(_rims(chunk, columns[keep], rows[keep], other[keep]))
+            edges, of = _rims(chunk, columns[keep], rows[keep], other[keep])
+            skirts.append(edges)
+            rims.append(count + of)
+            count += len(chunk)
             k -= 1
             rows = (2 * rows[~keep][:, None] + _ROWS).ravel()
             columns = (2 * columns[~keep][:, None] + _COLUMNS).ravel()
             inside = np.maximum(rows, columns) < self._strides[max(k, 0)].side
             rows, columns = rows[inside], columns[inside]
         order = np.argsort(np.concatenate(near), kind='stable')
+        place = np.empty(count, np.int64)
+        place[order] = np.arange(count)
         return Selection(np.concatenate(chunks)[order], np.concatenate(boxes)[order],
-                         np.concatenate(skirts))
+                         np.concatenate(skirts), place[np.concatenate(rims)])
 
     def _first_stride(self, volume: ViewVolume, ranges_m: NDArray[np.float64]) -> int:
         """Return the index of the coarsest stride of which any chunk could be kept."""
@@ -168,20 +182,33 @@ class ChunkTree:
         return k
 
 
+def _relative(boxes: Array, volume: ViewVolume) -> tuple[Array, Array]:
+    """Return the middles of boxes relative to a view's centre, and their half sizes."""
+    middle, half = 0.5 * (boxes[:, 0] + boxes[:, 1]), 0.5 * (boxes[:, 1] - boxes[:, 0])
+    return middle - volume.centre_m, half
+
+
+def _seen(middle: Array, half: Array, volume: ViewVolume) -> NDArray[np.bool_]:
+    """Return which boxes may reach into a view."""
+    normals, offsets = volume.planes[:, :3].T, volume.planes[:, 3]
+    return np.all(middle @ normals + half @ np.abs(normals) >= -offsets, axis=1)
+
+
 def _rims(chunks: Array, columns: NDArray[np.int64], rows: NDArray[np.int64],
-          other: NDArray[np.bool_]) -> Array:
-    """Return the skirts of the chunks that may adjoin `other` meshes; see Selection."""
+          other: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int64]]:
+    """Return the skirts of chunks that may adjoin `other` meshes, and whose each is."""
     if not other.any():
-        return np.empty((0, 4))
+        return np.empty((0, 4)), np.empty(0, np.int64)
     columns, rows = columns - columns.min() + 1, rows - rows.min() + 1
     taken = np.zeros((int(rows.max()) + 2, int(columns.max()) + 2), bool)
     taken[rows, columns] = True
-    rims = []
+    rims, of = [], []
     for side, (dx, dy) in enumerate(((-1, 0), (1, 0), (0, -1), (0, 1))):
-        edge = chunks[other & ~taken[rows + dy, columns + dx]]
+        of.append(np.flatnonzero(other & ~taken[rows + dy, columns + dx]))
+        edge = chunks[of[-1]]
         edge[:, 2] += 0.25 * side
         rims.append(edge)
-    return np.concatenate(rims)
+    return np.concatenate(rims), np.concatenate(of)
 
 
 def _chunks(z: NDArray[np.float32], merge: np.ufunc) -> NDArray[np.float32]:

@@ -51,7 +51,7 @@ class FisheyeRenderer(GlOwner):
         super().__init__()
         assert isinstance(config.camera, HazardCameraConfig)
         self.camera, self._config, self._mount = camera, config, mount
-        self._world = shared.world
+        self._world, self._shared = shared.world, shared
         samples = config.detail.supersampling
         self._faces = faces(camera, config.camera, samples)
         self._axes = np.stack([face.R_camera_face[:, 2] for face in self._faces])
@@ -99,8 +99,10 @@ class FisheyeRenderer(GlOwner):
         self._fisheye.clear(self.lit.framebuffer, sides)
         camera_m = self._mount.poses(state)[LEFT][:3, 3]
         above_m = float(np.nan_to_num(camera_m[2] - self._world.height_at(camera_m[:2])))
+        # The ground is chosen once for all faces; each takes what it sees of it.
+        around = self._shared.ground.choose(self._passes[0].surroundings(state))
         for face, passes in zip(self._faces, self._passes):
-            scene = passes.draw_geometry(request, state)
+            scene = passes.draw_geometry(request, state, around)
             passes.light(scene)
             self._scenes.append(scene)
             self._fisheye.add(face, passes.lit, sides, above_m)

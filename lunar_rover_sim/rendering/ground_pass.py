@@ -11,7 +11,8 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.chunk_tree import CHUNK, level_ranges, Selection
 from lunar_rover_sim.rendering.config import DetailConfig
-from lunar_rover_sim.rendering.context import enable, load_program, release_all, set_uniform
+from lunar_rover_sim.rendering.context import (clear_window, enable, load_program, release_all,
+                                               set_uniform)
 from lunar_rover_sim.rendering.crater_map import CraterMap, ROW
 from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, lattice
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
@@ -30,10 +31,13 @@ _SHADERS: dict[str, dict[str, int]] = {
     'lit refined shaded': {'REFINE': 1, 'ROVER_SHADOW': 1},
     'unlit': {'UNLIT': 1},
     'unlit refined': {'UNLIT': 1, 'REFINE': 1},
-    'truth': {'TRUTH': 1, 'ROVER_SHADOW': 1}}
-_FRAGMENT = {name: 'ground_truth' if name == 'truth' else 'ground' for name in _SHADERS}
-_WITH_TRACKS = ('lit', 'lit refined', 'lit shaded', 'lit refined shaded', 'unlit refined',
-                'truth')
+    'truth': {'TRUTH': 1},
+    'truth far': {'TRUTH': 1, 'FAR': 1},
+    'truth shaded': {'TRUTH': 1, 'ROVER_SHADOW': 1},
+    'truth far shaded': {'TRUTH': 1, 'FAR': 1, 'ROVER_SHADOW': 1}}
+_FRAGMENT = {name: 'ground_truth' if 'TRUTH' in defines else 'ground'
+             for name, defines in _SHADERS.items()}
+_WITH_TRACKS = tuple(name for name in _SHADERS if name != 'unlit')
 _MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh at full resolution
 
 
@@ -55,8 +59,8 @@ class GroundRows:
     """The rows of an image that the ground covers.
 
     first, last: the first one, and the one after the last; middle: the first one below all coarse
-    meshes; tracks: the first one that may show tracks, and the one after the last; shaded: the
-    same of those that may show the rover's shadow
+    meshes; tracks, shaded, far: the first one, and the one after the last, that may show tracks,
+    the rover's shadow, and ground beyond the finest grid
     """
 
     first: int = 0
@@ -64,18 +68,25 @@ class GroundRows:
     last: int = 0
     tracks: tuple[int, int] = (0, 0)
     shaded: tuple[int, int] = (0, 0)
+    far: tuple[int, int] = (0, 0)
 
     def parts(self, *, lit: bool) -> list[tuple[int, int, str]]:
         """Return spans of rows, first and one after the last, with what each needs.
 
         lit: whether light is computed, so that shadows matter
         """
-        shaded = self.shaded if lit else (0, 0)
-        cuts = sorted({self.first, self.middle, self.last,
-                       *(row for row in (*shaded, *self.tracks) if self.first < row < self.last)})
-        return [(top, bottom, (' refined' if top < self.middle else '')
-                 + (' shaded' if shaded[0] <= top < shaded[1] else '')
-                 + (' tracks' if self.tracks[0] <= top < self.tracks[1] else ''))
+        return self._cut({'refined': (self.first, self.middle),
+                          'shaded': self.shaded if lit else (0, 0), 'tracks': self.tracks})
+
+    def truth_parts(self) -> list[tuple[int, int, str]]:
+        """Return the same for the truth of pixels."""
+        return self._cut({'far': self.far, 'shaded': self.shaded, 'tracks': self.tracks})
+
+    def _cut(self, spans: dict[str, tuple[int, int]]) -> list[tuple[int, int, str]]:
+        cuts = sorted({self.first, self.last, *(row for span in spans.values() for row in span
+                                                if self.first < row < self.last)})
+        return [(top, bottom, ''.join(f' {name}' for name, (first, end) in spans.items()
+                                      if first <= top < end))
                 for top, bottom in zip(cuts, cuts[1:])]
 
 
@@ -138,10 +149,16 @@ class GroundPass:
             self._screens[f'{name} tracks'] = context.vertex_array(program, [])
         self.programs = tuple(self._programs.values())
 
-    def choose(self, volume: ViewVolume) -> Chosen:
-        """Choose what to draw for a view."""
-        levels = [level.tree.select(volume, reach)
-                  for level, reach in zip(self._levels, self._ranges)]
+    def choose(self, volume: ViewVolume, around: Chosen | None = None) -> Chosen:
+        """Choose what to draw for a view.
+
+        around: what was chosen for a view that contains this one, from the same place
+        """
+        if around is None:
+            levels = [level.tree.select(volume, reach)
+                      for level, reach in zip(self._levels, self._ranges)]
+        else:
+            levels = [selection.within(volume) for selection in around.levels]
         tracks = None if self._tracks is None else self._tracks.choose(volume, levels[0])
         return Chosen(levels, tracks)
 
@@ -186,7 +203,9 @@ class GroundPass:
         if chosen.tracks is not None:
             tracks = projection.covered_rows(chosen.tracks.boxes, T_world_camera)
         shadow = projection.covered_rows(shaded, T_world_camera) if len(shaded) else (0, 0)
-        return GroundRows(first, max(first, middle), last, tracks, shadow)
+        outer = spans[1:] if len(finest.chunks) else spans
+        far = (min(s[0] for s in outer), max(s[1] for s in outer)) if outer else (0, 0)
+        return GroundRows(first, max(first, middle), last, tracks, shadow, far)
 
     def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
              ground_depth: moderngl.Texture, *, lit: bool, add: bool = False) -> None:
@@ -206,20 +225,28 @@ class GroundPass:
             self._draw_screen(name if name in self._programs else kind, ground_depth)
         self._context.depth_func = '<'
 
-    def draw_truth(self, depth: moderngl.Texture, craters: CraterMap | None) -> None:
-        """Draw what is true of the ground into the framebuffer in use.
+    def draw_truth(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
+                   depth: moderngl.Texture, craters: CraterMap | None) -> None:
+        """Draw what is true of the ground, and zeros elsewhere.
 
         depth: of all that is seen; craters: None if the numbers of craters are not asked for
         """
+        x, y, width, height = window
+        for top, bottom in ((0, rows.first), (rows.last, height)):
+            if top < bottom:
+                clear_window(target, (x, y + top, width, bottom - top))
+        target.use()
         self._context.enable_only(self._context.NOTHING)
-        name = 'truth' if self._tracks is None else 'truth tracks'
-        # Samplers of two kinds may not share a unit, used or not.
-        set_uniform(self._programs[name], u_crater_texel=(0.0, 0.0),
-                    u_crater_cells=texture_units.CRATER_CELLS,
-                    u_crater_list=texture_units.CRATER_LIST)
-        if craters is not None:
-            craters.bind(self._programs[name])
-        self._draw_screen(name, depth)
+        for top, bottom, needs in rows.truth_parts():
+            target.viewport = (x, y + top, width, bottom - top)
+            program = self._programs[f'truth{needs}']
+            # Samplers of two kinds may not share a unit, used or not.
+            set_uniform(program, u_crater_texel=(0.0, 0.0),
+                        u_crater_cells=texture_units.CRATER_CELLS,
+                        u_crater_list=texture_units.CRATER_LIST)
+            if craters is not None:
+                craters.bind(program)
+            self._draw_screen(f'truth{needs}', depth)
 
     def _draw_screen(self, name: str, ground_depth: moderngl.Texture) -> None:
         program = self._programs[name]

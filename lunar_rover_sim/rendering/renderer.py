@@ -94,21 +94,23 @@ class Renderer:
         """Exposure time of the last pair, or of the first one before it [s]."""
         return self._pair.exposure_s
 
-    def add_camera(self, config: FurtherCameraConfig, mount: Mount,
-                   seed: int | None = None) -> FurtherCamera:
+    def add_camera(self, config: FurtherCameraConfig, mount: Mount, seed: int | None = None,
+                   samples: int = 1) -> FurtherCamera:
         """Return a further camera in the same world, which the renderer owns.
 
-        config: a `ChaseConfig`, a `HazardConfig` with a `HazardMount`, or the plain one
-        seed: of its noise; by default it follows from that of the renderer and the number of
-            cameras
+        config: a `ChaseConfig`, a `HazardConfig` with its mount, or the plain one; seed: of its
+            noise; by default that of the renderer and the number of the camera
+        samples: along a side of a pixel, at least; 1 leaves it at `detail.supersampling`
 
         At most one frame of the pair may be under way. Raises RenderError if the device cannot
-        draw its image size.
+        draw this size.
         """
         self._check_open()
         self._check_one_under_way('add_camera')
+        detail = dataclasses.replace(self.config.detail, supersampling=max(
+            samples, self.config.detail.supersampling))
         own = dataclasses.replace(self.config, camera=config.camera, lens=config.lens,
-                                  sensor=config.sensor)
+                                  sensor=config.sensor, detail=detail)
         seed = self.seed + len(self._further) + 1 if seed is None else seed
         camera = geometry_of(config)
         drawn: CameraRenderer | FisheyeRenderer
@@ -294,8 +296,7 @@ class FurtherCamera:
         """Draw a frame; its image is the layer 'left'. Arguments as those of `Renderer.render`.
 
         A pair has the layer 'right', too. The depth of a fisheye is the distance from it, and all
-        layers of a fisheye are those of its image.
-
-        At most one frame of the pair may be under way. Raises RenderError.
+        layers of a fisheye are those of its image. At most one frame of the pair may be under way.
+        Raises RenderError.
         """
         return self._renderer.render_further(self.drawn, state, frame_index, layers)

@@ -59,6 +59,7 @@ class RoverShadow:
         self.radius_m = reach
         self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
         self._map: moderngl.Texture | None = None
+        self._drawn: bytes | None = None    # what the map was drawn for
 
     def cast(self, T_world_links: Array, sun_axes: Array, *, seen: bool) -> Uniforms:
         """Draw the map of the shadow for `bind`; return where it is.
@@ -69,7 +70,11 @@ class RoverShadow:
         right, up, _ = sun_axes
         centre = T_world_links[0, :3, 3]
         if seen:
-            self._upload(self.silhouette(T_world_links, sun_axes))
+            # Further cameras, and all faces of a fisheye, show the rover in the same pose.
+            wanted = T_world_links.tobytes() + sun_axes.tobytes()
+            if wanted != self._drawn:
+                self._upload(self.silhouette(T_world_links, sun_axes))
+                self._drawn = wanted
         else:
             centre = centre + _NOWHERE_M * up
         return {'u_rover_map': texture_units.ROVER_SHADOW,

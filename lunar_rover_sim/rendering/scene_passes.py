@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 from typing import Any
 
 import moderngl
@@ -78,8 +79,17 @@ class ScenePasses(GlOwner):
         self._earth.relight(config)
         self._sun.relight(config.sun)
 
-    def draw_geometry(self, request: Request, state: RoverPose) -> Scene:
-        """Draw the depth of the ground and choose what else is in view."""
+    def surroundings(self, state: RoverPose) -> ViewVolume:
+        """Return a volume that holds all that is around the cameras."""
+        volume = self._samples.projection.view_volume(self._mount.poses(state), self._shared.world)
+        return dataclasses.replace(volume, planes=np.zeros((0, 4)))
+
+    def draw_geometry(self, request: Request, state: RoverPose,
+                      around: Chosen | None = None) -> Scene:
+        """Draw the depth of the ground and choose what else is in view.
+
+        around: as for `GroundPass.choose`
+        """
         projection, T_world_base = self._samples.projection, state.T_world_base
         shared = self._shared
         links = shared.body.poses(T_world_base, state.joint_angle_rad)
@@ -90,7 +100,7 @@ class ScenePasses(GlOwner):
         for source in sources:
             if source.tracks is not None:
                 source.tracks.update(volume)
-        chosen = shared.ground.choose(volume)
+        chosen = shared.ground.choose(volume, around)
         if shared.lamp is not None and request.lit:
             shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks)
         scene = Scene(request, *self._begin(request), state, links, cameras)
@@ -200,17 +210,17 @@ class ScenePasses(GlOwner):
 
     def _draw_truth(self, scene: Scene, side: int) -> None:
         """Draw what is true of the pixels of a camera, which are lit."""
-        truth = scene.pixels.targets.truth
-        self._look_from(scene, scene.pixels, side)
-        # The depth is kept: which surface is nearest is known already.
-        clear_window(truth.colour, scene.pixels.windows[side])
+        pixels, truth = scene.pixels, scene.pixels.targets.truth
+        self._look_from(scene, pixels, side)
         craters = (self._shared.crater_map() if 'crater' in scene.request.truth_of(side)
                    else None)
         self._shared.rover_shadow.bind()
-        self._shared.ground.draw_truth(self.lit.depth, craters)
+        self._shared.ground.draw_truth(truth.colour, pixels.windows[side], pixels.rows[0],
+                                       self.lit.depth, craters)
+        # The depth is kept: which surface is nearest is known already.
         self._context.depth_func = '<='
         try:
-            self._draw_objects(scene, scene.pixels, truth.framebuffers[side], side, truth=True)
+            self._draw_objects(scene, pixels, truth.framebuffers[side], side, truth=True)
         finally:
             self._context.depth_func = '<'
 

@@ -144,6 +144,7 @@ def test_a_film_replaces_no_file(tmp_path: Path) -> None:
     ({'start_s': 0.4, 'end_s': 0.2}, 'valid is a start before the end'),
     ({'end_s': 9.0}, r'--end: 9 s is not valid; the bag holds .* to 0\.5 s'),
     ({'width': 333}, '--width: 333 is not valid'), ({'rate_hz': 0.0}, '--fps: 0 is not valid'),
+    ({'samples': 0}, '--samples: 0 is not valid; valid is 1 to 4'),
     ({'speed': float('nan')}, '--speed: nan is not valid')])
 def test_refused(recorded: Recorded, options: dict, words: str) -> None:
     """What makes no film is refused with the value and what is valid."""

@@ -29,7 +29,8 @@ float crater_at(vec2 xy, vec3 cell) {
 
 void main() {
     float depth = textureLod(u_depth, gl_FragCoord.xy * u_texel, 0.0).r;
-    // Recent llvmpipe skips branches that no pixel of a block takes.
+    // Recent llvmpipe skips branches that no pixel of a block takes, older ones do not: rows that
+    // show no ground beyond the finest grid, or no shadow of the rover, are drawn without them.
     if (depth > 0.0) {
         vec3 relative = pixel_ray(pixel()) * depth;
         vec2 xy = relative.xy + u_camera.xy;
@@ -43,7 +44,9 @@ void main() {
         vec4 ground = textureLod(u_ground, uv, 0.0);
         float label = 1.0;
         float lit = disc(ground.z / ground.w, u_sun_radius);
+#ifdef FAR
         if (layer > 0.0) lit *= 1.0 - textureLod(u_matter, uv, 0.0).a;
+#endif
 #ifdef TRACKS
         Print print = print_at(xy, -16.0);
         float untouched = u_heading.z - dot(ground.xy, u_heading.xy);
@@ -55,7 +58,11 @@ void main() {
         float crater = 0.0, of_rover = 1.0;
         if (u_crater_texel.y > 0.5)
             crater = crater_at(xy, vec3(0.5 + 0.5 * xy / grid.w, layer));
+#ifdef ROVER_SHADOW
         if (lit > 0.0) of_rover = rover_visibility(relative);
+#endif
         tell(label, crater, normalize(vec3(-ground.xy, 1.0)), lit, of_rover);
-    } else discard;
+    } else {
+        o_ids = o_shadow = o_normal = vec4(0.0);
+    }
 }

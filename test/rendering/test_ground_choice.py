@@ -1,0 +1,59 @@
+"""What of the ground is drawn: chunks by view, and rows by what their pixels need."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import camera_scene as scene
+import numpy as np
+
+from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
+from lunar_rover_sim.rendering.chunk_tree import ChunkTree, level_ranges
+from lunar_rover_sim.rendering.config import DetailConfig
+from lunar_rover_sim.rendering.ground_pass import GroundRows
+from lunar_rover_sim.rendering.projection import Projection
+
+K = np.array([[100.0, 0.0, 79.5], [0.0, 100.0, 59.5], [0.0, 0.0, 1.0]])
+OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def rows_of(values: np.ndarray) -> set[tuple[float, ...]]:
+    """Return the rows of an array."""
+    return set(map(tuple, values.tolist()))
+
+
+def test_a_view_within_a_wider_one() -> None:
+    """What a view takes of all that is around it are the chunks it would choose by itself.
+
+    It has no other skirts than those: chunks next to it are known, so that it may have fewer.
+    """
+    world = scene.plane(n=513, heights=scene.hills(n=513))
+    tree = ChunkTree(world.ground, 0.0)
+    ranges_m = level_ranges([tree], DetailConfig())[0]
+    projection = Projection(K, 160, 120, 0.01, 1000.0)
+    for yaw_rad in (0.3, 2.0, 4.1):
+        turn = matrix_from_wxyz(wxyz_from_rpy(0.0, 0.3, yaw_rad)) @ OPTICAL
+        view = projection.view_volume([se3(turn, np.array([0.4, -0.3, 0.5]))], world)
+        around = tree.select(dataclasses.replace(view, planes=np.zeros((0, 4))), ranges_m)
+        alone, taken = tree.select(view, ranges_m), around.within(view)
+        assert np.array_equal(taken.chunks, alone.chunks)
+        assert np.array_equal(taken.boxes, alone.boxes)
+        assert 0 < len(taken.chunks) < 0.5 * len(around.chunks)
+        assert 0 < len(taken.skirts) and rows_of(taken.skirts) <= rows_of(alone.skirts)
+        # Each skirt belongs to its chunk.
+        own = taken.chunks[taken.rims]
+        assert np.array_equal(own[:, :2], taken.skirts[:, :2])
+        assert np.array_equal(own[:, 2], np.floor(taken.skirts[:, 2]))
+
+
+def test_rows_by_what_they_need() -> None:
+    """Spans cover the ground's rows once, each with all that any of its rows needs."""
+    rows = GroundRows(first=10, middle=60, last=100, tracks=(70, 120), shaded=(90, 95),
+                      far=(10, 40))
+    assert rows.truth_parts() == [(10, 40, ' far'), (40, 70, ''), (70, 90, ' tracks'),
+                                  (90, 95, ' shaded tracks'), (95, 100, ' tracks')]
+    assert rows.parts(lit=True) == [
+        (10, 60, ' refined'), (60, 70, ''), (70, 90, ' tracks'), (90, 95, ' shaded tracks'),
+        (95, 100, ' tracks')]
+    assert rows.parts(lit=False) == [(10, 60, ' refined'), (60, 70, ''), (70, 100, ' tracks')]
+    assert GroundRows().truth_parts() == []
