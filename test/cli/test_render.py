@@ -3,6 +3,7 @@
 import errno
 import functools
 import json
+import os
 from pathlib import Path
 
 import camera_scene as scene
@@ -153,14 +154,15 @@ def test_preview_has_the_views_which_the_lamp_lights_without_sun(tmp_path, monke
 
 
 def test_a_picture_that_cannot_be_written_is_an_error(folder, tmp_path, monkeypatch, capsys):
-    def full(self, data):
-        raise OSError(errno.ENOSPC, 'No space left on device', str(self))
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr(Path, 'write_bytes', full)
+    monkeypatch.setattr(os, 'fsync', full)
     assert main(['render', 'flat', '--world', str(folder), *TINY, *BARE, '-o',
                  str(tmp_path / 'frames')]) == 1
     said = capsys.readouterr().err.strip()
-    assert 'No space left on device' in said and '\n' not in said
+    assert '000_left.png: cannot be written: No space left' in said and '\n' not in said
+    assert not list((tmp_path / 'frames').iterdir())
 
 
 def test_a_chase_camera_that_cannot_be_is_named(tmp_path: Path,
