@@ -129,7 +129,9 @@ int Run(const std::string& vocabulary, const std::string& settings, const std::s
                            stamp_s, imu)
         : slam.TrackMonocular(left, stamp_s);
     imu.clear();
-    const bool ok = slam.GetTrackingState() == kTrackingOk;
+    // Poses of a map that is not yet turned to gravity are of another frame than those after it.
+    const bool is_turned = !inertial || slam.GetTimeFromIMUInit() > 0.0;
+    const bool ok = slam.GetTrackingState() == kTrackingOk && is_turned;
     located |= ok;
     Write(kPose, PoseBody(stamp_ns, ok ? kTracking : located ? kLost : kInitialising, pose));
   }

@@ -197,13 +197,16 @@ def test_the_adapter_of_orb_slam3_speaks_the_protocol(tmp_path: Path) -> None:
         answers = feed(program, range(2_000_000_001, 2_000_000_004), imu=True)
     finally:
         program.close()
-    assert [a.state for a in answers] == [protocol.INITIALISING, protocol.TRACKING,
+    # The stand-in has its IMU initialised at the third frame: before, poses are of another frame.
+    assert [a.state for a in answers] == [protocol.INITIALISING, protocol.INITIALISING,
                                           protocol.TRACKING]
     assert [a.stamp_ns for a in answers] == [2_000_000_001, 2_000_000_002, 2_000_000_003]
-    assert answers[1].position_m == pytest.approx((2.0, 22.0, 2.0))
-    assert answers[1].wxyz == (1.0, 0.0, 0.0, 0.0)
+    assert answers[2].position_m == pytest.approx((3.0, 22.0, 2.0))
+    assert answers[2].wxyz == (1.0, 0.0, 0.0, 0.0)
     program = SlamProgram([str(adapter), 'voc.txt', 'orb.yaml', 'stereo'], {}, 20.0, 20.0)
     try:
+        assert [a.state for a in feed(program, range(1, 3))] == [protocol.INITIALISING,
+                                                                 protocol.TRACKING]
         with pytest.raises(SlamError, match='ended with status 1 at the frame of 0.000 s'):
             feed(program, range(1, 2), (LEFT,))
     finally:

@@ -1,5 +1,5 @@
 // A stand-in for the public interface of ORB-SLAM3 1.0, with which the adapter is compiled in tests.
-// It tracks nothing: the camera is as far along x as there were frames. See test_adapter.py.
+// It tracks nothing: the camera is as far along x as there were frames. See test_protocol.py.
 #pragma once
 #include <array>
 #include <cstdio>
@@ -54,6 +54,8 @@ class System {
   }
   Sophus::SE3f TrackMonocular(const cv::Mat& left, double) { return Next(Last(left), {}); }
   int GetTrackingState() const { return frames_ == 1 ? 1 : 2; }
+  // 0 before the IMU is initialised: at the third frame.
+  double GetTimeFromIMUInit() const { return frames_ < 3 ? 0.0 : 0.1 * (frames_ - 2); }
   void Shutdown() {}
 
  private:
