@@ -28,6 +28,9 @@ static_assert(sizeof(double) == 8, "doubles of 64 bits");
 constexpr std::uint16_t kVersion = 1;
 constexpr std::uint32_t kMostBytes = 1u << 28;
 constexpr int kTrackingOk = 2;    // Tracking::OK of ORB-SLAM3
+// ORB-SLAM3 initialises the IMU 1 s after the first keyframe at the earliest. GetTimeFromIMUInit
+// reads a pointer that is not set before that keyframe is mapped, so it is not called sooner.
+constexpr double kLeastImuS = 1.0;
 enum Kind : std::uint16_t { kSettings = 1, kFrames, kImu, kEnd, kReady, kPose };
 enum State : std::uint32_t { kInitialising, kTracking, kLost };
 
@@ -102,6 +105,7 @@ int Run(const std::string& vocabulary, const std::string& settings, const std::s
   std::vector<char> body;
   char header[12];
   bool located = false;
+  double first_s = -1.0;    // stamp of the first tracked frame
   while (Read(header, sizeof(header))) {
     std::uint16_t version, kind;
     std::uint32_t length;
@@ -129,9 +133,11 @@ int Run(const std::string& vocabulary, const std::string& settings, const std::s
                            stamp_s, imu)
         : slam.TrackMonocular(left, stamp_s);
     imu.clear();
+    bool ok = slam.GetTrackingState() == kTrackingOk;
+    if (ok && first_s < 0.0) first_s = stamp_s;
     // Poses of a map that is not yet turned to gravity are of another frame than those after it.
-    const bool is_turned = !inertial || slam.GetTimeFromIMUInit() > 0.0;
-    const bool ok = slam.GetTrackingState() == kTrackingOk && is_turned;
+    if (inertial)
+      ok = ok && stamp_s - first_s > kLeastImuS && slam.GetTimeFromIMUInit() > 0.0;
     located |= ok;
     Write(kPose, PoseBody(stamp_ns, ok ? kTracking : located ? kLost : kInitialising, pose));
   }

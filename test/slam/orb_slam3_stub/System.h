@@ -3,6 +3,7 @@
 #pragma once
 #include <array>
 #include <cstdio>
+#include <cstdlib>
 #include <string>
 #include <vector>
 
@@ -54,8 +55,11 @@ class System {
   }
   Sophus::SE3f TrackMonocular(const cv::Mat& left, double) { return Next(Last(left), {}); }
   int GetTrackingState() const { return frames_ == 1 ? 1 : 2; }
-  // 0 before the IMU is initialised: at the third frame.
-  double GetTimeFromIMUInit() const { return frames_ < 3 ? 0.0 : 0.1 * (frames_ - 2); }
+  // 0 before the IMU is initialised, at the third frame. Before a keyframe it crashes, as theirs.
+  double GetTimeFromIMUInit() const {
+    if (frames_ < 3) std::abort();
+    return 0.1 * (frames_ - 2);
+  }
   void Shutdown() {}
 
  private:
