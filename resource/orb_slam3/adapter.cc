@@ -105,6 +105,7 @@ int Run(const std::string& vocabulary, const std::string& settings, const std::s
   std::vector<char> body;
   char header[12];
   bool located = false;
+  bool is_turned = false;   // the map, to gravity
   double first_s = -1.0;    // stamp of the first tracked frame
   while (Read(header, sizeof(header))) {
     std::uint16_t version, kind;
@@ -136,8 +137,12 @@ int Run(const std::string& vocabulary, const std::string& settings, const std::s
     bool ok = slam.GetTrackingState() == kTrackingOk;
     if (ok && first_s < 0.0) first_s = stamp_s;
     // Poses of a map that is not yet turned to gravity are of another frame than those after it.
-    if (inertial)
-      ok = ok && stamp_s - first_s > kLeastImuS && slam.GetTimeFromIMUInit() > 0.0;
+    // It is turned beside the tracking, so the frame during which it was may be of either.
+    const bool was_turned = is_turned;
+    if (inertial) {
+      is_turned = ok && stamp_s - first_s > kLeastImuS && slam.GetTimeFromIMUInit() > 0.0;
+      ok = was_turned && is_turned;
+    }
     located |= ok;
     Write(kPose, PoseBody(stamp_ns, ok ? kTracking : located ? kLost : kInitialising, pose));
   }

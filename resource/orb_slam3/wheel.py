@@ -68,6 +68,7 @@ class Tracker:
             self._slam = pyorbslam3.Slam(vocabulary, settings,
                                          getattr(pyorbslam3.Sensor, SENSORS[sensor]))
         self._imu_scale = np.array([1.0] * 4 + [self._per_m] * 3)   # of stamp, turn and force
+        self._is_turned = False         # the map, to gravity
         self.has_tracked = False
         self.has_started = False        # there has been a pose that stays
 
@@ -85,8 +86,11 @@ class Tracker:
         if result.state != self._ok:
             return None
         self.has_tracked = True
-        if self._sensor == 'stereo-inertial' and not self._slam.imu_initialized():
-            return None
+        if self._sensor == 'stereo-inertial':
+            # It is turned beside the tracking: the frame during which it was may be of either map.
+            was_turned, self._is_turned = self._is_turned, self._slam.imu_initialized()
+            if not (was_turned and self._is_turned):
+                return None
         self.has_started = True
         T = np.array(result.pose_wc, dtype=float)
         T[:3, 3] /= self._per_m
