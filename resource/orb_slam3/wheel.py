@@ -84,10 +84,11 @@ class Tracker:
         call = self._slam.track_monocular if self._sensor == 'mono' else self._slam.track_stereo
         result = call(*images, stamp_s, **more)
         if result.state != self._ok:
+            self._is_turned = False
             return None
         self.has_tracked = True
         if self._sensor == 'stereo-inertial':
-            # It is turned beside the tracking: the frame during which it was may be of either map.
+            # The map is turned beside the tracking: the pose meanwhile may be of either frame.
             was_turned, self._is_turned = self._is_turned, self._slam.imu_initialized()
             if not (was_turned and self._is_turned):
                 return None
