@@ -43,6 +43,14 @@ class DetailConfig(Parameters):
         'that of its centre', low=1, high=4)
     bounce: bool = param(True, 'indirect light: lit ground scatters light into shadows')
 
+    def with_samples(self, least: int) -> DetailConfig:
+        """Return it with at least so many samples along a side of a pixel.
+
+        Raises ConfigError if the number is not valid.
+        """
+        wanted = dataclasses.replace(self, supersampling=least)
+        return wanted if least > self.supersampling else self
+
 
 @dataclasses.dataclass(frozen=True)
 class TracksConfig(Parameters):

@@ -98,19 +98,17 @@ class Renderer:
                    samples: int = 1) -> FurtherCamera:
         """Return a further camera in the same world, which the renderer owns.
 
-        config: a `ChaseConfig`, a `HazardConfig` with its mount, or the plain one; seed: of its
-            noise; by default that of the renderer and the number of the camera
-        samples: along a side of a pixel, at least; 1 leaves it at `detail.supersampling`
-
+        config: a `ChaseConfig`, a `HazardConfig` with its mount, or the plain one
+        seed: of its noise; by default that of the renderer and the number of the camera
+        samples: see `DetailConfig.with_samples`
         At most one frame of the pair may be under way. Raises RenderError if the device cannot
-        draw this size.
+        draw this size, ConfigError if `samples` is not valid.
         """
         self._check_open()
         self._check_one_under_way('add_camera')
-        detail = dataclasses.replace(self.config.detail, supersampling=max(
-            samples, self.config.detail.supersampling))
         own = dataclasses.replace(self.config, camera=config.camera, lens=config.lens,
-                                  sensor=config.sensor, detail=detail)
+                                  sensor=config.sensor,
+                                  detail=self.config.detail.with_samples(samples))
         seed = self.seed + len(self._further) + 1 if seed is None else seed
         camera = geometry_of(config)
         drawn: CameraRenderer | FisheyeRenderer

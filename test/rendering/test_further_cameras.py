@@ -12,9 +12,9 @@ import scipy.ndimage
 from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig, ChaseMount
 from lunar_rover_sim.camera.config import CameraConfig, FurtherCameraConfig
 from lunar_rover_sim.camera.mount import BodyMount, MovingMount
-from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.errors import ConfigError, RenderError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.labels import rover_links
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -137,3 +137,11 @@ def test_samples_draw_thin_parts(renderer: Renderer) -> None:
     once, twice = (float(np.sqrt(np.mean((frame.radiance - frames[2].radiance)[rover]**2)))
                    for frame in frames[:2])
     assert twice < 0.7 * once
+
+
+def test_samples(renderer: Renderer) -> None:
+    """They are a least number: a finer renderer keeps its own. What cannot be is refused."""
+    assert [DetailConfig(supersampling=3).with_samples(n).supersampling for n in (1, 2, 4)] == [
+        3, 3, 4]
+    with pytest.raises(ConfigError, match='supersampling: 0 is not valid; valid is 1 to 4'):
+        renderer.add_camera(CHASE, ChaseMount(CHASE, 50.0, renderer.world), samples=0)

@@ -1,4 +1,7 @@
-"""Labels, craters, shadow, normals and flow against ray casts, kinematics and the catalogue."""
+"""Labels, craters, shadow, normals and flow against ray casts, kinematics and the catalogue.
+
+Longer than other files: one view, drawn and met by rays once, serves nearly all tests.
+"""
 
 import dataclasses
 import json
