@@ -184,6 +184,10 @@ class Bag:
             return True
         return False
 
+    def count(self, topic: str) -> int:
+        """Return the number of messages of a topic as in `has`; 0 where it is not there."""
+        return self.counts[self.resolve(topic)] if self.has(topic) else 0
+
     def resolve(self, topic: str) -> str:
         """Return the full name of a topic given in full or as in the contract.
 

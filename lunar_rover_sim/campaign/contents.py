@@ -26,8 +26,7 @@ _NEEDS: Mapping[str, tuple[tuple[topics.Topic, ...], ...]] = {
 
 def recorded_topics(bag: Bag) -> list[str]:
     """Return the topics of the contract of which a bag holds messages."""
-    return [topic.name for topic in topics.CONTRACT
-            if bag.has(topic.name) and bag.counts[bag.resolve(topic.name)]]
+    return [topic.name for topic in topics.CONTRACT if bag.count(topic.name)]
 
 
 def contents(recorded: Iterable[str], campaign: Mapping[str, Any]) -> list[str]:

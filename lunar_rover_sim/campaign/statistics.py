@@ -67,8 +67,7 @@ def statistics(path: Path | str) -> dict[str, Any]:
     with open_bag(path) as bag:
         result['bytes'] = bag.size_bytes
         result['duration_s'] = simulated_end_ns(bag) / 1e9
-        result['frames'] = bag.counts[bag.resolve(topics.LEFT_IMAGE.name)] \
-            if bag.has(topics.LEFT_IMAGE.name) else 0
+        result['frames'] = bag.count(topics.LEFT_IMAGE.name)
         if bag.has(bag.truth):
             result.update(_path(bag))
         if bag.has(topics.SUN.name):

@@ -68,7 +68,7 @@ def open_images(path: Path | str) -> ImageSet:
                              for pattern in ('*.mcap', '*.db3')):
         with open_bag(path) as bag:
             name = topics.LEFT_IMAGE.name
-            count = bag.counts[bag.resolve(name)] if bag.has(name) else 0
+            count = bag.count(name)
         if not count:
             raise EvaluationError(f'{path}: holds no images on {name}')
         return ImageSet(path, 'bag', count, lambda most: _bag_pairs(path, most))

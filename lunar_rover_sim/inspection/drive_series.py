@@ -87,7 +87,7 @@ class DriveSeries(NamedTuple):
 def read_drive(bag: Bag, start_ns: int | None = None, end_ns: int | None = None) -> DriveSeries:
     """Return the motion in a bag between two times; raise BagError where it holds none."""
     for name in (bag.truth, topics.JOINT_STATES.name):
-        if not bag.has(name) or not bag.counts[bag.resolve(name)]:
+        if not bag.count(name):
             raise BagError(f'{bag.path}: holds no drive: {name} is missing')
     contacts = [topic.name for topic in topics.CONTACTS if bag.has(topic.name)]
     names = {bag.resolve(name): name

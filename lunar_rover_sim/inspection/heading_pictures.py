@@ -48,7 +48,7 @@ class _Truth:
 def heading_figure(bag: Bag, save: Save) -> None:
     """Draw what sun sensor, star tracker, wheel odometry and power monitors say, and the truth."""
     truth = None
-    if _held(bag, bag.truth):
+    if bag.count(bag.truth):
         truth = _Truth(series.read_odometry(bag))
     panels = [*_sun_panels(bag, truth), *_star_panels(bag, truth), *_wheel_panels(bag, truth),
               *_power_panels(bag)]
@@ -73,10 +73,6 @@ def heading_figure(bag: Bag, save: Save) -> None:
     save(figure, FILE)
 
 
-def _held(bag: Bag, name: str) -> bool:
-    return bag.has(name) and bag.counts[bag.resolve(name)] > 0
-
-
 def _read(bag: Bag, name: str, row: Callable[[Any], tuple[float, ...]]
           ) -> tuple[series.Stamps, Array]:
     """Return stamps [ns] and rows of a topic."""
@@ -86,7 +82,7 @@ def _read(bag: Bag, name: str, row: Callable[[Any], tuple[float, ...]]
 
 
 def _sun_panels(bag: Bag, truth: _Truth | None) -> Iterator[Panel]:
-    if not _held(bag, topics.SUN_SENSOR.name):
+    if not bag.count(topics.SUN_SENSOR.name):
         return
     stamps, measured = _read(bag, topics.SUN_SENSOR.name, lambda m: xyz(m.vector))
     sun = _true_sun(bag)
@@ -126,7 +122,7 @@ def _true_sun(bag: Bag) -> Callable[[Array], Array] | None:
 
     Runs without render_node have no topic of it; a sun that stands still is in their scenario.
     """
-    if _held(bag, topics.SUN.name):
+    if bag.count(topics.SUN.name):
         stamps, vectors = _read(bag, topics.SUN.name, lambda m: xyz(m.vector))
         return lambda t: vectors[np.maximum(
             np.searchsorted(stamps * 1e-9, t, side='right') - 1, 0)]
@@ -150,7 +146,7 @@ def _angles_deg(directions: Array) -> tuple[Array, Array]:
 
 def _star_panels(bag: Bag, truth: _Truth | None) -> Iterator[Panel]:
     name = topics.STAR_TRACKER.name
-    if truth is None or not _held(bag, name):
+    if truth is None or not bag.count(name):
         return
     stamps, quaternions = _read(bag, name, lambda m: wxyz(m.orientation))
     measured = Rotation.from_quat(quaternions[:, [1, 2, 3, 0]])
@@ -168,7 +164,7 @@ def _star_panels(bag: Bag, truth: _Truth | None) -> Iterator[Panel]:
 
 def _wheel_panels(bag: Bag, truth: _Truth | None) -> Iterator[Panel]:
     name = topics.WHEEL_ODOM.name
-    if not _held(bag, name):
+    if not bag.count(name):
         return
     wheel = series.read_odometry(bag, name)
     t = wheel.stamps_ns * 1e-9
@@ -212,7 +208,7 @@ def _wheel_panels(bag: Bag, truth: _Truth | None) -> Iterator[Panel]:
 
 def _power_panels(bag: Bag) -> Iterator[Panel]:
     lines = {topic.name: _read(bag, topic.name, lambda m: (m.voltage, m.current))
-             for topic in (*topics.POWER, topics.SOLAR_POWER) if _held(bag, topic.name)}
+             for topic in (*topics.POWER, topics.SOLAR_POWER) if bag.count(topic.name)}
     motors = [topic.name for topic in topics.POWER[:-1] if topic.name in lines]
 
     def currents(axes: Any) -> None:

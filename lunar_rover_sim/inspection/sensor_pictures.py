@@ -88,9 +88,9 @@ def _spread(stamps: Sequence[int], count: int) -> list[int]:
 
 def lidar_figure(bag: Bag, save: Save) -> None:
     """Draw the last scan: from above, coloured by intensity, and by direction, by distance."""
-    cloud = next((t for t in _CLOUDS if bag.has(t.name) and bag.counts[bag.resolve(t.name)]), None)
+    cloud = next((t for t in _CLOUDS if bag.count(t.name)), None)
     scans = topics.LIDAR_SCAN.name
-    has_scan = bag.has(scans) and bool(bag.counts[bag.resolve(scans)])
+    has_scan = bag.count(scans) > 0
     if cloud is None and not has_scan:
         return
     name = scans if cloud is None else cloud.name

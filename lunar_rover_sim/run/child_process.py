@@ -50,7 +50,7 @@ class Ended:
         if self.timed_out:
             return f'was ended after {self.wall_s:.0f} s'
         if self.status < 0:
-            return f'crashed with {_signal_name(-self.status)}'
+            return f'crashed with {signal_name(-self.status)}'
         return f'ended with status {self.status}' if self.status else ''
 
     @property
@@ -192,7 +192,8 @@ def _signal_group(pid: int, number: signal.Signals) -> None:
         os.killpg(pid, number)
 
 
-def _signal_name(number: int) -> str:
+def signal_name(number: int) -> str:
+    """Return the name of a signal, SIGKILL of 9."""
     try:
         return signal.Signals(number).name
     except ValueError:      # a real-time signal

@@ -12,7 +12,6 @@ import importlib.util
 import logging
 import queue
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -22,7 +21,7 @@ from typing import Any
 from rosbags.typesys import get_typestore, Stores
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.child_process import dies_with_parent, end_group
+from lunar_rover_sim.run.child_process import dies_with_parent, end_group, signal_name
 from lunar_rover_sim.run.node_processes import ros_environment
 
 HOST = '127.0.0.1'
@@ -175,7 +174,7 @@ class ViewProcess:
         if status is None or self._told_end:
             return ''
         self._told_end = True
-        how = f'with status {status}' if status >= 0 else f'with {signal.Signals(-status).name}'
+        how = f'with status {status}' if status >= 0 else f'with {signal_name(-status)}'
         return f'view_node: ended {how}; the run goes on without the live view'
 
     def stop(self) -> None:

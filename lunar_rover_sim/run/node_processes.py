@@ -16,7 +16,7 @@ import psutil
 
 from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.run.child_process import dies_with_parent
+from lunar_rover_sim.run.child_process import dies_with_parent, signal_name
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.run.ros_installation import dds_environment
 from lunar_rover_sim.run.thread_states import is_at_work, Looks
@@ -220,7 +220,7 @@ class NodeProcesses:
             return []
         if name == 'recorder_node' and process.returncode < 0:
             mark_failed(self._folder / BAG_FOLDER,
-                        f'{name} ended with {signal.Signals(-process.returncode).name}')
+                        f'{name} ended with {signal_name(-process.returncode)}')
         return [self._describe_end(name)]
 
     def kill(self) -> None:
@@ -252,7 +252,7 @@ class NodeProcesses:
     def _describe_end(self, name: str) -> str:
         """Return how a node ended, with the reason that it gave, and its log."""
         status = self._processes[name].returncode
-        how = f'status {status}' if status >= 0 else signal.Signals(-status).name
+        how = f'status {status}' if status >= 0 else signal_name(-status)
         # Lines of level INFO are no reason.
         lines = [line.strip() for line in self._log_lines(name)
                  if line.strip() and not line.startswith('[INFO]')]

@@ -31,8 +31,7 @@ def sensors_left_out(bag: Bag, taken: Collection[str],
     """
     named: dict[str, list[str]] = defaultdict(list)
     for topic in OF_SENSORS:
-        if (topic.name not in taken and bag.has(topic.name)
-                and bag.counts[bag.resolve(topic.name)]):
+        if topic.name not in taken and bag.count(topic.name):
             named[lacks.get(topic.name, NO_PLACE)].append(topic.name)
     return [f'left out: {", ".join(names)}; {reason}' for reason, names in named.items()]
 

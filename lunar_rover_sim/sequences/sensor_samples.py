@@ -40,8 +40,7 @@ class SensorSamples:
 
     def __init__(self, bag: Bag) -> None:
         self._path = bag.path
-        self.recorded = [name for name in CARRIED
-                         if bag.has(name) and bag.counts[bag.resolve(name)]]
+        self.recorded = [name for name in CARRIED if bag.count(name)]
         self._recent: RecentMessages[Any] = RecentMessages()
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> None:

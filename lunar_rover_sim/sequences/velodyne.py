@@ -35,8 +35,7 @@ _POSES_NS = 3 * KEPT_NS     # a scan lasts 1 s at most
 
 def recorded_cloud(bag: Bag) -> str | None:
     """Return the topic of the clouds that a sequence holds; None where the bag has none."""
-    return next((name for name in reversed(CLOUDS)
-                 if bag.has(name) and bag.counts[bag.resolve(name)]), None)
+    return next((name for name in reversed(CLOUDS) if bag.count(name)), None)
 
 
 class VelodyneFiles:

@@ -6,14 +6,13 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import queue
-import signal
 import subprocess
 import threading
 import time
 from typing import Any
 
 from lunar_rover_sim.errors import SlamError
-from lunar_rover_sim.run.child_process import dies_with_parent, end_group, executable
+from lunar_rover_sim.run.child_process import dies_with_parent, end_group, executable, signal_name
 from lunar_rover_sim.slam import protocol
 from lunar_rover_sim.slam.protocol import FrameSet, TrackedPose
 
@@ -85,7 +84,7 @@ class SlamProgram:
                 self._process.wait(1.0)     # its output has ended, it is about to follow
             status = self._process.poll()
             how = ('closed its output' if status is None else f'ended with status {status}'
-                   if status >= 0 else f'crashed with {signal.Signals(-status).name}')
+                   if status >= 0 else f'crashed with {signal_name(-status)}')
             raise SlamError(f'{self._name}: {how}{at or " before it was ready"}')
         now_s = time.monotonic()
         if not self.is_ready and now_s - self._since_s > self._ready_s:

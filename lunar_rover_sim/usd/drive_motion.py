@@ -49,7 +49,7 @@ class DriveMotion(NamedTuple):
 def read_motion(bag: Bag) -> DriveMotion:
     """Return the motion in a bag, which is read once; raise UsdError where it holds no drive."""
     for name in (bag.truth, topics.JOINT_STATES.name):
-        if not bag.has(name) or not bag.counts[bag.resolve(name)]:
+        if not bag.count(name):
             raise UsdError(f'{bag.path}: holds no drive: {name} is missing')
     rows: dict[str, Callable[[Any], Any]] = {
         bag.truth: odometry_row,
