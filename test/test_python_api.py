@@ -18,6 +18,7 @@ import pytest
 import lunar_rover_sim
 from lunar_rover_sim import LunarRoverSimError, open_bag, record, Scenario
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
+from lunar_rover_sim.bag.recording_pace import recorded_factor
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError
 
@@ -181,8 +182,11 @@ def test_record(recorded_run: Path, tmp_path: Path) -> None:
     assert bag_hash(recording.bag) == bag_hash(recorded_run / 'bag')
     with open_bag(recording.bag) as bag:
         assert recording.counts == dict(bag.counts)
+        factor = recorded_factor(bag)
     assert recording.simulated_s == 2.0
     assert recording.real_time_factor == 2.0 / recording.wall_s
+    assert factor is not None
+    assert factor > recording.real_time_factor      # which has the start of the nodes in it
     assert set(recording.cpu_s) == set(recording.scenario.run.nodes)
     assert not recording.interrupted
     assert seen[-1] == 2_000_000_000

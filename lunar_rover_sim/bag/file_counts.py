@@ -1,4 +1,4 @@
-"""What metadata.yaml says of each file of a bag; rosbags shows only what it says of the whole."""
+"""What metadata.yaml says of a bag and of each of its files; rosbags shows less of it."""
 
 from __future__ import annotations
 
@@ -20,6 +20,12 @@ def is_count(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
 
 
+def information(bag: Path) -> Any:
+    """Return what metadata.yaml of a bag folder says; raises what reading and YAML raise."""
+    with (bag / marker.METADATA_NAME).open('rb') as file:
+        return yaml.load(file, _Loader)['rosbag2_bagfile_information']  # noqa: S506
+
+
 def file_counts(bag: Path) -> dict[str, int | None]:
     """Return file → number of its messages by metadata.yaml, in the order of time.
 
@@ -28,10 +34,9 @@ def file_counts(bag: Path) -> dict[str, int | None]:
     """
     where = bag / marker.METADATA_NAME
     try:
-        with where.open('rb') as file:
-            information = yaml.load(file, _Loader)['rosbag2_bagfile_information']  # noqa: S506
-        names = [PurePath(path).name for path in information['relative_file_paths']]
-        listed = information.get('files') or []
+        told = information(bag)
+        names = [PurePath(path).name for path in told['relative_file_paths']]
+        listed = told.get('files') or []
         entries = [(PurePath(entry['path']).name, entry['message_count']) for entry in listed]
     # Whatever is in the file instead of them; its reader has let it pass.
     except (OSError, yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError,

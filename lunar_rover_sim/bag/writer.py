@@ -27,6 +27,7 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import write_checksums
 from lunar_rover_sim.bag.definitions import learn
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
+from lunar_rover_sim.bag.recording_pace import REAL_TIME_FACTOR
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
@@ -151,10 +152,11 @@ class BagWriter:
         self.counts[topic] += 1
         self._newest_ns = max(self._newest_ns, bag_ns)
 
-    def close(self, incomplete: str = '') -> None:
+    def close(self, incomplete: str = '', real_time_factor: float | None = None) -> None:
         """Finish the bag: index, metadata, everything on the disk. Repeating it does nothing.
 
         incomplete: why the recording is not complete; the bag stays marked with that.
+        real_time_factor: of the recording, for the metadata.
         """
         writer = self._writer
         if writer is None:
@@ -163,6 +165,8 @@ class BagWriter:
             if incomplete:
                 marker.mark(self.path, incomplete)
                 writer.set_custom_data('incomplete', incomplete)
+            if real_time_factor is not None:
+                writer.set_custom_data(REAL_TIME_FACTOR, f'{real_time_factor:.3g}')
             writer.close()
             self._name_distribution()
             if self._file.suffix == '.mcap':

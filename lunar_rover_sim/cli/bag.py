@@ -15,6 +15,7 @@ from rich.text import Text
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.recording_pace import recorded_factor
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.cli import bag_video
@@ -98,10 +99,12 @@ def _info(args: argparse.Namespace) -> int:
             count = bag.counts[topic]
             rate = f'{count / span_s:.1f} Hz' if count > 2 and span_s > 0 else ''
             rows.add_row(topic, msgtype, str(count), rate)
+        factor = recorded_factor(bag)
+        pace = '' if factor is None else f', real-time factor {factor:.3g}'
         out.print(rows)
         out.print(f'{bag.message_count} messages, {bag.start_ns * 1e-9:.3f} s to '
                   f'{end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
-                  f'{bag.storage_path.suffix.lstrip(".")}', **_PLAIN)
+                  f'{bag.storage_path.suffix.lstrip(".")}{pace}', **_PLAIN)
         if bag.incomplete:
             out.print(f'INCOMPLETE: {bag.incomplete}', **_PLAIN)
     return 0

@@ -18,6 +18,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
+from lunar_rover_sim.bag.recording_pace import recorded_factor
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
 from lunar_rover_sim.errors import BagError, ConfigError
@@ -25,7 +26,7 @@ from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.inspection.bag_pictures import recorded_world
 from lunar_rover_sim.inspection.drive_series import read_drive, WINDOW_S
-from lunar_rover_sim.inspection.film_panels import Captions, Plots
+from lunar_rover_sim.inspection.film_panels import Captions, pace_caption, Plots
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.layer_pictures import disparity_picture, gray8
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -92,6 +93,7 @@ class Film:
         with open_bag(path) as bag:
             self._nodes = recorded_nodes(bag)
             self.chase = self._nodes.render.chase
+            self._factor = recorded_factor(bag)
             if not options.bare and not bag.has(topics.LEFT_IMAGE.name):
                 raise BagError(f'{path}: holds no {topics.LEFT_IMAGE.name}; --bare makes a film '
                                'without it')
@@ -132,6 +134,7 @@ class Film:
         config = dataclasses.replace(render, sun=sun, detail=dataclasses.replace(
             render.detail, smooth_outlines=True))
         captions = Captions(width)
+        pace = pace_caption(options.speed, self._factor)
         with open_bag(self._path) as bag, \
                 Renderer(self.world, self._nodes.rover, config, config.seed) as renderer:
             overlay = Overlay() if bag.has(topics.GROUND_CHANGES.name) else None
@@ -149,8 +152,7 @@ class Film:
                 pixels = camera.render(state, k).left
                 assert pixels is not None
                 outside = gray8(pixels)[..., ::-1].copy()
-                captions.draw(outside, f'simulated time {time_ns / NS_PER_S:.1f} s',
-                              f'film speed × {options.speed:g}')
+                captions.draw(outside, f'simulated time {time_ns / NS_PER_S:.1f} s', pace)
                 if plots is None:
                     yield outside
                     continue

@@ -50,6 +50,12 @@ class Captions:
         picture[...] = np.asarray(image)
 
 
+def pace_caption(speed: float, real_time_factor: float | None) -> str:
+    """Return how fast a film is, and how fast its drive was recorded, if that is known."""
+    recorded = '' if real_time_factor is None else f'real-time factor {real_time_factor:.2g}, '
+    return f'{recorded}film speed × {speed:g}'
+
+
 class Plots:
     """Pitch and slip over time, with a line that moves on; what is to come is dim."""
 

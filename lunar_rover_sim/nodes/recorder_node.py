@@ -15,6 +15,7 @@ from std_msgs.msg import Header, String
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
+from lunar_rover_sim.bag.recording_pace import RecordingPace
 from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import ConfigError, GraphError
@@ -60,7 +61,7 @@ class RecorderNode(node_main.GraphNode):
         self._jump = TimeJump(self)
         self._subscribed: set[str] = set()
         self._rate, self._drops, self._newest_told_ns = Rate(0.0), Drops(), -1
-        self._newest_ns = 0
+        self._newest_ns, self._pace = 0, RecordingPace()
         self._clock_ns = 0     # the latest, also of the time before a restart
         self._warned: set[str] = set()
 
@@ -84,7 +85,7 @@ class RecorderNode(node_main.GraphNode):
 
     def close(self) -> None:
         """Finish the bag, which holds every message received."""
-        self._writer.close()
+        self._writer.close(real_time_factor=self._pace.real_time_factor)
 
     def _discover(self) -> None:
         self._publish_written()
@@ -178,6 +179,7 @@ class RecorderNode(node_main.GraphNode):
     def _acknowledge(self, name: str, stamp_ns: int) -> None:
         """Note up to which stamp all acknowledged topics are written, and publish it."""
         self._newest_ns = max(self._newest_ns, stamp_ns)
+        self._pace.note(self._newest_ns)
         if self._written.write(name, stamp_ns):
             self._publish_written()
 
