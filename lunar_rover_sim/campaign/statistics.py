@@ -98,7 +98,7 @@ def _path(bag: Bag) -> dict[str, float]:
             'largest_tilt_deg': float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))).max())}
 
 
-class _Sample(NamedTuple):
+class _StereoSet(NamedTuple):
     """A stereo set: left image, true depth [m], disparity message."""
 
     left: NDArray[Any]
@@ -106,7 +106,7 @@ class _Sample(NamedTuple):
     disparity: Any
 
 
-def _samples(bag: Bag) -> Iterator[_Sample]:
+def _samples(bag: Bag) -> Iterator[_StereoSet]:
     if not bag.has(topics.LEFT_IMAGE.name):
         return
     names = {bag.resolve(t.name): t for t in (topics.LEFT_IMAGE, topics.TRUE_DEPTH,
@@ -118,8 +118,8 @@ def _samples(bag: Bag) -> Iterator[_Sample]:
                  bag.messages(names, stamps[k], stamps[k] + 1)}
         depth = picture(bag, found[topics.TRUE_DEPTH]).pixels \
             if topics.TRUE_DEPTH in found else None
-        yield _Sample(picture(bag, found[topics.LEFT_IMAGE]).pixels, depth,
-                      found.get(topics.DISPARITY))
+        yield _StereoSet(picture(bag, found[topics.LEFT_IMAGE]).pixels, depth,
+                         found.get(topics.DISPARITY))
 
 
 def _images(bag: Bag) -> dict[str, float]:
@@ -133,7 +133,7 @@ def _images(bag: Bag) -> dict[str, float]:
             for name, values in collected.items()}
 
 
-def _describe(bag: Bag, sample: _Sample, linear: bool) -> dict[str, float]:
+def _describe(bag: Bag, sample: _StereoSet, linear: bool) -> dict[str, float]:
     levels = _levels(sample.left)
     corners = cv2.FastFeatureDetector.create(_CORNER_THRESHOLD).detect(
         np.ascontiguousarray((levels * 255.0).astype(np.uint8)))

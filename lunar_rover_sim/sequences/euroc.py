@@ -17,7 +17,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import imu_row, pose_matrix, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.frames import Array, inverse, wxyz_from_matrix
-from lunar_rover_sim.sequences.further import FurtherCamera
+from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter, Sequence
 
 _CAMERAS = {topics.LEFT_IMAGE.name: 'cam0', topics.RIGHT_IMAGE.name: 'cam1'}
@@ -67,7 +67,7 @@ class EurocSequence(Sequence):
                 self._image(camera, stamp_ns, pixels[name])
         self.line('times.txt', str(stamp_ns))
 
-    def further_images(self, camera: FurtherCamera, stamp_ns: int,
+    def further_images(self, camera: RecordedCamera, stamp_ns: int,
                        pixels: dict[str, NDArray[Any]]) -> None:
         """Write an image of a hazard camera, whose stamps are its own."""
         self._image(self._further[camera.name], stamp_ns,
@@ -132,7 +132,7 @@ class EurocSequence(Sequence):
                          (suite.focal_px, suite.centre_px), 'radial-tangential',
                          [k1, k2, p1, p2]), f'rate_hz: {suite.frame_rate_hz:g}']
 
-    def _further_lines(self, camera: FurtherCamera) -> list[str]:
+    def _further_lines(self, camera: RecordedCamera) -> list[str]:
         c = camera.calibration
         model = 'equidistant' if camera.is_fisheye else 'radial-tangential'
         return _camera(f'simulated hazard camera {camera.name}',

@@ -27,7 +27,7 @@ _MOST_WAITING = 2000    # angles kept in memory
 
 
 @dataclasses.dataclass
-class _Frame:
+class _FlowFrame:
     number: int
     stamp_ns: int
     depth_m: NDArray[np.float32]
@@ -45,13 +45,13 @@ class FlowFiles:
                  rover: RoverDescription) -> None:
         self._folder, self._K, self._T_base_camera = folder, K, T_base_camera
         self._rover = rover
-        self._frames: deque[_Frame] = deque()
+        self._frames: deque[_FlowFrame] = deque()
         self._angles: dict[int, Array] = {}
 
     def image(self, number: int, stamp_ns: int, depth_m: NDArray[np.float32],
               label: NDArray[np.uint16]) -> None:
         """Take the (h, w) truth of the next image."""
-        self._frames.append(_Frame(number, stamp_ns, depth_m, label))
+        self._frames.append(_FlowFrame(number, stamp_ns, depth_m, label))
 
     def pose(self, T_odom_base: Array) -> None:
         """Take the pose of the first image that has none."""
@@ -80,7 +80,7 @@ class FlowFiles:
                     return
             self._write(self._frames.popleft(), self._frames[0])
 
-    def _write(self, frame: _Frame, following: _Frame) -> None:
+    def _write(self, frame: _FlowFrame, following: _FlowFrame) -> None:
         assert frame.T_odom_base is not None and following.T_odom_base is not None
         links = self._links(frame.T_odom_base, frame.stamp_ns)
         links_then = self._links(following.T_odom_base, following.stamp_ns)

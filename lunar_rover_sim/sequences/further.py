@@ -20,7 +20,7 @@ FISHEYE = 'equidistant'     # distortion_model of CameraInfo
 
 
 @dataclasses.dataclass(frozen=True)
-class FurtherCamera:
+class RecordedCamera:
     """A hazard camera whose images and CameraInfo are in a bag.
 
     name: as below `hazard/`, of one of a pair with /left or /right
@@ -49,14 +49,14 @@ class FurtherCamera:
         return self.is_fisheye or not self.calibration.D.any()
 
 
-def further_cameras(bag: Bag) -> list[FurtherCamera]:
+def further_cameras(bag: Bag) -> list[RecordedCamera]:
     """Return the hazard cameras of a bag, in the order of their names.
 
     One without CameraInfo is left out. Raises BagError where the bag does not say where a camera
     is on the rover.
     """
-    return [FurtherCamera(name, names, read_calibration(bag, names[topics.HAZARD_INFO]),
-                          _place(bag, name))
+    return [RecordedCamera(name, names, read_calibration(bag, names[topics.HAZARD_INFO]),
+                           _place(bag, name))
             for name, names in hazard_topics(bag).items()
             if {topics.HAZARD_IMAGE, topics.HAZARD_INFO} <= set(names)]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.sequences.further import FurtherCamera
+from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.instances import check_pinhole, Instance, instances
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 
@@ -57,7 +57,7 @@ class LabelledSequence(Sequence):
                           for name in (camera.image, camera.labels, camera.craters)
                           if name not in self.needs)
 
-    def has_place_for(self, camera: FurtherCamera) -> bool:
+    def has_place_for(self, camera: RecordedCamera) -> bool:
         """Return whether it has labels that fit its images."""
         return topics.HAZARD_LABELS in camera.topics and camera.fits_truth
 
@@ -71,7 +71,7 @@ class LabelledSequence(Sequence):
         for camera in self._cameras:
             self._take(camera, stamp_ns, pixels)
 
-    def further_images(self, camera: FurtherCamera, stamp_ns: int,
+    def further_images(self, camera: RecordedCamera, stamp_ns: int,
                        pixels: dict[str, NDArray[Any]]) -> None:
         """Take the images of a hazard camera."""
         image, labels, craters = (camera.topics.get(topic, '') for topic in self.of_further)

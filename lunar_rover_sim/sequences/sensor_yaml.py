@@ -9,7 +9,7 @@ import numpy as np
 
 from lunar_rover_sim.files.yaml_text import yaml_of
 from lunar_rover_sim.frames import Array, inverse
-from lunar_rover_sim.sequences.further import FurtherCamera
+from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.sensors import SensorSuite
 
 CALIBRATION_FILE = 'calibration.yaml'
@@ -17,7 +17,7 @@ CALIBRATION_FILE = 'calibration.yaml'
 
 def calibration_yaml(suite: SensorSuite, kind: str,
                      depth: Mapping[str, Mapping[str, Any]],
-                     further: Iterable[FurtherCamera] = (),
+                     further: Iterable[RecordedCamera] = (),
                      T_base_lidar: Array | None = None) -> str:
     """Return cameras, mounts, IMU and depth units of a sequence as YAML.
 
@@ -32,7 +32,7 @@ def calibration_yaml(suite: SensorSuite, kind: str,
                 'distortion_model': 'plumb_bob', 'k1_k2_p1_p2_k3': list(suite.distortion),
                 'T_imu_camera': _rows(T_imu_camera)}
 
-    def hazard(camera: FurtherCamera) -> dict[str, Any]:
+    def hazard(camera: RecordedCamera) -> dict[str, Any]:
         c = camera.calibration
         return {'width_px': c.width, 'height_px': c.height,
                 'fx_fy_cx_cy_px': list(c.fx_fy_cx_cy_px),

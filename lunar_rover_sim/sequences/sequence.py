@@ -17,7 +17,7 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.sequences.extrinsics import recorded_frame
-from lunar_rover_sim.sequences.further import further_cameras, FurtherCamera
+from lunar_rover_sim.sequences.further import further_cameras, RecordedCamera
 from lunar_rover_sim.sequences.sensors import recorded_sensors, SensorSuite
 
 _THREADS = 2
@@ -93,7 +93,7 @@ class Sequence:
                              if any(bag.has(name) for name in scans) else None)
         self._files: dict[str, TextIO] = {}
 
-    def has_place_for(self, camera: FurtherCamera) -> bool:
+    def has_place_for(self, camera: RecordedCamera) -> bool:
         """Return whether the images of a hazard camera are written."""
         return True
 
@@ -101,7 +101,7 @@ class Sequence:
         """Take one complete set of images, by topic."""
         raise NotImplementedError
 
-    def further_images(self, camera: FurtherCamera, stamp_ns: int,
+    def further_images(self, camera: RecordedCamera, stamp_ns: int,
                        pixels: dict[str, NDArray[Any]]) -> None:
         """Take one complete set of a hazard camera, by its topics in the bag."""
         raise NotImplementedError

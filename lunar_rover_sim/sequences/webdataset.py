@@ -21,7 +21,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.files.images import png_bytes
 from lunar_rover_sim.frames import Array, inverse
-from lunar_rover_sim.sequences.further import FurtherCamera
+from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.instances import check_pinhole
 from lunar_rover_sim.sequences.posed import PosedSequence
 from lunar_rover_sim.sequences.recent_messages import KEPT_NS, LATE_NS
@@ -120,7 +120,7 @@ class WebDatasetSequence(PosedSequence):
             (folder / VOCABULARY_FILE).write_text(bag.first(topics.LABEL_INFO.name).data,
                                                   encoding='utf-8')
 
-    def has_place_for(self, camera: FurtherCamera) -> bool:
+    def has_place_for(self, camera: RecordedCamera) -> bool:
         """Return whether its truth fits its images, where it has any."""
         return camera.fits_truth or topics.HAZARD_LABELS not in camera.topics
 
@@ -142,7 +142,7 @@ class WebDatasetSequence(PosedSequence):
                 self._measure(sample)
         self._sensors.add(topic, stamp_ns, message)
 
-    def further_images(self, camera: FurtherCamera, stamp_ns: int,
+    def further_images(self, camera: RecordedCamera, stamp_ns: int,
                        pixels: dict[str, NDArray[Any]]) -> None:
         """Keep the images of a hazard camera for the sample of their stamp."""
         names = {name: camera.word + _FURTHER[topic] for topic, name in camera.topics.items()
