@@ -146,9 +146,9 @@ def markdown(card: dict[str, Any]) -> str:
                else []), '',
              '## What is in an episode', '',
              'Every folder in `episodes/` holds `scenario.yaml`, from which `lunar_rover_sim run '
-             'scenario.yaml -o DIR` records the same bag, byte for byte on one kind of machine; '
-             '`manifest.json` with the sizes and SHA-256 of all files, the result of the bag '
-             'check and the statistics; and:', '',
+             'scenario.yaml -o DIR` records the same messages, byte for byte on one kind of '
+             'machine; `manifest.json` with the sizes and SHA-256 of all files, the result of the '
+             'bag check and the statistics; and:', '',
              *(f'- `{kind}`: {what}' for kind, what in _kept(card).items()), '',
              '## Statistics', '', '| | mean | min | max | total | meaning |', '|---|---|---|---|'
              '---|---|']
