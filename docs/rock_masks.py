@@ -42,6 +42,9 @@ def load(folder, split):
     Targets are 1 on rocks, 0 elsewhere, IGNORED on rocks that show too few pixels.
     """
     pictures, targets, told = [], [], []
+    # Shards of a data set name the scenario of each drive in the index of their split.
+    index = Path(folder) / f'{split}.json'
+    drives = json.loads(index.read_text()).get('drives', {}) if index.exists() else {}
     for _, files in samples(sorted(Path(folder).glob(f'{split}-*.tar'))):
         pictures.append(cv2.imdecode(np.frombuffer(files['left.png'], np.uint8),
                                      cv2.IMREAD_GRAYSCALE))
@@ -50,7 +53,8 @@ def load(folder, split):
         rock = label >= FIRST_ROCK
         targets.append(np.where(rock & few[label], IGNORED, rock).astype(np.uint8))
         about = json.loads(files['json'])
-        told.append((about.get('base', 'all'), about['world']))
+        drive = {'base': 'all', **about, **drives.get(about.get('drive'), {})}
+        told.append((drive['base'], drive['world']))
     return np.stack(pictures), np.stack(targets), told
 
 

@@ -48,6 +48,20 @@ def test_shards_are_read_and_small_rocks_do_not_count(masks: ModuleType, tmp_pat
     assert all(np.array_equal(target, expected) for target in targets)
 
 
+def test_shards_of_a_data_set_name_the_scenario_in_their_index(masks: ModuleType,
+                                                               tmp_path: Path) -> None:
+    label = np.ones((8, 8), np.uint16)
+    with ShardWriter(tmp_path, 2, 'test') as writer:
+        for drive in ('0000', '0001', '0002'):
+            writer.write(drive, {
+                'left.png': png_bytes(label.astype(np.uint8)), 'labels.npy': npy_bytes(label),
+                'json': json.dumps({'drive': drive, 'world': f'w{drive}'}).encode()})
+    (tmp_path / 'test.json').write_text(json.dumps({'drives': {
+        '0000': {'base': 'flat', 'world': 'w0000'}, '0001': {'base': 'soft', 'world': 'w0001'}}}))
+    assert masks.load(tmp_path, 'test')[2] == [('flat', 'w0000'), ('soft', 'w0001'),
+                                               ('all', 'w0002')]
+
+
 def test_scores_are_those_of_counted_pixels(masks: ModuleType) -> None:
     target = np.array([[1, 1, 0, 0, masks.IGNORED]])
     found = np.array([[True, False, True, False, True]])
