@@ -28,7 +28,7 @@ _CELLS = 512        # along a side of each level
 
 
 class CraterLists(NamedTuple):
-    """Craters by cell, as shaders/ground_truth.frag reads them.
+    """Craters by cell, as shaders/ground_truth.glsl reads them.
 
     cells: (levels, n, n, 2) first entry of each cell's list, and the one after the last
     entries: (m, 4) centre x, y [m], square of the radius [m2], number in the image of craters
@@ -113,7 +113,7 @@ class CraterMap:
             texture.repeat_x = texture.repeat_y = False
 
     def bind(self, program: Any) -> None:
-        """Let a program of shaders/ground_truth.frag look craters up."""
+        """Let a program of shaders/ground_truth.glsl look craters up."""
         self._cells.use(texture_units.CRATER_CELLS)
         self._list.use(texture_units.CRATER_LIST)
         set_uniform(program, u_crater_texel=(1.0 / self._rows, 1.0))

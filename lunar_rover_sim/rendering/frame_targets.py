@@ -50,7 +50,7 @@ class FrameTargets:
     """
 
     def __init__(self, context: moderngl.Context, lit: LitTargets) -> None:
-        self._context = context
+        self._context, self._lit = context, lit
         self.size: tuple[int, int] = lit.radiance.size
         self.ground_depth = attachment(context, self.size)
         # Each camera has its own framebuffers: when they change, the driver begins to draw.
@@ -65,7 +65,7 @@ class FrameTargets:
     def truth(self) -> TruthTargets:
         """Targets of truth; made when first asked for, since few frames want them."""
         if self._truth is None:
-            self._truth = TruthTargets(self._context, self.size, self._buffers)
+            self._truth = TruthTargets(self._context, self._lit, self._buffers)
         return self._truth
 
     def release(self) -> None:
@@ -77,18 +77,18 @@ class FrameTargets:
 
 
 class TruthTargets:
-    """Where shaders/truth.glsl writes the truth of the pixels of both cameras.
+    """Where light is drawn together with the truth of pixels, as shaders/truth.glsl has it.
 
-    colour: framebuffer without depth; framebuffers: with the depth buffers of the frame, of the
-        left and the right camera
+    framebuffers: those of `FrameTargets.lit` with further attachments
     """
 
-    def __init__(self, context: moderngl.Context, size: tuple[int, int],
+    def __init__(self, context: moderngl.Context, lit: LitTargets,
                  depths: list[moderngl.Renderbuffer]) -> None:
-        self._textures = [context.texture(size, 4, dtype='f1'),
-                          context.texture(size, 4, dtype='f1'), attachment(context, size, 4)]
-        self.colour = context.framebuffer(self._textures)
-        self.framebuffers = [context.framebuffer(self._textures, depth) for depth in depths]
+        size = lit.radiance.size
+        self._textures = [context.texture(size, 4, dtype='f1'), attachment(context, size, 4),
+                          context.texture(size, 4, dtype='f1')]
+        self.framebuffers = [context.framebuffer([lit.radiance, lit.depth, *self._textures], depth)
+                             for depth in depths]
 
     def read(self, layers: Collection[str], side: int, size: tuple[int, int],
              padding: tuple[int, int]) -> dict[str, NDArray[Any]]:
@@ -97,19 +97,20 @@ class TruthTargets:
         side, size, padding: as for `read_image`; the first two are (h, w) uint16, shadow is
         (h, w, 3) uint8, normal (h, w, 3) float32
         """
+        drawn = self.framebuffers[side]
         result: dict[str, NDArray[Any]] = {}
         if {'label', 'crater'} & set(layers):
-            numbers = read_image(self.colour, 0, side, size, padding, 4, 'f1')
+            numbers = read_image(drawn, 2, side, size, padding, 4, 'f1')
             pairs = np.ascontiguousarray(numbers).view('<u2')
             result |= {'label': pairs[..., 0], 'crater': pairs[..., 1]}
-        for index, name, kind in ((1, 'shadow', 'f1'), (2, 'normal', 'f4')):
+        for index, name, kind in ((3, 'normal', 'f4'), (4, 'shadow', 'f1')):
             if name in layers:
-                result[name] = read_image(self.colour, index, side, size, padding, 3, kind)
+                result[name] = read_image(drawn, index, side, size, padding, 3, kind)
         return {name: result[name] for name in result if name in layers}
 
     def release(self) -> None:
         """Release the GL objects; the depth buffers belong to the frame."""
-        release_all(*self.framebuffers, self.colour, *self._textures)
+        release_all(*self.framebuffers, *self._textures)
 
 
 def attachment(context: moderngl.Context, size: tuple[int, int],

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import dataclasses
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -11,8 +13,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.chunk_tree import CHUNK, level_ranges, Selection
 from lunar_rover_sim.rendering.config import DetailConfig
-from lunar_rover_sim.rendering.context import (clear_window, enable, load_program, release_all,
-                                               set_uniform)
+from lunar_rover_sim.rendering.context import enable, load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.crater_map import CraterMap, ROW
 from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, lattice
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
@@ -24,20 +25,11 @@ from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.world.model import World
 
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
-_SHADERS: dict[str, dict[str, int]] = {
-    'lit': {},
-    'lit refined': {'REFINE': 1},
-    'lit shaded': {'ROVER_SHADOW': 1},
-    'lit refined shaded': {'REFINE': 1, 'ROVER_SHADOW': 1},
-    'unlit': {'UNLIT': 1},
-    'unlit refined': {'UNLIT': 1, 'REFINE': 1},
-    'truth': {'TRUTH': 1},
-    'truth far': {'TRUTH': 1, 'FAR': 1},
-    'truth shaded': {'TRUTH': 1, 'ROVER_SHADOW': 1},
-    'truth far shaded': {'TRUTH': 1, 'FAR': 1, 'ROVER_SHADOW': 1}}
-_FRAGMENT = {name: 'ground_truth' if 'TRUTH' in defines else 'ground'
-             for name, defines in _SHADERS.items()}
-_WITH_TRACKS = tuple(name for name in _SHADERS if name != 'unlit')
+# The programs of pixels are named by what they do, which each word says.
+_DEFINES: dict[str, dict[str, Any]] = {
+    'lit': {}, 'unlit': {'UNLIT': 1}, 'refined': {'REFINE': 1}, 'shaded': {'ROVER_SHADOW': 1},
+    'tracks': {'TRACKS': 1, **DEFINES}, 'truth': {'TRUTH': 1, 'CRATER_ROW': float(ROW)}}
+_PROGRAMS = ('lit', 'lit refined', 'lit shaded', 'lit refined shaded', 'unlit', 'unlit refined')
 _MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh at full resolution
 
 
@@ -59,8 +51,8 @@ class GroundRows:
     """The rows of an image that the ground covers.
 
     first, last: the first one, and the one after the last; middle: the first one below all coarse
-    meshes; tracks, shaded, far: the first one, and the one after the last, that may show tracks,
-    the rover's shadow, and ground beyond the finest grid
+    meshes; tracks, shaded: the first one, and the one after the last, that may show tracks and the
+    rover's shadow
     """
 
     first: int = 0
@@ -68,21 +60,14 @@ class GroundRows:
     last: int = 0
     tracks: tuple[int, int] = (0, 0)
     shaded: tuple[int, int] = (0, 0)
-    far: tuple[int, int] = (0, 0)
 
     def parts(self, *, lit: bool) -> list[tuple[int, int, str]]:
         """Return spans of rows, first and one after the last, with what each needs.
 
         lit: whether light is computed, so that shadows matter
         """
-        return self._cut({'refined': (self.first, self.middle),
-                          'shaded': self.shaded if lit else (0, 0), 'tracks': self.tracks})
-
-    def truth_parts(self) -> list[tuple[int, int, str]]:
-        """Return the same for the truth of pixels."""
-        return self._cut({'far': self.far, 'shaded': self.shaded, 'tracks': self.tracks})
-
-    def _cut(self, spans: dict[str, tuple[int, int]]) -> list[tuple[int, int, str]]:
+        spans = {'refined': (self.first, self.middle),
+                 'shaded': self.shaded if lit else (0, 0), 'tracks': self.tracks}
         cuts = sorted({self.first, self.last, *(row for span in spans.values() for row in span
                                                 if self.first < row < self.last)})
         return [(top, bottom, ''.join(f' {name}' for name, (first, end) in spans.items()
@@ -91,10 +76,7 @@ class GroundRows:
 
 
 class GroundPass:
-    """Draws the nested height grids.
-
-    programs: those that compute light or truth, for the constants of the light
-    """
+    """Draws the nested height grids: depth of meshes, then light and truth of pixels."""
 
     def __init__(self, context: moderngl.Context, world: World, detail: DetailConfig,
                  surface: Surface, lamp: bool) -> None:
@@ -116,21 +98,35 @@ class GroundPass:
             'inner skirt': load_program(context, 'terrain', 'terrain', SKIRT=1, CHUNK=CHUNK),
             'outer skirt': load_program(context, 'terrain', 'terrain', OUTER=1, SKIRT=1,
                                         CHUNK=CHUNK)}
-        self._programs = {
-            name: load_program(context, 'screen', _FRAGMENT[name], LEVELS=len(world.levels),
-                               RELIEF_LEVELS=LEVELS, ZONE=ZONE, CRATER_ROW=float(ROW),
-                               **self._defines(name))
-            for name in _SHADERS}
-        self.programs = tuple(self._programs.values())
-        self._screens = {name: context.vertex_array(program, [])
-                         for name, program in self._programs.items()}
+        self._programs: dict[str, moderngl.Program] = {}
+        self._screens: dict[str, moderngl.VertexArray] = {}
+        self._load(_PROGRAMS)
         self._tracks: TrackPass | None = None
 
-    def _defines(self, name: str) -> dict[str, int]:
-        """Return what the shader of the light or truth of pixels is compiled with."""
-        lit = 'lit' in name.split()
-        return {**_SHADERS[name], **({'LAMP': 1} if lit and self._lamp else {}),
-                **({'SMOOTH': 1} if lit and self._detail.smooth_outlines else {})}
+    @property
+    def programs(self) -> tuple[moderngl.Program, ...]:
+        """Those that compute light or truth, for the constants of the light."""
+        return tuple(self._programs.values())
+
+    def _load(self, names: Iterable[str]) -> None:
+        """Compile programs of pixels."""
+        for name in names:
+            words = name.split()
+            defines = {key: value for word in words for key, value in _DEFINES[word].items()}
+            if 'lit' in words:
+                defines |= {**({'LAMP': 1} if self._lamp else {}),
+                            **({'SMOOTH': 1} if self._detail.smooth_outlines else {})}
+            program = load_program(self._context, 'screen', 'ground', LEVELS=len(self._levels),
+                                   RELIEF_LEVELS=LEVELS, ZONE=ZONE, **defines)
+            # Samplers of two kinds may not share a unit, used or not.
+            set_uniform(program, u_crater_cells=texture_units.CRATER_CELLS,
+                        u_crater_list=texture_units.CRATER_LIST)
+            self._programs[name] = program
+            self._screens[name] = self._context.vertex_array(program, [])
+
+    def prepare_truth(self) -> None:
+        """Be able to draw truth from now on; adds to `programs`."""
+        self._load([name.replace('lit', 'lit truth', 1) for name in self._programs])
 
     def follow(self, tracks: TrackMap) -> None:
         """Draw tracks from now on; adds to `programs`."""
@@ -141,13 +137,7 @@ class GroundPass:
             self._depth_programs[f'inner{kind} cut'] = load_program(
                 context, 'terrain', 'terrain', CUT=1,
                 **({'SKIRT': 1, 'CHUNK': CHUNK} if kind else {}))
-        for name in _WITH_TRACKS:
-            program = load_program(
-                context, 'screen', _FRAGMENT[name], LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS,
-                ZONE=ZONE, CRATER_ROW=float(ROW), TRACKS=1, **DEFINES, **self._defines(name))
-            self._programs[f'{name} tracks'] = program
-            self._screens[f'{name} tracks'] = context.vertex_array(program, [])
-        self.programs = tuple(self._programs.values())
+        self._load([f'{name} tracks' for name in self._programs])
 
     def choose(self, volume: ViewVolume, around: Chosen | None = None) -> Chosen:
         """Choose what to draw for a view.
@@ -203,57 +193,39 @@ class GroundPass:
         if chosen.tracks is not None:
             tracks = projection.covered_rows(chosen.tracks.boxes, T_world_camera)
         shadow = projection.covered_rows(shaded, T_world_camera) if len(shaded) else (0, 0)
-        outer = spans[1:] if len(finest.chunks) else spans
-        far = (min(s[0] for s in outer), max(s[1] for s in outer)) if outer else (0, 0)
-        return GroundRows(first, max(first, middle), last, tracks, shadow, far)
+        return GroundRows(first, max(first, middle), last, tracks, shadow)
 
     def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
-             ground_depth: moderngl.Texture, *, lit: bool, add: bool = False) -> None:
+             ground_depth: moderngl.Texture, *, lit: bool, add: bool = False,
+             truth: bool = False, craters: CraterMap | None = None) -> None:
         """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
 
         add: whether to add to the present radiance
         target: with the depth buffer that the meshes were drawn with; rows: see `rows`; where the
         meshes may be coarser than the grid, depth is refined first
+        truth: whether to draw that too, into the attachments of `TruthTargets`; that of light
+        needs `lit`; craters: None if their numbers are not asked for
         """
         # Depth rejects blocks of pixels of the sky before they are computed.
         enable(self._context, self._context.DEPTH_TEST, add=add)
         self._context.depth_func = '>'
-        kind = 'lit' if lit else 'unlit'
+        kind = ('lit' if lit else 'unlit') + (' truth' if truth else '')
         for top, bottom, needs in rows.parts(lit=lit):
             target.viewport = (window[0], window[1] + top, window[2], bottom - top)
-            name = f'{kind}{needs}'
-            self._draw_screen(name if name in self._programs else kind, ground_depth)
+            name = kind + needs
+            if truth:
+                set_uniform(self._programs[name], u_crater_texel=(0.0, 0.0))
+                if craters is not None:
+                    craters.bind(self._programs[name])
+            self._draw_screen(name, ground_depth)
         self._context.depth_func = '<'
-
-    def draw_truth(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
-                   depth: moderngl.Texture, craters: CraterMap | None) -> None:
-        """Draw what is true of the ground, and zeros elsewhere.
-
-        depth: of all that is seen; craters: None if the numbers of craters are not asked for
-        """
-        x, y, width, height = window
-        for top, bottom in ((0, rows.first), (rows.last, height)):
-            if top < bottom:
-                clear_window(target, (x, y + top, width, bottom - top))
-        target.use()
-        self._context.enable_only(self._context.NOTHING)
-        for top, bottom, needs in rows.truth_parts():
-            target.viewport = (x, y + top, width, bottom - top)
-            program = self._programs[f'truth{needs}']
-            # Samplers of two kinds may not share a unit, used or not.
-            set_uniform(program, u_crater_texel=(0.0, 0.0),
-                        u_crater_cells=texture_units.CRATER_CELLS,
-                        u_crater_list=texture_units.CRATER_LIST)
-            if craters is not None:
-                craters.bind(program)
-            self._draw_screen(f'truth{needs}', depth)
 
     def _draw_screen(self, name: str, ground_depth: moderngl.Texture) -> None:
         program = self._programs[name]
         self._surface.bind(program)
         ground_depth.use(texture_units.GROUND_DEPTH)
         set_uniform(program, u_depth=texture_units.GROUND_DEPTH)
-        if self._tracks is not None and name.endswith('tracks'):
+        if self._tracks is not None and 'tracks' in name.split():
             self._tracks.bind(program)
         if 'refined' in name:
             finest = self._levels[0]

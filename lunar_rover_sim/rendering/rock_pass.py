@@ -28,7 +28,7 @@ _RADIUS = 0.75          # of a ball around a rock of diameter 1
 class RockPass:
     """Draws the rocks.
 
-    programs: those that compute light or truth, for the constants of the light
+    programs: of light, and of light with truth once that is prepared
     boxes: (m, 2, 3) least and greatest coordinates of the chosen rocks, world frame [m]
     """
 
@@ -40,10 +40,8 @@ class RockPass:
         rock; surface: textures to light with; lamp: whether there is one
         """
         self._context, self._surface = context, surface
-        lit = {'ROVER_SHADOW': 1, **({'LAMP': 1} if lamp else {})}
-        self._lit = load_program(context, 'rock', 'rock', **lit)
-        self._truth = load_program(context, 'rock', 'rock', TRUTH=1, ROVER_SHADOW=1)
-        self.programs = (self._lit, self._truth)
+        self._defines = {'ROVER_SHADOW': 1, **({'LAMP': 1} if lamp else {})}
+        self.programs = [load_program(context, 'rock', 'rock', **self._defines)]
         self.rocks = rocks
         rotation = matrix_from_wxyz(rocks.orientation_wxyz) if len(rocks) else np.zeros((0, 3, 3))
         columns = rotation * rocks.diameter_m[:, None, None]
@@ -65,6 +63,10 @@ class RockPass:
             for mesh in (shape, coarse(shape, _COARSE_VERTICES)):
                 self._vertices.append(context.buffer(facets(mesh).tobytes()))
         self._vertices.append(context.buffer(facets(OCTAHEDRON).tobytes()))
+
+    def prepare_truth(self) -> None:
+        """Be able to draw truth from now on; adds to `programs`."""
+        self.programs.append(load_program(self._context, 'rock', 'rock', TRUTH=1, **self._defines))
 
     def relight(self, light: F32) -> None:
         """Take the light under another sun, (m, 5) as `Sunlight.rock_light`."""
@@ -112,12 +114,13 @@ class RockPass:
         return bool(np.any((ahead > -radius) & (aside2 < reach**2)))
 
     def draw(self, *, truth: bool = False, add: bool = False) -> None:
-        """Draw the chosen rocks, lit or as normals and labels, into the framebuffer in use.
+        """Draw the chosen rocks into the framebuffer in use.
 
-        add: whether to add to the present radiance
+        add: whether to add to the present radiance; truth: whether to draw that too, into the
+        attachments of `TruthTargets`
         """
         enable(self._context, self._context.DEPTH_TEST | self._context.CULL_FACE, add=add)
-        program = self._truth if truth else self._lit
+        program = self.programs[int(truth)]
         self._surface.bind_rocks(program)
         for kind, count in self._counts.items():
             key = (program.glo, kind)

@@ -21,7 +21,7 @@ _LUMINANCE = (0.2126, 0.7152, 0.0722)       # of linear red, green, blue (ITU-R 
 class RoverPass:
     """Draws the rover.
 
-    programs: those that compute light or truth, for the constants of the light
+    programs: of light, and of light with truth once that is prepared
     """
 
     def __init__(self, context: moderngl.Context, rover: RoverDescription) -> None:
@@ -34,16 +34,21 @@ class RoverPass:
         # First, second and third corners of the faces of each link.
         self._faces = [np.ascontiguousarray(data[data[:, 7] == k, :3].reshape(-1, 3, 3)
                                             .transpose(1, 0, 2)) for k in range(len(self._links))]
-        self._lit = load_program(context, 'rover', 'rover')
-        self._truth = load_program(context, 'rover', 'rover', TRUTH=1)
-        self._mark = load_program(context, 'rover', 'rover_mark')
-        self.programs = (self._lit, self._truth)
         self._vertices = context.buffer(data.astype(np.float32).tobytes())
-        self._arrays = {
-            program.glo: context.vertex_array(
-                program, [(self._vertices, '3f 3f 1f 1f', 'a_position', 'a_normal', 'a_albedo',
-                           'a_link')], skip_errors=True)
-            for program in (*self.programs, self._mark)}
+        self._arrays: dict[int, moderngl.VertexArray] = {}
+        self.programs = [self._load('rover')]
+        self._mark = self._load('rover_mark')
+
+    def _load(self, fragment: str, **defines: int) -> moderngl.Program:
+        program = load_program(self._context, 'rover', fragment, **defines)
+        self._arrays[program.glo] = self._context.vertex_array(
+            program, [(self._vertices, '3f 3f 1f 1f', 'a_position', 'a_normal', 'a_albedo',
+                       'a_link')], skip_errors=True)
+        return program
+
+    def prepare_truth(self) -> None:
+        """Be able to draw truth from now on; adds to `programs`."""
+        self.programs.append(self._load('rover', TRUTH=1))
 
     def poses(self, T_world_base: Array, joint_angle_rad: ArrayLike) -> Array:
         """Return the (links, 4, 4) world poses of all links; base_link is the first."""
@@ -93,12 +98,13 @@ class RoverPass:
 
     def draw(self, T_world_links: Array, light: Uniforms, *, truth: bool = False,
              add: bool = False) -> None:
-        """Draw the rover, lit or as normals and labels, into the framebuffer in use.
+        """Draw the rover into the framebuffer in use.
 
-        add: whether to add to the present radiance
+        add: whether to add to the present radiance; truth: whether to draw that too, into the
+        attachments of `TruthTargets`
         """
         enable(self._context, self._context.DEPTH_TEST, add=add)
-        program = self._truth if truth else self._lit
+        program = self.programs[int(truth)]
         set_uniform(program, u_links=_columns(T_world_links), **light)
         self._arrays[program.glo].render()
 

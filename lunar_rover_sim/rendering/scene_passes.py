@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
-from typing import Any
 
 import moderngl
 import numpy as np
@@ -92,6 +91,8 @@ class ScenePasses(GlOwner):
         """
         projection, T_world_base = self._samples.projection, state.T_world_base
         shared = self._shared
+        if any(request.truth_of(side) for side in request.sides):
+            shared.prepare_truth()
         links = shared.body.poses(T_world_base, state.joint_angle_rad)
         # Both cameras decide what is drawn: an image does not depend on the other layers.
         cameras = self._mount.poses(state)
@@ -150,7 +151,7 @@ class ScenePasses(GlOwner):
         return SceneLight(cast, body)
 
     def light(self, scene: Scene) -> None:
-        """Light the ground, and draw rocks and the rover over it."""
+        """Light the ground, and draw rocks and the rover over it, with the truth of pixels."""
         request, samples = scene.request, scene.samples
         for source, light in zip(self._shared.sources, scene.lights):
             source.set_uniforms(**light.shadow)
@@ -158,7 +159,7 @@ class ScenePasses(GlOwner):
             for side in drawing.sides:
                 self._look_from(scene, drawing, side)
                 self._draw_ground(scene, drawing, side)
-                self._draw_objects(scene, drawing, drawing.targets.lit[side], side)
+                self._draw_objects(scene, drawing, side)
                 self._add_objects(scene, drawing, side)
         if request.lit:     # before edges are smoothed, also those in front of the Earth
             self._earth.draw(scene)
@@ -169,23 +170,36 @@ class ScenePasses(GlOwner):
             self._sun.draw(scene)
         if self._average is not None:
             self._average.draw([scene.pixels.windows[side] for side in request.lit_sides])
-        for side in request.sides:
-            if request.truth_of(side):
-                self._draw_truth(scene, side)
 
     def _draw_ground(self, scene: Scene, drawing: Drawing, side: int) -> None:
-        """Draw the ground under the sun, and add the light of other sources."""
+        """Draw the ground under the sun with its truth, and add the light of other sources."""
         targets, window = drawing.targets, drawing.windows[side]
+        wanted = self._truth_of(scene, drawing, side)
+        lit = side in drawing.lit_sides or 'shadow' in wanted
+        craters = self._shared.crater_map() if 'crater' in wanted else None
         for number, (source, _) in enumerate(self._lights(scene, drawing, side)):
-            target = targets.added[side] if number else targets.lit[side]
+            target = targets.added[side] if number else self._target(scene, drawing, side)
             target.depth_mask = False   # the depth buffer is that of the ground already
             if number == 0:
                 clear_window(target, window)
             target.use()
             source.rover_shadow.bind()
             source.ground.draw(target, window, drawing.rows[number], targets.ground_depth,
-                               lit=side in drawing.lit_sides, add=number > 0)
+                               lit=lit, add=number > 0, truth=bool(wanted) and number == 0,
+                               craters=craters)
             target.depth_mask = True
+
+    @staticmethod
+    def _truth_of(scene: Scene, drawing: Drawing, side: int) -> set[str]:
+        """Return the layers of truth that are drawn in a drawing of a camera."""
+        return scene.request.truth_of(side) if drawing is scene.pixels else set()
+
+    def _target(self, scene: Scene, drawing: Drawing, side: int) -> moderngl.Framebuffer:
+        """Return what a camera is lit into, with attachments for truth if that is drawn."""
+        targets = drawing.targets
+        if self._truth_of(scene, drawing, side):
+            return targets.truth.framebuffers[side]
+        return targets.lit[side]
 
     def _lights(self, scene: Scene, drawing: Drawing,
                 side: int) -> list[tuple[WorldPasses, SceneLight]]:
@@ -208,22 +222,6 @@ class ScenePasses(GlOwner):
         finally:
             self._context.depth_func = '<'
 
-    def _draw_truth(self, scene: Scene, side: int) -> None:
-        """Draw what is true of the pixels of a camera, which are lit."""
-        pixels, truth = scene.pixels, scene.pixels.targets.truth
-        self._look_from(scene, pixels, side)
-        craters = (self._shared.crater_map() if 'crater' in scene.request.truth_of(side)
-                   else None)
-        self._shared.rover_shadow.bind()
-        self._shared.ground.draw_truth(truth.colour, pixels.windows[side], pixels.rows[0],
-                                       self.lit.depth, craters)
-        # The depth is kept: which surface is nearest is known already.
-        self._context.depth_func = '<='
-        try:
-            self._draw_objects(scene, pixels, truth.framebuffers[side], side, truth=True)
-        finally:
-            self._context.depth_func = '<'
-
     def mark_rover(self, scene: Scene, target: moderngl.Framebuffer) -> None:
         """Draw which link of the rover each pixel of a lit scene shows, as `RoverPass.mark`."""
         for side in scene.request.lit_sides:
@@ -238,8 +236,9 @@ class ScenePasses(GlOwner):
             self._shared.lamp.bind(self._shared.programs, scene.state.T_world_base,
                                    scene.T_world_cameras[side])
 
-    def _draw_objects(self, scene: Scene, drawing: Drawing, target: Any, side: int, *,
-                      truth: bool = False) -> None:
+    def _draw_objects(self, scene: Scene, drawing: Drawing, side: int) -> None:
+        truth = bool(self._truth_of(scene, drawing, side))
+        target = self._target(scene, drawing, side)
         target.use()
         target.viewport = drawing.windows[side]
         self._shared.rover_shadow.bind()

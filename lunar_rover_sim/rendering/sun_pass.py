@@ -116,9 +116,9 @@ class SunPass:
             self._views[side].bind()
             clear_window(self._hidden, window)
             occluders.ground.draw_depth(chosen)
-            occluders.rocks.draw(truth=True)
+            occluders.rocks.draw()
             if rover:
-                occluders.rover.draw(scene.T_world_links, {}, truth=True)
+                occluders.rover.draw(scene.T_world_links, {})
 
     def draw(self, scene: Scene) -> None:
         """Add the disc to the radiance of a scene, and note how much of it each camera sees."""

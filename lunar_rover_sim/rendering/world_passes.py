@@ -72,6 +72,7 @@ class WorldPasses(GlOwner):
         self.lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
         self.tracks: TrackMap | None = None
         self._craters: CraterMap | None = None
+        self._has_truth = False
         self._gather_programs()
         self.earth = (self._own(WorldPasses(context, world, self.rover, _under_earth(config),
                                             self.seed))
@@ -87,6 +88,14 @@ class WorldPasses(GlOwner):
     def _gather_programs(self) -> None:
         self.programs = (*self.ground.programs, *self.rocks.programs, *self.body.programs)
         self._set_constants()
+
+    def prepare_truth(self) -> None:
+        """Be able to draw truth from now on; programs are compiled for the first frame of it."""
+        if not self._has_truth:
+            self._has_truth = True
+            for passes in (self.ground, self.rocks, self.body):
+                passes.prepare_truth()
+            self._gather_programs()
 
     def follow(self, overlay: Overlay) -> None:
         """Draw the tracks of an overlay from now on."""

@@ -48,12 +48,9 @@ def test_a_view_within_a_wider_one() -> None:
 
 def test_rows_by_what_they_need() -> None:
     """Spans cover the ground's rows once, each with all that any of its rows needs."""
-    rows = GroundRows(first=10, middle=60, last=100, tracks=(70, 120), shaded=(90, 95),
-                      far=(10, 40))
-    assert rows.truth_parts() == [(10, 40, ' far'), (40, 70, ''), (70, 90, ' tracks'),
-                                  (90, 95, ' shaded tracks'), (95, 100, ' tracks')]
+    rows = GroundRows(first=10, middle=60, last=100, tracks=(70, 120), shaded=(90, 95))
     assert rows.parts(lit=True) == [
         (10, 60, ' refined'), (60, 70, ''), (70, 90, ' tracks'), (90, 95, ' shaded tracks'),
         (95, 100, ' tracks')]
     assert rows.parts(lit=False) == [(10, 60, ' refined'), (60, 70, ''), (70, 100, ' tracks')]
-    assert GroundRows().truth_parts() == []
+    assert GroundRows().parts(lit=True) == []

@@ -26,6 +26,7 @@ from lunar_rover_sim.rendering.labels import (class_names, LABEL_FIRST_LEG, LABE
 from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
+from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.rocks import Rocks
@@ -80,6 +81,7 @@ def view():
         with pytest.MonkeyPatch.context() as patch:
             for cls in (frame_targets.TruthTargets, crater_map.CraterMap):
                 patch.setattr(cls, '__init__', refused)
+            patch.setattr(WorldPasses, 'prepare_truth', refused)
             assert drawn.render(state, 0, ('left', 'right', 'depth')).label is None
         with pytest.raises(RenderError, match="'optical_flow' is not valid without `other`"):
             drawn.render(state, 0, ('optical_flow',))
@@ -229,7 +231,7 @@ def angle_deg(a, b):
 
 
 def test_shadow_is_that_of_rays_to_the_sun(view):
-    """Ground in full light or full shadow; rays begin 1 mm above it."""
+    """Ground in full light or full shadow, without relief; rays begin 1 mm above it."""
     sun = sun_direction(SUN.azimuth_deg, SUN.elevation_deg)
     rng = np.random.default_rng(0)
     points = view.seen()

@@ -18,9 +18,7 @@ float softened(vec3 relative, float distance) {
     return u_sun_radius + 0.5 * u_pixel * dot(relative, u_axis) / distance;
 }
 
-#ifndef TRUTH
 layout(location = 0) out float o_radiance;
-#endif
 
 #ifdef ROVER_SHADOW
 // The rover's silhouette as the sun sees it: signed distance [m] and depth along the sun ray.

@@ -18,6 +18,9 @@ uniform vec3 u_heading;         // to the sun over level ground; tangent of its 
 
 layout(location = 1) out float o_depth;
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
+#ifdef TRUTH
+#include "ground_truth.glsl"
+#endif
 
 // Sampled at pixel centres: on llvmpipe texelFetch takes longer, since it checks bounds.
 float depth_at(vec2 p) { return textureLod(u_depth, p * u_texel, 0.0).r; }
@@ -141,15 +144,20 @@ void main() {
     lit = layer > 0.0 ? lit * (1.0 - matter.a) : mix(lit, matter.a, min(coarse, 1.0));
     float drawn = disc(tangent - relief.horizon.x, width + scales.y)
         * disc(tangent - dot(relief.slope_a, heading) - relief.horizon.y, width + scales.z);
+    float sunlit = drawn;       // gain and factor are of brightness
     drawn *= scales.w / (1.0 + (scales.w - 1.0) * drawn);
     drawn *= relief_factor(detail, cosine, dot(up, u_sun), dot(u_sun, view), tangent);
 #ifdef TRACKS
-    drawn = mix(1.0, drawn, kept) * mix(disc(untouched - print.horizon, width), print.seen,
-                                        print.coarse);
+    float beside = mix(disc(untouched - print.horizon, width), print.seen, print.coarse);
+    drawn = mix(1.0, drawn, kept) * beside;
+    sunlit = mix(1.0, sunlit, kept) * beside;
 #endif
+    sunlit *= lit;
     lit *= drawn;
+    float of_rover = 1.0;
 #ifdef ROVER_SHADOW
-    lit *= rover_visibility(relative);
+    of_rover = rover_visibility(relative);
+    lit *= of_rover;
 #endif
     float mu0 = dot(normal, u_sun), mu = max(dot(normal, view), 0.02);
     float reflectance = hapke(lit > 0.0 ? mu0 : 0.0, mu, dot(u_sun, view),
@@ -165,5 +173,11 @@ void main() {
     float scattered = matter.g * matter.g + matter.b * matter.b * 0.5 * (1.0 - normal.z);
     o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered)
         + lamp_radiance;
+#ifdef TRUTH
+    tell_light(sunlit, of_rover, mu0);
+#endif
+#endif
+#ifdef TRUTH
+    tell_ground(xy, uv, grid.w);
 #endif
 }

@@ -8,9 +8,8 @@ in float v_height;              // above the ground [m]
 #include "common.glsl"
 #ifdef TRUTH
 #include "truth.glsl"
-#else
-layout(location = 1) out float o_depth;
 #endif
+layout(location = 1) out float o_depth;
 uniform sampler2D u_tile_a;
 uniform vec4 u_grain;           // 1 / period and strength of grain; periods and strength of lumps
 uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
@@ -47,13 +46,6 @@ vec3 facet(vec3 at) {
 
 void main() {
     vec3 normal = normalize(v_normal);
-#ifdef TRUTH
-    // That of the face: the one that light is computed with is rounder.
-    normal = normalize(cross(dFdx(v_relative), dFdy(v_relative)));
-    if (dot(normal, v_relative) > 0.0) normal = -normal;
-    tell(16.0 + v_index, 0.0, normal, disc(v_matter.x / max(v_matter.y, 1e-3), u_sun_radius),
-         rover_visibility(v_relative));
-#else
     vec3 view = -normalize(v_relative);
     // Lumps and pits scale with the rock; grain is as fine as that of the ground.
     vec3 facing = abs(v_local);
@@ -87,9 +79,8 @@ void main() {
     // Lumps beyond the terminator lie in the shadow of the rock itself.
     float lit = disc(v_matter.x / max(v_matter.y, 1e-3), u_sun_radius)
         * clamp(0.4 + 5.0 * dot(normalize(v_normal), u_sun), 0.0, 1.0);
-#ifdef ROVER_SHADOW
-    lit *= rover_visibility(v_relative);
-#endif
+    float sunlit = lit, of_rover = rover_visibility(v_relative);
+    lit *= of_rover;
     float reflectance = hapke(lit > 0.0 ? mu0 : 0.0, mu, dot(u_sun, view), u_rock_theta,
                               v_matter.z, matter);
     o_radiance = u_irradiance * (reflectance * lit + u_diffuse.y * v_matter.z
@@ -101,5 +92,10 @@ void main() {
                                v_matter.z, matter);
 #endif
     o_depth = -dot(v_relative, u_axis);
+#ifdef TRUTH
+    // That of the face: the one that light is computed with is rounder.
+    vec3 face = normalize(cross(dFdx(v_relative), dFdy(v_relative)));
+    tell(16.0 + v_index, 0.0, dot(face, v_relative) > 0.0 ? -face : face);
+    tell_light(sunlit, of_rover, mu0);
 #endif
 }

@@ -5,9 +5,8 @@ flat in float v_link;
 #include "common.glsl"
 #ifdef TRUTH
 #include "truth.glsl"
-#else
-layout(location = 1) out float o_depth;
 #endif
+layout(location = 1) out float o_depth;
 uniform vec4 u_body_light;      // clearance and occluder distance at the foot and at the top
 uniform vec2 u_body_span;       // world height of foot and top [m]
 uniform float u_ground_light;   // exitance of the lit ground around the rover [W/m2]
@@ -18,13 +17,13 @@ void main() {
                      0.0, 1.0);
     vec2 light = mix(u_body_light.xy, u_body_light.zw, up);
     float lit = disc(light.x / max(light.y, 1e-3), u_sun_radius);
-#ifdef TRUTH
-    // Its own shadow on itself is in no picture.
-    tell(v_link < 0.5 ? 2.0 : 3.0 + v_link, 0.0, normal, lit, 1.0);
-#else
-    float irradiance = u_irradiance * lit * max(dot(normal, u_sun), 0.0)
+    float mu0 = dot(normal, u_sun);
+    float irradiance = u_irradiance * lit * max(mu0, 0.0)
         + u_ground_light * 0.5 * (1.0 - normal.z);
     o_radiance = 0.318309886 * v_albedo * irradiance;
     o_depth = -dot(v_relative, u_axis);
+#ifdef TRUTH
+    tell(v_link < 0.5 ? 2.0 : 3.0 + v_link, 0.0, normal);
+    tell_light(lit, 1.0, mu0);      // its own shadow on itself is in no picture
 #endif
 }
