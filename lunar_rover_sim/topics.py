@@ -157,8 +157,8 @@ CRATERS = Topic('ground_truth/craters', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'r
                 frames.LEFT_OPTICAL_FRAME, 'mono16: number of the youngest crater that the ground '
                 'lies in, 0 outside all', on_request=True)
 SHADOW = Topic('ground_truth/shadow', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
-               frames.LEFT_OPTICAL_FRAME, "rgb8, over 255: share of the sun's disc that is seen, "
-               'share that only the rover hides, penumbra', on_request=True)
+               frames.LEFT_OPTICAL_FRAME, 'rgb8, over 255: share of the sun that is seen, '
+               'share that only the rover hides, how partly it is lit', on_request=True)
 NORMALS = Topic('ground_truth/normals', 'sensor_msgs/msg/Image', DEPTH_FRAME, 'render_node',
                 frames.LEFT_OPTICAL_FRAME, '32FC3: unit normals of the surface, 0 for the sky',
                 on_request=True)

@@ -27,9 +27,10 @@ class StereoFrame:
     radiance: (h, w) float32 ideal image of the left camera [W m-2 sr-1]
     crater: (h, w) int32, at most 65535: 1 + the index of the youngest crater that the ground there
         lies in, as `crater_map` defines it; 0 outside all craters and where no ground is seen
-    shadow: (h, w, 3) uint8, each over 255: the share of the sun's disc that is seen, the share
-        that the rover alone hides, and 1 - |2 seen - 1|, which is 0 but in penumbrae; all of the
-        ground grid, rocks and rover, without the relief below the grid; sky 0
+    shadow: (h, w, 3) uint8, each over 255: the share of the sun that is seen, the share that the
+        rover alone hides, and 1 - |2 seen - 1|, which is 0 where all or nothing is lit. They are
+        those of the picture, relief below the grid included, before lens, motion and sensor; a
+        share of the disc in penumbrae, of the ground where shadows are finer than a pixel; sky 0
     right_depth_m, right_normal, right_label, right_crater, right_shadow: the same of the right
         camera
     optical_flow: (h, w, 2) float32 and scene_flow: (h, w, 3) float32, to another state, as

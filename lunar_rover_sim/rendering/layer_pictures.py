@@ -77,7 +77,7 @@ def _colours() -> U8:
 
 
 def shadow_picture(shadow: NDArray[np.uint8]) -> U8:
-    """Return (h, w, 3) BGR colours: sunlight green, the rover's shadow red, penumbrae blue."""
+    """Return (h, w, 3) BGR colours: sunlight green, the rover's red, partly lit blue."""
     seen, own, penumbra = (shadow[..., k] for k in range(3))
     return np.stack([penumbra, seen // 2, own], axis=-1)
 

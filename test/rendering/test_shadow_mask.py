@@ -105,3 +105,13 @@ def test_mask_needs_no_picture(renderer: Renderer) -> None:
             alone = renderer.render(state, 0, (name,))
             assert alone.label is None and alone.left is None
             np.testing.assert_array_equal(alone.layer(name), both.layer(name))
+
+
+def test_no_sun_lights_nothing() -> None:
+    """Where the sun does not shine, none of it is seen."""
+    world = scene.plane(257, heights=scene.hills(257))
+    dark = scene.SunConfig(elevation_deg=6.0, irradiance=0.0)
+    with Renderer(world, scene.ROVER, scene.config(sun=dark)) as drawn:
+        frame = drawn.render(STATES[0], 0, ('label', 'shadow'))
+    assert frame.shadow is not None and (frame.label == LABEL_GROUND).any()
+    assert not frame.shadow.any()

@@ -20,7 +20,7 @@ void tell(float label, float crater, vec3 normal) {
 // seen: share of the disc that all but the rover leaves; of_rover: that the rover leaves
 // mu0: cosine of incidence on the surface that is lit
 void tell_light(float seen, float of_rover, float mu0) {
-    seen = min(seen, disc(mu0, u_sun_radius));
+    seen = u_irradiance > 0.0 ? min(seen, disc(mu0, u_sun_radius)) : 0.0;
     float both = seen * of_rover;
     o_shadow = vec4(both, seen - both, 1.0 - abs(2.0 * both - 1.0), 1.0);
 }

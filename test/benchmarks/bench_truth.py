@@ -1,0 +1,109 @@
+"""CPU of frames with layers of truth, over that of the same frame without, and over another clone.
+
+    python test/benchmarks/bench_truth.py [--against CLONE] [--rounds 4] [--scenario baseline]
+
+Each frame is a stereo pair of 640 x 480 with true depth, from 12 poses on a circle. Kinds of
+frames and clones take turns, frame by frame, since a machine that is busy with other things
+changes its speed within seconds. Prints medians of ratios with 95 % intervals by a bootstrap;
+asserts nothing. On average is at the default rates, where every second frame has truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from lunar_rover_sim.rendering.frame import FLOWS, RIGHT_TRUTH
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.snapshot import standing
+from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.scenario import Scenario
+
+POSES = 12
+PAIR = ('left', 'right', 'depth')
+LEFT = (*PAIR, 'label', 'crater', 'shadow', 'normal', *FLOWS)
+KINDS = {'pair and depth': PAIR, 'left truth and flows': LEFT,
+         'all truth of both and flows': (*LEFT, *RIGHT_TRUTH)}
+
+
+def serve(scenario):
+    """Draw what lines of stdin ask for, kind and pose; print ms of CPU for each."""
+    with Renderer.from_scenario(Scenario.load(scenario)) as renderer:
+        def state(k, ahead_rad=0.0):
+            angle = 2.0 * np.pi * k / POSES + ahead_rad
+            return RoverPose(standing(renderer.world, 3.0 * np.sin(angle),
+                                      3.0 - 3.0 * np.cos(angle), float(np.degrees(angle))),
+                             np.full(4, 0.1 * k + 5.0 * ahead_rad))
+
+        def draw(kind, k):
+            return renderer.render(state(k), k, list(KINDS.values())[kind], state(k, 0.01))
+        for kind in range(len(KINDS)):      # programs are compiled
+            draw(kind, 0)
+            draw(kind, POSES // 2)
+        print('ready', flush=True)
+        for line in sys.stdin:
+            kind, k = map(int, line.split())
+            start = time.process_time()
+            draw(kind, k)
+            print(1e3 * (time.process_time() - start), flush=True)
+
+
+def median(ratios):
+    """Return the median and its 95 % interval as text."""
+    rng = np.random.default_rng(0)
+    means = np.median(rng.choice(ratios, (4000, len(ratios))), axis=1)
+    low, high = np.percentile(means, (2.5, 97.5))
+    return f'{np.median(ratios):.3f} ({low:.3f} to {high:.3f})'
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--against', type=Path, help='folder of another clone, the one before')
+    parser.add_argument('--rounds', type=int, default=4)
+    parser.add_argument('--scenario', default='baseline')
+    parser.add_argument('--serve', action='store_true', help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.serve:
+        serve(args.scenario)
+        return
+    here = Path(__file__).resolve().parents[2]
+    clones = [here] if args.against is None else [args.against.resolve(), here]
+    workers = []
+    for clone in clones:
+        workers.append(subprocess.Popen(
+            [sys.executable, __file__, '--serve', '--scenario', args.scenario], text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            env={**os.environ, 'PYTHONPATH': str(clone)}))
+        if workers[-1].stdout.readline().strip() != 'ready':
+            raise SystemExit(f'{clone} draws nothing')
+    ms = np.zeros((len(clones), len(KINDS), args.rounds, POSES))
+    for r in range(args.rounds):
+        for k in range(POSES):
+            for kind in range(len(KINDS)):
+                for i in sorted(range(len(clones)), reverse=bool((r + k) % 2)):
+                    workers[i].stdin.write(f'{kind} {k}\n')
+                    workers[i].stdin.flush()
+                    ms[i, kind, r, k] = float(workers[i].stdout.readline())
+    for worker in workers:
+        worker.stdin.close()
+        worker.wait()
+    print(f'{args.scenario}, n = {args.rounds * POSES}, load {os.getloadavg()[0]:.0f}')
+    for i, clone in enumerate(clones):
+        for kind, name in enumerate(KINDS):
+            ratios = (ms[i, kind] / ms[i, 0]).ravel()
+            note = f'; on average {0.5 + 0.5 * np.median(ratios):.3f}' if kind else ''
+            print(f'{clone.name:12s} {name:28s} {np.median(ms[i, kind]):6.1f} ms, over the pair '
+                  f'{median(ratios)}{note}')
+    for kind, name in enumerate(KINDS):
+        if len(clones) > 1:
+            print(f'{name:28s} over the other clone {median((ms[1, kind] / ms[0, kind]).ravel())}')
+
+
+if __name__ == '__main__':
+    main()
