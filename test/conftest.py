@@ -1,12 +1,13 @@
 """What tests of the real graph share: a small world, a ROS domain, one recorded run.
 
-What collection made is frozen for the collector of garbage: 1,700 tests without ROS took 96 s of
-CPU where they took 104.
+The collector of garbage waits while tests are collected, and what that made is frozen for it:
+1,700 tests without ROS took 96 s of CPU where they took 104, and to collect 5,000 took 9 where it
+took 12.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 import gc
 import os
 from pathlib import Path
@@ -69,14 +70,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = kept
 
 
-def pytest_collection_finish() -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
     """Let the collector of garbage pass by thousands of tests and modules.
 
     It would look at all of them again and again.
     """
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(50_000, 20, 50)
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.set_threshold(50_000, 20, 50)
+        gc.enable()
 
 
 @pytest.fixture(scope='session', autouse=True)

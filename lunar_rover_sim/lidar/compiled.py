@@ -10,6 +10,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -19,6 +21,17 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:    # neither this folder nor the user's cache can be written to
         return numba.njit(**options)(function)
+
+
+def read_only(array: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:
+    """Return an array of a world for compiled functions.
+
+    Those of a world that was loaded are read-only, and arrays that may be written to are another
+    type, for which all would be compiled again.
+    """
+    view = np.ascontiguousarray(array, dtype).view()
+    view.flags.writeable = False
+    return view
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.lidar.compiled import read_only
 from lunar_rover_sim.lidar.ray_arrays import LevelArrays
 from lunar_rover_sim.lidar.ray_march import SMALL
 from lunar_rover_sim.lidar.rock_hulls import RockHulls
@@ -31,11 +32,9 @@ class HeightPyramid:
         while len(levels) < 2 or len(levels[-1]) > 1:
             levels.append(_greatest(levels[-1]))
         side = np.array([len(level) for level in levels])
-        # Arrays that may be written to are another type to the compiler.
-        heights_m = np.asarray(grid.heights_m, np.float32, order='C').view()
-        heights_m.flags.writeable = False
         self.arrays = LevelArrays(
-            heights_m, float(grid.cell_m), np.concatenate([level.ravel() for level in levels]),
+            read_only(grid.heights_m, np.float32), float(grid.cell_m),
+            np.concatenate([level.ravel() for level in levels]),
             np.cumsum(side * side) - side * side, side, rock_first, rock_list)
 
     @property

@@ -59,8 +59,7 @@ class Lidar:
                 break
         self._pyramid = pyramids[0]
         self._caster = RayCaster(pyramids, hulls)
-        self._returns = ReturnModel(config, np.ascontiguousarray(world.albedo, np.float32),
-                                    world.ground.cell_m, rocks.albedo)
+        self._returns = ReturnModel(config, world.albedo, world.ground.cell_m, rocks.albedo)
         self._soft: SoftCells | None = None
 
     @classmethod

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
-from lunar_rover_sim.lidar.compiled import compiled
+from lunar_rover_sim.lidar.compiled import compiled, read_only
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.lidar.ray_caster import RayHits, ROVER
 
@@ -77,7 +77,7 @@ class ReturnModel:
         """Tabulate reflectances; compiles the loop over beams if no process has done so before."""
         self._noise = config.noise
         self._ranging = _Ranging(*(getattr(config.optics, name) for name in _Ranging._fields))
-        self._ground_albedo, self._cell_m = ground_albedo, cell_m
+        self._ground_albedo, self._cell_m = read_only(ground_albedo, np.float32), cell_m
         self._rock_albedo = np.ascontiguousarray(rock_albedo, np.float32)
         kinds = config.reflectance
         self._tables = np.stack(
@@ -92,7 +92,7 @@ class ReturnModel:
         count = len(direction)
         range_m, intensity = np.full((2, count), np.nan, np.float32)
         # Draws are of all, so that each beam keeps its own.
-        noise = rng.standard_normal((2, count), np.float32) if self._noise else None
+        noise = rng.standard_normal((2, count if self._noise else 0), np.float32)
         _measure(self._ranging, self._tables, self._ground_albedo, self._cell_m,
                  self._rock_albedo, ROVER, origin_m, direction, hits.distance_m, hits.target,
                  hits.normal, noise, range_m, intensity)
@@ -108,6 +108,7 @@ def _measure(of, tables, ground_albedo, cell_m, rock_albedo, rover, origin_m, di
     spread_per_m = 1e-3 * of.divergence_mrad / of.pulse_m
     strong2, weak2 = of.noise_m ** 2, of.limit_noise_m ** 2 - of.noise_m ** 2
     steps_per_m = 1.0 / of.resolution_m if of.resolution_m > 0.0 else 0.0
+    noisy = noise.shape[1] > 0
     for i in range(len(distance_m)):
         distance = distance_m[i]
         if distance == np.inf:
@@ -133,7 +134,7 @@ def _measure(of, tables, ground_albedo, cell_m, rock_albedo, rover, origin_m, di
         spread = distance * spread_per_m
         stretch = math.sqrt(1.0 + spread * spread * (1.0 / max(cosine, 1e-3) ** 2 - 1.0))
         signal = strength_m2 * factor / (stretch * max(distance, 1e-3) ** 2)
-        if noise is not None:
+        if noisy:
             amplitude = _REFERENCE * signal + noise[0, i]
             if not amplitude > _THRESHOLD:
                 continue

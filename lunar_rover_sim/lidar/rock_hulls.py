@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
+from lunar_rover_sim.lidar.compiled import read_only
 from lunar_rover_sim.lidar.ray_arrays import RockArrays
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -28,9 +29,9 @@ class RockHulls:
         self.radius_m: Array = reach[rocks.shape] * rocks.diameter_m
         counts = [len(planes) for planes in self._planes]
         self.arrays = RockArrays(
-            position_m=np.ascontiguousarray(rocks.position_m, float), radius_m=self.radius_m,
+            position_m=read_only(rocks.position_m, float), radius_m=self.radius_m,
             R_world_rock=np.ascontiguousarray(self._R), diameter_m=rocks.diameter_m,
-            shape=np.ascontiguousarray(rocks.shape, np.int32),
+            shape=read_only(rocks.shape, np.int32),
             planes=np.concatenate([np.zeros((0, 4)), *self._planes]),
             plane_first=np.cumsum([0, *counts]))
 

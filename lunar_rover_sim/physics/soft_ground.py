@@ -27,7 +27,7 @@ from lunar_rover_sim.physics.ground_contact import ContactObserver, GroundContac
 from lunar_rover_sim.physics.soft_tip import Centre, SoftTip
 from lunar_rover_sim.physics.soil_contact import SoilRows
 from lunar_rover_sim.physics.wall_slides import WallSlides
-from lunar_rover_sim.regolith.ball import DigTable
+from lunar_rover_sim.regolith.ball import dig_table
 from lunar_rover_sim.regolith.fine_ground import FineGround
 from lunar_rover_sim.regolith.footprint import hull, press
 from lunar_rover_sim.regolith.looseness import SoilMap
@@ -66,7 +66,7 @@ class SoftGround:
         self._step_s = float(model.opt.timestep)
         self._steps_per_m = 1.0 / (FASTEST_MPS * self._step_s)
         self._k = soil.elastic_npm
-        self._dig = DigTable(soil.shape)
+        self._dig = dig_table(soil.shape)
         self._centres = data.geom_xpos[rows.first_tip:rows.first_tip + 2 * rows.tips:2]
         first_leg = int(model.geom_bodyid[rows.first_tip])
         self._axles = data.xpos[first_leg:first_leg + 4]

@@ -18,6 +18,7 @@ F(z).
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -129,3 +130,9 @@ class DigTable:
         low, high = self._rows[k], self._rows[k + 1]
         return ((low[i] * (1.0 - u) + low[i + 1] * u) * (1.0 - v)
                 + (high[i] * (1.0 - u) + high[i + 1] * u) * v)
+
+
+@functools.lru_cache(maxsize=8)
+def dig_table(shape: ResistiveForce) -> DigTable:
+    """Return the table of a shape, which is made once: that takes longer than to load a model."""
+    return DigTable(shape)

@@ -65,10 +65,14 @@ def plate_fill(values: NDArray[np.float32], known: NDArray[np.bool_],
             u = _bilinear(u, np.arange(v.shape[0]) / 2.0, np.arange(v.shape[1]) / 2.0)
         u[k] = v[k]
         t = np.float32(tension * 4.0 ** depth)
-        rate = np.float32(1.0 / (36.0 + 5.0 * t))
+        rate = np.where(k, np.float32(0.0), np.float32(1.0 / (36.0 + 5.0 * t)))
         for _ in range(sweeps * (1 + depth)):
             bend = _laplacian(u)
-            np.subtract(u, rate * (_laplacian(bend) - t * bend), out=u, where=~k)
+            change = _laplacian(bend)
+            bend *= t
+            change -= bend
+            change *= rate
+            u -= change
     return u
 
 

@@ -7,7 +7,7 @@ import itertools
 import os
 from pathlib import Path
 
-from conftest import SMALL
+from conftest import PLAIN, SMALL
 import pytest
 from snippets import Snippet, snippets
 from synthetic_bag import drive, write
@@ -42,7 +42,8 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 def test_page(blocks: list[Snippet], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks of a page run one after the other, on a small world with small images."""
     load = Scenario.load
-    monkeypatch.setattr(Scenario, 'load', lambda name, **options: load(name, SMALL, **options))
+    monkeypatch.setattr(Scenario, 'load', lambda name, **options: load(
+        name, (*SMALL, *PLAIN), **options))
     namespace: dict[str, object] = {}
     for block in blocks:
         exec(compile(block.text, block.name, 'exec'), namespace)

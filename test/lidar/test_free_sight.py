@@ -49,7 +49,7 @@ class Scene:
     def rays(self, place, up_m, rpy=(0.0, 0.0, 0.0)):
         """Return origins and directions of a VLP-16 that moves by 3 cm in its scan."""
         pattern = beam_pattern(VLP16, 10.0)
-        d = (pattern.direction @ matrix_from_wxyz(wxyz_from_rpy(*rpy)).T)[::3]
+        d = pattern.direction[::3] @ matrix_from_wxyz(wxyz_from_rpy(*rpy)).T
         o = np.tile([*place, float(self.world.height_at(place)) + up_m], (len(d), 1))
         o[:, :2] += np.linspace(0.0, 1.0, len(d))[:, None] * [0.02, -0.02]
         o[:, :2] = np.clip(o[:, :2], 1e-9 - self.half, self.half - 1e-9)

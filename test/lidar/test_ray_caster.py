@@ -10,7 +10,6 @@ import worlds
 
 from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.lidar import ray_march
-from lunar_rover_sim.lidar.compiled import compiled
 from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
 from lunar_rover_sim.lidar.ray_caster import GROUND, NOTHING, RayCaster
 from lunar_rover_sim.lidar.rock_hulls import RockHulls
@@ -120,7 +119,7 @@ def test_coarser_levels_follow():
 def test_rock_of_known_planes():
     world = worlds.small(rocks={'abundance': 0.1})
     hulls = RockHulls(world.rocks, world.rock_shapes)
-    rock = int(world.rocks.diameter_m.argmax())
+    rock = np.int32(world.rocks.diameter_m.argmax())
     centre = world.rocks.position_m[rock]
     shape = world.rock_shapes[world.rocks.shape[rock]]
     R = matrix_from_wxyz(world.rocks.orientation_wxyz[rock])
@@ -212,24 +211,3 @@ def test_changed_ground_is_met_where_it_is():
         assert abs(hits.distance_m[i] - t[below.argmax()]) < 6e-4
         changed += change[below.argmax()] != 0.0
     assert changed > 22
-
-
-def test_scans_compile_nothing():
-    """What is compiled is there before the first scan, also for changed ground."""
-    world = make_world()
-    caster, overlay = on_soft_ground(world)
-    known = len(ray_march.cast.signatures)
-    for soft in (None, caster.soft):
-        caster.soft = soft
-        overlay.put(0, 0, np.full((9, 9), 0.01), np.zeros((9, 9)))
-        if soft is not None:
-            soft.update()
-        caster.cast(np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.6, -0.8]]), 4.0)
-    assert len(ray_march.cast.signatures) == known >= 1
-
-
-def test_nowhere_to_keep_what_is_compiled():
-    """Numba finds no folder for a function without a file: it is compiled all the same."""
-    names = {}
-    exec('def twice(x): return 2 * x', names)
-    assert compiled(names['twice'])(4) == 8

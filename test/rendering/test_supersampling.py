@@ -51,12 +51,21 @@ def renderer_of(world: World, samples: int, times: int = 1, detail: DetailConfig
         detail=dataclasses.replace(detail, supersampling=samples), **groups))
 
 
-@pytest.fixture(scope='module')
-def renderer(world: World) -> Iterator[Callable[..., Renderer]]:
-    """Return a function like `renderer_of` for this world, which keeps its renderers."""
+def kept(world: World) -> Iterator[Callable[..., Renderer]]:
+    """Give a function like `renderer_of` for a world, which keeps its renderers."""
     with ExitStack() as stack:
         yield functools.cache(lambda *arguments: stack.enter_context(
             renderer_of(world, *arguments)))
+
+
+@pytest.fixture(scope='module')
+def renderer(world: World) -> Iterator[Callable[..., Renderer]]:
+    yield from kept(world)
+
+
+@pytest.fixture(scope='module')
+def on_bare_hills() -> Iterator[Callable[..., Renderer]]:
+    yield from kept(scene.plane(heights=scene.hills()))
 
 
 def means(fine: Array, times: int) -> Array:
@@ -77,16 +86,14 @@ def test_radiance_is_the_mean_of_a_larger_picture(renderer, samples: int) -> Non
         np.testing.assert_allclose(frame.radiance, means(fine.radiance, samples), rtol=1e-5)
 
 
-def test_the_margin_of_a_distorted_image_is_left_out(world: World) -> None:
+def test_the_margin_of_a_distorted_image_is_left_out(world: World, renderer) -> None:
     """Its radiance is that of a rectified image, but for rounding where rays meet edges.
 
     Pixels a sample away would differ in most places.
     """
-    images = []
-    for distortion in ((0.0,) * 5, (-0.2, 0.05, 0.0, 0.0, 0.0)):
-        with renderer_of(world, 2, distortion=distortion) as renderer:
-            images.append(renderer.render(STATES[0], 0, ('radiance',)).radiance)
-    one, other = images
+    with renderer_of(world, 2, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0)) as distorted:
+        one, other = (drawn.render(STATES[0], 0, ('radiance',)).radiance
+                      for drawn in (renderer(2), distorted))
     assert one is not None and other is not None
     assert np.mean(np.abs(other - one) > 1e-3 * one) < 0.01
 
@@ -113,16 +120,14 @@ def test_images_are_those_of_the_mean_radiance(world: World, renderer) -> None:
 
 
 @pytest.mark.parametrize('samples', [2, 3])
-def test_truth_is_that_of_pixel_centres(samples: int) -> None:
+def test_truth_is_that_of_pixel_centres(on_bare_hills, samples: int) -> None:
     """Of ground without rocks each layer is the same, bit by bit, with and without light."""
-    bare = scene.plane(heights=scene.hills())
-    with renderer_of(bare, 1) as one, renderer_of(bare, samples) as more:
-        for state in STATES:
-            before = one.render(state, 0, TRUTH)
-            for layers in (TRUTH, (*TRUTH, 'left', 'right')):
-                frame = more.render(state, 0, layers)
-                for name in TRUTH:
-                    np.testing.assert_array_equal(frame.layer(name), before.layer(name), name)
+    for state in STATES:
+        before = on_bare_hills(1).render(state, 0, TRUTH)
+        for layers in (TRUTH, (*TRUTH, 'left', 'right')):
+            frame = on_bare_hills(samples).render(state, 0, layers)
+            for name in TRUTH:
+                np.testing.assert_array_equal(frame.layer(name), before.layer(name), name)
 
 
 def test_truth_is_that_of_the_rocks_in_the_picture(renderer) -> None:
@@ -138,14 +143,10 @@ def test_truth_is_that_of_the_rocks_in_the_picture(renderer) -> None:
         np.testing.assert_array_equal(frame.depth_m[ground], before.depth_m[ground])
 
 
-def test_flow_follows_the_same_pixels() -> None:
-    bare = scene.plane(heights=scene.hills())
-    flows = []
-    for samples in (1, 2):
-        with renderer_of(bare, samples) as renderer:
-            frame = renderer.render(STATES[0], 0, ('left', 'optical_flow'), STATES[1])
-            flows.append(frame.optical_flow)
-    np.testing.assert_array_equal(*flows)
+def test_flow_follows_the_same_pixels(on_bare_hills) -> None:
+    frames = [on_bare_hills(samples).render(STATES[0], 0, ('left', 'optical_flow'), STATES[1])
+              for samples in (1, 2)]
+    np.testing.assert_array_equal(*(frame.optical_flow for frame in frames))
 
 
 def test_two_frames_under_way_are_those_one_after_the_other(renderer) -> None:

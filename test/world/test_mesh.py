@@ -57,13 +57,13 @@ def test_rays_against_a_reference():
     x, y = np.linspace(-1.0, 1.0, 33), np.linspace(-0.9, 0.8, 27)
     top = cast(triangles, x, y).top_m
     expected = np.full((27, 33), -np.inf)
+    rays = np.stack(np.meshgrid(x, y), axis=-1)
     for a, b, c in triangles:
         inverse = np.linalg.inv(np.column_stack([b - a, c - a])[:2])
-        for j in range(27):
-            for i in range(33):
-                u, v = inverse @ (np.array([x[i], y[j]]) - a[:2])
-                if u >= 0 and v >= 0 and u + v <= 1:
-                    expected[j, i] = max(expected[j, i], a[2] + u * (b - a)[2] + v * (c - a)[2])
+        u, v = np.moveaxis((rays - a[:2]) @ inverse.T, -1, 0)
+        met = (u >= 0) & (v >= 0) & (u + v <= 1)
+        height = a[2] + u * (b - a)[2] + v * (c - a)[2]
+        expected[met] = np.maximum(expected, height)[met]
     expected[np.isneginf(expected)] = np.nan
     assert np.allclose(top, expected, equal_nan=True, atol=1e-9)
 
