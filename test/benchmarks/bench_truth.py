@@ -24,6 +24,7 @@ from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.slam.paired_drives import Median
 
 POSES = 12
 PAIR = ('left', 'right', 'depth')
@@ -52,14 +53,6 @@ def serve(scenario):
             start = time.process_time()
             draw(kind, k)
             print(1e3 * (time.process_time() - start), flush=True)
-
-
-def median(ratios):
-    """Return the median and its 95 % interval as text."""
-    rng = np.random.default_rng(0)
-    means = np.median(rng.choice(ratios, (4000, len(ratios))), axis=1)
-    low, high = np.percentile(means, (2.5, 97.5))
-    return f'{np.median(ratios):.3f} ({low:.3f} to {high:.3f})'
 
 
 def main():
@@ -99,10 +92,11 @@ def main():
             ratios = (ms[i, kind] / ms[i, 0]).ravel()
             note = f'; on average {0.5 + 0.5 * np.median(ratios):.3f}' if kind else ''
             print(f'{clone.name:12s} {name:28s} {np.median(ms[i, kind]):6.1f} ms, over the pair '
-                  f'{median(ratios)}{note}')
+                  f'{Median.of(ratios).text(3)}{note}')
     for kind, name in enumerate(KINDS):
         if len(clones) > 1:
-            print(f'{name:28s} over the other clone {median((ms[1, kind] / ms[0, kind]).ravel())}')
+            ratios = Median.of((ms[1, kind] / ms[0, kind]).ravel())
+            print(f'{name:28s} over the other clone {ratios.text(3)}')
 
 
 if __name__ == '__main__':
