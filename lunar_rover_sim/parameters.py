@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 import math
-import os
-import reprlib
 import typing
 from typing import Any, TypeVar
 
 import numpy as np
 
+from lunar_rover_sim.arguments import brief, INT64
 from lunar_rover_sim.errors import ConfigError, did_you_mean
 from lunar_rover_sim.named_sets import checked_name, NAME, Named
 
@@ -24,42 +23,7 @@ T = TypeVar('T', bound='Parameters')
 
 _SCALARS = {'bool': bool, 'int': int, 'float': float, 'str': str}
 _ARRAYS = {'tuple[float, ...]': float, 'tuple[int, ...]': int, 'tuple[str, ...]': str}
-
-
-_INT64 = 2**63
 _HINTS: dict[type, dict[str, Any]] = {}     # types of the fields of each class
-
-
-class _Brief(reprlib.Repr):
-    def repr_int(self, x: int, level: int) -> str:
-        # Python refuses to write numbers of more than 4300 digits.
-        return repr(x) if abs(x) < _INT64 else f'<whole number of {x.bit_length()} bits>'
-
-
-_BRIEF = _Brief()
-_BRIEF.maxstring = _BRIEF.maxother = 80
-_BRIEF.maxlevel = 3
-
-
-def brief(value: object) -> str:
-    """Return a value as one short line, however large it is."""
-    return _BRIEF.repr(value)
-
-
-def check_argument(name: str, value: object, kind: type | tuple[type, ...], valid: str) -> None:
-    """Raise ConfigError, which names an argument of a function, unless it is of a kind."""
-    if not isinstance(value, kind):
-        raise ConfigError(f'{name}: {brief(value)} is not valid; valid is {valid}')
-
-
-def check_path(name: str, value: object) -> None:
-    """Raise ConfigError unless an argument is a path."""
-    check_argument(name, value, (str, os.PathLike), 'a path')
-
-
-def check_scenario(value: object, kind: type) -> None:
-    """Raise ConfigError unless an argument is a scenario: its class, or a protocol of it."""
-    check_argument('scenario', value, kind, 'a Scenario (Scenario.load(...))')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -267,7 +231,7 @@ def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:
 
 
 def _scalar(name: str, value: Any, kind: type) -> Any:
-    if isinstance(value, int) and not -_INT64 <= value < _INT64:
+    if isinstance(value, int) and not -INT64 <= value < INT64:
         raise ConfigError(f'{name}: {brief(value)} is not valid; valid are 64 bits')
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)

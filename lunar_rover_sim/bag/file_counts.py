@@ -7,9 +7,9 @@ from typing import Any
 
 import yaml
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.parameters import brief
 
 # The parser in C, where PyYAML has it, takes a tenth of the time.
 _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)

@@ -14,6 +14,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim import topics as contract
+from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import has_end
 from lunar_rover_sim.bag.file_counts import file_counts, is_count
@@ -21,7 +22,7 @@ from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.typestores import typestore_of
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.regular_file import check_regular
-from lunar_rover_sim.parameters import brief, check_path, nearest
+from lunar_rover_sim.parameters import nearest
 
 _MOST_BYTES = 1 << 24    # of metadata.yaml
 

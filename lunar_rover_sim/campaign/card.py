@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim import __version__
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.campaign.contents import (contents, DEPTH, HEADING, IMAGES, IMU, LABELS,
                                                LIDAR, POWER, STEREO)
 from lunar_rover_sim.campaign.croissant import croissant
@@ -21,7 +22,6 @@ from lunar_rover_sim.campaign.manifest import json_text, read_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.parameters import brief
 
 LARGEST = 1e18     # of a statistic
 _KINDS = {IMAGES: 'images', STEREO: 'stereo images', DEPTH: 'depth', LABELS: 'labels',

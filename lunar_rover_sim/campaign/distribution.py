@@ -20,8 +20,9 @@ from typing import Any
 
 from scipy.special import ndtr, ndtri
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import brief, nearest
+from lunar_rover_sim.parameters import nearest
 
 KINDS = ('uniform', 'log_uniform', 'normal', 'integer', 'choice')
 MAX_CHOICES = 1000

@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.campaign.campaign_file import Campaign, parse_campaign
 from lunar_rover_sim.campaign.dataset import failures, mapping_hash
 from lunar_rover_sim.campaign.episode_plans import draw, episode_names
@@ -15,7 +16,6 @@ from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
 from lunar_rover_sim.campaign.manifest import episode_files, MANIFEST, read_json, why_unfinished
 from lunar_rover_sim.errors import CampaignError, LunarRoverSimError
 from lunar_rover_sim.files.file_hash import file_hash
-from lunar_rover_sim.parameters import brief
 
 
 @dataclasses.dataclass(frozen=True)

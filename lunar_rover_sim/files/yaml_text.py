@@ -15,9 +15,9 @@ from typing import Any
 
 import yaml
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.files.regular_file import check_regular
-from lunar_rover_sim.parameters import brief
 
 _MAX_DEPTH = 32
 _Dumper: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)

@@ -9,13 +9,13 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lunar_rover_sim.arguments import brief, check_scenario
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
-from lunar_rover_sim.parameters import brief, check_scenario
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
 

@@ -7,8 +7,8 @@ import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import brief
 
 # UTC has had its present form since 1972; the series of the Earth's orbit ends with 2099.
 FIRST = np.datetime64('1972-01-01T00:00:00', 'us')

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from lunar_rover_sim.arguments import check_scenario
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
@@ -19,7 +20,6 @@ from lunar_rover_sim.lidar.rock_hulls import RockHulls
 from lunar_rover_sim.lidar.scan import Scan
 from lunar_rover_sim.lidar.scanned_scenario import ScannedScenario
 from lunar_rover_sim.lidar.soft_cells import SoftCells
-from lunar_rover_sim.parameters import check_scenario
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import lidar_pose

@@ -13,8 +13,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSPolicyKind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import brief, nearest
+from lunar_rover_sim.parameters import nearest
 
 PREFIX = 'qos_overrides.'
 # Offered by every publisher and subscription of our nodes.

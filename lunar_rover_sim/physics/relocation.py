@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
-from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.world.grid import HeightGrid
 
 # A pose that lies deeper in the ground is refused: contact would throw the rover out.

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lunar_rover_sim.arguments import brief, check_scenario
 from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import matrix_from_wxyz
-from lunar_rover_sim.parameters import brief, check_scenario
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.foot_motion import FootMotion, FootObserver

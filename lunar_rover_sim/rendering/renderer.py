@@ -9,6 +9,7 @@ from types import TracebackType
 
 import moderngl
 
+from lunar_rover_sim.arguments import check_scenario
 from lunar_rover_sim.camera.config import FurtherCameraConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.camera.models import geometry_of
@@ -18,7 +19,6 @@ from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.parameters import check_scenario
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.camera_renderer import CameraRenderer, check_size, padded_projection
 from lunar_rover_sim.rendering.canvas import FRAMES_UNDER_WAY

@@ -8,9 +8,10 @@ import dataclasses
 import numbers
 from typing import Any
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.parameters import brief, nearest
+from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.canvas import Drawing
 from lunar_rover_sim.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
 from lunar_rover_sim.rover.pose import RoverPose

@@ -10,6 +10,7 @@ from pathlib import Path
 import time
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.arguments import brief, check_path, check_scenario
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
@@ -17,7 +18,6 @@ from lunar_rover_sim.errors import ConfigError, did_you_mean, GraphError
 from lunar_rover_sim.files.outputs import check_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, ground_conditions
-from lunar_rover_sim.parameters import brief, check_path, check_scenario
 from lunar_rover_sim.run.clock_reader import check_domain, ClockReader
 from lunar_rover_sim.run.dated_scenario import dated_sun
 from lunar_rover_sim.run.domain import OwnDomain

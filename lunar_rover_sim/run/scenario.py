@@ -15,19 +15,21 @@ from pathlib import Path
 import re
 from typing import Any
 
+from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.resources import find_file, packaged_names
-from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
+from lunar_rover_sim.files.yaml_text import yaml_of
 from lunar_rover_sim.illumination.sun_path import check_last_date
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.parameters import brief, check_path, merge, nearest, nest, param, Parameters
+from lunar_rover_sim.parameters import merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.dated_scenario import dated_sun
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
                                              LidarNodeConfig, NODE_CONFIGS, PhysicsNodeConfig,
                                              RecorderNodeConfig, RenderNodeConfig, SlamNodeConfig)
-from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
+from lunar_rover_sim.run.params_files import ROS_KEY, SHARED
+from lunar_rover_sim.run.scenario_sections import override_sections, read_sections
 from lunar_rover_sim.run.shared_config import LOCKSTEP, MAX_DURATION_S, NodeConfig
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
@@ -97,8 +99,8 @@ class Scenario:
         if world is not None:
             check_path('world', world)
         path = find_file('scenario', str(name_or_path))
-        sections = _read(path)
-        changes = _changes(overrides)
+        sections = read_sections(path)
+        changes = override_sections(overrides)
         if seed is not None:
             changes.append({SHARED: {'seed': seed}})
         if duration_s is not None:
@@ -164,75 +166,10 @@ def scenario_names() -> list[str]:
     return packaged_names('scenario')
 
 
-def _read(path: Path) -> dict[str, Any]:
-    """Return section → nested values of a scenario file; ConfigError for unknown sections."""
-    document = read_yaml(path, MAX_BYTES)
-    if document is None:
-        document = {}
-    if not isinstance(document, Mapping):
-        raise ConfigError(f'{path}: not a scenario; valid is a mapping of sections')
-    sections: dict[str, Any] = {}
-    programs = {name: node for node in NODE_CONFIGS for name in section_names(node)}
-    for name, body in document.items():
-        section = programs.get(name, name)
-        if section not in _section_names():
-            raise ConfigError(f'{path}: no such section {brief(section)}; '
-                              f'{nearest(str(section), _section_names())}')
-        if section in sections:
-            raise ConfigError(f'{path}: section {section} is given twice')
-        if not isinstance(body, Mapping) or set(body) != {ROS_KEY}:
-            raise ConfigError(f'{path}: section {section!r} must hold {ROS_KEY!r} and nothing '
-                              'else')
-        values = body[ROS_KEY]
-        if values is not None and not isinstance(values, Mapping):
-            raise ConfigError(f'{path}: {section}.{ROS_KEY} is not a mapping of parameters')
-        sections[section] = nest(values or {}, section)
-    return sections
-
-
-def _section_names() -> tuple[str, ...]:
-    return (SHARED, 'world', 'rover', 'run', *NODE_CONFIGS)
-
-
-def _shared_names() -> list[str]:
-    return [field.name for field in dataclasses.fields(NodeConfig)]
-
-
-def _changes(overrides: Iterable[str] | Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return each override as nested sections; ConfigError where they are no texts."""
-    items: list[Any] = list(overrides) if isinstance(overrides, Iterable) else [overrides]
-    if isinstance(overrides, str) or not all(isinstance(item, str) for item in items):
-        raise ConfigError(f'overrides: {brief(overrides)} is not valid; valid is a list of '
-                          "'section.parameter=value', or a mapping of 'section.parameter' to "
-                          'values')
-    if isinstance(overrides, Mapping):
-        return [_override(name, value, f'overrides: {name}') for name, value in overrides.items()]
-    return [_parse_override(text) for text in items]
-
-
-def _parse_override(override: str) -> dict[str, Any]:
-    name, equals, text = override.partition('=')
-    if not equals or not name:
-        raise ConfigError(f'--set {override}: valid is section.parameter=value')
-    return _override(name, parse_yaml(text, f'--set {override}'), f'--set {override}')
-
-
-def _override(name: str, value: Any, where: str) -> dict[str, Any]:
-    """Return one parameter as nested sections; `where` names it in the ConfigError."""
-    section, dot, parameter = name.partition('.')
-    if not dot and section in _shared_names():
-        return {SHARED: {section: value}}
-    if not dot or section not in _section_names():
-        valid = [s for s in _section_names() if s != SHARED] + _shared_names()
-        raise ConfigError(f'{where}: no such section {brief(section)}; '
-                          f'{nearest(section, valid)}')
-    return {section: nest({parameter: value})}
-
-
 def _build(name: str, sections: Mapping[str, Any]) -> Scenario:
     shared_values = sections.get(SHARED, {})
     shared_values = merge({'time_mode': LOCKSTEP}, shared_values)
-    shared = NodeConfig.from_mapping(shared_values, SHARED)
+    shared = NodeConfig.from_mapping(shared_values)
     nodes: dict[str, Any] = {
         node: cls.from_mapping(merge(shared.to_mapping(), sections.get(node, {})), node)
         for node, cls in NODE_CONFIGS.items()

@@ -16,9 +16,9 @@ from pathlib import Path
 import re
 from typing import Any
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.files.yaml_text import read_text
-from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam.run_on_bag import SlamResult
 

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.files.images import read_picture
 from lunar_rover_sim.files.yaml_text import read_text, read_yaml
 from lunar_rover_sim.frames import Array, inverse
-from lunar_rover_sim.parameters import brief
 
 Image = NDArray[np.uint8]
 

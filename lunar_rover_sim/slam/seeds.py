@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 import re
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import SlamError
-from lunar_rover_sim.parameters import brief
 
 _MOST_SEEDS = 10_000
 

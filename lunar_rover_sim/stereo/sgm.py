@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.arguments import brief, check_scenario
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import StereoError
-from lunar_rover_sim.parameters import brief, check_scenario
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import DisparityMap

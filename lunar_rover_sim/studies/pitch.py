@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.parameters import brief
 
 START_S = 5.0         # the transient is looked for in this time after the command
 STEADY_FROM_S = 10.0  # the steady walk begins this time after the command

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import UsdError
 from lunar_rover_sim.files.atomic import partial_folder
-from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.usd.pixar import Sdf, Tf, UsdUtils
 from lunar_rover_sim.usd.suffixes import is_package, is_stage, parts_name, SUFFIXES
 

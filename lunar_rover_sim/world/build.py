@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 import scipy.ndimage
 
-from lunar_rover_sim.parameters import check_argument
+from lunar_rover_sim.arguments import check_argument
 from lunar_rover_sim.world import crater_population, curvature
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world import relief, rockfield, shapes, stamping

@@ -7,10 +7,10 @@ import pathlib
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.arrays import map_array
 from lunar_rover_sim.files.yaml_text import read_yaml
-from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.raster import MAX_HEIGHT_M, Raster
 

@@ -10,9 +10,9 @@ import rasterio
 from rasterio.crs import CRS
 from rasterio.warp import transform
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.library_output import stderr_to_log
-from lunar_rover_sim.parameters import brief
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.site import reported_site, Site, site_towards, unit_vector
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.parameters import brief
 
 _REPORTED = ('lon_deg', 'lat_deg', 'grid_north_deg')
 

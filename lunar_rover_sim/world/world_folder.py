@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.arguments import brief, check_argument, check_path
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.arrays import map_array, read_archive
 from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
-from lunar_rover_sim.parameters import brief, check_argument, check_path
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid

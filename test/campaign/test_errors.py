@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.files.yaml_text import parse_yaml
-from lunar_rover_sim.parameters import brief
 
 
 @pytest.mark.parametrize(('message', 'shown'), [
