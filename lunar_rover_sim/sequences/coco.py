@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
+from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.sequences.instances import CATEGORIES, Instance, LEAST_PX, run_lengths
 from lunar_rover_sim.sequences.labelled import LabelledSequence
 from lunar_rover_sim.sequences.sequence import PngWriter
@@ -69,7 +70,8 @@ class CocoSequence(LabelledSequence):
     def notes(self) -> list[str]:
         """Return how many annotations there are, and write the end of the file."""
         self.line(_FILE, f'], "images": {json.dumps(self._images)}}}')
-        return [f'{self._found} annotations; what shows fewer than {LEAST_PX} pixels has none']
+        return [f'{counted(self._found, "annotation")}; what shows fewer than {LEAST_PX} pixels '
+                'has none']
 
 
 def catalogues(bag: Bag) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.files.images import png_bytes
+from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.instances import check_pinhole
@@ -161,13 +162,13 @@ class WebDatasetSequence(PosedSequence):
         notes = super().notes()
         self._write_all(None)
         if self._lost:
-            notes.append(f'{self._lost} sets of hazard cameras left out: no sample has their '
-                         'stamp')
+            notes.append(f'{counted(self._lost, "set")} of hazard cameras left out: no sample has '
+                         'their stamp')
         self._shards.close()
         shards = self._shards.shards
         (self.folder / INDEX_FILE).write_text(index_text(self._drive, shards, {
             'drive': self._drive, 'world': self._world}), encoding='ascii')
-        return [f'{len(shards)} shards of {sum(s.size_bytes for s in shards) / 1e6:.1f} MB',
+        return [f'{counted(len(shards), "shard")} of {sum(s.size_bytes for s in shards) / 1e6:.1f} MB',
                 *notes]
 
     def close(self) -> None:

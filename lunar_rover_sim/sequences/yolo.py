@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.sequences.instances import CATEGORIES, Instance, LEAST_PX, outline
 from lunar_rover_sim.sequences.labelled import LabelledSequence
 from lunar_rover_sim.sequences.sequence import PngWriter
@@ -56,8 +57,8 @@ class YoloSequence(LabelledSequence):
 
     def notes(self) -> list[str]:
         """Return how many instances there are."""
-        return [f'{self._found} instances; what shows fewer than {LEAST_PX} pixels is left out; '
-                'train and val are the same images, split them by drive']
+        return [f'{counted(self._found, "instance")}; what shows fewer than {LEAST_PX} pixels '
+                'is left out; train and val are the same images, split them by drive']
 
 
 def _line(kind: int, values: Any) -> str:
