@@ -168,8 +168,8 @@ class WebDatasetSequence(PosedSequence):
         shards = self._shards.shards
         (self.folder / INDEX_FILE).write_text(index_text(self._drive, shards, {
             'drive': self._drive, 'world': self._world}), encoding='ascii')
-        return [f'{counted(len(shards), "shard")} of {sum(s.size_bytes for s in shards) / 1e6:.1f} MB',
-                *notes]
+        size_bytes = sum(shard.size_bytes for shard in shards)
+        return [f'{counted(len(shards), "shard")} of {size_bytes / 1e6:.1f} MB', *notes]
 
     def close(self) -> None:
         """Close the shard that an error has left open."""
