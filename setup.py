@@ -79,11 +79,12 @@ setup(
         # The live view in a browser.
         'view': ['foxglove-sdk>=0.14'],
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
-        'test': ['evo>=1.30', 'pytest>=9', 'pytest-xdist>=3.5', 'flake8>=7', 'import-linter>=2',
-                 'isort>=5', 'mlcroissant>=1.0', 'mypy>=1.10', 'pycocotools>=2.0.8', 'ruff>=0.6',
-                 'vulture>=2.11', 'types-PyYAML', 'types-psutil', 'mcap-ros2-support>=0.5',
-                 'hypothesis>=6.100', 'setuptools>=70.1', 'distributed>=2024.4', USD,
-                 'foxglove-sdk>=0.14', 'webdataset>=1.0', 'websockets>=13'],
+        'test': ['evo>=1.30', 'pytest>=9', 'pytest-xdist>=3.5', 'import-linter>=2',
+                 'isort>=5', 'mlcroissant>=1.0', 'mypy>=1.10', 'pycocotools>=2.0.8',
+                 'pycodestyle>=2.11', 'ruff>=0.6', 'vulture>=2.11', 'types-PyYAML',
+                 'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100',
+                 'setuptools>=70.1', 'distributed>=2024.4', USD, 'foxglove-sdk>=0.14',
+                 'webdataset>=1.0', 'websockets>=13'],
         # Random changes of the code, to see which of them the tests notice.
         'mutation': ['cosmic-ray>=8.4', 'coverage>=7.4'],
         'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],
