@@ -15,6 +15,7 @@ import psutil
 import pytest
 
 from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.slam import program as slam_program
 from lunar_rover_sim.slam import protocol
 from lunar_rover_sim.slam.client import answer
 from lunar_rover_sim.slam.program import SlamProgram
@@ -169,12 +170,14 @@ def test_a_program_that_misbehaves_is_named(fault: str, said: str, tmp_path: Pat
     assert time.monotonic() - start < 5.0
 
 
-def test_what_a_program_has_started_ends_with_it(tmp_path: Path) -> None:
+def test_what_a_program_has_started_ends_with_it(tmp_path: Path,
+                                                 monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrapper that is a shell script does not know of the end of its program."""
+    monkeypatch.setattr(slam_program, '_END_S', 0.5)
     (tmp_path / 'program.py').write_text(PROGRAM)
     wrapper = tmp_path / 'wrapper'
     wrapper.write_text(f'#!/bin/sh\nsleep 300 &\necho $! > {tmp_path}/pid\n'
-                       f'{sys.executable} {tmp_path}/program.py 99 none\n')
+                       f'{sys.executable} {tmp_path}/program.py 99 none\nwait\n')
     wrapper.chmod(0o755)
     program = SlamProgram([str(wrapper)], {}, 20.0, 20.0)
     try:
