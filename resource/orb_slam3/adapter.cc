@@ -93,6 +93,15 @@ std::vector<char> PoseBody(std::int64_t stamp_ns, State state, const SE3& T_came
   return body;
 }
 
+// Whether a frame was given no pose, in a map that is turned to gravity: of such a frame it is the
+// identity, as of a new frame.
+template <typename SE3>
+bool IsUnset(const SE3& T_camera_world) {
+  const auto t = T_camera_world.translation();
+  return t[0] == 0.0f && t[1] == 0.0f && t[2] == 0.0f &&
+         T_camera_world.unit_quaternion().w() == 1.0f;
+}
+
 int Run(const std::string& vocabulary, const std::string& settings, const std::string& name) {
   using ORB_SLAM3::System;
   const bool stereo = name != "mono", inertial = name == "stereo-inertial";
@@ -137,10 +146,12 @@ int Run(const std::string& vocabulary, const std::string& settings, const std::s
     bool ok = slam.GetTrackingState() == kTrackingOk;
     if (ok && first_s < 0.0) first_s = stamp_s;
     // Poses of a map that is not yet turned to gravity are of another frame than those after it.
-    // It is turned beside the tracking, so the frame during which it was may be of either.
+    // It is turned beside the tracking, so the frame during which it was may be of either. The
+    // frame at which a map is given up has no pose, and the state of the frame before.
     const bool was_turned = is_turned;
     if (inertial) {
-      is_turned = ok && stamp_s - first_s > kLeastImuS && slam.GetTimeFromIMUInit() > 0.0;
+      is_turned = ok && !IsUnset(pose) && stamp_s - first_s > kLeastImuS &&
+                  slam.GetTimeFromIMUInit() > 0.0;
       ok = was_turned && is_turned;
     }
     located |= ok;

@@ -87,13 +87,16 @@ class Tracker:
             self._is_turned = False
             return None
         self.has_tracked = True
+        T = np.array(result.pose_wc, dtype=float)
         if self._sensor == 'stereo-inertial':
             # The map is turned beside the tracking: the pose meanwhile may be of either frame.
-            was_turned, self._is_turned = self._is_turned, self._slam.imu_initialized()
+            # The frame at which a map is given up has that of a new frame, the identity.
+            is_unset = np.array_equal(T, np.eye(4))
+            was_turned = self._is_turned
+            self._is_turned = not is_unset and self._slam.imu_initialized()
             if not (was_turned and self._is_turned):
                 return None
         self.has_started = True
-        T = np.array(result.pose_wc, dtype=float)
         T[:3, 3] /= self._per_m
         return T
 

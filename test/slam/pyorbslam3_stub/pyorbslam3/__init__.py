@@ -3,7 +3,8 @@
 It tracks nothing: the camera is as far along x as there were frames, along y as the sum of the
 last pixels, and along z as the stamp of the last sample of the IMU. See test_wheel.py. These are
 metres; it answers in the unit of length in which its settings give the distance of the cameras,
-and there gravity must be that of the Earth.
+and there gravity must be that of the Earth. With an IMU it answers the fifth frame with the pose
+of a new frame, as where a map is given up.
 """
 
 from __future__ import annotations
@@ -76,7 +77,8 @@ class Slam:
                     0.0 if imu is None or not len(imu) else imu[-1, 0])
         T[:3, 3] *= self._unit
         self._poses.append((stamp_s, T))
-        return SimpleNamespace(state=TrackingState.OK, pose_wc=T)
+        is_given_up = imu is not None and self._frames == 5
+        return SimpleNamespace(state=TrackingState.OK, pose_wc=np.eye(4) if is_given_up else T)
 
     def imu_initialized(self) -> bool:
         """Say whether the map is turned to gravity: from the third frame on."""
