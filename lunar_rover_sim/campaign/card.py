@@ -22,6 +22,7 @@ from lunar_rover_sim.campaign.manifest import json_text, read_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.wording import counted
 
 LARGEST = 1e18     # of a statistic
 _KINDS = {IMAGES: 'images', STEREO: 'stereo images', DEPTH: 'depth', LABELS: 'labels',
@@ -140,8 +141,8 @@ def markdown(card: dict[str, Any]) -> str:
              f'- made with lunar_rover_sim {card["version"]} from the scenario '
              f'`{campaign.get("base")}`, design {campaign.get("design")}, seed '
              f'{campaign.get("seed")}',
-             f'- {len(card["episodes"])} episodes' + (f', {len(card["failed"])} more failed'
-                                                      if card['failed'] else ''),
+             f'- {counted(len(card["episodes"]), "episode")}'
+             + (f', {len(card["failed"])} more failed' if card['failed'] else ''),
              *([f'- IMU noise: {", ".join(card["imu_presets"])}'] if IMU in card['contents']
                else []), '',
              '## What is in an episode', '',

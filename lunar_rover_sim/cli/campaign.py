@@ -20,6 +20,7 @@ from lunar_rover_sim.campaign.episode_plans import draw, episode_names, episode_
 from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.outputs import check_folder
+from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.run.ros_installation import require_ros
 
 _CHECKED = 100     # episodes whose parameters a dry run checks; each takes some 10 ms
@@ -72,8 +73,8 @@ def run(args: argparse.Namespace) -> int:
         dataset.record()
         for name, reason in progress.remade.items():
             console.print(f'{name} is made again: {reason}', **_PLAIN)
-        console.print(f'{campaign.config.name}: {len(plans)} episodes, {len(progress.finished)} '
-                      f'there, {len(progress.missing)} to make'
+        console.print(f'{campaign.config.name}: {counted(len(plans), "episode")}, '
+                      f'{len(progress.finished)} there, {len(progress.missing)} to make'
                       + (f', {len(progress.failed)} failed before (--retry makes them again)'
                          if progress.failed else ''), **_PLAIN)
         try:
@@ -84,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         finally:
             card = write_card(dataset.folder)
     there = len(card['episodes'])
-    console.print(f'{there} of {len(plans)} episodes in {dataset.folder}; data card: '
+    console.print(f'{there} of {counted(len(plans), "episode")} in {dataset.folder}; data card: '
                   f'{dataset.folder / "README.md"}', **_PLAIN)
     return 0 if there == len(plans) else 1
 

@@ -142,7 +142,7 @@ def test_survey(episode: Path, plans: list[EpisodePlan], tmp_path: Path) -> None
     card = write_card(data)
     assert list(card['episodes']) == ['0000']
     text = (data / 'README.md').read_text()
-    assert '1 episodes, 1 more failed' in text
+    assert '1 episode, 1 more failed' in text
     assert all(name in text for name in MEANINGS)
 
 
