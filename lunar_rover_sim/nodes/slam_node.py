@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from functools import reduce
 from pathlib import Path
 import shlex
@@ -39,6 +40,7 @@ except ImportError:     # not in the wheels
     TFMessage = None
 
 _MOST_UNPAIRED = 20
+_RECENT = 20                # answers whose latency is in the diagnostics
 _COMPILED_MPS2 = 9.81       # gravity in ORB-SLAM3
 
 
@@ -60,7 +62,8 @@ class SlamNode(node_main.GraphNode):
         self._open: dict[int, dict[str, Any]] = {}      # stamp → side → pixels
         self._waiting: deque[FrameSet] = deque()
         self._imu: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque()
-        self._drops, self._state, self._latencies_s = Drops(), protocol.INITIALISING, [0.0]
+        self._drops, self._state = Drops(), protocol.INITIALISING
+        self._latencies_s: list[float] = []
         self._tracked = self._answered = 0
         self._folder = TemporaryDirectory(prefix='slam_node_')
         if config.has_imu and abs(config.gravity_mps2 - _COMPILED_MPS2) > 0.1 \
@@ -99,7 +102,7 @@ class SlamNode(node_main.GraphNode):
         self._folder.cleanup()
         self.get_logger().info(f'{self._tracked} of {self._answered} frames tracked, '
                                f'{self._drops.total} lost, latency '
-                               f'{1e3 * float(np.median(self._latencies_s)):.1f} ms in the median')
+                               f'{_median_ms(self._latencies_s)} ms in the median')
 
     def _words(self, suite: SensorSuite) -> list[str]:
         """Return the command.
@@ -208,12 +211,15 @@ class SlamNode(node_main.GraphNode):
         self._status.publish(array)
 
     def _tracking_status(self) -> SubjectStatus:
-        recent_s = self._latencies_s[-20:]
         state = protocol.STATES[self._state] if self._program.is_ready else 'not ready'
         return SubjectStatus(OK if self._state == protocol.TRACKING else WARN, state,
                              {'Frames answered': str(self._answered),
                               'Frames tracked': str(self._tracked),
-                              'Latency (ms)': f'{1e3 * float(np.median(recent_s)):.1f}'})
+                              'Latency (ms)': _median_ms(self._latencies_s[-_RECENT:])})
+
+
+def _median_ms(latencies_s: Sequence[float]) -> str:
+    return f'{1e3 * float(np.median(latencies_s)):.1f}' if latencies_s else 'nan'
 
 
 def description(suite: SensorSuite, config: SlamNodeConfig) -> dict[str, Any]:

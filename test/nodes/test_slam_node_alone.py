@@ -7,6 +7,7 @@ from pathlib import Path
 import shlex
 import subprocess
 import sys
+import time
 from typing import Any
 
 import pytest
@@ -106,9 +107,9 @@ def test_the_newest_frame_wins_and_the_imu_has_no_gap(peer: Peer, tmp_path: Path
     statuses = peer.listen(DiagnosticArray, 'slam/status')
     transforms = peer.listen(TFMessage, 'tf') if TFMessage is not None else []
 
-    def drops() -> dict[str, str]:
+    def told(subject: str) -> dict[str, str]:
         return {value.key: value.value for array in diagnostics[-3:] for status in array.status
-                if status.name == 'slam_node: Drops' for value in status.values}
+                if status.name == f'slam_node: {subject}' for value in status.values}
 
     def seen(count: int) -> dict[str, Any]:
         path = tmp_path / f'frame{count}'
@@ -129,14 +130,19 @@ def test_the_newest_frame_wins_and_the_imu_has_no_gap(peer: Peer, tmp_path: Path
         for stamp_ms in (100, 150, 200):    # the program is busy
             feeder.imu_until(stamp_ms)
             feeder.frame(stamp_ms)
-        peer.spin_until(lambda: drops().get('Frames') == '2')
-        assert drops()['Lost since startup'] == '2'
+        began_s = time.monotonic()
+        peer.spin_until(lambda: told('Drops').get('Frames') == '2')
+        assert told('Drops')['Lost since startup'] == '2'
+        assert told('Tracking')['Latency (ms)'] == 'nan'      # nothing is answered
+        least_ms = 1e3 * (time.monotonic() - began_s)
         (tmp_path / 'go1').touch()
         second = seen(2)
         assert second['stamp_ns'] == 200_000_000
         assert second['imu_ns'] == samples(55, 200)
         assert second['forces'] == [ns / 1e9 for ns in second['imu_ns']]
         assert second['rates'] == [-ns / 1e9 for ns in second['imu_ns']]
+        peer.spin_until(lambda: told('Tracking')['Frames answered'] == '1')
+        assert float(told('Tracking')['Latency (ms)']) >= round(least_ms, 1)
         (tmp_path / 'go2').touch()
         # A frame waits for the samples up to it.
         feeder.imu_until(245)
