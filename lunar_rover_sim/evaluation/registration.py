@@ -15,6 +15,7 @@ from scipy.spatial.transform import Slerp
 
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
+from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 
@@ -90,8 +91,8 @@ def associate(truth: Trajectory, estimate: Trajectory,
 
 def _check_length(trajectory: Trajectory) -> None:
     if len(trajectory) < MIN_POSES:
-        raise EvaluationError(f'{trajectory.name}: holds {len(trajectory)} poses; at least '
-                              f'{MIN_POSES} are needed')
+        raise EvaluationError(f'{trajectory.name}: holds {counted(len(trajectory), "pose")}; at '
+                              f'least {MIN_POSES} are needed')
 
 
 def _span(trajectory: Trajectory) -> str:
