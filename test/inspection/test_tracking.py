@@ -8,6 +8,7 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.camera.prediction import PredictionMiss
 from lunar_rover_sim.inspection import tracking
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
@@ -53,6 +54,14 @@ def test_a_gentle_drive_passes(tmp_path, monkeypatch):
     finding = next(f for f in check(path).findings if f.check == 'tracking')
     assert finding.status is Status.PASS
     assert finding.detail.count('Hz') == 1
+
+
+def test_rates_of_a_run_in_real_time_are_rounded():
+    """Frames that this machine could not draw leave rates such as 20 / 3 Hz."""
+    line = tracking.sentence([PredictionMiss(20.0 / 3.0, 9.0, 30.0, 0.4),
+                              PredictionMiss(40.0 / 3.0, 3.0, 9.0, 0.0)])
+    assert line.startswith('at 6.67 Hz, ')
+    assert 'at 13.3 Hz by' in line
 
 
 def test_the_truth_is_judged_where_it_has_a_topic_of_its_own(tmp_path, monkeypatch):
