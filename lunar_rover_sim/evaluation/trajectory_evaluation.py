@@ -111,9 +111,9 @@ def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame
     tolerance_s: largest distance in time between an estimated and a true pose [s].
     distance_m, time_s: between the poses of a pair in the relative errors [m], [s].
     times: file with the stamps of KITTI files, one a line.
-    frame_stamps_ns: stamps of the images that the estimator was given, by default those in the
-        bag of the truth; without either the share tracked is that of the truth's time, at the
-        estimate's median rate.
+    frame_stamps_ns: stamps of the images that the estimator was given, by default those of the
+        images, or of their CameraInfo, in the bag of the truth; without any the share tracked is
+        that of the truth's time, at the estimate's median rate.
 
     Raises EvaluationError or BagError where a source cannot be read, EvaluationError where the two
     cannot be associated or aligned, or an option is not valid, ConfigError on an unknown frame.

@@ -131,11 +131,16 @@ def frame_on_rover(source: Source, frame: str) -> Array:
 
 
 def image_stamps_ns(source: Source) -> NDArray[np.int64] | None:
-    """Return the stamps [ns] of the left images of a bag, of which a tracker gets each one."""
+    """Return the stamps [ns] of the left images of a bag, of which a tracker gets each one.
+
+    Without images they are those of the camera's CameraInfo, one of which is published with each.
+    None for a file, and for a bag with neither.
+    """
     path = bag_of(source)
     if path is None:
         return None
     with open_bag(path) as bag:
-        if not bag.has(topics.LEFT_IMAGE.name):
-            return None
-        return np.array([m.time_ns for m in bag.raw([topics.LEFT_IMAGE.name])], dtype=np.int64)
+        for topic in (topics.LEFT_IMAGE, topics.LEFT_INFO):
+            if bag.has(topic.name):
+                return np.array([m.time_ns for m in bag.raw([topic.name])], dtype=np.int64)
+    return None

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
 import dataclasses
 from pathlib import Path
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.messages import xyz
@@ -20,6 +23,7 @@ class Summary:
     """Counts by topic, simulated time [s], path length [m], size [bytes], content hash.
 
     tracking: how far constant velocity mispredicts the images, as `tracking.predictions` has it
+    slam: how many frames a SLAM program had in each of its states, such as `tracking`
     """
 
     counts: dict[str, int]
@@ -28,6 +32,7 @@ class Summary:
     size_bytes: int
     hash: str
     tracking: tuple[PredictionMiss, ...] = ()
+    slam: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
     def lines(self, wall_s: float | None = None) -> str:
         """Return a readable text; `wall_s` is the wall time that the run took."""
@@ -39,6 +44,7 @@ class Summary:
             f'{sum(self.counts.values())} messages, {self.duration_s:.2f} s{pace}, '
             f'{self.distance_m:.2f} m, {self.size_bytes / 1e6:.0f} MB',
             *([f'tracking: {tracking.sentence(self.tracking)}'] if self.tracking else []),
+            *([_slam_line(self.slam)] if self.slam else []),
             f'hash {self.hash}'])
 
 
@@ -46,7 +52,21 @@ def summarise(path: Path) -> Summary:
     """Return the summary of a bag; the distance is that along the true path."""
     with open_bag(path) as bag:
         return Summary(dict(bag.counts), simulated_end_ns(bag) / NS_PER_S, _distance_m(bag),
-                       bag.size_bytes, bag_hash(path), tuple(tracking.of_bag(bag)))
+                       bag.size_bytes, bag_hash(path), tuple(tracking.of_bag(bag)),
+                       _slam_states(bag))
+
+
+def _slam_states(bag: Bag) -> Counter[str]:
+    """Return the number of frames by what slam_node said of each; empty without one."""
+    if not bag.has(topics.SLAM_STATUS.name):
+        return Counter()
+    return Counter(message.status[0].message
+                   for _, _, message in bag.messages([topics.SLAM_STATUS.name]) if message.status)
+
+
+def _slam_line(states: Mapping[str, int]) -> str:
+    counts = ', '.join(f'{count} {state}' for state, count in sorted(states.items()))
+    return f'slam: {sum(states.values())} frames answered: {counts}'
 
 
 def _distance_m(bag: Bag) -> float:

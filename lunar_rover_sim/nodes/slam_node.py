@@ -64,7 +64,7 @@ class SlamNode(node_main.GraphNode):
         self._imu: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque()
         self._drops, self._state = Drops(), protocol.INITIALISING
         self._latencies_s: list[float] = []
-        self._tracked = self._answered = 0
+        self._frames = [0] * len(protocol.STATES)       # answered, by their state
         self._folder = TemporaryDirectory(prefix='slam_node_')
         if config.has_imu and abs(config.gravity_mps2 - _COMPILED_MPS2) > 0.1 \
                 and '{wheel}' not in config.command:    # which is told of it
@@ -100,8 +100,10 @@ class SlamNode(node_main.GraphNode):
         """End the program, and say how it went."""
         self._program.close()
         self._folder.cleanup()
-        self.get_logger().info(f'{self._tracked} of {self._answered} frames tracked, '
-                               f'{self._drops.total} lost, latency '
+        counts = ', '.join(f'{count} {state}'
+                           for state, count in zip(protocol.STATES, self._frames))
+        self.get_logger().info(f'{sum(self._frames)} frames answered: {counts}; '
+                               f'{self._drops.total} left out; latency '
                                f'{_median_ms(self._latencies_s)} ms in the median')
 
     def _words(self, suite: SensorSuite) -> list[str]:
@@ -193,10 +195,9 @@ class SlamNode(node_main.GraphNode):
     def _publish(self, pose: protocol.TrackedPose, latency_s: float) -> None:
         stamp = conversions.time_msg(pose.stamp_ns)
         self._state = pose.state
-        self._answered += 1
+        self._frames[pose.state] += 1
         self._latencies_s.append(latency_s)
         if pose.state == protocol.TRACKING:
-            self._tracked += 1
             T = se3(matrix_from_wxyz(pose.wxyz), pose.position_m)
             self._pose.publish(conversions.pose_stamped(T, self._config.frame_id, stamp))
             if self._tf is not None:
@@ -213,8 +214,8 @@ class SlamNode(node_main.GraphNode):
     def _tracking_status(self) -> SubjectStatus:
         state = protocol.STATES[self._state] if self._program.is_ready else 'not ready'
         return SubjectStatus(OK if self._state == protocol.TRACKING else WARN, state,
-                             {'Frames answered': str(self._answered),
-                              'Frames tracked': str(self._tracked),
+                             {'Frames answered': str(sum(self._frames)),
+                              'Frames tracked': str(self._frames[protocol.TRACKING]),
                               'Latency (ms)': _median_ms(self._latencies_s[-_RECENT:])})
 
 

@@ -167,9 +167,11 @@ def missing_frames(scenario: Scenario, counts: Mapping[str, int],
                    simulated_s: float) -> list[str]:
     """Return one line if images are missing in a recording in real time, else none.
 
-    The last one may have been under way when the run ended.
+    Where images are not recorded, the CameraInfo of each counts. The last one may have been under
+    way when the run ended.
     """
-    recorded = counts.get(f'/{topics.LEFT_IMAGE.name}')
+    recorded = next((counts[f'/{topic.name}'] for topic in (topics.LEFT_IMAGE, topics.LEFT_INFO)
+                     if f'/{topic.name}' in counts), None)
     meant = round(simulated_s * 1e9) // scenario.render_node.frame_period_ns
     if scenario.render_node.lockstep or recorded is None or recorded >= meant - 1:
         return []

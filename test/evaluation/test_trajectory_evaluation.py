@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import ConfigError, EvaluationError
 from lunar_rover_sim.evaluation import trajectory_files
@@ -25,6 +26,17 @@ def bag(tmp_path_factory) -> Path:
     """Return a drive of 1.5 s; it is only read."""
     return synthetic.write(tmp_path_factory.mktemp('bags') / 'bag',
                            synthetic.drive(1.5, only=synthetic.FOR_ESTIMATORS))
+
+
+def test_where_images_are_not_recorded_their_camera_info_tells_the_stamps(bag, tmp_path):
+    """As of a bag of a live run, which has the poses and no images."""
+    infos = [i for i in synthetic.drive(0.5, only=synthetic.FOR_ESTIMATORS)
+             if i.topic in (topics.ODOM.name, topics.LEFT_INFO.name)]
+    stamps = sources.image_stamps_ns(synthetic.write(tmp_path / 'bag', infos))
+    assert stamps.tolist() == sources.image_stamps_ns(bag)[:len(stamps)].tolist()
+    assert len(stamps) == 5
+    neither = [i for i in infos if i.topic == topics.ODOM.name]
+    assert sources.image_stamps_ns(synthetic.write(tmp_path / 'poses', neither)) is None
 
 
 def test_the_command_judges_a_bag(bag, tmp_path, capsys):

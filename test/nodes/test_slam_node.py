@@ -58,7 +58,8 @@ def test_in_lockstep_every_frame_is_tracked(tmp_path: Path, world_folder: Path) 
     assert judged.tracked_share == 1.0
     assert judged.ate_m.rmse < 0.01
     log = (tmp_path / 'run' / 'logs' / 'slam_node.log').read_text()
-    assert '20 of 20 frames tracked' in log
+    assert '20 frames answered: 0 initialising, 20 tracking, 0 lost; 0 left out' in log
+    assert 'slam: 20 frames answered: 20 tracking' in finished.stdout
 
 
 def test_a_program_that_crashes_ends_the_run(tmp_path: Path, world_folder: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from lunar_rover_sim.run.recording import missing_frames, Recording
 from lunar_rover_sim.run.scenario import Scenario
 
-LEFT = '/stereo/left/image_raw'
+LEFT, INFO = '/stereo/left/image_raw', '/stereo/left/camera_info'
 
 
 @pytest.mark.parametrize('count,said', [
@@ -17,6 +17,8 @@ def test_images_that_are_missing_in_real_time_are_counted(count, said):
     scenario = Scenario.load('flat', ['time_mode=real_time', 'render_node.frame_rate_hz=20'])
     lines = missing_frames(scenario, {LEFT: count}, 2.0)
     assert [said in line for line in lines] == [True] * bool(said)
+    assert missing_frames(scenario, {INFO: count}, 2.0) == lines
+    assert missing_frames(scenario, {INFO: 40, LEFT: count}, 2.0) == lines
 
 
 def test_a_run_in_lockstep_or_without_images_misses_none():
