@@ -70,7 +70,13 @@ def run(args: argparse.Namespace) -> int:
               f'{result.length_m:.2f} m, tracked {100 * result.tracked_share:.1f} %, '
               f'{len(result.estimate)} poses, {result.unmatched} without truth',
               highlight=False, markup=False, soft_wrap=True)
-    if result.turned_deg is not None:
+    if jumps := result.jumps:
+        stamp_s, size_m = max(jumps, key=lambda jump: jump[1])
+        times = 'once,' if len(jumps) == 1 else f'{len(jumps)} times, most'
+        out.print(f'note: the estimate jumps {times} at {stamp_s:.2f} s by {size_m:.2f} m: a map '
+                  'that was moved, or another one; the errors take all of it as one',
+                  highlight=False, soft_wrap=True)
+    elif result.turned_deg is not None:
         out.print(f'note: all orientations are off by the same {result.turned_deg:.0f} deg; '
                   'is --estimate-frame (or --truth-frame) right?', highlight=False,
                   soft_wrap=True)

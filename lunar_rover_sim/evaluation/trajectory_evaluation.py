@@ -18,6 +18,8 @@ from lunar_rover_sim.evaluation.trajectory_sources import (frame_on_rover, image
                                                            Source)
 from lunar_rover_sim.frames import Array, inverse
 
+_JUMP_M, _JUMP_FACTOR = 0.1, 20.0       # a step whose error is beyond both; of the median step
+
 
 @dataclasses.dataclass(frozen=True)
 class EvaluationOptions:
@@ -78,6 +80,19 @@ class Evaluation:
         """
         angle = self.ate_deg
         return angle.mean if angle.mean > 5.0 and angle.std < 0.2 * angle.mean else None
+
+    @property
+    def jumps(self) -> list[tuple[float, float]]:
+        """Stamps [s] and sizes [m] of the steps in which the estimate does not move as the rover.
+
+        A SLAM program that moves its map, or starts another one, leaves such steps in what it
+        published. A jump is more than 0.1 m, and more than 20 times the error of the median step.
+        """
+        sizes_m = np.linalg.norm(np.diff(self.estimate.positions_m - self.truth.positions_m,
+                                         axis=0), axis=1)
+        least_m = max(_JUMP_M, _JUMP_FACTOR * float(np.median(sizes_m))) if len(sizes_m) else 0.0
+        return [(1e-9 * float(self.estimate.stamps_ns[k + 1]), float(sizes_m[k]))
+                for k in np.flatnonzero(sizes_m > least_m)]
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values for JSON; NaN becomes None."""

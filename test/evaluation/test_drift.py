@@ -76,6 +76,29 @@ def test_a_turn_that_all_orientations_share_is_told(angle_deg, scatter, told):
         assert result.turned_deg == pytest.approx(angle_deg)
 
 
+def test_a_map_that_is_moved_is_a_jump():
+    """More than 0.1 m in a step; steps that are as wrong throughout are none."""
+    truth = path(bent())
+    shift = np.zeros((len(truth), 3))
+    shift[60:] += [0.0, 0.09, 0.0]
+    shift[120:] += [0.0, 0.0, -0.2]
+    shift[150:] += [0.15, 0.0, 0.0]
+
+    def estimated(positions_m):
+        estimate = Trajectory(truth.stamps_ns, positions_m, truth.orientations_wxyz, 'moved')
+        return evaluate(truth, estimate, align='none')
+
+    result = estimated(truth.positions_m + shift)
+    assert result.jumps == [pytest.approx((1e-9 * truth.stamps_ns[120], 0.2)),
+                            pytest.approx((1e-9 * truth.stamps_ns[150], 0.15))]
+    assert estimated(truth.positions_m).jumps == []
+    wrong = truth.positions_m + 0.2 * np.resize([0.0, 1.0], len(truth))[:, None]
+    assert estimated(wrong).jumps == []
+    shift[150:] += [20.0, 0.0, 0.0]         # 20 times those steps, of 0.35 m, is 6.9 m
+    assert [stamp for stamp, _ in estimated(wrong + shift).jumps] \
+        == [pytest.approx(1e-9 * truth.stamps_ns[150])]
+
+
 def test_the_share_tracked_counts_images_with_a_pose_near_them():
     """Within the tolerance, and within half of the time between images."""
     truth = path(bent())

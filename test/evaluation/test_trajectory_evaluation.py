@@ -28,6 +28,30 @@ def bag(tmp_path_factory) -> Path:
                            synthetic.drive(1.5, only=synthetic.FOR_ESTIMATORS))
 
 
+def test_the_command_notes_a_moved_map_or_else_a_wrong_frame(bag, tmp_path, capsys):
+    """All orientations are off where the frame is another one, and where a map is not aligned."""
+    truth = sources.load(bag)
+    turned = truth.of_frame(np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0],
+                                      [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]))
+
+    def said(positions_m):
+        trajectory_files.write_tum(tmp_path / 'estimate.txt', dataclasses.replace(
+            turned, positions_m=positions_m))
+        args = parse(['evaluate', str(bag), str(tmp_path / 'estimate.txt'), '--align', 'none'])
+        assert args.run(args) == 0
+        return [line for line in capsys.readouterr().out.splitlines() if line.startswith('note')]
+
+    notes = said(truth.positions_m)
+    assert len(notes) == 1
+    assert notes[0].startswith('note: all orientations are off by the same 90 deg')
+    late = truth.stamps_ns >= 700_000_000
+    notes = said(truth.positions_m + 0.5 * late[:, None])
+    assert len(notes) == 1
+    assert notes[0].startswith('note: the estimate jumps once, at 0.70 s by 0.87 m: ')
+    notes = said(truth.positions_m + (0.5 * late + (truth.stamps_ns >= 900_000_000))[:, None])
+    assert notes[0].startswith('note: the estimate jumps 2 times, most at 0.90 s by 1.73 m: ')
+
+
 def test_where_images_are_not_recorded_their_camera_info_tells_the_stamps(bag, tmp_path):
     """As of a bag of a live run, which has the poses and no images."""
     infos = [i for i in synthetic.drive(0.5, only=synthetic.FOR_ESTIMATORS)
