@@ -41,6 +41,7 @@ class SlamProgram:
         self._on_news = on_news
         self.is_ready = False
         self._under_way: tuple[int, float] | None = None    # stamp [ns], wall time [s]
+        self._answered_ns: int | None = None                # stamp of the last frame
         self._since_s = time.monotonic()
         self._problem = ''
         self._has_ended = False
@@ -85,12 +86,17 @@ class SlamProgram:
             status = self._process.poll()
             how = ('closed its output' if status is None else f'ended with status {status}'
                    if status >= 0 else f'crashed with {signal_name(-status)}')
-            raise SlamError(f'{self._name}: {how}{at or " before it was ready"}')
+            raise SlamError(f'{self._name}: {how}{at or self._since()}')
         now_s = time.monotonic()
         if not self.is_ready and now_s - self._since_s > self._ready_s:
             raise SlamError(f'{self._name}: not ready within {self._ready_s:g} s')
         if under_way is not None and now_s - under_way[1] > self._answer_s:
             raise SlamError(f'{self._name}: no answer for {self._answer_s:g} s{at}')
+
+    def _since(self) -> str:
+        if self._answered_ns is not None:
+            return f' after the frame of {self._answered_ns / 1e9:.3f} s'
+        return ' before its first frame' if self.is_ready else ' before it was ready'
 
     def close(self) -> None:
         """Tell the program the end, give it some seconds, and kill what is left."""
@@ -137,4 +143,5 @@ class SlamProgram:
         if self._under_way is None or pose.stamp_ns != self._under_way[0]:
             raise SlamError(f'an answer to {pose.stamp_ns / 1e9:.3f} s; no such frame was asked')
         self._answers.append((pose, time.monotonic() - self._under_way[1]))
+        self._answered_ns = pose.stamp_ns
         self._under_way = None

@@ -170,6 +170,35 @@ def test_a_program_that_misbehaves_is_named(fault: str, said: str, tmp_path: Pat
     assert time.monotonic() - start < 5.0
 
 
+@pytest.mark.parametrize(('frames', 'said'), [
+    (range(0), 'crashed with SIGKILL before its first frame'),
+    (range(1_500_000_000, 1_500_000_001), 'crashed with SIGKILL after the frame of 1.500 s')])
+def test_a_program_that_is_killed_between_frames_is_told_from_one_that_never_was_ready(
+        frames: range, said: str, tmp_path: Path) -> None:
+    (tmp_path / 'program.py').write_text(PROGRAM)
+    program = SlamProgram([sys.executable, str(tmp_path / 'program.py'), '9', 'none'], {}, 20.0,
+                          20.0)
+    try:
+        wait(program, lambda: program.is_ready)
+        feed(program, frames)
+        (child,) = [c for c in psutil.Process().children(recursive=True)
+                    if str(tmp_path) in ' '.join(c.cmdline())]
+        child.kill()
+        with pytest.raises(SlamError, match=said):
+            wait(program, lambda: False)
+    finally:
+        program.close()
+
+
+def test_a_program_that_ends_at_once_was_never_ready() -> None:
+    program = SlamProgram([sys.executable, '-c', 'pass'], {}, 20.0, 20.0)
+    try:
+        with pytest.raises(SlamError, match='ended with status 0 before it was ready'):
+            wait(program, lambda: False)
+    finally:
+        program.close()
+
+
 def test_what_a_program_has_started_ends_with_it(tmp_path: Path,
                                                  monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrapper that is a shell script does not know of the end of its program."""
