@@ -264,6 +264,8 @@ CONTRACT: tuple[Topic, ...] = (
     VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, *OF_LIDAR,
     LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
     RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+# One of each with every stereo pair: the first that is recorded tells of all.
+OF_PAIRS: tuple[Topic, ...] = (LEFT_IMAGE, LEFT_INFO)
 # Of a package that may not be installed.
 OF_VISION: tuple[Topic, ...] = (BOXES, LABEL_CLASSES, VISION_INFO)
 OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)

@@ -90,7 +90,7 @@ class Evaluation:
         """
         sizes_m = np.linalg.norm(np.diff(self.estimate.positions_m - self.truth.positions_m,
                                          axis=0), axis=1)
-        least_m = max(_JUMP_M, _JUMP_FACTOR * float(np.median(sizes_m))) if len(sizes_m) else 0.0
+        least_m = max(_JUMP_M, _JUMP_FACTOR * float(np.median(sizes_m)))
         return [(1e-9 * float(self.estimate.stamps_ns[k + 1]), float(sizes_m[k]))
                 for k in np.flatnonzero(sizes_m > least_m)]
 

@@ -140,7 +140,7 @@ def image_stamps_ns(source: Source) -> NDArray[np.int64] | None:
     if path is None:
         return None
     with open_bag(path) as bag:
-        for topic in (topics.LEFT_IMAGE, topics.LEFT_INFO):
+        for topic in topics.OF_PAIRS:
             if bag.has(topic.name):
                 return np.array([m.time_ns for m in bag.raw([topic.name])], dtype=np.int64)
     return None

@@ -19,7 +19,7 @@ DEPTH_SET = (topics.DISPARITY, topics.DEPTH, topics.TRUE_DEPTH)
 
 # The topics that the rates are measured on.
 _MEASURED = {STATE: (topics.TRUE_ODOM, topics.ODOM, topics.CLOCK),
-             FRAME: (topics.LEFT_IMAGE, topics.LEFT_INFO),
+             FRAME: topics.OF_PAIRS,
              DEPTH_FRAME: (topics.DISPARITY, topics.TRUE_DEPTH, topics.DEPTH)}
 
 

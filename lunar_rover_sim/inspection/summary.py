@@ -31,8 +31,8 @@ class Summary:
     distance_m: float
     size_bytes: int
     hash: str
-    tracking: tuple[PredictionMiss, ...] = ()
-    slam: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    tracking: tuple[PredictionMiss, ...]
+    slam: Mapping[str, int]
 
     def lines(self, wall_s: float | None = None) -> str:
         """Return a readable text; `wall_s` is the wall time that the run took."""

@@ -170,7 +170,7 @@ def missing_frames(scenario: Scenario, counts: Mapping[str, int],
     Where images are not recorded, the CameraInfo of each counts. The last one may have been under
     way when the run ended.
     """
-    recorded = next((counts[f'/{topic.name}'] for topic in (topics.LEFT_IMAGE, topics.LEFT_INFO)
+    recorded = next((counts[f'/{topic.name}'] for topic in topics.OF_PAIRS
                      if f'/{topic.name}' in counts), None)
     meant = round(simulated_s * 1e9) // scenario.render_node.frame_period_ns
     if scenario.render_node.lockstep or recorded is None or recorded >= meant - 1:
