@@ -185,10 +185,12 @@ class Server:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Serve."""
         self.items = list(session.items)
+        gc.unfreeze()       # by conftest; frozen objects are not among those that follow
         for function in gc.get_objects():
             if isinstance(function, FunctionType):
                 self.functions.setdefault(function.__code__.co_filename, []).append(function)
-        gc.freeze()     # before forks, as its documentation says: a collection would copy pages
+        if not any(name.startswith(str(self.tree.folder)) for name in self.functions):
+            raise RuntimeError('no function of the package was found, so none can be changed')
         self.serve(self)
         return True
 
