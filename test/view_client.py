@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 import contextlib
 import json
@@ -30,6 +31,7 @@ class Client:
         self._connection = connection
         self.channels: dict[str, dict[str, Any]] = {}
         self._wanted: dict[str, int] = {}       # subscriptions by their topics
+        self._kept: deque[bytes] = deque()      # what came while nobody read
 
     def find(self, topic: str) -> dict[str, Any]:
         """Return the channel of a topic, as soon as it is advertised."""
@@ -49,10 +51,20 @@ class Client:
         return data
 
     def attend(self) -> None:
-        """Answer what the server has advertised; messages that have come are lost."""
+        """Answer what the server has advertised; messages that have come wait to be read."""
         with contextlib.suppress(TimeoutError):
             while True:
-                self._receive(0.0)
+                data = self._receive(0.0)
+                if isinstance(data, bytes):
+                    self._kept.append(data)
+
+    def _next(self, kind: int) -> bytes:
+        """Return the next binary message of a kind."""
+        end_s = time.monotonic() + _LIMIT_S
+        while True:
+            data = self._kept.popleft() if self._kept else self._receive(end_s)
+            if isinstance(data, bytes) and data[0] == kind:
+                return data
 
     def subscribe(self, topic: str, number: int = 7) -> None:
         """Ask for a topic; number: of the subscription."""
@@ -75,20 +87,13 @@ class Client:
 
     def time_ns(self) -> int:
         """Return the next time that the server tells [ns]."""
-        end_s = time.monotonic() + _LIMIT_S
-        while True:
-            data = self._receive(end_s)
-            if isinstance(data, bytes) and data[0] == _TIME:
-                return int(struct.unpack_from('<Q', data, 1)[0])
+        return int(struct.unpack_from('<Q', self._next(_TIME), 1)[0])
 
     def message(self) -> tuple[int, int, bytes]:
         """Return number, time [ns] and content of the next message."""
-        end_s = time.monotonic() + _LIMIT_S
-        while True:
-            data = self._receive(end_s)
-            if isinstance(data, bytes) and data[0] == _MESSAGE:
-                number, time_ns = struct.unpack_from('<IQ', data, 1)
-                return number, time_ns, data[13:]
+        data = self._next(_MESSAGE)
+        number, time_ns = struct.unpack_from('<IQ', data, 1)
+        return number, time_ns, data[13:]
 
 
 @contextlib.contextmanager
