@@ -2,12 +2,17 @@
 
 from glob import glob
 import os
+from pathlib import Path
+import re
 import sys
 
 from setuptools import find_packages, setup
 
 NAME = 'lunar_rover_sim'
 SHARE = os.path.join('share', NAME)
+# Read, not imported: a build has none of what the package imports.
+VERSION = re.search(r"^__version__ = '(.+)'$",
+                    Path(NAME, '__init__.py').read_text('utf-8'), re.M)[1]
 # Its validators are those of the tests. There are no wheels of it for Python 3.10.
 USD = 'usd-core>=26.5,<27; python_version>="3.11"'
 
@@ -26,7 +31,7 @@ programs = [] if by_pip else [('bin', ['resource/bin/' + NAME])]
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version=VERSION,
     description='A spoke-leg micro rover on the Moon: MuJoCo walk, photorealistic stereo, rosbag2',
     license='Apache-2.0',
     maintainer='lunar_rover_sim developers',

@@ -139,10 +139,29 @@ def test_versions(manifest: ET.Element, prefix: Path) -> None:
     assert maintainer.text == wheel['Maintainer']
 
 
-def test_citation_has_the_version() -> None:
-    """CITATION.cff names the version of the package."""
-    text = (ROOT / 'CITATION.cff').read_text(encoding='utf-8')
-    assert f'version: {lunar_rover_sim.__version__}\n' in text
+def test_citation_and_changelog_have_the_version() -> None:
+    """CITATION.cff and the newest release of the changelog agree with the package."""
+    changelog = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    newest = re.search(r'^([\d.]+) \(([\d-]+)\)\n-+$', changelog, re.M)
+    assert newest is not None
+    version, date = newest.groups()
+    assert version == lunar_rover_sim.__version__
+    citation = (ROOT / 'CITATION.cff').read_text(encoding='utf-8')
+    assert f'version: {version}\ndate-released: {date}\n' in citation
+
+
+def test_changelog_by_kind() -> None:
+    """A release lists bullets of one line (two at most) under the four kinds, in their order."""
+    changelog = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    kinds = ['Recorded data change', 'Added', 'Changed', 'Fixed']
+    releases = re.split(r'^.+\n-+\n', changelog, flags=re.M)[1:]
+    for release in releases:
+        found = re.findall(r'^(.+)\n~+$', release, re.M)
+        assert found == [kind for kind in kinds if kind in found]
+        for bullet in re.split(r'^\* ', release, flags=re.M)[1:]:
+            lines = bullet.split('\n\n')[0].strip().splitlines()
+            assert len(lines) <= 2, lines
+            assert all(len(line) <= 120 for line in lines), lines
 
 
 def test_all_files_are_installed(prefix: Path) -> None:
