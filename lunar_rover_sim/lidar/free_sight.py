@@ -13,8 +13,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.lidar.compiled import compiled
 from lunar_rover_sim.lidar.ray_arrays import LevelArrays
 
 _RINGS = 60

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.lidar.compiled import read_only
+from lunar_rover_sim.compiled import read_only
 from lunar_rover_sim.lidar.ray_arrays import LevelArrays
 from lunar_rover_sim.lidar.ray_march import SMALL
 from lunar_rover_sim.lidar.rock_hulls import RockHulls

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.lidar.compiled import compiled, inlined
+from lunar_rover_sim.compiled import compiled, inlined
 
 GROUND, NOTHING = -1, -2    # targets, besides the numbers of rocks
 SMALL, LARGE = 2, 4         # blocks are 4 x 4 and 16 x 16 cells: powers of 2

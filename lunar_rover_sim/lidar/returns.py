@@ -26,9 +26,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.compiled import compiled, read_only
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination import hapke
-from lunar_rover_sim.lidar.compiled import compiled, read_only
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.lidar.ray_caster import RayHits, ROVER
 

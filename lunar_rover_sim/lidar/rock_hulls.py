@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from lunar_rover_sim.compiled import read_only
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
-from lunar_rover_sim.lidar.compiled import read_only
 from lunar_rover_sim.lidar.ray_arrays import RockArrays
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 

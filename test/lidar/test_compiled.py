@@ -9,8 +9,8 @@ import numpy as np
 from physics_scene import ROVER
 import worlds
 
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.lidar import free_sight, ray_march, returns
-from lunar_rover_sim.lidar.compiled import compiled
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.lidar.lidar import Lidar
 from lunar_rover_sim.regolith.overlay import Overlay
