@@ -24,8 +24,10 @@ class RoverPass:
     programs: of light, and of light with truth once that is prepared
     """
 
-    def __init__(self, context: moderngl.Context, rover: RoverDescription) -> None:
+    def __init__(self, context: moderngl.Context, rover: RoverDescription, lamp: bool) -> None:
+        """Make meshes and programs; lamp: whether there is one."""
         self._context, self._rover = context, rover
+        self._defines = {'LAMP': 1} if lamp else {}
         self._links = list(link_poses(rover, np.zeros(4)))
         data = np.concatenate([_triangles(part, self._links.index(part.link))
                                for part in visual_parts(rover)])
@@ -36,7 +38,7 @@ class RoverPass:
                                             .transpose(1, 0, 2)) for k in range(len(self._links))]
         self._vertices = context.buffer(data.astype(np.float32).tobytes())
         self._arrays: dict[int, moderngl.VertexArray] = {}
-        self.programs = [self._load('rover')]
+        self.programs = [self._load('rover', **self._defines)]
         self._mark = self._load('rover_mark')
 
     def _load(self, fragment: str, **defines: int) -> moderngl.Program:
@@ -48,7 +50,7 @@ class RoverPass:
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; adds to `programs`."""
-        self.programs.append(self._load('rover', TRUTH=1))
+        self.programs.append(self._load('rover', TRUTH=1, **self._defines))
 
     def poses(self, T_world_base: Array, joint_angle_rad: ArrayLike) -> Array:
         """Return the (links, 4, 4) world poses of all links; base_link is the first."""

@@ -67,7 +67,7 @@ class WorldPasses(GlOwner):
                                         light.rock_light,
                                         world.height_at(sunlight.rocks.position_m[:, :2]),
                                         self._surface, lamp))
-        self.body = self._own(RoverPass(context, self.rover))
+        self.body = self._own(RoverPass(context, self.rover, lamp))
         self.rover_shadow = self._own(RoverShadow(context, self.rover))
         self.lamp = self._own(LampShadow(context, config.lamp, config.camera)) if lamp else None
         self.tracks: TrackMap | None = None

@@ -20,8 +20,9 @@ float lamp_irradiance(vec3 relative, vec3 normal, out vec3 to_lamp) {
     float lit = 0.0;
     for (int i = 0; i < 4; i++) {
         ivec2 step = ivec2(i & 1, i >> 1);
-        float stored = texelFetch(u_lamp_depth, clamp(ivec2(cell) + step, ivec2(0),
-                                                      textureSize(u_lamp_depth, 0) - 1), 0).r;
+        // Negative for rocks; see LitTargets.
+        float stored = abs(texelFetch(u_lamp_depth, clamp(ivec2(cell) + step, ivec2(0),
+                                                          textureSize(u_lamp_depth, 0) - 1), 0).r);
         vec2 weight = mix(1.0 - part, part, vec2(step));
         lit += stored == 0.0 || own < stored ? weight.x * weight.y : 0.0;
     }

@@ -20,6 +20,12 @@ void main() {
     float mu0 = dot(normal, u_sun);
     float irradiance = u_irradiance * lit * max(mu0, 0.0)
         + u_ground_light * 0.5 * (1.0 - normal.z);
+#ifdef LAMP
+    // The rover casts no shadow in this light.
+    vec3 to_lamp;
+    float lamp = lamp_irradiance(v_relative, normal, to_lamp);
+    irradiance += lamp * max(dot(normal, to_lamp), 0.0);
+#endif
     o_radiance = 0.318309886 * v_albedo * irradiance;
     o_depth = -dot(v_relative, u_axis);
 #ifdef TRUTH
