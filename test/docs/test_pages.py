@@ -1,0 +1,36 @@
+"""Pages are written so that a difference can be read: short lines, or one sentence a line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+import pytest
+from snippets import ROOT
+
+COLUMNS = 110
+PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md',
+         *(path for path in sorted((ROOT / 'docs').rglob('*.md'))
+           if not {'_build', '_generated', 'measurements'} & set(path.parts))]
+# What may hold a full stop within a sentence.
+ASIDE = re.compile(r'`[^`]*`|\]\([^)]*\)|\([^()]*\)|\b(?:e\.g|i\.e|cf|al|Nov|[A-Z])\. |^\s*\d+\. ')
+
+
+def prose(page: Path) -> list[str]:
+    """Return the lines of a page but those of code and tables."""
+    lines, fence = [], ''
+    for line in page.read_text(encoding='utf-8').splitlines():
+        mark = re.match(r'\s*(`{3,}|:{3,})', line)
+        if mark:
+            fence = '' if mark[1] == fence else fence or mark[1]
+        elif not fence and not line.startswith('|'):
+            lines.append(line)
+    return lines
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_lines(page: Path) -> None:
+    """A line has at most 110 columns, or one sentence."""
+    long = [line for line in prose(page) if len(line) > COLUMNS
+            and re.search(r'[.!?] [A-Z`*\[]', ASIDE.sub('', line).strip())]
+    assert not long
