@@ -124,7 +124,8 @@ def command_pages() -> str:
             parts += [sentence(cell(' '.join(text.split()))), '']
         parts += ['```text', usage, '```', '']
         rows = [(words(action), help_of(action)) for action in command._actions
-                if not isinstance(action, argparse._HelpAction)]
+                if not isinstance(action, argparse._HelpAction)
+                and action.help != argparse.SUPPRESS]
         if rows:
             parts += ['| argument | meaning |', '|---|---|']
             parts += [f'| {name} | {cell(meaning)} |' for name, meaning in rows]

@@ -8,8 +8,6 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import Progress
 from rich.text import Text
 
 from lunar_rover_sim import topics
@@ -18,10 +16,10 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recording_pace import recorded_factor
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
-from lunar_rover_sim.cli import bag_video
-from lunar_rover_sim.cli.terminal import console, table
+from lunar_rover_sim.cli import bag_video, options
+from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
 from lunar_rover_sim.errors import BagError, ConfigError
-from lunar_rover_sim.files.outputs import check_folder, check_new_folder, check_path
+from lunar_rover_sim.files.outputs import check_path
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
@@ -33,38 +31,35 @@ from lunar_rover_sim.sequences.webdataset import ShardOptions
 from lunar_rover_sim.usd.suffixes import stage_bytes
 
 _USD = 'usd'
-_PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the commands."""
-    add_parser = parser.add_subparsers(metavar='WHAT', required=True).add_parser
-    _add(add_parser, 'info', 'topics, types, counts and times', _info)
-    _add(add_parser, 'check', 'whether a bag can be trusted; exits with 1 if not', _check)
-    command = _add(add_parser, 'hash', 'a hash of what the bag says, whatever its storage',
-                   _hash)
+    actions = parser.add_subparsers(metavar='WHAT', required=True)
+
+    def add(name: str, text: str, run: options.Run) -> argparse.ArgumentParser:
+        command = options.add_action(actions, name, text, run)
+        command.add_argument('bag', type=Path, metavar='BAG', help='a bag folder')
+        return command
+
+    options.add_json(add('info', 'topics, types, counts and times', _info))
+    options.add_json(add('check', 'whether a bag can be trusted; exits with 1 if not', _check))
+    command = add('hash', 'a hash of what the bag says, whatever its storage', _hash)
     command.add_argument('--topics', action='store_true', help='also one hash per topic')
-    command = _add(add_parser, 'preview', 'PNG pictures: cameras, their truth, LiDAR, heading, '
-                   'power, trajectory, attitude, IMU', _preview)
-    command.add_argument('-o', '--output', type=Path, metavar='DIR',
-                         help='folder of the pictures; by default BAG_preview beside the bag')
-    command.set_defaults(check_output=check_folder)
-    command.add_argument('--world', type=Path, metavar='DIR',
-                         help='the world that was driven on, where it is not in the cache')
-    bag_video.add_arguments(_add(add_parser, 'video', 'a film of the drive: the rover from '
-                                 'outside, left image, disparity, pitch and slip', bag_video.run))
-    command = _add(add_parser, 'recover', 'make a bag readable whose recording was cut off',
-                   _recover)
-    command.add_argument('-o', '--output', type=Path, metavar='DIR',
-                         help='write the readable bag there, for instance where the disk of the '
-                              'other one is full; by default it takes its place')
-    command.set_defaults(check_output=check_new_folder)
-    command = _add(add_parser, 'export', 'write the sequence for SLAM programs or trainers, or '
-                   'the drive as an OpenUSD stage', _export)
-    command.add_argument('-o', '--output', type=Path, metavar='PATH', required=True,
-                         help='folder of the sequence, or file of the stage (.usd, .usda, .usdc, '
-                              '.usdz); must not exist')
-    command.set_defaults(check_output=check_path)
+    command = add('preview', 'PNG pictures: cameras, their truth, LiDAR, heading, power, '
+                  'trajectory, attitude, IMU', _preview)
+    options.add_folder(command, 'folder of the pictures; by default BAG_preview beside the bag',
+                       required=False)
+    options.add_recorded_world(command)
+    bag_video.add_arguments(add('video', 'a film of the drive: the rover from outside, left '
+                                'image, disparity, pitch and slip', bag_video.run))
+    command = add('recover', 'make a bag readable whose recording was cut off', _recover)
+    options.add_new_folder(command, 'write the readable bag there, for instance where the disk of '
+                           'the other one is full; by default it takes its place', required=False)
+    command = add('export', 'write the sequence for SLAM programs or trainers, or the drive as an '
+                  'OpenUSD stage', _export)
+    options.add_output(command, check_path, 'PATH', 'folder of the sequence, or file of the stage '
+                       '(.usd, .usda, .usdc, .usdz); must not exist')
     command.add_argument('--format', choices=(*FORMATS, _USD), default='euroc',
                          help=f'format of the sequence, or {_USD} for a stage (default: '
                               '%(default)s)')
@@ -72,58 +67,63 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help=f'with --format {WEBDATASET}: samples a shard (default: '
                               f'{DEFAULT_SIZE})')
     stage = command.add_argument_group(f'--format {_USD}')
-    stage.add_argument('--world', type=Path, metavar='DIR',
-                       help='the world that was driven on, where it is not in the cache')
+    options.add_recorded_world(stage)
     stage.add_argument('--world-stage', type=Path, metavar='FILE',
                        help='a stage of that world to refer to; by default one is written')
-    stage.add_argument('--overwrite', action='store_true', help='replace an existing stage')
-
-
-def _add(add_parser: Callable[..., argparse.ArgumentParser], name: str, text: str,
-         run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
-    parser = add_parser(name, help=text, description=text)
-    parser.add_argument('bag', type=Path, metavar='BAG', help='a bag folder')
-    parser.set_defaults(run=run)
-    return parser
+    options.add_overwrite(stage, 'an existing stage')
 
 
 def _info(args: argparse.Namespace) -> int:
-    out = console()
     with open_bag(args.bag) as bag:
-        rows = table(('topic', 'type', 'messages', 'rate'), 2, box=None, pad_edge=False)
         end_ns = bag.end_ns
         with contextlib.suppress(BagError):     # counts are told of a damaged bag too
             end_ns = simulated_end_ns(bag) or end_ns
-        span_s = (end_ns - bag.start_ns) * 1e-9
-        for topic, msgtype in sorted(bag.types.items()):
-            count = bag.counts[topic]
-            rate = f'{count / span_s:.1f} Hz' if count > 2 and span_s > 0 else ''
-            rows.add_row(topic, msgtype, str(count), rate)
-        factor = recorded_factor(bag)
-        pace = '' if factor is None else f', real-time factor {factor:.3g}'
-        out.print(rows)
-        out.print(f'{bag.message_count} messages, {bag.start_ns * 1e-9:.3f} s to '
-                  f'{end_ns * 1e-9:.3f} s, {bag.size_bytes / 1e6:.1f} MB, '
-                  f'{bag.storage_path.suffix.lstrip(".")}{pace}', **_PLAIN)
-        if bag.incomplete:
-            out.print(f'INCOMPLETE: {bag.incomplete}', **_PLAIN)
+        start_s, end_s = bag.start_ns * 1e-9, end_ns * 1e-9
+        topics_found: list[dict[str, Any]] = [
+            {'topic': topic, 'type': msgtype, 'messages': bag.counts[topic],
+             'rate_hz': bag.counts[topic] / (end_s - start_s)
+             if bag.counts[topic] > 2 and end_s > start_s else None}
+            for topic, msgtype in sorted(bag.types.items())]
+        found: dict[str, Any] = {
+            'messages': bag.message_count, 'start_s': start_s, 'end_s': end_s,
+            'size_bytes': bag.size_bytes, 'storage': bag.storage_path.suffix.lstrip('.'),
+            'real_time_factor': recorded_factor(bag), 'incomplete': bag.incomplete or None,
+            'topics': topics_found}
+    if args.json:
+        print_json(found)
+        return 0
+    rows = table(('topic', 'type', 'messages', 'rate'), 2, box=None, pad_edge=False)
+    for one in topics_found:
+        rate = '' if one['rate_hz'] is None else f'{one["rate_hz"]:.1f} Hz'
+        rows.add_row(one['topic'], one['type'], str(one['messages']), rate)
+    console().print(rows)
+    factor = found['real_time_factor']
+    say(f'{found["messages"]} messages, {start_s:.3f} s to {end_s:.3f} s, '
+        f'{found["size_bytes"] / 1e6:.1f} MB, {found["storage"]}'
+        + ('' if factor is None else f', real-time factor {factor:.3g}'))
+    if found['incomplete']:
+        say(f'INCOMPLETE: {found["incomplete"]}')
     return 0
 
 
 def _check(args: argparse.Namespace) -> int:
-    out = console()
     with _counting(args.bag, 'checking') as progress:
         report = check(args.bag, progress)
+    if args.json:
+        print_json({'ok': report.ok, 'findings': [
+            {'check': finding.check, 'status': finding.status.value, 'detail': finding.detail}
+            for finding in report.findings]})
+        return 0 if report.ok else 1
     styles = {Status.PASS: 'green', Status.WARN: 'yellow', Status.FAIL: 'bold red',
               Status.SKIP: 'dim'}
     rows = table(('check', '', 'found'), 3, box=None, pad_edge=False)
     for finding in report.findings:
         rows.add_row(finding.check, Text(finding.status.value, styles[finding.status]),
                      Text(finding.detail))
-    out.print(rows)
+    console().print(rows)
     failed = len(report.failed)
-    out.print(f'{args.bag}: ' + (f'{failed} of {len(report.findings)} checks failed'
-                                 if failed else 'passed'), **_PLAIN)
+    say(f'{args.bag}: ' + (f'{failed} of {len(report.findings)} checks failed'
+                           if failed else 'passed'))
     return 0 if report.ok else 1
 
 
@@ -142,6 +142,8 @@ def _hash(args: argparse.Namespace) -> int:
 def _preview(args: argparse.Namespace) -> int:
     folder = args.bag.resolve()
     output = args.output or folder.with_name(f'{folder.stem}_preview')
+    if output.resolve() == folder:
+        raise ConfigError(f'--output: {output} is the bag itself; name another folder')
     for path in preview(args.bag, output, args.world):
         print(path)
     return 0
@@ -176,7 +178,7 @@ def _export_stage(args: argparse.Namespace) -> int:
         raise ConfigError('--world, --world-stage: both are given; valid is one of them')
     # Here, because OpenUSD is an optional dependency.
     from lunar_rover_sim.usd.drive_stage import write_drive
-    with Console(stderr=True).status('writing the stage'):
+    with Progress('writing the stage'):
         write_drive(args.bag, args.output, world=args.world, world_stage=args.world_stage,
                     overwrite=args.overwrite)
     print(f'{args.output}: {stage_bytes(args.output) / 1e6:.1f} MB')
@@ -191,16 +193,14 @@ def _counting(path: Path, text: str) -> Iterator[Callable[[], None]]:
     """Show a progress bar over the messages of a bag; yields what to call for each."""
     with open_bag(path) as bag:
         total = bag.message_count
-    to = Console(stderr=True)
-    with Progress(console=to, transient=True, disable=not to.is_terminal) as bar:
-        task = bar.add_task(text, total=total)
+    with Progress(text, total, 'messages') as progress:
         pending = 0
 
-        def progress() -> None:
+        def count() -> None:
             nonlocal pending
             pending += 1
             if pending == 200:
-                bar.update(task, advance=pending)
+                progress.advance(pending)
                 pending = 0
 
-        yield progress
+        yield count

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 import dataclasses
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
 from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SAMPLES, SUN, TRIPOD, tripod_problem
-from lunar_rover_sim.cli.number_lists import numbers
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.options import numbers
+from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.film_file import check_suffix, SUFFIXES, U8, write_film
 from lunar_rover_sim.files.outputs import check_path
@@ -22,8 +21,8 @@ _QUALITY = 70
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
-    parser.add_argument('-o', '--output', type=Path, metavar='FILE', required=True,
-                        help=f'the film: {", ".join(SUFFIXES)}; must not exist')
+    options.add_output(parser, _check_output, 'FILE',
+                       f'the film: {", ".join(SUFFIXES)}; must not exist')
     parser.add_argument('--width', type=int, default=1280, metavar='PX', help='of the film, a '
                         'multiple of 32; it is 4:3, and 16:9 with --bare (default: 1280)')
     parser.add_argument('--fps', type=float, default=20.0, metavar='HZ',
@@ -45,25 +44,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'heading')
     parser.add_argument('--tripod', metavar='X,Y,HEIGHT', type=numbers(3),
                         help='the camera stands there and turns after the rover [m]')
-    parser.add_argument('--quality', type=int, metavar='N',
-                        help=f'of a .webp, 1 to 100 (default: {_QUALITY})')
-    parser.add_argument('--world', type=Path, metavar='DIR',
-                        help='the world that was driven on, where it is not in the cache')
-    parser.set_defaults(check_output=_check_output)
+    options.add_number(parser, '--quality', 1, 100, kind=int,
+                       help=f'of a .webp, 1 to 100 (default: {_QUALITY})')
+    options.add_recorded_world(parser)
 
 
 def _check_output(path: Path) -> None:
     check_suffix(path)
     check_path(path)
-    if path.exists():
-        raise ConfigError(f'--output: {path} exists; name a new file')
+    options.refuse_existing(path, option=False)
 
 
 def run(args: argparse.Namespace) -> int:
     """Draw and write the film."""
     quality = _QUALITY if args.quality is None else args.quality
-    if not 1 <= quality <= 100:
-        raise ConfigError(f'--quality: {quality} is not valid; valid is 1 to 100')
     if args.quality is not None and args.output.suffix != '.webp':
         raise ConfigError(f'--quality: has no effect on a {args.output.suffix}; valid is a .webp')
     for option, given in (('--behind', args.behind), ('--from', args.place is not None)):
@@ -71,23 +65,20 @@ def run(args: argparse.Namespace) -> int:
             raise ConfigError(f'{option}: has no effect beside --tripod; leave one of them out')
     options = FilmOptions(args.width, args.fps, args.speed, args.start, args.end, args.bare,
                           args.samples)
-    console = Console(stderr=True)
-    with console.status('reading the drive'):
+    with Progress('reading the drive') as progress:
         film = Film(args.bag, options, args.world)
         film.chase = _camera(film, args)
-    with Progress(TextColumn('drawing'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-                  console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task('', total=len(film.times_ns))
+        progress.start('drawing', len(film.times_ns), 'frames')
         args.output.parent.mkdir(parents=True, exist_ok=True)
 
         def drawn() -> Iterator[U8]:
             for frame in film.frames():
                 yield frame
-                progress.advance(task)
+                progress.advance()
 
         count = write_film(args.output, drawn(), args.fps, quality)
-    print(f'{args.output}: {count} frames, {count / args.fps:.1f} s, '
-          f'{args.output.stat().st_size / 1e6:.2f} MB')
+    say(f'{args.output}: {count} frames, {count / args.fps:.1f} s, '
+        f'{args.output.stat().st_size / 1e6:.2f} MB')
     return 0
 
 

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 import signal
-from typing import Any
 
-from rich.console import Console
-
+from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.slam import (add_paper_argument, add_system_arguments, estimator_of,
                                       paper_of)
-from lunar_rover_sim.files.outputs import check_folder
+from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.slam import benchmark
 from lunar_rover_sim.slam.benchmark_report import write_report
 from lunar_rover_sim.slam.seeds import seeds_of
 
 _SCENARIOS = ('baseline', 'feature_sparse', 'low_albedo')
-_PLAIN: dict[str, Any] = {'highlight': False, 'markup': False, 'soft_wrap': True}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,8 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'intervals, SYSTEM_drives.csv, every drive, SYSTEM.html, a report, and in a sweep '
         'SYSTEM.png, its curves. What is done already is kept: the same call goes on. Parts of a '
         'benchmark that ran on several machines are joined by `slam table`.')
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
-                        help='folder of the benchmark; may hold part of it')
+    options.add_folder(parser, 'folder of the benchmark; may hold part of it')
     parser.add_argument('--scenarios', nargs='+', default=list(_SCENARIOS), metavar='SCENARIO',
                         help='packaged names or YAML files (default: '
                              f'{" ".join(_SCENARIOS)})')
@@ -43,15 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='simulated time of a drive [s] (default: %(default)s)')
     parser.add_argument('--sweep', default='', metavar='NODE.PARAM=V1,V2,...',
                         help='drive each scenario with several values of a parameter')
-    parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
-                        dest='overrides', help='override one parameter; may be repeated')
+    options.add_overrides(parser)
     add_paper_argument(parser)
     parser.add_argument('--retry', action='store_true', help='repeat cells that failed')
-    parser.add_argument('--jobs', type=int, default=1, metavar='N',
-                        help='drives at the same time; each keeps one to two cores busy '
-                             '(default: %(default)s)')
+    options.add_workers(parser, 'drives at the same time; each keeps one to two cores busy')
     add_system_arguments(parser)
-    parser.set_defaults(run=run, check_output=check_folder)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,24 +57,21 @@ def run(args: argparse.Namespace) -> int:
         benchmark.scenario_of(drive)
     # SIGTERM stops a benchmark as Ctrl-C does: nodes in order, finished cells stay.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    console = Console()
-    with console.status('') as status:
+    with Progress('benchmark', len(cells)) as progress:
         finished = 0
 
         def step(cell: benchmark.Cell, text: str) -> None:
             nonlocal finished
-            if text not in ('done', 'kept'):
-                status.update(f'{finished}/{len(cells)} {cell.name}: {text}')
-                return
-            finished += 1
-            console.print(f'{finished}/{len(cells)} {_describe(cell)}', **_PLAIN)
+            if text in ('done', 'kept'):
+                finished += 1
+                say(f'{finished}/{len(cells)} {_describe(cell)}')
+            progress(finished, note=f'{cell.name}: {text}')
 
-        done = benchmark.run(cells, args.output, step, args.retry, args.jobs)
+        done = benchmark.run(cells, args.output, step, args.retry, args.workers)
     report = write_report([cell.judged(args.output) for cell in done], args.output, args.system,
                           paper)
-    console.print(report.table + '\n'.join(['', *report.findings]), **_PLAIN)
-    for path in report.files:
-        console.print(str(path), **_PLAIN)
+    for line in (report.table, *report.findings, *map(str, report.files)):
+        say(line)
     return 0
 
 

@@ -14,7 +14,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '~/.local/share/bash-completion/completions/lunar_rover_sim. For zsh: write it to a file '
         '_lunar_rover_sim in a folder of $fpath.')
     parser.add_argument('shell', choices=('bash', 'zsh'))
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

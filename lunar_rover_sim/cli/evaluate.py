@@ -8,15 +8,17 @@ from pathlib import Path
 
 from rich.text import Text
 
-from lunar_rover_sim.cli.terminal import console, table
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import console, print_json, say, table
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.registration import MODES
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import bag_of
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.outputs import check_folder
 from lunar_rover_sim.sequences.extrinsics import FRAMES
+
+_ODD_SCALE = 0.1     # of a metric estimate that is no failure, the scale is nearer to 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,9 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='time between the poses of a pair for RPE [s] (default: %(default)s)')
     parser.add_argument('--times', type=Path, metavar='FILE',
                         help='stamps of KITTI files, one a line')
-    parser.add_argument('-o', '--output', type=Path, metavar='DIR',
-                        help='folder for evaluation.json and plots')
-    parser.set_defaults(run=run, check_output=check_folder)
+    options.add_folder(parser, 'folder for evaluation.json and plots', required=False)
+    options.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,8 +55,15 @@ def run(args: argparse.Namespace) -> int:
     result = evaluate(args.truth, args.estimate, align=args.align, truth_frame=args.truth_frame,
                       estimate_frame=args.estimate_frame, tolerance_s=args.tolerance,
                       distance_m=args.distance, time_s=args.time, times=args.times)
-
-    out = console()
+    written: tuple[Path, ...] = ()
+    if args.output is not None:
+        json_path = args.output / 'evaluation.json'
+        paths = save_plots(result, args.output, bag_of(args.truth))
+        atomic_write(json_path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
+        written = (json_path, *paths)
+    if args.json:
+        print_json(result.to_mapping())
+        return 0
     rows = table(('', 'rmse', 'mean', 'median', 'max', 'n'), 1, box=None, pad_edge=False)
     for name, s in ((f'ATE [m], {args.align}', result.ate_m), ('ATE [deg]', result.ate_deg),
                     (f'RPE over {args.distance:g} m [m]', result.rpe_distance_m),
@@ -64,28 +72,24 @@ def run(args: argparse.Namespace) -> int:
                     (f'RPE over {args.time:g} s [deg]', result.rpe_time_deg)):
         rows.add_row(Text(name), *(_number(v, 5) for v in (s.rmse, s.mean, s.median, s.max)),
                      str(s.count))
-    out.print(rows)
-    out.print(f'scale {_number(result.scale, 5)}, drift {_number(result.drift_percent, 2)} % '
-              f'of distance (at the end {_number(result.end_drift_percent, 2)} %), '
-              f'{result.length_m:.2f} m, tracked {100 * result.tracked_share:.1f} %, '
-              f'{len(result.estimate)} poses, {result.unmatched} without truth',
-              highlight=False, markup=False, soft_wrap=True)
+    console().print(rows)
+    say(f'scale {_number(result.scale, 5)}, drift {_number(result.drift_percent, 2)} % '
+        f'of distance (at the end {_number(result.end_drift_percent, 2)} %), '
+        f'{result.length_m:.2f} m, tracked {100 * result.tracked_share:.1f} %, '
+        f'{len(result.estimate)} poses, {result.unmatched} without truth')
     if jumps := result.jumps:
         stamp_s, size_m = max(jumps, key=lambda jump: jump[1])
         times = 'once,' if len(jumps) == 1 else f'{len(jumps)} times, most'
-        out.print(f'note: the estimate jumps {times} at {stamp_s:.2f} s by {size_m:.2f} m: a map '
-                  'that was moved, or another one; the errors take all of it as one',
-                  highlight=False, soft_wrap=True)
+        say(f'note: the estimate jumps {times} at {stamp_s:.2f} s by {size_m:.2f} m: a map '
+            'that was moved, or another one; the errors take all of it as one')
     elif result.turned_deg is not None:
-        out.print(f'note: all orientations are off by the same {result.turned_deg:.0f} deg; '
-                  'is --estimate-frame (or --truth-frame) right?', highlight=False,
-                  soft_wrap=True)
-    if args.output is not None:
-        json_path = args.output / 'evaluation.json'
-        paths = save_plots(result, args.output, bag_of(args.truth))
-        atomic_write(json_path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
-        for written in (json_path, *paths):
-            out.print(str(written), highlight=False, markup=False, soft_wrap=True)
+        say(f'note: all orientations are off by the same {result.turned_deg:.0f} deg; '
+            'is --estimate-frame (or --truth-frame) right?')
+    if args.align != 'sim3' and abs(result.scale - 1.0) > _ODD_SCALE:
+        say('note: the estimate has another scale than the truth; for the estimate of one camera '
+            'alone, which knows no scale, --align sim3 takes it out')
+    for path in written:
+        say(path)
     return 0
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
-from rich.console import Console
-from rich.progress import Progress
 from rich.text import Text
 
-from lunar_rover_sim.cli.terminal import console, table
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import console, Progress, say, table
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.bootstrap import Difference, SeriesMean
 from lunar_rover_sim.evaluation.image_comparison import (compare_images, DISTANCE, FRAMES,
@@ -18,9 +16,7 @@ from lunar_rover_sim.evaluation.image_comparison import (compare_images, DISTANC
 from lunar_rover_sim.evaluation.image_plots import save_comparison
 from lunar_rover_sim.evaluation.image_statistics import MEASURES
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.outputs import check_folder
 
-_TABLE_WIDTH = 130
 JSON_FILE, FIGURE_FILE = 'comparison.json', 'comparison.png'
 
 
@@ -37,36 +33,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='images of each set, evenly over it (default: %(default)s)')
     parser.add_argument('--width', type=int, default=0, metavar='PX',
                         help='scale images down to this width (default: that of the narrower set)')
-    parser.add_argument('--seed', type=int, default=1, metavar='N',
-                        help='seed of the resampling (default: %(default)s)')
-    parser.add_argument('-o', '--output', type=Path, metavar='DIR',
-                        help=f'folder for {JSON_FILE} and {FIGURE_FILE}')
-    parser.set_defaults(run=run, check_output=check_folder)
+    options.add_seed(parser, 1, 'seed of the resampling')
+    options.add_folder(parser, f'folder for {JSON_FILE} and {FIGURE_FILE}', required=False)
 
 
 def run(args: argparse.Namespace) -> int:
     """Compare, print a table, write results."""
-    out = console()
-    with Progress(console=out, transient=True) as progress:
-        task = progress.add_task('measuring', total=None)
+    with Progress('measuring') as progress:
         result = compare_images(args.first, args.second, frames=args.frames, width_px=args.width,
-                                seed=args.seed, progress=lambda: progress.advance(task))
-    _print(out, result)
+                                seed=args.seed, progress=progress.advance)
+    _print(result)
     if args.output is not None:
         path = args.output / JSON_FILE
         save_comparison(result, args.output / FIGURE_FILE)
         atomic_write(path, json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
         for written in (path, args.output / FIGURE_FILE):
-            out.print(str(written), highlight=False, markup=False, soft_wrap=True)
+            say(written)
     return 0
 
 
-def _print(out: Console, result: ImageComparison) -> None:
+def _print(result: ImageComparison) -> None:
     for name, one in (('A', result.first), ('B', result.second)):
-        out.print(f'{name}: {one.images.path} ({one.images.layout}, {len(one.values)} of '
-                  f'{one.images.total})', highlight=False, markup=False, soft_wrap=True)
-    out.print(f'compared at a width of {result.width_px} px, 95 % intervals',
-              highlight=False)
+        say(f'{name}: {one.images.path} ({one.images.layout}, {len(one.values)} of '
+            f'{one.images.total})')
+    say(f'compared at a width of {result.width_px} px, 95 % intervals')
     rows = table(('', 'A', 'B', 'B - A', 'p', 'n'), 1, box=None, pad_edge=False)
     for row in result.rows:
         if row.first.n or row.second.n:
@@ -76,17 +66,15 @@ def _print(out: Console, result: ImageComparison) -> None:
     distance = result.distance
     rows.add_row(Text(DISTANCE), '', '', _value(distance), _p(distance.p),
                  f'{len(result.first.values)}, {len(result.second.values)}')
-    # Folded, the numbers would be hard to read.
-    Console(width=max(out.width, _TABLE_WIDTH)).print(rows)
+    console().print(rows)
     if result.chance == result.chance:
-        out.print(f'{DISTANCE}: Wasserstein, in decades; images shuffled between the sets '
-                  f'reach {result.chance:.3g}', highlight=False, soft_wrap=True)
+        say(f'{DISTANCE}: Wasserstein, in decades; images shuffled between the sets '
+            f'reach {result.chance:.3g}')
     missing = [row.name for row in result.rows if not row.first.n or not row.second.n]
     if missing:
-        out.print(f'not in both sets: {", ".join(missing)} (pairs or truth are missing)',
-                  highlight=False, soft_wrap=True)
-    out.print('\n'.join(f'{row.name}: {MEASURES[row.name]}' for row in result.rows),
-              style='dim', highlight=False, markup=False, soft_wrap=True)
+        say(f'not in both sets: {", ".join(missing)} (pairs or truth are missing)')
+    for row in result.rows:
+        say(f'{row.name}: {MEASURES[row.name]}')
 
 
 def _value(found: SeriesMean | Difference) -> str:

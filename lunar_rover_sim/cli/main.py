@@ -11,6 +11,7 @@ import sys
 from typing import NamedTuple, NoReturn
 
 from lunar_rover_sim import __version__
+from lunar_rover_sim.cli.help_format import HelpFormatter
 from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError
 from lunar_rover_sim.files.open_files import check_open_files
 
@@ -86,20 +87,23 @@ def parser(declared: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentPars
     It knows all commands, but only the `declared` ones are imported and have arguments.
     """
     root = _Parser(
-        prog='lunar_rover_sim',
+        prog='lunar_rover_sim', formatter_class=HelpFormatter,
         description='A spoke-leg micro rover on the Moon: walk, stereo images, rosbag2.')
     root.add_argument('--version', action='version', version=__version__)
     root.add_argument('-v', '--verbose', action='store_true', help='log what is going on')
     subparsers = root.add_subparsers(metavar='COMMAND', required=True)
-    groups = {name: subparsers.add_parser(name, help=text, description=text).add_subparsers(
-        metavar='WHAT', required=True) for name, text in GROUPS.items()}
+    groups = {name: subparsers.add_parser(
+        name, help=text, description=text, formatter_class=HelpFormatter).add_subparsers(
+            metavar='WHAT', required=True) for name, text in GROUPS.items()}
     for name, command in COMMANDS.items():
         group, _, member = name.rpartition(' ')
-        one = groups.get(group, subparsers).add_parser(member, help=command.help,
-                                                       description=command.help)
+        one = groups.get(group, subparsers).add_parser(
+            member, help=command.help, description=command.help, formatter_class=HelpFormatter)
         if name in declared:
             module = importlib.import_module(f'lunar_rover_sim.cli.{command.module}')
             module.add_arguments(one)
+            if hasattr(module, 'run'):
+                one.set_defaults(run=module.run)
     return root
 
 

@@ -10,16 +10,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
 from lunar_rover_sim.camera.hazard import HazardMount, sides
 from lunar_rover_sim.camera.hazard_config import HazardConfig
-from lunar_rover_sim.cli.number_lists import numbers
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.options import numbers
+from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.errors import ConfigError, RenderError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.images import png_bytes
-from lunar_rover_sim.files.outputs import check_new_folder, make_new_folder
+from lunar_rover_sim.files.outputs import make_new_folder
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.frame import LAYERS
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'Draw what the rover sees at given poses: left and right image (PNG), depth '
         '[m], normals, labels, craters, shadow and ideal radiance (NPY), disparity, and a '
         'preview of all.')
-    parser.add_argument('scenario', help='name of a packaged scenario, or a YAML file')
+    options.add_scenario(parser)
     parser.add_argument('--pose', action='append', metavar='X,Y,YAW[,Z]', type=numbers(3, 4),
                         help='where the rover stands [m, m, deg]; Z is the height of base_link '
                         'above the ground, 0.09 by default; may be repeated')
@@ -58,17 +59,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--camera', action='append', default=[], metavar='NAME', dest='cameras',
                         help='also draw the hazard camera render_node.hazard.NAME (PNG), or a '
                         'pair; may be repeated')
-    parser.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
-                        help='folder for the pictures; must not exist')
-    parser.add_argument('--world', type=Path, metavar='DIR', help='a world made by `world build`')
+    options.add_new_folder(parser, 'folder for the pictures')
+    options.add_world(parser)
     parser.add_argument('--at', type=Path, metavar='BAG', help='with the tracks that a recording '
                         'left on soft ground, and in its world')
     parser.add_argument('--time', type=float, metavar='S', help='simulated time of these tracks '
                         '[s] (default: the end)')
-    parser.add_argument('--seed', type=int, metavar='N', help='seed of everything random')
-    parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
-                        dest='overrides', help='override one parameter; may be repeated')
-    parser.set_defaults(run=run, check_output=check_new_folder)
+    options.add_seed(parser)
+    options.add_overrides(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -81,8 +79,7 @@ def run(args: argparse.Namespace) -> int:
     scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed, world=folder)
     chase = _chase(args, scenario.render_node.chase)
     hazards = _hazards(args.cameras, scenario.render_node.hazard)
-    console = Console()
-    with console.status('building the world'):
+    with Progress('building the world'):
         overlay = None
         if args.at is not None:
             world, overlay = recorded_ground(args.at, folder, args.time)
@@ -90,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             world = load_world(folder or cached(scenario.world, scenario.shared.seed))
     angles = np.radians(args.joints)
     poses = [_standing(world, pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]
-    with console.status('computing the sunlight'):
+    with Progress('computing the sunlight'):
         renderer = Renderer.from_scenario(scenario, world)
     with renderer:
         renderer.follow(overlay)
@@ -128,8 +125,8 @@ def run(args: argparse.Namespace) -> int:
                 for layer, camera_name in zip(layers, sides(hazard, hazards[hazard])):
                     _save_picture(out / f'{name}_hazard_{camera_name.replace("/", "_")}.png',
                                   pictures.layer(layer))
-            console.print(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
-                          f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
+            say(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
+                f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lunar_rover_sim.cli import options
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.outputs import check_file
@@ -18,20 +19,17 @@ from lunar_rover_sim.usd.suffixes import is_stage, stage_bytes, SUFFIXES
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the commands."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
-    export = actions.add_parser('export', help='an OpenUSD stage (articulation, drives, cameras) '
-                                'or URDF')
+    export = options.add_action(actions, 'export', 'an OpenUSD stage (articulation, drives, '
+                                'cameras) or URDF', run_export)
     export.add_argument('rover', nargs='?', type=Path, metavar='ROVER',
                         help='rover description, YAML (default: that of the scenario, else the '
                              'packaged one)')
-    export.add_argument('-o', '--output', required=True, type=Path, metavar='FILE',
-                        help='file to write; its suffix says the format: .usd, .usda, .usdc, '
-                             '.usdz or .urdf')
-    export.add_argument('--scenario', metavar='NAME_OR_PATH',
-                        help='where rover, cameras and friction are from (default: their '
-                             'defaults)')
+    options.add_output(export, check_file, 'FILE', 'file to write; its suffix says the format: '
+                       '.usd, .usda, .usdc, .usdz or .urdf')
+    options.add_scenario_option(export, 'where rover, cameras and friction are from (default: '
+                                'their defaults)')
     export.add_argument('--name', metavar='NAME', help='of the default prim (default: Rover)')
-    export.add_argument('--overwrite', action='store_true', help='replace an existing file')
-    export.set_defaults(run=run_export, check_output=check_file)
+    options.add_overwrite(export)
 
 
 def run_export(args: argparse.Namespace) -> int:
@@ -51,8 +49,7 @@ def run_export(args: argparse.Namespace) -> int:
     elif output.suffix.lower() == '.urdf':
         if args.name:
             raise ConfigError(f'--name: is for stages, and {output} is none')
-        if output.exists() and not args.overwrite:
-            raise ConfigError(f'{output}: exists already; choose another name or say --overwrite')
+        options.refuse_existing(output, args.overwrite)
         atomic_write(output, urdf(rover), ConfigError)
     else:
         raise ConfigError(f'{output}: {output.suffix or "no suffix"} is not valid; valid are '

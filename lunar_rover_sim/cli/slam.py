@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 from contextlib import suppress
 import json
+import math
 from pathlib import Path
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.errors import ConfigError, SlamError
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import print_json, Progress, say
+from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.evaluation.trajectory_plots import TOP_VIEW
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.outputs import (check_file, check_folder, check_new_folder,
-                                           make_new_folder)
+from lunar_rover_sim.files.outputs import check_file, make_new_folder
 from lunar_rover_sim.files.resources import config_path
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
@@ -24,7 +24,7 @@ from lunar_rover_sim.slam.benchmark_report import write_report
 from lunar_rover_sim.slam.drives import join
 from lunar_rover_sim.slam.estimators import Estimator, stock_program, SYSTEMS
 from lunar_rover_sim.slam.orb_descriptors import descriptors, open_sets
-from lunar_rover_sim.slam.run_on_bag import run_on_bag
+from lunar_rover_sim.slam.run_on_bag import ESTIMATE, run_on_bag
 from lunar_rover_sim.slam.table import Paper, read_paper
 from lunar_rover_sim.slam.vocabulary import train
 
@@ -32,38 +32,33 @@ from lunar_rover_sim.slam.vocabulary import train
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the commands."""
     group = parser.add_subparsers(metavar='WHAT', required=True)
-    text = 'write the settings file of ORB-SLAM3 for a bag or a scenario'
-    command = group.add_parser('settings', help=text, description=text)
+    command = options.add_action(
+        group, 'settings', 'write the settings file of ORB-SLAM3 for a bag or a scenario',
+        _settings)
     command.add_argument('source', metavar='BAG|SCENARIO', help='a bag, or a scenario by name or '
                                                                 'file')
-    command.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
-                         help='YAML file to write; must not exist')
-    command.add_argument('--sensor', choices=SENSORS, default='stereo',
-                         help='input of the program (default: %(default)s)')
+    options.add_output(command, check_file, 'FILE', 'YAML file to write; must not exist')
+    _add_sensor(command)
     command.add_argument('--features', type=int, default=2000, metavar='N',
                          help='keypoints per image (default: %(default)s)')
     command.add_argument('--legacy', action='store_true',
                          help='the layout before File.version 1.0')
-    command.set_defaults(run=_settings, check_output=check_file)
-    text = 'run a SLAM program on a bag and evaluate its result'
-    command = group.add_parser('run', help=text, description=text)
+    command = options.add_action(
+        group, 'run', 'run a SLAM program on a bag and evaluate its result', _run)
     command.add_argument('bag', type=Path, metavar='BAG', help='a bag folder')
-    command.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
-                         help='folder for settings, log and results; must not exist')
-    command.add_argument('--sensor', choices=SENSORS, default='stereo',
-                         help='input of the program (default: %(default)s)')
+    options.add_new_folder(command, 'folder for settings, log and results')
+    _add_sensor(command)
     command.add_argument('--keep-sequence', action='store_true', help='keep the exported images')
     command.add_argument('--quiet', action='store_true', help='do not show the log of the program')
+    options.add_json(command)
     add_system_arguments(command)
-    command.set_defaults(run=_run, check_output=check_new_folder)
     text = 'train the vocabulary of ORB-SLAM2 and ORB-SLAM3 on images'
-    command = group.add_parser('train-vocabulary', help=text, description=(
+    command = options.add_action(group, 'train-vocabulary', text, _train, (
         'Train a vocabulary of ORB descriptors in the text format of DBoW2, as ORB-SLAM2 and '
         'ORB-SLAM3 read it, on the left images of bags, sequences, or folders of pictures.'))
     command.add_argument('images', type=Path, nargs='+', metavar='IMAGES',
                          help='a bag, a run, a sequence, or a folder of pictures')
-    command.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
-                         help='text file to write; must not exist')
+    options.add_output(command, check_file, 'FILE', 'text file to write; must not exist')
     command.add_argument('--branching', type=int, default=10, metavar='K',
                          help='clusters of a node, 2 to 20 (default: %(default)s)')
     command.add_argument('--levels', type=int, default=6, metavar='L',
@@ -74,20 +69,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.add_argument('--frames', type=int, default=500, metavar='N',
                          help='most images of each of IMAGES, evenly over it (default: '
                               '%(default)s)')
-    command.add_argument('--seed', type=int, default=1, metavar='N',
-                         help='seed of the clusters (default: %(default)s)')
-    command.set_defaults(run=_train, check_output=check_file)
+    options.add_seed(command, 1, 'seed of the clusters')
     text = 'one table of the parts of a benchmark that ran on several machines'
-    command = group.add_parser('table', help=text, description=(
+    command = options.add_action(group, 'table', text, _table, (
         'Join the results of benchmarks, finished or not, and write table.md, .csv, .tex and '
         '.html, the findings, and table_drives.csv, every drive; of a sweep also table.png, its '
         'curves. Parts of several systems stand beside each other.'))
     command.add_argument('sources', type=Path, nargs='+', metavar='PART',
                          help='the folder of a benchmark, or a CSV of drives (SYSTEM_drives.csv)')
-    command.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
-                         help='folder for the table; an older one in it is replaced')
+    options.add_folder(command, 'folder for the table; an older one in it is replaced')
     add_paper_argument(command)
-    command.set_defaults(run=_table, check_output=check_folder)
+
+
+def _add_sensor(command: argparse.ArgumentParser) -> None:
+    command.add_argument('--sensor', choices=SENSORS, default='stereo',
+                         help='input of the program (default: %(default)s)')
 
 
 def add_paper_argument(parser: argparse.ArgumentParser) -> None:
@@ -135,50 +131,47 @@ def estimator_of(args: argparse.Namespace, sensor: str) -> Estimator:
 def _run(args: argparse.Namespace) -> int:
     estimator = estimator_of(args, args.sensor)
     make_new_folder(args.output)
-    console = Console()
-
-    def say(line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-
     try:
-        with Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
-                      TimeElapsedColumn(), console=console, transient=True,
-                      disable=not console.is_terminal) as bar:
-            task = bar.add_task('reading the bag', total=None)
+        with Progress('reading the bag') as progress:
             result = run_on_bag(
-                args.bag, estimator, args.output, None if args.quiet else say,
-                lambda text, total: bar.reset(task, description=text, total=total),
-                lambda: bar.advance(task),
-                args.output / 'sequence' if args.keep_sequence else None)
+                args.bag, estimator, args.output, None if args.quiet or args.json else say,
+                progress.start, progress.advance,
+                args.output / 'sequence' if args.keep_sequence else None, plots=True)
     finally:
         with suppress(OSError):
             args.output.rmdir()   # if it is empty
-    atomic_write(args.output / 'result.json', json.dumps(result.to_mapping(), indent=2) + '\n',
-                 SlamError)
+    mapping = {**result.to_mapping(), 'estimate_frame': estimator.poses_of}
+    atomic_write(args.output / 'result.json', json.dumps(mapping, indent=2) + '\n', SlamError)
+    if args.json:
+        print_json(mapping)
+        return 0
     if result.reason:
         say(result.reason)
     say(f'{result.system} {result.sensor}: tracked {100 * result.tracked_share:.1f} % of '
-        f'{result.frames} frames, ATE {result.ate_m:.4f} m ({result.ate_percent:.2f} % of '
-        f'{result.distance_m:.2f} m), scale {result.scale:.4f}, {result.wall_s:.1f} s')
-    say(str(args.output))
+        f'{result.frames} frames, scale {result.scale:.4f}, {result.wall_s:.1f} s')
+    say(f'{args.output / ESTIMATE} (TUM) has the poses of the frame {estimator.poses_of}; '
+        'evaluation.json and result.json beside it')
+    if math.isnan(result.ate_m):
+        say(f'no trajectory to judge; the log is in {args.output}')
+    else:
+        say(f'done: ATE {result.ate_m:.4f} m, {result.ate_percent:.2f} % of '
+            f'{result.distance_m:.2f} m; figure: {args.output / TOP_VIEW}')
     return 0
 
 
 def _train(args: argparse.Namespace) -> int:
     sets = open_sets(args.images, args.frames)
-    console = Console()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task('reading images', total=sum(found.total for found in sets))
-        images = list(bar.track(descriptors(sets, args.features), task_id=task))
-        bar.reset(task, description='clustering', total=1.0)
-        vocabulary = train(images, args.branching, args.levels, args.seed,
-                           lambda share: bar.update(task, completed=share))
-    if args.output.exists():
-        raise ConfigError(f'{args.output}: exists already and is not overwritten')
+    with Progress('reading images', sum(found.total for found in sets), 'images') as progress:
+        images = []
+        for one in descriptors(sets, args.features):
+            images.append(one)
+            progress.advance()
+        progress.start('clustering', 1.0, '%')
+        vocabulary = train(images, args.branching, args.levels, args.seed, progress)
+    options.refuse_existing(args.output, option=False)
     atomic_write(args.output, vocabulary.text(), SlamError)
-    console.print(f'{args.output}: {vocabulary.is_word.sum()} words of '
-                  f'{sum(map(len, images))} descriptors of {len(images)} images',
-                  highlight=False, markup=False, soft_wrap=True)
+    say(f'{args.output}: {vocabulary.is_word.sum()} words of '
+        f'{sum(map(len, images))} descriptors of {len(images)} images')
     return 0
 
 
@@ -188,7 +181,7 @@ def _table(args: argparse.Namespace) -> int:
     args.output.mkdir(parents=True, exist_ok=True)
     report = write_report(judged, args.output, 'table', paper)
     for line in (report.table, *report.findings, *map(str, report.files)):
-        print(line)
+        say(line)
     return 0
 
 
@@ -205,8 +198,7 @@ def _settings(args: argparse.Namespace) -> int:
             render.frame_rate_hz / (render.depth_every if has_depth else 1),
             scenario.physics_node.state_rate_hz, scenario.physics_node.gravity_mps2)
     text = settings(suite, args.sensor, args.legacy, args.features)
-    if args.output.exists():
-        raise ConfigError(f'{args.output}: exists already and is not overwritten')
-    atomic_write(args.output, text, ConfigError)
-    print(args.output)
+    options.refuse_existing(args.output, option=False)
+    atomic_write(args.output, text, SlamError)
+    say(args.output)
     return 0

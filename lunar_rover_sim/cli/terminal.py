@@ -1,21 +1,35 @@
-"""Tables and texts on a terminal of any width, in a pipe or a file: nothing is cut off.
+"""What commands print: lines, tables and JSON on stdout, the progress of long work on stderr.
 
-On a terminal, and where COLUMNS says a width, cells are folded to it. In a pipe lines are as long
-as what they say, so that one row is one line for `grep`.
+Tables are folded to the terminal, or to COLUMNS where it is set, and to 100 columns in a pipe or a
+file: nothing is cut off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+import contextlib
+import functools
+import json
+import math
 import os
+import sys
+import threading
+import time
 from typing import Any
 
+from rich import progress as rich_progress
 from rich.console import Console
 from rich.markdown import Markdown
 from rich.table import Table
+from rich.text import Text
 
-_UNBOUNDED = 100_000
-_CUT = '…'     # what rich puts in the place of text
+from lunar_rover_sim.cli.help_format import PIPE_COLUMNS
+
+PIPE_PERIOD_S = 10.0    # between the lines of progress in a pipe
+_CUT = '…'              # what rich puts in the place of text
+
+# A line of any length, seen at once also in a pipe.
+say = functools.partial(print, flush=True)
 
 
 def console() -> Console:
@@ -23,13 +37,16 @@ def console() -> Console:
     of_terminal = Console()
     if of_terminal.is_terminal or os.environ.get('COLUMNS'):
         return of_terminal
-    return Console(width=_UNBOUNDED)
+    return Console(width=PIPE_COLUMNS)
 
 
 def table(titles: Sequence[str], left: int, **options: Any) -> Table:
-    """Return a table, of whose columns the first so many are for text, the others for numbers.
+    """Return a table whose first `left` columns are for text, the others for numbers.
 
-    options: of rich.table.Table
+    Args:
+        titles: Titles of the columns.
+        left: Number of columns that are aligned to the left.
+        **options: Of `rich.table.Table`.
     """
     result = Table(**options)
     for k, title in enumerate(titles):
@@ -37,12 +54,129 @@ def table(titles: Sequence[str], left: int, **options: Any) -> Table:
     return result
 
 
-def print_markdown(to: Console, text: str) -> None:
+def print_markdown(text: str) -> None:
     """Print a report: formatted where its tables fit on a terminal, else as it is written."""
+    to = console()
     if to.is_terminal:
         with to.capture() as capture:
             to.print(Markdown(text))
         if _CUT in text or _CUT not in capture.get():
             to.print(Markdown(text))
             return
-    to.print(text, highlight=False, markup=False, soft_wrap=True)
+    say(text)
+
+
+def print_json(value: Any) -> None:
+    """Print plain values as JSON; numbers that JSON lacks (NaN, infinity) become null."""
+    say(json.dumps(_finite(value), indent=2, ensure_ascii=False))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Progress:
+    """The progress of long work, on stderr: a bar on a terminal, else a line every 10 s.
+
+    A context manager. Calling it with `(done, total)` says how far the work is.
+
+    Args:
+        text: What is being done.
+        total: How much there is to do; None where nobody knows.
+        unit: Of `total`; '%' for shares of 1.
+    """
+
+    def __init__(self, text: str, total: float | None = None, unit: str = '') -> None:
+        to = Console(stderr=True)
+        self._bar: rich_progress.Progress | None = None
+        if to.is_terminal:
+            # A pipe behind stdout gets what is printed, and the terminal does not.
+            self._bar = rich_progress.Progress(
+                rich_progress.TextColumn('{task.description}', markup=False),
+                rich_progress.BarColumn(), _Told(self), console=to, transient=True,
+                redirect_stdout=sys.stdout.isatty())
+        self._task: rich_progress.TaskID | None = None
+        self._ended = threading.Event()
+        self.start(text, total, unit)
+
+    def start(self, text: str, total: float | None = None, unit: str = '') -> None:
+        """Begin another part of the work; arguments as for the whole."""
+        self._text, self._total, self._unit, self._note = text, total, unit, ''
+        self._done, self._begun_s = 0.0, time.monotonic()
+        self._first: tuple[float, float] | None = None      # time [s] and work at the first step
+        if self._bar is not None:
+            if self._task is None:
+                self._task = self._bar.add_task(text, total=total)
+            else:
+                self._bar.reset(self._task, description=text, total=total)
+
+    def __call__(self, done: float, total: float | None = None, note: str | None = None) -> None:
+        """Say how much is done, of how much, and a note on it; None leaves these as they are."""
+        self._done = done
+        self._total = self._total if total is None else total
+        self._note = self._note if note is None else note
+        if done > 0 and self._first is None:
+            self._first = time.monotonic(), done
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, completed=done, total=self._total)
+
+    def advance(self, count: float = 1, note: str | None = None) -> None:
+        """Say that so much more is done."""
+        self(self._done + count, note=note)
+
+    def named(self, what: str, done: float | None = None) -> None:
+        """Say what is being done within a part, and how much of it is done."""
+        self(self._done if done is None else done, note=what)
+
+    def told(self) -> str:
+        """Return how far the work is, for how long it has gone on, and how long it will."""
+        now_s, parts = time.monotonic(), []
+        if self._unit == '%':
+            parts.append(f'{100.0 * self._done:.0f} %')
+        elif self._total is not None:
+            shown = f'{self._done:.0f}' if isinstance(self._total, int) else f'{self._done:.1f}'
+            parts.append(f'{shown}/{self._total:g} {self._unit}'.rstrip())
+        parts += [self._note] if self._note else []
+        parts.append(_clock(now_s - self._begun_s))
+        if self._total is not None and self._first is not None and self._done > self._first[1]:
+            pace = (now_s - self._first[0]) / (self._done - self._first[1])
+            parts.append(f'{_clock(pace * max(0.0, self._total - self._done))} left')
+        return ', '.join(parts)
+
+    def _tell(self) -> None:
+        while not self._ended.wait(PIPE_PERIOD_S):
+            with contextlib.suppress(OSError, ValueError):      # nobody reads any more
+                print(f'{self._text}: {self.told()}', file=sys.stderr, flush=True)
+
+    def __enter__(self) -> Progress:
+        if self._bar is not None:
+            self._bar.start()
+        else:
+            threading.Thread(target=self._tell, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        if self._bar is not None:
+            self._bar.stop()
+
+
+class _Told(rich_progress.ProgressColumn):
+    """What a progress tells, as a column."""
+
+    def __init__(self, told: Progress) -> None:
+        super().__init__()
+        self._told = told
+
+    def render(self, task: rich_progress.Task) -> Text:
+        return Text(self._told.told())
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f'{hours}:{minutes:02d}:{rest:02d}' if hours else f'{minutes}:{rest:02d}'

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import Progress
-
-from lunar_rover_sim.cli.terminal import print_markdown
-from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.outputs import check_new_folder, make_new_folder
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
+from lunar_rover_sim.files.outputs import make_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import (locomotion, locomotion_grounds, locomotion_report,
@@ -32,18 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ' mispredicts images of the walk at several frame rates, and measures how'
         ' well velocity commands are followed. Writes locomotion.md, locomotion.png'
         ' and pitch.csv, and compares grounds in grounds.md and grounds_SPEED.png.')
-    parser.add_argument('scenario', nargs='?', default='flat',
-                        help='scenario that names rover, contact and gait (flat)')
-    parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
-                        dest='overrides', help='override one parameter; may be repeated')
-    parser.add_argument('-o', '--output', type=Path, default=Path('locomotion'), metavar='DIR',
-                        help='folder to write to (locomotion)')
-    parser.add_argument('--speeds', type=float, nargs='+', default=[0.06, 0.12, 0.2],
-                        metavar='V', help='forward speeds [m/s]')
-    parser.add_argument('--gravities', type=float, nargs='+', default=[1.62, 9.81], metavar='G',
-                        help='gravities [m/s²]')
-    parser.add_argument('--duration', type=float, default=30.0, metavar='S',
-                        help='length of each walk [s]')
+    options.add_scenario(parser, 'flat')
+    options.add_overrides(parser)
+    options.add_new_folder(parser, 'folder to write to', 'locomotion')
+    parser.add_argument('--speeds', type=options.number('--speeds', 0.0, above=True), nargs='+',
+                        default=[0.06, 0.12, 0.2], metavar='V', help='forward speeds [m/s]')
+    parser.add_argument('--gravities', type=options.number('--gravities', 0.0, above=True),
+                        nargs='+', default=[1.62, 9.81], metavar='G', help='gravities [m/s²]')
+    options.add_number(parser, '--duration', STEADY_FROM_S + 2.0, unit='s', above=True,
+                       default=30.0, metavar='S', help='length of each walk')
     parser.add_argument('--overlay', type=Path, action='append', default=[], metavar='CSV',
                         help='another pitch curve, time [s] and pitch [deg], that starts 1 s'
                              ' before its command; may be repeated')
@@ -52,21 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--grounds', nargs='*', default=list(GROUNDS), metavar='NAME',
                         help='grounds to compare with the first one, by straight walks over the'
                              ' relief of regolith: rigid, or presets; none to leave them out')
-    parser.add_argument('--seeds', type=int, default=8, metavar='N',
-                        help='number of such worlds (8)')
-    parser.add_argument('--workers', type=int, default=os.cpu_count() or 1, metavar='N',
-                        help='processes that share the grid of commands (one per core)')
-    parser.set_defaults(run=run, check_output=check_new_folder)
+    options.add_number(parser, '--seeds', 1, kind=int, default=8, help='number of such worlds')
+    options.add_workers(parser, 'processes that share the grid of commands', None)
 
 
 def run(args: argparse.Namespace) -> int:
     """Walk, write the report; return 1 if a velocity command was not followed."""
-    for name, values, low in (('--speeds', args.speeds, 0.0), ('--gravities', args.gravities, 0.0),
-                              ('--duration', [args.duration], STEADY_FROM_S + 2.0),
-                              ('--workers', [args.workers], 0.5), ('--seeds', [args.seeds], 0.5)):
-        for value in values:
-            if not low < value < 1e4:
-                raise ConfigError(f'{name}: {value:g} is not valid; valid is > {low:g}')
     for name in args.grounds:
         Ground(name).config()   # raises ConfigError for one that does not exist
     scenario = Scenario.load(args.scenario, args.overrides)
@@ -75,29 +59,26 @@ def run(args: argparse.Namespace) -> int:
     overlays = [read_curve(path) for path in args.overlay]
     make_new_folder(args.output)
 
-    console = Console()
     tracking: list[CommandTracking] = []
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task('walking')
+    with Progress('walking') as progress:
         cases = locomotion.study(
             table, scenario.rover, physics, gait, sorted(set(args.speeds)),
-            sorted(set(args.gravities)), args.duration, scenario.render_node.camera,
-            lambda done, total: bar.update(task, completed=done, total=total))
+            sorted(set(args.gravities)), args.duration, scenario.render_node.camera, progress)
         if not args.no_commands:
-            following = bar.add_task('following commands')
+            progress.start('following commands')
             tracking = measure_commands(
                 COMMANDS, table, MeasurementSettings(scenario.rover, physics, gait), args.workers,
-                lambda done, total: bar.update(following, completed=done, total=total))
+                progress)
         walks: locomotion_grounds.Walks = {}
         if args.grounds:
-            walking = bar.add_task('walking on soft ground')
+            progress.start('walking on soft ground')
             walks = locomotion_grounds.study(
                 terramechanics.WalkSettings(scenario.rover, physics, gait), args.grounds,
                 sorted(set(args.speeds)), range(1, args.seeds + 1), args.workers,
-                lambda done, total: bar.update(walking, completed=done, total=total))
+                progress)
     text = locomotion_report.write_all(cases, overlays, tracking, args.output)
     if walks:
         text += '\n' + locomotion_grounds.write_all(walks, args.output)
-    print_markdown(console, text)
-    console.print(f'written: {args.output}', highlight=False, soft_wrap=True)
+    print_markdown(text)
+    say(f'written: {args.output}')
     return 0 if all(each.followed for each in tracking) else 1

@@ -6,10 +6,9 @@ import argparse
 import dataclasses
 
 import numpy as np
-from rich.progress import Progress
 
-from lunar_rover_sim.cli.terminal import console, table
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import console, Progress, say, table
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import odometry
 
@@ -21,47 +20,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         'Drives with random commands on the worlds of several seeds, without cameras, compares '
         'the wheel odometry with the truth and prints the parameters that fit.')
-    parser.add_argument('scenario', nargs='?', default='baseline',
-                        help='packaged name or YAML file')
-    parser.add_argument('-n', '--drives', type=int, default=24, help='drives, one per seed')
-    parser.add_argument('--duration', type=float, default=20.0, help='length of each [s]')
-    parser.add_argument('--seed', type=int, default=1, help='first seed')
-    parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
-                        dest='overrides', help='change a parameter')
-    parser.add_argument('--workers', type=int, default=1, help='processes')
-    parser.set_defaults(run=run)
+    options.add_scenario(parser, 'baseline')
+    parser.add_argument('-n', '--drives', default=24, metavar='N',
+                        type=options.number('--drives', odometry.LEAST_DRIVES, kind=int),
+                        help='drives, one per seed (default: %(default)s)')
+    options.add_number(parser, '--duration', odometry.COMMAND_S, 600.0, unit='s', default=20.0,
+                       metavar='S', help='length of each')
+    options.add_seed(parser, 1, 'first seed')
+    options.add_overrides(parser)
+    options.add_workers(parser, 'processes that share the drives')
 
 
 def run(args: argparse.Namespace) -> int:
     """Print errors, consistency and parameters; return 1 if the covariance is not that stated."""
-    for name, value, least in (('drives', args.drives, odometry.LEAST_DRIVES),
-                               ('workers', args.workers, 1)):
-        if value < least:
-            raise ConfigError(f'--{name}: {value} is not valid; valid is at least {least}')
-    if not odometry.COMMAND_S <= args.duration <= 600.0:
-        raise ConfigError(f'--duration: {args.duration:g} is not valid; valid is '
-                          f'{odometry.COMMAND_S:g} to 600 [s]')
     scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed)
     seeds = range(args.seed, args.seed + args.drives)
-    out = console()
-    with Progress(console=out, transient=True) as progress:
-        task = progress.add_task('driving', total=args.drives)
-        result = odometry.study(scenario, seeds, args.duration, args.workers,
-                                lambda done, _: progress.update(task, completed=done))
+    with Progress('driving') as progress:
+        result = odometry.study(scenario, seeds, args.duration, args.workers, progress)
     rows = table(('error at the end of a drive', 'mean', 'root mean square'), 3,
                  title=f'{result.drives} drives of {args.duration:g} s on {scenario.name}, '
                  f'legs rolled {result.rolled_m:.1f} m')
     for name, errors in zip(_AXES, result.errors.T):
         rows.add_row(name, f'{errors.mean():+.3f}', f'{np.sqrt(np.mean(errors**2)):.3f}')
-    out.print(rows)
+    console().print(rows)
     if result.tipped_over:
-        out.print('left out, since the rover tipped over: seed '
-                  f'{", ".join(str(seed) for seed in result.tipped_over)}')
+        say('left out, since the rover tipped over: seed '
+            f'{", ".join(str(seed) for seed in result.tipped_over)}')
     low, high = result.interval
-    out.print(f'squared error over stated covariance: {result.consistency:.2f}; '
-              f'{low:.2f} to {high:.2f} if it is right')
-    out.print('what fits these drives:')
+    say(f'squared error over stated covariance: {result.consistency:.2f}; '
+        f'{low:.2f} to {high:.2f} if it is right')
+    say('what fits these drives:')
     for name, value in dataclasses.asdict(result.measured).items():
-        out.print(f'  physics_node.wheel_odometry.{name}={value:.3f}', highlight=False,
-                  markup=False, soft_wrap=True)
+        say(f'  physics_node.wheel_odometry.{name}={value:.3f}')
     return 0 if result.consistent else 1

@@ -6,13 +6,12 @@ import argparse
 from collections.abc import Iterator
 import contextlib
 import os
-from pathlib import Path
 import threading
 import time
 from typing import Any
 
-from rich.console import Console
-
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import BASE_FRAME
 from lunar_rover_sim.gait.controller import GaitController
@@ -31,33 +30,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
     parser.description = ("Walk in MuJoCo's viewer: physics and gait controller, no images, no "
                           'ROS. Its window shows contacts, forces and joints.')
-    parser.add_argument('scenario', nargs='?', default='flat',
-                        help='name of a packaged scenario, or a YAML file (default: flat)')
+    options.add_scenario(parser, 'flat')
     parser.add_argument('--speed', type=float, default=0.12, metavar='M/S',
                         help='commanded speed ahead (default: 0.12)')
     parser.add_argument('--turn', type=float, default=0.0, metavar='RAD/S',
                         help='commanded turn rate, to the left (default: 0)')
     parser.add_argument('--duration', type=float, metavar='S',
                         help='simulated time; by default until the window is closed')
-    parser.add_argument('--rtf', type=float, default=1.0, metavar='FACTOR',
-                        help='simulated time per wall time (default: 1)')
-    parser.add_argument('--world', type=Path, metavar='DIR', help='a world made by `world build`')
-    parser.add_argument('--seed', type=int, metavar='N', help='seed of everything random')
-    parser.add_argument('--set', action='append', default=[], metavar='NODE.PARAM=VALUE',
-                        dest='overrides', help='override one parameter, such as '
-                        'gait_controller_node.duty_factor; may be repeated')
-    parser.set_defaults(run=run)
+    options.add_number(parser, '--rtf', 0.0, above=True, default=1.0, metavar='FACTOR',
+                       help='simulated time per wall time')
+    options.add_world(parser)
+    options.add_seed(parser)
+    options.add_overrides(parser, help='set a parameter, such as gait_controller_node.duty_factor')
 
 
 def run(args: argparse.Namespace) -> int:
     """Walk until the window is closed."""
-    if not args.rtf > 0.0:
-        raise ConfigError(f'--rtf: {args.rtf:g} is not valid; valid is > 0')
     scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed, world=args.world)
     if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
         raise ConfigError("view: there is no display (DISPLAY is not set) for MuJoCo's window")
-    console = Console(stderr=True)
-    with console.status('building the world'):
+    with Progress('building the world'):
         world = load_world(args.world or cached(scenario.world, scenario.shared.seed))
     gait = GaitController.from_scenario(scenario)
     gait.set_velocity(args.speed, args.turn)
@@ -78,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
                 window.sync()
                 time.sleep(max(0.0, start_s + now_s / args.rtf - time.monotonic()))
     x, y = state.position_m[:2]
-    print(f'{state.stamp_ns * 1e-9:.1f} s, at ({x:.2f}, {y:.2f}) m')
+    say(f'{state.stamp_ns * 1e-9:.1f} s, at ({x:.2f}, {y:.2f}) m')
     return 0
 
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 import dataclasses
 import json
 from pathlib import Path
 import time
+from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from lunar_rover_sim.cli import terminal
-from lunar_rover_sim.cli.world_sun import add_sun
-from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.files.outputs import check_file, check_folder, check_png
+from lunar_rover_sim.cli import options, world_sun
+from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.outputs import check_file, check_png
 from lunar_rover_sim.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
@@ -33,35 +31,38 @@ from lunar_rover_sim.world.world_folder import load_world, save_world
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the commands."""
     actions = parser.add_subparsers(metavar='ACTION', required=True)
-    _add_build(actions.add_parser)
-    info = actions.add_parser('info', help='what a world folder holds; checks its hash')
+    _add_build(options.add_action(
+        actions, 'build', 'make a world folder from a scenario, an elevation model or a mesh',
+        run_build))
+    info = options.add_action(actions, 'info', 'what a world folder holds; checks its hash',
+                              run_info)
     info.add_argument('folder', help='world folder')
-    info.set_defaults(run=run_info)
-    preview = actions.add_parser('preview', help='maps, statistics and camera views as a PNG')
+    options.add_json(info)
+    preview = options.add_action(actions, 'preview', 'maps, statistics and camera views as a PNG',
+                                 run_preview)
     preview.add_argument('folder', help='world folder')
-    preview.add_argument('-o', '--output', type=Path, metavar='FILE',
-                         help='PNG to write (default: FOLDER.png)')
+    options.add_output(preview, check_png, 'FILE', 'PNG to write (default: FOLDER.png)',
+                       required=False)
     preview.add_argument('--sun', nargs=2, type=float, default=(60.0, 6.0),
                          metavar=('AZIMUTH', 'ELEVATION'),
                          help='[deg] from east towards north, above the horizontal')
     preview.add_argument('--no-views', action='store_true',
                          help='leave the camera views out; they need EGL')
-    preview.add_argument('--overwrite', action='store_true', help='replace an existing file')
-    preview.set_defaults(run=run_preview, check_output=check_png)
-    _add_export(actions.add_parser)
-    add_sun(actions.add_parser)
+    options.add_overwrite(preview)
+    _add_export(options.add_action(
+        actions, 'export', 'a mesh file (GLB, OBJ, PLY) or an OpenUSD stage; the tracks of a '
+        'recording in a mesh file, or as heights (NPZ)', run_export))
+    world_sun.add_arguments(options.add_action(
+        actions, 'sun', 'sun, Earth and light at a place on the Moon over time', world_sun.run))
 
 
-def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
-    export = add_parser('export', help='a mesh file (GLB, OBJ, PLY) or an OpenUSD stage; the '
-                        'tracks of a recording in a mesh file, or as heights (NPZ)')
+def _add_export(export: argparse.ArgumentParser) -> None:
     export.add_argument('folder', nargs='?', help='world folder (default with --at: the world of'
                         ' the recording)')
-    export.add_argument('-o', '--output', required=True, type=Path, metavar='FILE',
-                        help='file to write; its suffix says the format: .glb, .obj, .ply, or '
-                             '.usd, .usda, .usdc, .usdz for a stage; with --at also .npz: x, y, '
-                             'height, height change and compaction [m]')
-    export.add_argument('--overwrite', action='store_true', help='replace an existing file')
+    options.add_output(export, check_file, 'FILE', 'file to write; its suffix says the format: '
+                       '.glb, .obj, .ply, or .usd, .usda, .usdc, .usdz for a stage; with --at '
+                       'also .npz: x, y, height, height change and compaction [m]')
+    options.add_overwrite(export)
     mesh = export.add_argument_group('mesh files')
     mesh.add_argument('--stride', type=int, default=0, metavar='N',
                       help='keep every N-th sample of the ground (default: 513 along a side)')
@@ -72,20 +73,16 @@ def _add_export(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
     mesh.add_argument('--time', type=float, metavar='S', help='simulated time of these tracks [s]'
                       ' (default: the end)')
     stage = export.add_argument_group('stages')
-    stage.add_argument('--scenario', metavar='NAME_OR_PATH',
-                       help='where sun, reflectance, gravity and friction are from (default: '
-                            'their defaults)')
+    options.add_scenario_option(stage, 'where sun, reflectance, gravity and friction are from '
+                                '(default: their defaults)')
     stage.add_argument('--sun', nargs=2, type=float, metavar=('AZIMUTH', 'ELEVATION'),
                        help='[deg] from east towards north, above the horizontal')
     stage.add_argument('--name', metavar='NAME', help='of the default prim (default: World)')
     stage.add_argument('--no-surroundings', action='store_true',
                        help='leave the coarse levels and distant rocks out')
-    export.set_defaults(run=run_export, check_output=check_file)
 
 
-def _add_build(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
-    text = 'make a world folder from a scenario, an elevation model or a mesh'
-    build = add_parser('build', help=text, description=text)
+def _add_build(build: argparse.ArgumentParser) -> None:
     build.add_argument('--scenario', default='baseline', metavar='NAME_OR_PATH',
                        help='scenario whose world section is the recipe (default: baseline)')
     source = build.add_mutually_exclusive_group()
@@ -99,13 +96,11 @@ def _add_build(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
                        help='what X and Y are: metres from the middle of the file (default), its'
                             ' CRS, degrees, or pixels')
     build.add_argument('--size', type=float, metavar='M', help='side of the fine ground [m]')
-    build.add_argument('--seed', type=int, help='seed of everything random')
-    build.add_argument('--set', action='append', default=[], metavar='world.PARAM=VALUE',
-                       help='set any parameter, for example world.rocks.abundance=0.02')
-    build.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
-                       help='folder to make')
-    build.add_argument('--overwrite', action='store_true', help='replace an existing world')
-    build.set_defaults(run=run_build, check_output=check_folder)
+    options.add_number(build, '--seed', 0, 2**31 - 1, kind=int, help='seed of everything random')
+    options.add_overrides(build, 'world.PARAM=VALUE',
+                          'set any parameter, for example world.rocks.abundance=0.02')
+    options.add_folder(build, 'folder to make')
+    options.add_overwrite(build, 'an existing world')
 
 
 def overrides(args: argparse.Namespace) -> list[str]:
@@ -126,93 +121,106 @@ def overrides(args: argparse.Namespace) -> list[str]:
             result.append(f'world.dem.center_mode={args.window_in}')
     if args.size is not None:
         result.append(f'world.size_m={args.size!r}')
-    for item in args.set:
+    for item in args.overrides:
         if not item.startswith('world.'):
             raise ConfigError(f'--set {item}: valid is world.PARAM=VALUE')
-    return result + args.set
+    return result + args.overrides
 
 
 def run_build(args: argparse.Namespace) -> int:
     """Build a world and write it to a folder."""
-    if args.seed is not None and not 0 <= args.seed < 2**31:
-        raise ConfigError(f'--seed: {args.seed} is not valid; valid is 0 to 2147483647')
     settings = overrides(args)
     if args.seed is not None:
         settings.append(f'world.seed={args.seed}')
     scenario = Scenario.load(args.scenario, settings, seed=args.seed)
     folder: Path = args.output
-    if folder.exists() and not args.overwrite:
-        raise WorldError(f'{folder}: exists already; choose another folder, remove it, or say '
-                         '--overwrite')
+    options.refuse_existing(folder, args.overwrite)
     start = time.monotonic()
-    columns = (TextColumn('{task.description:<22}'), BarColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True,
-                  disable=not console.is_terminal) as progress:
-        task = progress.add_task('world', total=1.0)
-        world = build_world(
-            scenario.world, scenario.shared.seed,
-            lambda what, done: progress.update(task, description=what, completed=done))
+    with Progress('building the world', 1.0, '%') as progress:
+        world = build_world(scenario.world, scenario.shared.seed, progress.named)
     save_world(world, folder, args.overwrite)
     seconds = time.monotonic() - start
     ground = world.ground
-    print(f'{folder}: {2 * ground.half_extent_m:g} m at {ground.cell_m:g} m, '
-          f'{len(world.rocks)} rocks, horizon at {world.levels[-1].half_extent_m:g} m, seed '
-          f'{world.config.seed}, hash {world.hash} ({seconds:.1f} s)')
+    say(f'{folder}: {2 * ground.half_extent_m:g} m at {ground.cell_m:g} m, '
+        f'{len(world.rocks)} rocks, horizon at {world.levels[-1].half_extent_m:g} m, seed '
+        f'{world.config.seed}, hash {world.hash} ({seconds:.1f} s)')
     for name in ('filled_pixels', 'holes', 'overhangs'):
         if world.report.get(name):
-            print(f'{name}: {world.report[name]}')
+            say(f'{name}: {world.report[name]}')
     return 0
 
 
 def run_info(args: argparse.Namespace) -> int:
     """Print what is in a world folder."""
-    folder = Path(args.folder)
-    world = load_world(folder)
-    shown = terminal.table(('', ''), 2, show_header=False, title=str(folder))
-    config, ground = world.config, world.ground
-    shown.add_row('source', f'{config.source} {config.path}'.strip())
-    shown.add_row('seed', str(config.seed))
-    shown.add_row('hash', f'{world.hash} (checked)')
-    for index, level in enumerate(world.levels):
+    found = _info(Path(args.folder))
+    if args.json:
+        print_json(found)
+        return 0
+    shown = table(('', ''), 2, show_header=False, title=args.folder)
+    shown.add_row('source', f'{found["source"]} {found["path"]}'.strip())
+    shown.add_row('seed', str(found['seed']))
+    shown.add_row('hash', f'{found["hash"]} (checked)')
+    for index, level in enumerate(found['levels']):
+        low, high = level['height_m']
         shown.add_row('ground' if index == 0 else f'level {index}',
-                      f'{2 * level.half_extent_m:g} m at {level.cell_m:g} m, heights '
-                      f'{level.heights_m.min():.2f} to {level.heights_m.max():.2f} m')
-    slopes = ', '.join(f'{rms_slope_deg(ground, b):.1f}° at {b:g} m' for b in (0.1, 0.3, 1.0, 3.0)
-                       if b < ground.half_extent_m)
-    shown.add_row('RMS slope', slopes)
-    line = horizon_deg(world, np.arange(0.0, 360.0, 2.0))
-    shown.add_row('horizon', f'{line.min():.1f}° to {line.max():.1f}° from 0.3 m above the origin')
-    inside = np.abs(world.craters.position_m).max(axis=1, initial=0.0) <= ground.half_extent_m
-    shown.add_row('craters', f'{int(inside.sum())} on the ground, {len(inside)} in all')
-    diameter = world.rocks.diameter_m
-    if len(diameter):
-        shown.add_row('rocks', f'{len(diameter)}, {diameter.min():.3g} to {diameter.max():.3g} m, '
-                               f'{int((diameter >= 0.3).sum())} of 0.3 m and more')
+                      f'{level["side_m"]:g} m at {level["cell_m"]:g} m, heights {low:.2f} to '
+                      f'{high:.2f} m')
+    shown.add_row('RMS slope', ', '.join(f'{slope:.1f}° at {baseline} m' for baseline, slope
+                                         in found['rms_slope_deg'].items()))
+    low, high = found['horizon_deg']
+    shown.add_row('horizon', f'{low:.1f}° to {high:.1f}° from 0.3 m above the origin')
+    craters, rocks = found['craters'], found['rocks']
+    shown.add_row('craters', f'{craters["on_ground"]} on the ground, {craters["all"]} in all')
+    if rocks['all']:
+        low, high = rocks['diameter_m']
+        shown.add_row('rocks', f'{rocks["all"]}, {low:.3g} to {high:.3g} m, '
+                               f'{rocks["of_0.3_m_and_more"]} of 0.3 m and more')
     else:
         shown.add_row('rocks', 'none')
-    shown.add_row('albedo factor', f'{world.albedo.mean():.3f} ± {world.albedo.std():.3f}')
-    for name, value in world.report.items():
+    shown.add_row('albedo factor', '{mean:.3f} ± {std:.3f}'.format(**found['albedo_factor']))
+    for name, value in found['report'].items():
         shown.add_row(name.replace('_', ' '), f'{value:.6g}' if isinstance(value, float)
                       else str(value))
-    size = sum(file.stat().st_size for file in folder.iterdir() if file.is_file())
-    shown.add_row('size', f'{size / 1e6:.0f} MB')
-    terminal.console().print(shown)
+    shown.add_row('size', f'{found["size_bytes"] / 1e6:.0f} MB')
+    console().print(shown)
     return 0
+
+
+def _info(folder: Path) -> dict[str, Any]:
+    """Return what a world folder holds, as plain values."""
+    world = load_world(folder)
+    config, ground, diameter = world.config, world.ground, world.rocks.diameter_m
+    line = horizon_deg(world, np.arange(0.0, 360.0, 2.0))
+    inside = np.abs(world.craters.position_m).max(axis=1, initial=0.0) <= ground.half_extent_m
+    return {
+        'source': config.source, 'path': str(config.path), 'seed': config.seed, 'hash': world.hash,
+        'levels': [{'side_m': 2 * level.half_extent_m, 'cell_m': level.cell_m,
+                    'height_m': [float(level.heights_m.min()), float(level.heights_m.max())]}
+                   for level in world.levels],
+        'rms_slope_deg': {f'{b:g}': float(rms_slope_deg(ground, b)) for b in (0.1, 0.3, 1.0, 3.0)
+                          if b < ground.half_extent_m},
+        'horizon_deg': [float(line.min()), float(line.max())],
+        'craters': {'on_ground': int(inside.sum()), 'all': len(inside)},
+        'rocks': {'all': len(diameter), 'of_0.3_m_and_more': int((diameter >= 0.3).sum()),
+                  'diameter_m': [float(diameter.min()), float(diameter.max())]
+                  if len(diameter) else None},
+        'albedo_factor': {'mean': float(world.albedo.mean()), 'std': float(world.albedo.std())},
+        'report': dict(world.report),
+        'size_bytes': sum(file.stat().st_size for file in folder.iterdir() if file.is_file())}
 
 
 def run_preview(args: argparse.Namespace) -> int:
     """Write the sheet of maps."""
-    azimuth, elevation = _checked_sun(args.sun)
+    azimuth, elevation = options.checked_sun(args.sun)
     folder = Path(args.folder)
     output = args.output or folder.resolve().with_suffix('.png')
-    _refuse_existing(output, args.overwrite)
+    options.refuse_existing(output, args.overwrite)
     world = load_world(folder)
     views: list = []
     if not args.no_views:
         views = four_views(world, azimuth, elevation)
     write_sheet(world, output, azimuth, elevation, views)
-    print(output)
+    say(output)
     return 0
 
 
@@ -237,9 +245,9 @@ def run_export(args: argparse.Namespace) -> int:
     if is_stage(output):
         _export_stage(args, output)
     else:
-        _refuse_existing(output, args.overwrite)
+        options.refuse_existing(output, args.overwrite)
         _export_mesh(args, output)
-    print(f'{output}: {stage_bytes(output) / 1e6:.1f} MB')
+    say(f'{output}: {stage_bytes(output) / 1e6:.1f} MB')
     return 0
 
 
@@ -267,22 +275,9 @@ def _export_stage(args: argparse.Namespace, output: Path) -> None:
     settings = settings_of(scenario.physics_node if scenario else PhysicsNodeConfig(),
                            scenario.render_node if scenario else RenderNodeConfig())
     if args.sun is not None:
-        azimuth, elevation = _checked_sun(args.sun)
+        azimuth, elevation = options.checked_sun(args.sun)
         sun = dataclasses.replace(settings.sun, azimuth_deg=azimuth, elevation_deg=elevation)
         settings = dataclasses.replace(settings, sun=sun)
-    with Console(stderr=True).status('writing the stage'):
+    with Progress('writing the stage'):
         write_world(load_world(args.folder), output, settings, name=name,
                     surroundings=not args.no_surroundings, overwrite=args.overwrite)
-
-
-def _checked_sun(sun: tuple[float, float]) -> tuple[float, float]:
-    azimuth, elevation = sun
-    if not (-360.0 <= azimuth <= 360.0 and -1.0 <= elevation <= 90.0):
-        raise ConfigError(f'--sun: {azimuth:g} {elevation:g} is not valid; valid are an azimuth '
-                          'of -360 to 360 and an elevation of -1 to 90 [deg]')
-    return azimuth, elevation
-
-
-def _refuse_existing(path: Path, overwrite: bool) -> None:
-    if path.exists() and not overwrite:
-        raise WorldError(f'{path}: exists already; choose another name or say --overwrite')

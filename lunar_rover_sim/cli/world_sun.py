@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from rich import box
 from rich.table import Table
 
-from lunar_rover_sim.cli import terminal
-from lunar_rover_sim.errors import ConfigError, WorldError
+from lunar_rover_sim.cli import options, terminal
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.outputs import check_png
 from lunar_rover_sim.illumination.dates import parse_date, shown
 from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime
@@ -24,10 +22,8 @@ _MONTH_H = 708.7        # from one noon to 29.53 days later
 _MAX_H = 20.0 * 365.25 * 24.0
 
 
-def add_sun(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    text = 'sun, Earth and light at a place on the Moon over time'
-    sun = add_parser('sun', help=text, description=text)
+def add_arguments(sun: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
     sun.add_argument('place', nargs='+', metavar='PLACE',
                      help='longitude and latitude [deg], or a world folder, whose horizon then '
                           'hides the sun')
@@ -39,30 +35,28 @@ def add_sun(add_parser: Callable[..., argparse.ArgumentParser]) -> None:
                      help='UTC in ISO 8601 (default: a lunar day, 29.5 days, later)')
     sun.add_argument('--step', type=float, default=24.0, metavar='H',
                      help='time between rows of the table [h] (default: 24)')
-    sun.add_argument('-o', '--output', type=Path, metavar='FILE',
-                     help='PNG to write: elevations over time, the way before the horizon')
-    sun.add_argument('--overwrite', action='store_true', help='replace an existing file')
-    sun.set_defaults(run=run_sun, check_output=check_png)
+    options.add_output(sun, check_png, 'FILE', 'PNG to write: elevations over time, the way '
+                       'before the horizon', required=False)
+    options.add_overwrite(sun)
 
 
-def run_sun(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
     """Print the table, and write the figure if one is asked for."""
     site, world = _place(args)
     start, hours = _time(args)
-    if args.output is not None and args.output.exists() and not args.overwrite:
-        raise WorldError(f'{args.output}: exists already; choose another name or say --overwrite')
+    if args.output is not None:
+        options.refuse_existing(args.output, args.overwrite)
     # Hourly at least, and on every row of the table.
     fine = max(int(np.ceil(args.step)), 1)
     count = int(hours / args.step * fine) + 1
     over = sky_over_time(site, start + np.arange(count) * np.timedelta64(
         round(args.step * 3.6e9 / fine), 'us'), world)
     name = f'longitude {site.lon_deg:.4f}°, latitude {site.lat_deg:.4f}°'
-    console = terminal.console()
-    console.print(_table(over, fine, name))
-    console.print(_summary(over, site, world), soft_wrap=True)
+    terminal.console().print(_table(over, fine, name))
+    terminal.say(_summary(over, site, world))
     if args.output is not None:
         write_figure(over, args.output, name if world is None else f'{args.place[0]}: {name}')
-        print(args.output)
+        terminal.say(args.output)
     return 0
 
 

@@ -14,6 +14,8 @@ from lunar_rover_sim.evaluation.trajectory_evaluation import Evaluation
 from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.inspection.bag_pictures import draw_hillshade
 
+TOP_VIEW = 'top_view.png'
+
 
 def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> list[Path]:
     """Write top_view.png, error.png and scale.png into `output` and return their paths.
@@ -22,7 +24,7 @@ def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> lis
 
     Raises EvaluationError if the files cannot be written.
     """
-    figures = {'top_view.png': _top_view(result, bag), 'error.png': _error(result),
+    figures = {TOP_VIEW: _top_view(result, bag), 'error.png': _error(result),
                'scale.png': _scale(result)}
     try:
         output.mkdir(parents=True, exist_ok=True)

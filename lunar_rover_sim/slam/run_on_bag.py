@@ -16,6 +16,7 @@ from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.physics.tip_over import TipOver
@@ -25,6 +26,8 @@ from lunar_rover_sim.sequences.formats import FORMATS
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.slam import euroc_reader
 from lunar_rover_sim.slam.estimators import Estimator, join
+
+ESTIMATE = 'estimate.txt'
 
 Step = Callable[[str, 'int | None'], None]
 
@@ -77,7 +80,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
                step: Step = lambda _text, _total: None,
                advance: Callable[[], None] = lambda: None,
                kept_sequence: Path | None = None,
-               stop: Callable[[], bool] = lambda: False) -> SlamResult:
+               stop: Callable[[], bool] = lambda: False, plots: bool = False) -> SlamResult:
     """Export a bag, run an estimator on it and judge the outcome.
 
     Settings, log, estimate.txt (TUM), evaluation.json and path.npz (`stamps_ns`, `truth_m`,
@@ -86,6 +89,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
     each of them.
     kept_sequence: folder of the exported sequence, which stays; if it exists, it is the sequence
     of this bag in the format of the estimator. None: the sequence is removed again.
+    plots: whether to write the figures of an evaluation, too
     A lost track is a result. Raises SlamError, BagError, SequenceError or EvaluationError if
     there can be no result.
     """
@@ -116,7 +120,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
                        distance_m=distance_m, duration_s=_span_s(truth), wall_s=outcome.wall_s)
     if outcome.trajectory is None:
         return known
-    write_tum(folder / 'estimate.txt', outcome.trajectory)
+    write_tum(folder / ESTIMATE, outcome.trajectory)
     try:
         judged = evaluate(bag, outcome.trajectory,
                           align='sim3' if estimator.sensor == 'mono' else 'se3',
@@ -126,6 +130,8 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
                                    tracked_share=len(outcome.trajectory)
                                    / max(1, len(outcome.frames_ns)))
     atomic_write(folder / 'evaluation.json', json.dumps(judged.to_mapping(), indent=2) + '\n')
+    if plots:
+        save_plots(judged, folder, bag)
     np.savez(folder / 'path.npz', stamps_ns=judged.truth.stamps_ns,
              truth_m=judged.truth.positions_m, estimate_m=judged.estimate.positions_m)
     return dataclasses.replace(

@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Iterator
+import json
 import pkgutil
+import re
 import resource
 import subprocess
 import sys
+import time
 
 import pytest
 
 from lunar_rover_sim import cli
+from lunar_rover_sim.cli import terminal
 from lunar_rover_sim.cli.main import COMMANDS, main, parse, parser
 
 HEAVY = {'cv2', 'matplotlib', 'mujoco', 'numpy', 'rclpy', 'scipy'}
 
 
+def leaves(root: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield the parsers of the commands that have arguments."""
+    groups = [a for a in root._actions if isinstance(a, argparse._SubParsersAction)]
+    for child in (c for group in groups for c in group.choices.values()):
+        yield from leaves(child)
+    if not groups:
+        yield root
+
+
 def test_every_module_is_in_the_table() -> None:
     # bag_video is an action of bag, world_sun one of world.
     modules = {info.name for info in pkgutil.iter_modules(cli.__path__)}
-    modules -= {'bag_video', 'main', 'number_lists', 'terminal', 'world_sun'}
+    modules -= {'bag_video', 'help_format', 'main', 'options', 'terminal', 'world_sun'}
     assert {command.module for command in COMMANDS.values()} == modules
 
 
@@ -93,17 +108,71 @@ def test_mistyped_words_get_a_hint(words: list[str], hint: str,
     assert hint in error and error.count('\n') == 1
 
 
-def test_parameters_are_found(capsys: pytest.CaptureFixture[str],
+@pytest.mark.parametrize(('columns', 'width'), [('', 100), ('60', 60)])
+def test_parameters_are_found(columns: str, width: int, capsys: pytest.CaptureFixture[str],
                               monkeypatch: pytest.MonkeyPatch) -> None:
-    """By group and by text, at the width of the terminal."""
-    monkeypatch.setenv('COLUMNS', '100')
+    """By group and by text: a line with name, default and range, then the meaning, folded."""
+    monkeypatch.setenv('COLUMNS', columns)
     assert main(['parameters', 'render_node.sun']) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) == 100
-    assert any('sun.angular_diameter_deg' in line for line in lines)
+    assert 0.8 * width < max(map(len, lines)) <= width
+    k = lines.index('render_node.sun.elevation_deg = 6.0, >= -1 and <= 90 [deg]')
+    assert lines[k + 1].startswith('    height of the centre')
     assert main(['parameters', '--search', 'ALBEDO']) == 0
     found = capsys.readouterr().out
     assert 'albedo.fresh_crater' in found and 'duty_factor' not in found
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_one_vocabulary(name: str) -> None:
+    """What means the same has one name; the other one is understood and not shown."""
+    for command in leaves(parser([name])):
+        seen = {word: action for action in command._actions for word in action.option_strings}
+        for shown, hidden in (('--overwrite', '--force'), ('--workers', '--jobs')):
+            assert (shown in seen) == (hidden in seen), command.prog
+            if shown in seen:
+                assert seen[hidden].help == argparse.SUPPRESS
+                assert seen[shown].dest == seen[hidden].dest
+        assert '--set' not in seen or seen['--set'].dest == 'overrides'
+        assert max(map(len, command.format_help().splitlines())) <= 100
+
+
+def test_the_help_of_run_lists_the_scenarios(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(['run', '--help'])
+    assert 'packaged scenarios: baseline, ' in capsys.readouterr().out
+
+
+def test_progress_in_a_pipe(capsys: pytest.CaptureFixture[str],
+                            monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line now and then on stderr: what is done, how much, how long it takes; stdout is free."""
+    monkeypatch.setattr(terminal, 'PIPE_PERIOD_S', 0.01)
+    with terminal.Progress('walking', 8, 'walks') as progress:
+        for done in range(1, 5):
+            progress(done)
+            time.sleep(0.05)
+    said = capsys.readouterr()
+    assert said.out == ''
+    lines = said.err.splitlines()
+    assert re.fullmatch(r'walking: 1/8 walks, 0:00', lines[0])
+    assert re.fullmatch(r'walking: 4/8 walks, 0:00, 0:00 left', lines[-1])
+
+
+def test_the_time_left_is_that_of_the_whole_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten of a hundred in 20 s after the first one: 180 s are left, whatever came before."""
+    now = [0.0]
+    monkeypatch.setattr(time, 'monotonic', lambda: now[0])
+    progress = terminal.Progress('estimating', 110)
+    for done, at in ((10, 60.0), (20, 80.0)):
+        now[0] = at
+        progress(done)
+    assert progress.told() == '20/110, 1:20, 3:00 left'
+
+
+def test_json_has_no_number_that_json_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.print_json({'ate_m': float('nan'), 'pairs': [(1, float('inf'))], 'name': 'Größe'})
+    text = capsys.readouterr().out
+    assert json.loads(text) == {'ate_m': None, 'pairs': [[1, None]], 'name': 'Größe'}
 
 
 @pytest.mark.parametrize('shell', ['bash', 'zsh'])

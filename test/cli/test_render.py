@@ -89,7 +89,7 @@ def test_validate_stereo(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert 'bad-1' in printed and 'median signed error' in printed
     assert main(['validate', 'stereo', 'baseline', '-n', '0', '-o', str(tmp_path / 'x')]) == 1
-    assert 'frames: 0 is not valid; valid is >= 1' in capsys.readouterr().err
+    assert '--frames: 0 is not valid; valid is >= 1' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('arguments,message', [

@@ -93,7 +93,7 @@ def test_files(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture
     assert count == 3
     assert b'vp09' in output.read_bytes()
     assert main([*arguments, str(output)]) == 1
-    assert 'exists; name a new file' in capsys.readouterr().err
+    assert 'exists already; choose another name' in capsys.readouterr().err
     assert main([*arguments, str(tmp_path / 'drive.avi')]) == 1
     assert '.mp4' in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ['drive.mp4']

@@ -14,7 +14,7 @@ def run(*words):
 
 def test_an_existing_table_is_not_overwritten(tmp_path):
     (tmp_path / 'table.yaml').write_text('mine')
-    with pytest.raises(ConfigError, match='table.yaml exists; give another name, or --force'):
+    with pytest.raises(ConfigError, match='table.yaml exists already; choose another'):
         run('calibrate', 'gait', '-o', str(tmp_path / 'table.yaml'))
     assert (tmp_path / 'table.yaml').read_text() == 'mine'
 
@@ -35,7 +35,7 @@ def test_an_existing_table_is_not_overwritten(tmp_path):
     (('validate', 'traverse', '--seeds', '0'), '--seeds: 0'),
     (('validate', 'traverse', '--duration', '1'), '--duration: 1'),
     (('validate', 'traverse', 'basline'), 'did you mean baseline'),
-    (('validate', 'odometry', '-n', '2'), '--drives: 2 is not valid; valid is at least 3'),
+    (('validate', 'odometry', '-n', '2'), '--drives: 2 is not valid; valid is >= 3'),
     (('validate', 'odometry', '--duration', '1'), '--duration: 1 is not valid'),
     (('validate', 'odometry', '--set', 'physics_node.wheel_odometry.yaw_scale=0'),
      'yaw_scale: 0'),

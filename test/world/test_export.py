@@ -199,7 +199,7 @@ def test_command_line(tmp_path, capsys):
     assert call('export', folder, '-o', str(tmp_path / 'w.ply')) == 0
     for again in (('build', '-o', folder), ('preview', folder),
                   ('export', folder, '-o', str(tmp_path / 'w.ply'))):
-        with pytest.raises(WorldError, match='exists already'):
+        with pytest.raises(ConfigError, match='exists already'):
             call(*again)
 
 
