@@ -36,7 +36,7 @@ MODULES = {
     'Errors': ['errors'],
     'Frames': ['frames'],
     'World': ['world.build', 'world.world_folder', 'world.grid', 'world.site'],
-    'Physics and gait': ['physics.state', 'physics.imu', 'gait.shaping'],
+    'Physics and gait': ['physics.state', 'sensors.imu', 'sensors.sensor', 'gait.shaping'],
     'Soft ground': ['regolith.soil', 'regolith.overlay'],
     'Images and stereo': ['rendering.frame', 'camera.rig', 'stereo.depth', 'stereo.error',
                           'illumination.hapke', 'illumination.sky'],

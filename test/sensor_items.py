@@ -119,3 +119,15 @@ def with_lidar_frame(items: list[synthetic.Item]) -> list[synthetic.Item]:
             rotation=synthetic.quaternion(frames.wxyz_from_matrix(T_BASE_LIDAR[:3, :3]))))
     return [*items, synthetic.Item(topics.TF_STATIC.name, topics.TF_STATIC.type, synthetic.msg(
         'tf2_msgs/TFMessage', transforms=[mount]))]
+
+
+def foot_items(ns: int) -> list[synthetic.Item]:
+    """Return slip and sinkage: 1 mm of each leg, swept 1 cm."""
+    legs = list(topics.LEGS)
+    return [synthetic.Item(topic.name, topic.type, synthetic.msg(
+        'sensor_msgs/JointState', header=synthetic.header(ns, ''), name=names,
+        position=np.array(position), velocity=np.array(velocity), effort=np.zeros(0)))
+        for topic, names, position, velocity in (
+            (topics.FOOT_SLIP, [*legs, *(f'{leg}_sweep' for leg in legs)],
+             [0.001] * 4 + [0.01] * 4, [0.0] * 8),
+            (topics.SINKAGE, legs, [0.001] * 4, []))]

@@ -11,12 +11,13 @@ from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
-from lunar_rover_sim.illumination.solar_panel import SolarPanelConfig
-from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
-from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
-from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig, PowerMonitorConfig
+from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run import node_config
+from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig
+from lunar_rover_sim.sensors.solar_panel import SolarPanelConfig
+from lunar_rover_sim.sensors.star_tracker import StarTrackerConfig
+from lunar_rover_sim.sensors.sun_sensor import SunSensorConfig
 from lunar_rover_sim.world.config import CraterConfig
 
 

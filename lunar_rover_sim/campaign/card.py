@@ -10,8 +10,7 @@ import numpy as np
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.campaign.contents import (contents, DEPTH, HEADING, IMAGES, IMU, LABELS,
-                                               LIDAR, POWER, STEREO)
+from lunar_rover_sim.campaign.contents import contents, DEPTH, IMAGES, IMU, LABELS, LIDAR, STEREO
 from lunar_rover_sim.campaign.croissant import croissant
 from lunar_rover_sim.campaign.dataset import failures, manifests
 from lunar_rover_sim.campaign.episode_table import episode_table
@@ -23,11 +22,11 @@ from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.wording import counted
+from lunar_rover_sim.sensors.registry import card_contents
 
 LARGEST = 1e18     # of a statistic
 _KINDS = {IMAGES: 'images', STEREO: 'stereo images', DEPTH: 'depth', LABELS: 'labels',
-          IMU: 'inertial data', LIDAR: 'LiDAR scans',
-          HEADING: 'sun sensor, star tracker or wheel odometry', POWER: 'power'}
+          LIDAR: 'LiDAR scans', **{content.name: content.title for content in card_contents()}}
 _SUMS = ('duration_s', 'frames', 'distance_m', 'bytes')
 _FORMATS = {
     'bag': 'rosbag2 (MCAP or SQLite), all topics; the bag of an episode is checked by '

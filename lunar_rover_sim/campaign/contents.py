@@ -7,10 +7,11 @@ from typing import Any
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.sensors.registry import card_contents
 from lunar_rover_sim.sequences.formats import FORMATS
 
-IMAGES, STEREO, DEPTH, LABELS, IMU, LIDAR, HEADING, POWER = CONTENTS = (
-    'images', 'stereo', 'depth', 'labels', 'imu', 'lidar', 'heading', 'power')
+IMAGES, STEREO, DEPTH, LABELS, IMU, LIDAR = (
+    'images', 'stereo', 'depth', 'labels', 'imu', 'lidar')
 # Each needs one topic of each of its groups.
 _LEFT = topics.LEFT_IMAGE, topics.LEFT_COMPRESSED
 _NEEDS: Mapping[str, tuple[tuple[topics.Topic, ...], ...]] = {
@@ -20,8 +21,8 @@ _NEEDS: Mapping[str, tuple[tuple[topics.Topic, ...], ...]] = {
     LABELS: ((topics.LABELS,),),
     IMU: ((topics.IMU_RAW,),),
     LIDAR: (topics.OF_LIDAR,),
-    HEADING: ((topics.SUN_SENSOR, topics.STAR_TRACKER, topics.WHEEL_ODOM),),
-    POWER: ((*topics.POWER, topics.SOLAR_POWER),)}
+    **{content.name: (published,) for content, published in card_contents().items()}}
+CONTENTS = tuple(_NEEDS)
 
 
 def recorded_topics(bag: Bag) -> list[str]:

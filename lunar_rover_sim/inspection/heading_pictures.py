@@ -1,4 +1,4 @@
-"""A figure of the heading sensors and of power over a recorded drive."""
+"""A figure of the heading sensors, of power and of other sensors over a recorded drive."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from lunar_rover_sim.bag.messages import header_ns, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.sensors.registry import SENSORS
+from lunar_rover_sim.sensors.sensor import Sensor
 
 Save = Callable[[Figure, str], None]
 Panel = Callable[[Any], None]
@@ -27,6 +29,9 @@ _COLOURS = 'tab:blue', 'tab:orange', 'tab:green', 'tab:red'
 _MA_PER_A = 1000.0
 _TIME = 'time [s]'
 _MARGIN = 0.02          # of the time
+# Topics with panels of their own, here or in `sensor_pictures`.
+_DRAWN = (topics.IMU_RAW, topics.SUN_SENSOR, topics.STAR_TRACKER, topics.WHEEL_ODOM,
+          *topics.POWER, topics.SOLAR_POWER)
 _ROOM = 1.35            # over the curves, for the legend
 
 
@@ -46,12 +51,12 @@ class _Truth:
 
 
 def heading_figure(bag: Bag, save: Save) -> None:
-    """Draw what sun sensor, star tracker, wheel odometry and power monitors say, and the truth."""
+    """Draw what sensors say, and the truth beside those whose truth is known here."""
     truth = None
     if bag.count(bag.truth):
         truth = _Truth(series.read_odometry(bag))
     panels = [*_sun_panels(bag, truth), *_star_panels(bag, truth), *_wheel_panels(bag, truth),
-              *_power_panels(bag)]
+              *_power_panels(bag), *_other_panels(bag)]
     if not panels:
         return
     rows = -(-len(panels) // 2)
@@ -233,6 +238,38 @@ def _power_panels(bag: Bag) -> Iterator[Panel]:
         yield currents
     if set(lines) - set(motors):
         yield powers
+
+
+def _other_panels(bag: Bag) -> Iterator[Panel]:
+    """Yield a panel of the numbers of each sensor that has none of its own."""
+    for sensor in SENSORS:
+        for topic in sensor.published:
+            if topic not in _DRAWN and bag.count(topic.name):
+                yield _numbers_panel(bag, topic.name, sensor)
+
+
+def _numbers_panel(bag: Bag, name: str, sensor: type[Sensor]) -> Panel:
+    rows = [(header_ns(message) * 1e-9, _flat(sensor.read(name, message)))
+            for _, _, message in bag.messages([name])]
+
+    def draw(axes: Any) -> None:
+        for key in rows[0][1]:
+            axes.plot([t for t, _ in rows], [values.get(key) for _, values in rows], lw=0.8,
+                      label=key)
+        _label(axes, name, '')
+
+    return draw
+
+
+def _flat(values: Any, name: str = '') -> dict[str, float]:
+    """Return the numbers among values of JSON, by their names and places."""
+    if isinstance(values, dict):
+        return {key: number for part, value in values.items()
+                for key, number in _flat(value, part).items()}
+    if isinstance(values, list):
+        return {key: number for k, value in enumerate(values)
+                for key, number in _flat(value, f'{name}[{k}]').items()}
+    return {name: values} if isinstance(values, (int, float)) else {}
 
 
 def _label(axes: Any, title: str, y: str, x: str = _TIME, legend: bool = True) -> None:

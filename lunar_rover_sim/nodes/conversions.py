@@ -1,8 +1,8 @@
 """Conversions between core classes and ROS 2 messages of states and commands.
 
 Images, camera infos, and the clouds of stereo and ground are in `image_conversions`, LiDAR clouds
-and scans in `lidar_conversions`, boxes and labels in `vision_conversions`. The publishers of
-heading, power, feet, sun and diagnostics, and slam_node, fill their messages themselves.
+and scans in `lidar_conversions`, boxes and labels in `vision_conversions`, sensors on request in
+`requested_sensors`. The publishers of sun and diagnostics, and slam_node, fill theirs themselves.
 
 Quaternions are wxyz in the core and xyzw in messages. The `fill_` functions write every field that
 they name, so a message object that is made once can be published for every state.
@@ -31,10 +31,10 @@ from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.seconds import NS_PER_S
 
 if TYPE_CHECKING:
-    from lunar_rover_sim.physics.imu import ImuSample
     from lunar_rover_sim.physics.state import RoverState
-    from lunar_rover_sim.physics.wheel_odometry import WheelOdometry
-    from lunar_rover_sim.run.node_config import OdometryConfig
+    from lunar_rover_sim.sensors.imu import ImuSample
+    from lunar_rover_sim.sensors.registry import OdometryConfig
+    from lunar_rover_sim.sensors.wheel_odometry import WheelOdometry
 
 
 # What messages state of exact values, in the squares of their units. Zeros would mean `unknown` in
@@ -80,10 +80,8 @@ def set_odometry_covariance(msg: Odometry, stated: OdometryConfig) -> None:
         covariance[:] = np.diag([linear**2] * 3 + [angular**2] * 3).ravel()
 
 
-def wheel_odometry(odometry: WheelOdometry, stamp: Time) -> Odometry:
-    """Return a planar pose and twist with their covariances; what they do not know is huge."""
-    msg = Odometry()
-    _set_header(msg.header, stamp, frames.WHEEL_ODOM_FRAME)
+def fill_wheel_odometry(msg: Odometry, odometry: WheelOdometry) -> None:
+    """Write a planar pose and twist with their covariances; what they do not know is huge."""
     msg.child_frame_id = frames.BASE_FRAME
     x, y, yaw = odometry.pose.tolist()
     _set_vector(msg.pose.pose.position, np.array([x, y, 0.0]))
@@ -94,7 +92,6 @@ def wheel_odometry(odometry: WheelOdometry, stamp: Time) -> Odometry:
     pose[np.ix_(_PLANAR, _PLANAR)] = odometry.covariance + EXACT_VARIANCE * np.eye(3)
     twist[_PLANAR, _PLANAR] = np.maximum(odometry.twist_variance, EXACT_VARIANCE)
     msg.pose.covariance, msg.twist.covariance = pose.ravel(), twist.ravel()
-    return msg
 
 
 def pose_of(msg: Odometry) -> Array:

@@ -20,12 +20,14 @@ from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
 from lunar_rover_sim.nodes.stepping import Stepping
 from lunar_rover_sim.nodes.wall_pace import WallPace
-from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.sensors.imu import Imu, ImuNoise
+from lunar_rover_sim.sensors.registry import mounted
+from lunar_rover_sim.sensors.sensor import Platform
 
 # Services are called in between.
 _MAX_STATES_PER_CALLBACK = 20
@@ -49,7 +51,10 @@ class PhysicsNode(node_main.GraphNode):
             self, self._simulation.overlay, world.ground, config.ground_period_ns,
             topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
-        self._requested = RequestedSensors(self, self._simulation, world, rover, config)
+        platform = Platform(self._simulation, world, config.sun, config.seed,
+                            1e-9 * config.state_period_ns)
+        self._requested = RequestedSensors(self, mounted(config, platform),
+                                           () if config.ground.deforms else topics.OF_SOFT_GROUND)
         self._matching = ReaderDiscovery(
             self, [*self._publisher.publishers, *self._requested.publishers, *changes],
             tuple(dict.fromkeys([*config.wait.topics, *config.participants])))
@@ -106,7 +111,7 @@ class PhysicsNode(node_main.GraphNode):
 
     def _imu_noise(self) -> ImuNoise:
         return ImuNoise(self._config.imu, self._config.state_rate_hz,
-                        np.random.default_rng([self._config.seed, 1]))
+                        np.random.default_rng([self._config.seed, Imu.stream]))
 
     def _latch(self, topic: topics.Topic, text: str) -> object:
         publisher = self.create_publisher(String, topic.name, qos.offered(topic))
@@ -227,7 +232,7 @@ class PhysicsNode(node_main.GraphNode):
         """Put the rover back to its start; time goes on."""
         self._stepping.cancel('the simulation was reset meanwhile')
         self._simulation.reset()
-        self._requested.reset()
+        self._requested.restart()
 
     def restart(self) -> None:
         """Put the rover back to its start; time begins at 0."""

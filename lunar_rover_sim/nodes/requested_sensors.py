@@ -1,50 +1,112 @@
-"""What physics_node measures only while somebody reads it."""
+"""Sensors that physics_node measures when they are due, and only while somebody reads them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+import math
+from typing import Any
+
+import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from sensor_msgs.msg import BatteryState
 
-from lunar_rover_sim.nodes.foot_publisher import FootPublisher
-from lunar_rover_sim.nodes.heading_publisher import HeadingPublisher
-from lunar_rover_sim.nodes.power_publisher import PowerPublisher
-from lunar_rover_sim.nodes.solar_publisher import SolarPublisher
-from lunar_rover_sim.nodes.sun_from_rover import SunFromRover
-from lunar_rover_sim.nodes.wheel_odometry_publisher import WheelOdometryPublisher
-from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim import topics
+from lunar_rover_sim.frames import wxyz_from_matrix
+from lunar_rover_sim.nodes import conversions, qos
+from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.run.node_config import PhysicsNodeConfig
-from lunar_rover_sim.world.model import World
+from lunar_rover_sim.sensors.sensor import Attitude, JointValues, Sensor, Supply, Vector
+
+_EXACT_RAD2 = 1e-14     # added, since zeros would say that the covariance is unknown
 
 
 class RequestedSensors:
-    """Publishes each sensor while it is read."""
+    """Publishes each sensor while it is read.
 
-    def __init__(self, node: Node, simulation: Simulation, world: World,
-                 rover: RoverDescription, config: PhysicsNodeConfig) -> None:
-        self._feet = FootPublisher(node, simulation, 1e-9 * config.state_period_ns)
-        self._wheels = WheelOdometryPublisher(node, config, rover)
-        self._power = PowerPublisher(node, config, rover.motor)
-        sun = SunFromRover(simulation, world, config.sun)
-        self._heading = HeadingPublisher(node, sun, config)
-        self._solar = SolarPublisher(node, sun, config, rover.motor)
+    Attributes:
+        publishers: Those of all topics.
+    """
 
-    @property
-    def publishers(self) -> list[Publisher]:
-        """Those of all topics."""
-        return [*self._feet.publishers, self._wheels.publisher, *self._power.publishers,
-                *self._heading.publishers, self._solar.publisher]
+    def __init__(self, node: Node, sensors: Sequence[Sensor],
+                 silent: Sequence[topics.Topic] = ()) -> None:
+        """Offer the topics.
+
+        Args:
+            sensors: In the order in which they are published.
+            silent: Topics that are not offered in this run.
+        """
+        self._sensors: list[tuple[Sensor, list[tuple[topics.Topic, Publisher]]]] = [
+            (sensor, [(topic, node.create_publisher(message_class(topic.type), topic.name,
+                                                    qos.offered(topic)))
+                      for topic in sensor.published if topic not in silent])
+            for sensor in sensors]
+        self._unread: set[Sensor] = set()
+        self.publishers = [publisher for _, offered in self._sensors for _, publisher in offered]
 
     def publish(self, state: RoverState, stamp_ns: int) -> None:
-        """Publish what is read of a state."""
-        self._feet.publish(stamp_ns)
-        self._wheels.publish(state, stamp_ns)
-        self._power.publish(state, stamp_ns)
-        self._heading.publish(state, stamp_ns)
-        self._solar.publish(state, stamp_ns)
+        """Publish what is due at a state and read; a sensor that nobody reads begins anew."""
+        for sensor, offered in self._sensors:
+            read = [each for each in offered if each[1].get_subscription_count()]
+            if not read:
+                if sensor not in self._unread:
+                    sensor.restart()
+                    self._unread.add(sensor)
+                continue
+            self._unread.discard(sensor)
+            if not sensor.is_due(stamp_ns):
+                continue
+            measured = sensor.measure(state, stamp_ns)
+            for topic, publisher in read:
+                if topic.name in measured:
+                    publisher.publish(_message(topic, measured[topic.name], stamp_ns))
 
-    def reset(self) -> None:
+    def restart(self) -> None:
         """The rover stands at its start again."""
-        self._feet.restart()
-        self._wheels.restart()
+        for sensor, _ in self._sensors:
+            sensor.restart()
+
+
+def _message(topic: topics.Topic, measured: Any, stamp_ns: int) -> Any:
+    message = message_class(topic.type)()
+    message.header.stamp = conversions.time_msg(stamp_ns)
+    message.header.frame_id = topic.frame_id
+    _FILLERS[topic.type](message, measured)
+    return message
+
+
+def _fill_vector(message: Any, measured: Vector) -> None:
+    message.vector.x, message.vector.y, message.vector.z = map(float, measured.xyz)
+
+
+def _fill_attitude(message: Any, measured: Attitude) -> None:
+    """Fill an Imu with an orientation alone: what it does not have is -1 (sensor_msgs/Imu)."""
+    q = message.orientation
+    q.w, q.x, q.y, q.z = wxyz_from_matrix(measured.R_world_base).tolist()
+    message.orientation_covariance = (measured.covariance_rad2 + _EXACT_RAD2 * np.eye(3)).ravel()
+    message.angular_velocity_covariance[0] = message.linear_acceleration_covariance[0] = -1.0
+
+
+def _fill_joints(message: Any, measured: JointValues) -> None:
+    message.name = list(measured.names)
+    message.position, message.velocity = list(measured.position), list(measured.velocity)
+
+
+def _fill_supply(message: BatteryState, measured: Supply) -> None:
+    message.location, message.present = measured.line, True
+    message.voltage, message.current = measured.voltage_v, measured.current_a
+    message.temperature = message.charge = message.capacity = math.nan
+    message.design_capacity = message.percentage = math.nan
+    if not measured.gives:
+        message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    elif measured.current_a > 0.0:
+        message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_CHARGING
+
+
+_FILLERS: dict[str, Callable[[Any, Any], None]] = {
+    'geometry_msgs/msg/Vector3Stamped': _fill_vector,
+    'sensor_msgs/msg/Imu': _fill_attitude,
+    'sensor_msgs/msg/JointState': _fill_joints,
+    'sensor_msgs/msg/BatteryState': _fill_supply,
+    'nav_msgs/msg/Odometry': conversions.fill_wheel_odometry,
+}

@@ -13,13 +13,13 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
-from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.base_footprint import footprint_pose
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.sensors.imu import ImuNoise
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -1,10 +1,9 @@
-"""Parameters of the simulation: time step, gravity, start pose, contact, and errors of the IMU."""
+"""Parameters of the simulation: time step, gravity, start pose and contact."""
 
 from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import group, param, Parameters
 from lunar_rover_sim.regolith.config import GroundConfig
 
@@ -78,121 +77,3 @@ class PhysicsConfig(Parameters):
                     ' ground.friction']
         return [f'ground.{name}: has no effect on rigid ground'
                 for name in ground.given() if not ground.deforms]
-
-
-FROM_PRESET = -1.0
-
-
-@dataclasses.dataclass(frozen=True)
-class ImuConfig(Parameters):
-    """Errors of the IMU; densities and random walks in continuous-time units.
-
-    The four noise parameters come from the preset unless they are given (>= 0). `physics/imu.py`
-    holds the presets and their sources. With `enabled` false the true signal is published.
-    """
-
-    enabled: bool = param(True, 'false publishes the true signal')
-    preset: str = param('adis16448', 'IMU model whose noise parameters are used',
-                        choices=('none', 'adis16448', 'bmi160'))
-    accel_noise_density: float = param(
-        FROM_PRESET, 'white noise of the accelerometer; -1: from the preset',
-        unit='m/s^2/sqrt(Hz)', low=-1.0)
-    gyro_noise_density: float = param(
-        FROM_PRESET, 'white noise of the gyroscope; -1: from the preset', unit='rad/s/sqrt(Hz)',
-        low=-1.0)
-    accel_bias_random_walk: float = param(
-        FROM_PRESET, 'random walk of the accelerometer bias; -1: from the preset',
-        unit='m/s^3/sqrt(Hz)', low=-1.0)
-    gyro_bias_random_walk: float = param(
-        FROM_PRESET, 'random walk of the gyroscope bias; -1: from the preset',
-        unit='rad/s^2/sqrt(Hz)', low=-1.0)
-    accel_initial_bias_mps2: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'bias of the accelerometer at time 0', unit='m/s^2', length=3)
-    gyro_initial_bias_radps: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'bias of the gyroscope at time 0', unit='rad/s', length=3)
-    accel_scale_error: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'relative error of the scale factor per axis', low=-0.5, high=0.5,
-        length=3)
-    gyro_scale_error: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'relative error of the scale factor per axis', low=-0.5, high=0.5,
-        length=3)
-    accel_misalignment_deg: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'rotation vector from imu_link to the true sensor axes', unit='deg',
-        low=-20.0, high=20.0, length=3)
-    gyro_misalignment_deg: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), 'rotation vector from imu_link to the true sensor axes', unit='deg',
-        low=-20.0, high=20.0, length=3)
-    accel_range_mps2: float = param(0.0, 'signal saturates at this magnitude; 0: unlimited',
-                                    unit='m/s^2', low=0.0)
-    gyro_range_radps: float = param(0.0, 'signal saturates at this magnitude; 0: unlimited',
-                                    unit='rad/s', low=0.0)
-    accel_resolution_mps2: float = param(0.0, 'step of quantisation; 0: none', unit='m/s^2',
-                                         low=0.0)
-    gyro_resolution_radps: float = param(0.0, 'step of quantisation; 0: none', unit='rad/s',
-                                         low=0.0)
-
-    def validate(self) -> None:
-        """Raise ConfigError if a noise parameter is negative, other than -1 for the preset."""
-        for name in ('accel_noise_density', 'gyro_noise_density', 'accel_bias_random_walk',
-                     'gyro_bias_random_walk'):
-            value = getattr(self, name)
-            if value < 0.0 and value != FROM_PRESET:
-                raise ConfigError(f'{name}: {value} is not valid; valid is >= 0, or -1 for the'
-                                  f' value of the preset')
-
-
-@dataclasses.dataclass(frozen=True)
-class WheelOdometryConfig(Parameters):
-    """Encoders of the legs, and what is known of the way that they do not see.
-
-    Scales and deviations are those that `physics/wheel_odometry.py` holds of the ground unless
-    they are given: rougher ground and another rover have others, which `lunar_rover_sim validate
-    odometry` measures. The encoder's default is that of a Faulhaber IE2-512: 512 lines, four
-    edges each, on the shaft of the motor.
-    """
-
-    counts_per_turn: int = param(2048, 'edges of the encoder per turn of the motor', low=1,
-                                 high=2**20)
-    forward_scale: float = param(FROM_PRESET, 'way of the rover over that of rolling feet, 0.1 to '
-                                 '2; -1: that of the ground', low=-1.0, high=2.0)
-    yaw_scale: float = param(FROM_PRESET, 'turn of the rover over that of rolling feet, 0.1 to 2; '
-                             '-1: that of the ground', low=-1.0, high=2.0)
-    forward_stddev: float = param(
-        FROM_PRESET, 'error along the heading, for each root of a metre that the legs have rolled,'
-        ' 0 to 10; -1: that of the ground', unit='m/sqrt(m)', low=-1.0, high=10.0)
-    lateral_stddev: float = param(FROM_PRESET, 'error across the heading, likewise',
-                                  unit='m/sqrt(m)', low=-1.0, high=10.0)
-    yaw_stddev: float = param(FROM_PRESET, 'error of the heading, likewise', unit='rad/sqrt(m)',
-                              low=-1.0, high=10.0)
-
-    def validate(self) -> None:
-        """Raise ConfigError if a value is neither possible nor -1."""
-        for name, low, high in (('forward_scale', 0.1, 2.0), ('yaw_scale', 0.1, 2.0),
-                                ('forward_stddev', 0.0, 10.0), ('lateral_stddev', 0.0, 10.0),
-                                ('yaw_stddev', 0.0, 10.0)):
-            value = getattr(self, name)
-            if value != FROM_PRESET and not low <= value <= high:
-                raise ConfigError(f'{name}: {value:g} is not valid; valid is {low:g} to {high:g},'
-                                  ' or -1 for that of the ground')
-
-
-@dataclasses.dataclass(frozen=True)
-class PowerMonitorConfig(Parameters):
-    """Monitors of voltage and current in the supply line of each motor and of all of them.
-
-    The defaults are those of a Texas Instruments INA226 (data sheet SBOS547B, 2024, typical
-    values, which are taken for standard deviations) with shunts of 20 mohm, for up to 4 A.
-    """
-
-    enabled: bool = param(True, 'false publishes the true values')
-    shunt_ohm: float = param(0.02, 'shunt resistor', unit='ohm', low=0.0, open_low=True,
-                             high=1000.0)
-    shunt_range_v: float = param(0.08192, 'largest voltage over the shunt', unit='V', low=0.0,
-                                 open_low=True, high=100.0)
-    shunt_step_v: float = param(2.5e-6, 'step of that voltage', unit='V', low=0.0, high=1.0)
-    shunt_offset_v: float = param(2.5e-6, 'standard deviation of its offset', unit='V', low=0.0,
-                                  high=1.0)
-    bus_step_v: float = param(1.25e-3, 'step of the supply voltage', unit='V', low=0.0, high=1.0)
-    bus_offset_v: float = param(1.25e-3, 'standard deviation of its offset', unit='V', low=0.0,
-                                high=1.0)
-    gain_error: float = param(2e-4, 'standard deviation of the gain of each', low=0.0, high=0.5)

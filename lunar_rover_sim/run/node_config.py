@@ -14,18 +14,16 @@ from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.illumination.solar_panel import SolarPanelConfig
-from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
-from lunar_rover_sim.illumination.sun_sensor import SunSensorConfig
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.named_sets import Named
 from lunar_rover_sim.parameters import group, named, param, Parameters
 from lunar_rover_sim.path_following.config import DriveConfig
-from lunar_rover_sim.physics.config import (ImuConfig, PhysicsConfig, PowerMonitorConfig,
-                                            WheelOdometryConfig)
+from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.run.shared_config import MAX_DURATION_S, NodeConfig, WaitConfig
 from lunar_rover_sim.seconds import NS_PER_S
+from lunar_rover_sim.sensors.imu import ImuConfig
+from lunar_rover_sim.sensors.registry import SENSORS, SensorsConfig
 from lunar_rover_sim.stereo.config import SgmConfig
 
 FRAME_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'render_node'
@@ -35,33 +33,9 @@ LIDAR_TOPICS = tuple(t.name for t in topics.CONTRACT if t.node == 'lidar_node' a
 
 
 @dataclasses.dataclass(frozen=True)
-class OdometryConfig(Parameters):
-    """What the covariance of `odom` states. The values are exact, whatever it states.
-
-    The defaults are far below what an estimator resolves, and far enough from zero to be inverted.
-    """
-
-    position_stddev_m: float = param(1e-4, 'stated standard deviation per axis', unit='m',
-                                     low=0.0, high=1e3)
-    orientation_stddev_rad: float = param(1e-4, 'stated standard deviation per axis', unit='rad',
-                                          low=0.0, high=10.0)
-    linear_stddev_mps: float = param(1e-4, 'stated standard deviation per axis', unit='m/s',
-                                     low=0.0, high=1e3)
-    angular_stddev_radps: float = param(1e-4, 'stated standard deviation per axis',
-                                        unit='rad/s', low=0.0, high=1e3)
-
-
-@dataclasses.dataclass(frozen=True)
-class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
+class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
     """Parameters of physics_node."""
 
-    imu: ImuConfig = group(ImuConfig)
-    odometry: OdometryConfig = group(OdometryConfig)
-    wheel_odometry: WheelOdometryConfig = group(WheelOdometryConfig)
-    power_monitor: PowerMonitorConfig = group(PowerMonitorConfig)
-    sun_sensor: SunSensorConfig = group(SunSensorConfig)
-    star_tracker: StarTrackerConfig = group(StarTrackerConfig)
-    solar_panel: SolarPanelConfig = group(SolarPanelConfig)
     sun: SunConfig = group(SunConfig)
     wait: WaitConfig = group(WaitConfig)
     state_rate_hz: int = param(200, 'rate of state messages; its period is a whole number of '
@@ -103,11 +77,12 @@ class PhysicsNodeConfig(NodeConfig, PhysicsConfig):
         if self.ground.deforms and self.state_rate_hz % self.ground_rate_hz:
             raise ConfigError(f'ground_rate_hz: {self.ground_rate_hz} is not valid; valid is a '
                               f'divisor of state_rate_hz = {self.state_rate_hz}')
-        for name in ('sun_sensor', 'star_tracker', 'solar_panel'):
-            rate_hz = getattr(self, name).rate_hz
+        for sensor in SENSORS:
+            config = getattr(self, sensor.name, None)
+            rate_hz = getattr(config, 'rate_hz', self.state_rate_hz)
             if self.state_rate_hz % rate_hz:
-                raise ConfigError(f'{name}.rate_hz: {rate_hz} is not valid; valid is a divisor of '
-                                  f'state_rate_hz = {self.state_rate_hz}')
+                raise ConfigError(f'{sensor.name}.rate_hz: {rate_hz} is not valid; valid is a '
+                                  f'divisor of state_rate_hz = {self.state_rate_hz}')
 
 
 @dataclasses.dataclass(frozen=True)

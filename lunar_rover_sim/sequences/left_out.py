@@ -7,12 +7,12 @@ from collections.abc import Collection, Mapping
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.sensors.registry import SENSORS
 from lunar_rover_sim.sequences.sequence import Sequence
 
 # Beside hazard cameras, whose topics bear their names.
-OF_SENSORS = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.IMU_RAW, *topics.OF_LIDAR,
-              topics.SUN_SENSOR, topics.STAR_TRACKER, topics.WHEEL_ODOM, *topics.POWER,
-              topics.SOLAR_POWER)
+OF_SENSORS = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, *topics.OF_LIDAR,
+              *(topic for sensor in SENSORS for topic in sensor.published))
 NO_PLACE = 'this format has no place for them'
 
 

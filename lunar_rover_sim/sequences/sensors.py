@@ -16,10 +16,10 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.parameters import Parameters
-from lunar_rover_sim.physics.config import ImuConfig, PhysicsConfig
-from lunar_rover_sim.physics.imu import ImuNoiseParameters, noise_parameters
+from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoiseParameters, noise_parameters
 from lunar_rover_sim.sequences.extrinsics import recorded_frame
 
 

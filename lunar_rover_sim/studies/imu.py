@@ -11,8 +11,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.physics.config import ImuConfig
-from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters
 from lunar_rover_sim.studies.allan import AllanCurve, fit_noise, NoiseFit, overlapping_allan
 
 GRAVITY_MPS2 = 1.62

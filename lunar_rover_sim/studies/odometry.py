@@ -13,9 +13,9 @@ from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.wheel_odometry import Rolling, RollingFeet, WheelOdometry
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.sensors.wheel_odometry import Rolling, RollingFeet, WheelOdometry
 from lunar_rover_sim.studies.parallel import map_in_processes
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S, Walk, walk
 

@@ -16,12 +16,12 @@ from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import conversions  # noqa: E402
-from lunar_rover_sim.physics.config import WheelOdometryConfig  # noqa: E402
-from lunar_rover_sim.physics.imu import ImuSample  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
-from lunar_rover_sim.physics.wheel_odometry import Rolling, WheelOdometry  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
-from lunar_rover_sim.run.node_config import OdometryConfig  # noqa: E402
+from lunar_rover_sim.sensors.imu import ImuSample  # noqa: E402
+from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
+from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry  # noqa: E402
+from lunar_rover_sim.sensors.wheel_odometry import WheelOdometryConfig  # noqa: E402
 
 LEG_JOINTS = [f'{leg}_joint' for leg in topics.LEGS]
 
@@ -129,8 +129,9 @@ def test_wheel_odometry_says_what_it_does_not_know() -> None:
                              Rolling.of(config, 'highland'))
     for angle in np.linspace(0.0, 20.0, 100):
         odometry.add([0.8 * angle, angle, 0.8 * angle, angle], 0.005)
-    msg = conversions.wheel_odometry(odometry, conversions.time_msg(5))
-    assert (msg.header.frame_id, msg.child_frame_id) == ('wheel_odom', 'base_link')
+    msg = Odometry()
+    conversions.fill_wheel_odometry(msg, odometry)
+    assert msg.child_frame_id == 'base_link'
     x, y, yaw = odometry.pose
     assert (msg.pose.pose.position.x, msg.pose.pose.position.y) == (x, y)
     assert 2.0 * np.arctan2(msg.pose.pose.orientation.z, msg.pose.pose.orientation.w) \

@@ -21,14 +21,15 @@ from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
 from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
-from lunar_rover_sim.physics.config import ImuConfig  # noqa: E402
-from lunar_rover_sim.physics.imu import ImuNoise  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
 from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
 from lunar_rover_sim.rover.visual import link_poses  # noqa: E402
-from lunar_rover_sim.run.node_config import OdometryConfig, PhysicsNodeConfig  # noqa: E402
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig  # noqa: E402
+from lunar_rover_sim.sensors.imu import ImuConfig  # noqa: E402
+from lunar_rover_sim.sensors.imu import ImuNoise  # noqa: E402
+from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
 
 
 def random_state(rng: np.random.Generator) -> RoverState:

@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.errors import PhysicsError
-from lunar_rover_sim.physics.config import ImuConfig, StartPose
+from lunar_rover_sim.physics.config import StartPose
 from lunar_rover_sim.physics.foot_motion import FootObserver
-from lunar_rover_sim.physics.imu import ImuNoise
 from lunar_rover_sim.physics.observation import Observer
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.physics.tip_over import TipOver
 from lunar_rover_sim.rover.description import LEG_NAMES
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 
 SLOPE_X, SLOPE_Y = 0.12, -0.07
 LEGS = ROVER.legs

@@ -21,13 +21,12 @@ from lunar_rover_sim.illumination.light_time import sky_over_time
 from lunar_rover_sim.illumination.moon_rotation import rotation_moon_icrf
 from lunar_rover_sim.illumination.sky import lit_share, sky
 from lunar_rover_sim.illumination.sky_figure import figure
-from lunar_rover_sim.illumination.solar_panel import solar_power_w, SolarPanelConfig
-from lunar_rover_sim.illumination.star_tracker import StarTracker
-from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
 from lunar_rover_sim.illumination.sun_of_date import earth_of_date, sun_after, sun_of_date
 from lunar_rover_sim.illumination.sun_path import check_last_date, SunPath
-from lunar_rover_sim.illumination.sun_sensor import SunSensor, SunSensorConfig
 from lunar_rover_sim.illumination.sun_view import SeenSun
+from lunar_rover_sim.sensors.solar_panel import solar_power_w, SolarPanelConfig
+from lunar_rover_sim.sensors.star_tracker import StarCamera, StarTrackerConfig
+from lunar_rover_sim.sensors.sun_sensor import SunHeads, SunSensorConfig
 from lunar_rover_sim.world.site import Site
 
 _SITES = (Site(0.0, 0.0), Site(23.4, -71.0, 35.0), Site(-140.0, 88.5, -170.0))
@@ -129,7 +128,7 @@ def sensors_of_light() -> dict[str, Any]:
                              heads_yaw_deg=(20.0, 170.0), field_of_view_deg=100.0,
                              heads_elevation_deg=45.0, least_share=0.7, bias_deg=1.0,
                              noise_deg=3.0))):
-        sensor = SunSensor(config, np.random.default_rng(7))
+        sensor = SunHeads(config, np.random.default_rng(7))
         rows = [sensor.measure(sun, turn) for sun, turn in zip([None, *suns], attitudes)]
         found[f'sun {name}'] = np.array([[np.nan] * 3 if row is None else row for row in rows])
         found[f'deviation {name}'] = config.stddev_deg
@@ -139,7 +138,7 @@ def sensors_of_light() -> dict[str, Any]:
                             yaw_deg=30.0, elevation_deg=50.0, cross_arcsec=200.0,
                             roll_arcsec=900.0, largest_rate_degps=30.0, sun_exclusion_deg=20.0,
                             earth_exclusion_deg=50.0, ground_exclusion_deg=10.0))):
-        tracker = StarTracker(stars, np.random.default_rng(8))
+        tracker = StarCamera(stars, np.random.default_rng(8))
         turns = [tracker.measure(turn, np.array([0.0, 0.003 * k, 0.01]),
                                  sun if k % 3 else None, sun_direction(10.0 * k, 60.0)
                                  if k % 2 else None)

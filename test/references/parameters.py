@@ -18,7 +18,7 @@ from references.cases import register, ROOMS
 from lunar_rover_sim.parameters import Parameters
 
 _ROOMS = ('bag', 'camera', 'evaluation', 'gait', 'illumination', 'physics', 'regolith', 'rover',
-          'stereo', 'world')
+          'sensors', 'stereo', 'world')
 
 
 def _modules(room: str) -> Iterator[ModuleType]:

@@ -12,12 +12,12 @@ from references.cases import reference
 from references.physics import rough_world
 from references.words import said
 
-from lunar_rover_sim.physics.config import (ContactConfig, ImuConfig, PhysicsConfig, StartPose,
-                                            WheelOdometryConfig)
-from lunar_rover_sim.physics.imu import ImuNoise
+from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig, StartPose
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
+from lunar_rover_sim.sensors.wheel_odometry import WheelOdometryConfig
 
 
 @reference

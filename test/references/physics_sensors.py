@@ -10,16 +10,16 @@ from references.cases import reference
 from references.scenes import hills
 
 from lunar_rover_sim.frames import wxyz_from_rpy
-from lunar_rover_sim.physics.config import ImuConfig, PowerMonitorConfig, WheelOdometryConfig
 from lunar_rover_sim.physics.foot_motion import FootMotion, FootObserver, SlipMeter
 from lunar_rover_sim.physics.ground_contact import ContactObserver
-from lunar_rover_sim.physics.imu import ImuNoise, noise_parameters, PRESETS
-from lunar_rover_sim.physics.power_monitor import PowerMonitors
 from lunar_rover_sim.physics.soft_tip import SoftTip
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.physics.tip_over import TipOver
-from lunar_rover_sim.physics.wheel_odometry import Rolling, RollingFeet, WheelOdometry
 from lunar_rover_sim.rover.description import Legs, RoverDescription
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters, PRESETS
+from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig, PowerMonitors
+from lunar_rover_sim.sensors.wheel_odometry import (Rolling, RollingFeet, WheelOdometry,
+                                                    WheelOdometryConfig)
 
 
 @reference

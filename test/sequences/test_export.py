@@ -18,8 +18,8 @@ from lunar_rover_sim.errors import ConfigError, SequenceError
 from lunar_rover_sim.evaluation import trajectory_files
 from lunar_rover_sim.evaluation.trajectory_sources import load
 from lunar_rover_sim.frames import inverse
-from lunar_rover_sim.physics.config import ImuConfig
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.sensors.imu import ImuConfig
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors

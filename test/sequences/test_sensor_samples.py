@@ -40,7 +40,7 @@ def items() -> list[synthetic.Item]:
         for topic in (topics.LIDAR_POINTS, topics.LIDAR_DESKEWED)]
     found.append(sensor_items.scan_item(SCAN_NS))
     for ns in HEADING_NS:
-        found += sensor_items.heading_items(ns)
+        found += [*sensor_items.heading_items(ns), *sensor_items.foot_items(ns)]
     for ns in range(5 * MS, 505 * MS, 35 * MS):
         found += sensor_items.power_items(ns)
     labels = np.zeros((synthetic.HEIGHT, synthetic.WIDTH), np.uint16)

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_view import SeenSun
 from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.sensors.power_monitor import supply_values
+from lunar_rover_sim.sensors.sensor import POWER, Sensor, Supply
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.physics.state import RoverState
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,3 +59,28 @@ def solar_power_w(config: SolarPanelConfig, sun: SeenSun | None, irradiance: flo
     normal = R_world_base @ np.asarray(config.normal) / np.linalg.norm(config.normal)
     cosine = max(float(normal @ sun.direction), 0.0)
     return irradiance * sun.share * cosine * config.area_m2 * config.efficiency
+
+
+class SolarPanel(Sensor):
+    """The panel on the rover, seen from the supply of the motors."""
+
+    name = 'solar_panel'
+    parameters = SolarPanelConfig
+    published = (topics.SOLAR_POWER,)
+    content = POWER
+    groups_as = 'power'
+
+    def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, Supply]:
+        """Return the supply by the panel."""
+        platform = self.platform
+        supply_v = platform.rover.motor.supply_voltage_v
+        sun = platform.sun.seen(state, self.config.position_m, stamp_ns)
+        power_w = solar_power_w(self.config, sun, platform.sun_config.irradiance,
+                                state.T_world_base[:3, :3])
+        return {topics.SOLAR_POWER.name: Supply(
+            self.name, supply_v, power_w / supply_v, gives=True)}
+
+    @classmethod
+    def read(cls, topic: str, message: Any) -> dict[str, Any]:
+        """Return voltage and current."""
+        return supply_values(message)

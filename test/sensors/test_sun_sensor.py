@@ -10,14 +10,13 @@ from scipy.spatial.transform import Rotation
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import SunConfig, SunSiteConfig
-from lunar_rover_sim.illumination.star_tracker import StarTracker
-from lunar_rover_sim.illumination.star_tracker_config import StarTrackerConfig
 from lunar_rover_sim.illumination.sun_of_date import earth_of_date
-from lunar_rover_sim.illumination.sun_sensor import SunSensor, SunSensorConfig
 from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.sensors.star_tracker import StarCamera, StarTrackerConfig
+from lunar_rover_sim.sensors.sun_sensor import SunHeads, SunSensorConfig
 from lunar_rover_sim.world.grid import HeightGrid
 
 EVERYTHING_CLEAR = (lambda point, rays: np.ones(len(rays), bool))
@@ -78,7 +77,7 @@ def test_ground_and_rover_cast_their_shadows():
 
 def test_a_true_sensor_measures_the_truth():
     turned = Rotation.from_euler('ZYX', [130.0, -10.0, 5.0], degrees=True).as_matrix()
-    sensor = SunSensor(SunSensorConfig(enabled=False), np.random.default_rng(1))
+    sensor = SunHeads(SunSensorConfig(enabled=False), np.random.default_rng(1))
     for azimuth in range(0, 360, 15):
         measured = sensor.measure(seen(azimuth, 6.0), turned)
         assert turned @ measured == pytest.approx(sun_direction(azimuth, 6.0), abs=1e-12)
@@ -89,7 +88,7 @@ def test_errors_of_the_sun_sensor_are_those_that_are_stated():
     sun, errors = seen(0.0, ALL.heads_elevation_deg), []
     right, up = np.array([0.0, -1.0, 0.0]), sun_direction(0.0, ALL.heads_elevation_deg + 90.0)
     for seed in range(600):
-        sensor = SunSensor(ALL, np.random.default_rng(seed))
+        sensor = SunHeads(ALL, np.random.default_rng(seed))
         errors.append([np.array([right, up]) @ sensor.measure(sun, np.eye(3)) for _ in range(2)])
     errors = np.degrees(np.array(errors))
     np.testing.assert_allclose(errors[:, 0].std(axis=0), ALL.stddev_deg, rtol=0.12)
@@ -98,8 +97,8 @@ def test_errors_of_the_sun_sensor_are_those_that_are_stated():
 
 
 def test_the_field_of_view_and_shadow_silence_the_sun_sensor():
-    one = SunSensor(SunSensorConfig(heads_yaw_deg=(0.0,), heads_elevation_deg=0.0,
-                                    field_of_view_deg=90.0), np.random.default_rng(1))
+    one = SunHeads(SunSensorConfig(heads_yaw_deg=(0.0,), heads_elevation_deg=0.0,
+                                   field_of_view_deg=90.0), np.random.default_rng(1))
     assert one.measure(seen(44.0, 0.0), np.eye(3)) is not None
     assert one.measure(seen(46.0, 0.0), np.eye(3)) is None
     assert one.measure(None, np.eye(3)) is None
@@ -109,9 +108,9 @@ def test_the_field_of_view_and_shadow_silence_the_sun_sensor():
 @pytest.mark.parametrize('azimuth_deg, elevation_deg', [(84.0, 0.0), (-84.0, 0.0), (0.0, 84.0)])
 def test_no_head_points_behind_itself(azimuth_deg, elevation_deg):
     """At the edge of a wide field errors of 5 deg lead past 90 deg, and stay errors of 5 deg."""
-    sensor = SunSensor(SunSensorConfig(heads_yaw_deg=(0.0,), heads_elevation_deg=0.0, bias_deg=0.0,
-                                       field_of_view_deg=170.0, noise_deg=5.0),
-                       np.random.default_rng(1))
+    sensor = SunHeads(SunSensorConfig(heads_yaw_deg=(0.0,), heads_elevation_deg=0.0, bias_deg=0.0,
+                                      field_of_view_deg=170.0, noise_deg=5.0),
+                      np.random.default_rng(1))
     sun = seen(azimuth_deg, elevation_deg)
     found = np.array([sensor.measure(sun, np.eye(3)) for _ in range(1000)])
     assert np.all(found[:, 0] > 0.0)
@@ -123,7 +122,7 @@ def test_a_head_sees_a_cone_about_where_it_looks(yaw_deg):
     """44 deg off its axis in any direction is seen, 46 deg is not; its errors are about it."""
     config = SunSensorConfig(heads_yaw_deg=(yaw_deg,), heads_elevation_deg=30.0,
                              field_of_view_deg=90.0, enabled=False)
-    head = SunSensor(config, np.random.default_rng(1))
+    head = SunHeads(config, np.random.default_rng(1))
     axis = sun_direction(yaw_deg, 30.0)
     level = np.array([-np.sin(np.radians(yaw_deg)), np.cos(np.radians(yaw_deg)), 0.0])
     upward = np.cross(axis, level)
@@ -133,8 +132,8 @@ def test_a_head_sees_a_cone_about_where_it_looks(yaw_deg):
             off = np.radians(off_deg)
             sun = SeenSun(np.cos(off) * axis + np.sin(off) * aside, 1.0)
             assert (head.measure(sun, np.eye(3)) is not None) == sees
-    blurred = SunSensor(dataclasses.replace(config, enabled=True, bias_deg=0.0, noise_deg=2.0),
-                        np.random.default_rng(2))
+    blurred = SunHeads(dataclasses.replace(config, enabled=True, bias_deg=0.0, noise_deg=2.0),
+                       np.random.default_rng(2))
     found = np.array([blurred.measure(SeenSun(axis, 1.0), np.eye(3)) for _ in range(400)])
     for across in (level, upward):
         assert np.degrees(np.arctan2(found @ across, found @ axis)).std() == pytest.approx(
@@ -143,10 +142,10 @@ def test_a_head_sees_a_cone_about_where_it_looks(yaw_deg):
 
 @pytest.mark.parametrize('share,seen_by', [(0.49, False), (0.5, True)])
 def test_a_head_is_silent_when_too_little_of_the_disc_is_seen(share, seen_by):
-    sensor = SunSensor(ALL, np.random.default_rng(1))
+    sensor = SunHeads(ALL, np.random.default_rng(1))
     sun = dataclasses.replace(seen(0.0, 20.0), share=share)
     assert (sensor.measure(sun, np.eye(3)) is not None) == seen_by
-    assert SunSensor(SunSensorConfig(heads_yaw_deg=()), np.random.default_rng(1)).measure(
+    assert SunHeads(SunSensorConfig(heads_yaw_deg=()), np.random.default_rng(1)).measure(
         seen(0.0, 20.0), np.eye(3)) is None
 
 
@@ -159,7 +158,7 @@ def test_a_single_point_that_sees_no_ground_beyond_sees_all_of_a_low_sun():
 
 @pytest.mark.parametrize('elevation', [0.0, 6.0, 15.0, 60.0])
 def test_the_heads_cover_the_sky_also_on_slopes(elevation):
-    sensor = SunSensor(ALL, np.random.default_rng(1))
+    sensor = SunHeads(ALL, np.random.default_rng(1))
     for roll in (-20.0, 0.0, 20.0):
         turned = Rotation.from_euler('X', roll, degrees=True).as_matrix()
         for azimuth in range(0, 360, 30):
@@ -167,7 +166,7 @@ def test_the_heads_cover_the_sky_also_on_slopes(elevation):
 
 
 def tracker(**values):
-    return StarTracker(StarTrackerConfig(**values), np.random.default_rng(5))
+    return StarCamera(StarTrackerConfig(**values), np.random.default_rng(5))
 
 
 STILL = np.zeros(3)

@@ -20,18 +20,63 @@ Introduction to Autonomous Mobile Robots, 2011, section 5.2.4.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
 import math
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import pose_matrix, xyz
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.physics.config import FROM_PRESET, WheelOdometryConfig
+from lunar_rover_sim.parameters import param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.sensors.sensor import (FROM_PRESET, HEADING, numbers, over_preset, Platform,
+                                            Sensor)
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.physics.state import RoverState
 
 # The diagonals: the leg on the left and the one on the right, in the order of LEG_NAMES.
 _DIAGONALS = ((0, 3), (2, 1))
+
+
+@dataclasses.dataclass(frozen=True)
+class WheelOdometryConfig(Parameters):
+    """Encoders of the legs, and what is known of the way that they do not see.
+
+    Scales and deviations are those that were measured on the ground unless they are given:
+    rougher ground and another rover have others, which `lunar_rover_sim validate odometry`
+    measures. The encoder's default is that of a Faulhaber IE2-512: 512 lines, four edges each, on
+    the shaft of the motor.
+    """
+
+    counts_per_turn: int = param(2048, 'edges of the encoder per turn of the motor', low=1,
+                                 high=2**20)
+    forward_scale: float = param(FROM_PRESET, 'way of the rover over that of rolling feet, 0.1 to '
+                                 '2; -1: that of the ground', low=-1.0, high=2.0)
+    yaw_scale: float = param(FROM_PRESET, 'turn of the rover over that of rolling feet, 0.1 to 2; '
+                             '-1: that of the ground', low=-1.0, high=2.0)
+    forward_stddev: float = param(
+        FROM_PRESET, 'error along the heading, for each root of a metre that the legs have rolled,'
+        ' 0 to 10; -1: that of the ground', unit='m/sqrt(m)', low=-1.0, high=10.0)
+    lateral_stddev: float = param(FROM_PRESET, 'error across the heading, likewise',
+                                  unit='m/sqrt(m)', low=-1.0, high=10.0)
+    yaw_stddev: float = param(FROM_PRESET, 'error of the heading, likewise', unit='rad/sqrt(m)',
+                              low=-1.0, high=10.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError if a value is neither possible nor -1."""
+        for name, low, high in (('forward_scale', 0.1, 2.0), ('yaw_scale', 0.1, 2.0),
+                                ('forward_stddev', 0.0, 10.0), ('lateral_stddev', 0.0, 10.0),
+                                ('yaw_stddev', 0.0, 10.0)):
+            value = getattr(self, name)
+            if value != FROM_PRESET and not low <= value <= high:
+                raise ConfigError(f'{name}: {value:g} is not valid; valid is {low:g} to {high:g},'
+                                  ' or -1 for that of the ground')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,10 +100,7 @@ class Rolling:
 
         A soil that was not measured counts as `highland`.
         """
-        known = dataclasses.asdict(_MEASURED.get(ground, _MEASURED['highland']))
-        own = {name: getattr(config, name) for name in known}
-        return cls(**{name: known[name] if value == FROM_PRESET else value
-                      for name, value in own.items()})
+        return over_preset(config, _MEASURED.get(ground, _MEASURED['highland']))
 
 
 # Of the packaged rover with the gait calibration of the ground, by `lunar_rover_sim validate
@@ -150,3 +192,37 @@ class WheelOdometry:
         self.pose = self.pose + [c * forward, s * forward, yaw]
         self.twist = np.array([forward, yaw]) / interval_s
         self.twist_variance = (variance + self._floor) / interval_s**2
+
+
+class LegEncoders(Sensor):
+    """Odometry from the encoders of the legs; its pose is 0 where reading began."""
+
+    name = 'wheel_odometry'
+    parameters = WheelOdometryConfig
+    published = (topics.WHEEL_ODOM,)
+    content = HEADING
+
+    def __init__(self, config: WheelOdometryConfig, platform: Platform) -> None:
+        super().__init__(config, platform)
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin at 0 again, with the next state."""
+        platform = self.platform
+        self._odometry = WheelOdometry(
+            platform.rover, self.config.counts_per_turn,
+            Rolling.of(self.config, platform.simulation.config.ground.name))
+
+    def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, WheelOdometry]:
+        """Return the sum so far."""
+        self._odometry.add(state.joint_angle_rad, self.platform.state_period_s)
+        return {topics.WHEEL_ODOM.name: self._odometry}
+
+    @classmethod
+    def read(cls, topic: str, message: Any) -> dict[str, Any]:
+        """Return pose and twist of a nav_msgs/Odometry."""
+        twist = message.twist.twist
+        return {'frame': message.header.frame_id,
+                'T_wheel_odom_base': [numbers(row) for row in pose_matrix(message)],
+                'linear_mps': numbers(xyz(twist.linear)),
+                'angular_radps': numbers(xyz(twist.angular))}

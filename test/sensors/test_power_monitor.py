@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from lunar_rover_sim.physics.config import PowerMonitorConfig
-from lunar_rover_sim.physics.power_monitor import LINES, PowerMonitors
 from lunar_rover_sim.rover.description import Motor
+from lunar_rover_sim.sensors.power_monitor import LINES, PowerMonitorConfig, PowerMonitors
 
 MOTOR = Motor()
 TORQUE_NM, SPEED_RADPS = np.array([0.4, 0.1, 0.0, -0.3]), np.array([2.0, 3.0, 1.0, 2.0])

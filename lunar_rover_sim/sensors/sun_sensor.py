@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_view import SeenSun
 from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.sensors.sensor import HEADING, numbers, Platform, Sensor, Vector
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.physics.state import RoverState
 
 _MOST_RAD = np.radians(89.99)       # of a measured angle
 
@@ -48,7 +56,7 @@ class SunSensorConfig(Parameters):
         return float(np.hypot(self.bias_deg, self.noise_deg)) if self.enabled else 0.0
 
 
-class SunSensor:
+class SunHeads:
     """Measures the direction to the sun. rng: generator of its errors."""
 
     def __init__(self, config: SunSensorConfig, rng: np.random.Generator) -> None:
@@ -88,3 +96,28 @@ def _axes(yaw_rad: float, elevation_rad: float) -> Array:
                     np.sin(yaw_rad) * np.cos(elevation_rad), np.sin(elevation_rad)])
     level = np.array([-np.sin(yaw_rad), np.cos(yaw_rad), 0.0])
     return np.array([level, np.cross(out, level), out])
+
+
+class SunSensor(Sensor):
+    """The sun sensor on the rover."""
+
+    name = 'sun_sensor'
+    parameters = SunSensorConfig
+    published = (topics.SUN_SENSOR,)
+    content = HEADING
+    stream = 3
+
+    def __init__(self, config: SunSensorConfig, platform: Platform) -> None:
+        super().__init__(config, platform)
+        self._heads = SunHeads(config, self.random_numbers())
+
+    def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, Vector]:
+        """Return the direction to the sun in base_link; nothing if no head sees it."""
+        sun = self.platform.sun.seen(state, self.config.position_m, stamp_ns)
+        direction = self._heads.measure(sun, state.T_world_base[:3, :3])
+        return {} if direction is None else {topics.SUN_SENSOR.name: Vector(direction)}
+
+    @classmethod
+    def read(cls, topic: str, message: Any) -> dict[str, Any]:
+        """Return the direction of a geometry_msgs/Vector3Stamped."""
+        return {'frame': message.header.frame_id, 'direction': numbers(xyz(message.vector))}

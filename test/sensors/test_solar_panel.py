@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import sun_direction
-from lunar_rover_sim.illumination.solar_panel import solar_power_w, SolarPanelConfig
 from lunar_rover_sim.illumination.sun_view import SeenSun
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.sensors.solar_panel import solar_power_w, SolarPanelConfig
 
 PANEL = SolarPanelConfig()
 

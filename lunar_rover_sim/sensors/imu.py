@@ -17,13 +17,75 @@ Aerospace and Electronic Systems 42 (2), 2006). The sum is then rounded and clip
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.physics.config import FROM_PRESET, ImuConfig
+from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.sensors.sensor import Content, FROM_PRESET, numbers, over_preset, Sensor
+
+
+@dataclasses.dataclass(frozen=True)
+class ImuConfig(Parameters):
+    """Errors of the IMU; densities and random walks in continuous-time units.
+
+    The four noise parameters come from the preset unless they are given (>= 0). PRESETS
+    has their sources. With `enabled` false the true signal is published.
+    """
+
+    enabled: bool = param(True, 'false publishes the true signal')
+    preset: str = param('adis16448', 'IMU model whose noise parameters are used',
+                        choices=('none', 'adis16448', 'bmi160'))
+    accel_noise_density: float = param(
+        FROM_PRESET, 'white noise of the accelerometer; -1: from the preset',
+        unit='m/s^2/sqrt(Hz)', low=-1.0)
+    gyro_noise_density: float = param(
+        FROM_PRESET, 'white noise of the gyroscope; -1: from the preset', unit='rad/s/sqrt(Hz)',
+        low=-1.0)
+    accel_bias_random_walk: float = param(
+        FROM_PRESET, 'random walk of the accelerometer bias; -1: from the preset',
+        unit='m/s^3/sqrt(Hz)', low=-1.0)
+    gyro_bias_random_walk: float = param(
+        FROM_PRESET, 'random walk of the gyroscope bias; -1: from the preset',
+        unit='rad/s^2/sqrt(Hz)', low=-1.0)
+    accel_initial_bias_mps2: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'bias of the accelerometer at time 0', unit='m/s^2', length=3)
+    gyro_initial_bias_radps: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'bias of the gyroscope at time 0', unit='rad/s', length=3)
+    accel_scale_error: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'relative error of the scale factor per axis', low=-0.5, high=0.5,
+        length=3)
+    gyro_scale_error: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'relative error of the scale factor per axis', low=-0.5, high=0.5,
+        length=3)
+    accel_misalignment_deg: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'rotation vector from imu_link to the true sensor axes', unit='deg',
+        low=-20.0, high=20.0, length=3)
+    gyro_misalignment_deg: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), 'rotation vector from imu_link to the true sensor axes', unit='deg',
+        low=-20.0, high=20.0, length=3)
+    accel_range_mps2: float = param(0.0, 'signal saturates at this magnitude; 0: unlimited',
+                                    unit='m/s^2', low=0.0)
+    gyro_range_radps: float = param(0.0, 'signal saturates at this magnitude; 0: unlimited',
+                                    unit='rad/s', low=0.0)
+    accel_resolution_mps2: float = param(0.0, 'step of quantisation; 0: none', unit='m/s^2',
+                                         low=0.0)
+    gyro_resolution_radps: float = param(0.0, 'step of quantisation; 0: none', unit='rad/s',
+                                         low=0.0)
+
+    def validate(self) -> None:
+        """Raise ConfigError if a noise parameter is negative, other than -1 for the preset."""
+        for name in ('accel_noise_density', 'gyro_noise_density', 'accel_bias_random_walk',
+                     'gyro_bias_random_walk'):
+            value = getattr(self, name)
+            if value < 0.0 and value != FROM_PRESET:
+                raise ConfigError(f'{name}: {value} is not valid; valid is >= 0, or -1 for the'
+                                  f' value of the preset')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,10 +128,7 @@ class ImuSample:
 
 def noise_parameters(config: ImuConfig) -> ImuNoiseParameters:
     """Return the noise of the preset, replaced where the configuration gives a value."""
-    preset = dataclasses.asdict(PRESETS[config.preset])
-    own = {name: getattr(config, name) for name in preset}
-    return ImuNoiseParameters(**{name: preset[name] if value == FROM_PRESET else value
-                                 for name, value in own.items()})
+    return over_preset(config, PRESETS[config.preset])
 
 
 class ImuNoise:
@@ -168,3 +227,20 @@ def _axes(scale_error: tuple[float, ...], misalignment_deg: tuple[float, ...]) -
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         rotation += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
     return np.diag(1.0 + np.asarray(scale_error)) @ rotation.T
+
+
+class Imu(Sensor):
+    """The IMU. It is part of every state, so `nodes.state_publisher` measures by ImuNoise."""
+
+    name = 'imu'
+    parameters = ImuConfig
+    published = (topics.IMU_RAW,)
+    content = Content('imu', 'inertial data')
+    stream = 1
+
+    @classmethod
+    def read(cls, topic: str, message: Any) -> dict[str, Any]:
+        """Return specific force and rate of a sensor_msgs/Imu."""
+        return {'frame': message.header.frame_id,
+                'specific_force_mps2': numbers(xyz(message.linear_acceleration)),
+                'rate_radps': numbers(xyz(message.angular_velocity))}

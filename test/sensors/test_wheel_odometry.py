@@ -9,10 +9,11 @@ import worlds
 
 from lunar_rover_sim.errors import ConfigError, StudyError
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.physics.config import PhysicsConfig, WheelOdometryConfig
+from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.wheel_odometry import Rolling, RollingFeet, WheelOdometry
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.sensors.wheel_odometry import (Rolling, RollingFeet, WheelOdometry,
+                                                    WheelOdometryConfig)
 from lunar_rover_sim.studies.odometry import judge
 from lunar_rover_sim.studies.walking import walk
 

@@ -1,0 +1,1 @@
+"""The sensors of the rover: each is one module, and `registry.SENSORS` lists them."""

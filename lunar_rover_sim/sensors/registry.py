@@ -1,0 +1,76 @@
+"""The sensors of the rover, and their parameters in physics_node.
+
+Cameras and the LiDAR are nodes and rooms of their own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from lunar_rover_sim.parameters import group, param, Parameters
+from lunar_rover_sim.sensors.feet import FootSlip, Sinkage
+from lunar_rover_sim.sensors.imu import Imu, ImuConfig
+from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig, SupplyLines
+from lunar_rover_sim.sensors.sensor import Content, Platform, Sensor
+from lunar_rover_sim.sensors.solar_panel import SolarPanel, SolarPanelConfig
+from lunar_rover_sim.sensors.star_tracker import StarTracker, StarTrackerConfig
+from lunar_rover_sim.sensors.sun_sensor import SunSensor, SunSensorConfig
+from lunar_rover_sim.sensors.wheel_odometry import LegEncoders, WheelOdometryConfig
+from lunar_rover_sim.topics import Topic
+
+# In the order in which they are published and listed.
+SENSORS: tuple[type[Sensor], ...] = (
+    Imu, FootSlip, Sinkage, LegEncoders, SupplyLines, SunSensor, StarTracker, SolarPanel)
+
+
+@dataclasses.dataclass(frozen=True)
+class OdometryConfig(Parameters):
+    """What the covariance of `odom` states. The values are exact, whatever it states.
+
+    The defaults are far below what an estimator resolves, and far enough from zero to be inverted.
+    """
+
+    position_stddev_m: float = param(1e-4, 'stated standard deviation per axis', unit='m',
+                                     low=0.0, high=1e3)
+    orientation_stddev_rad: float = param(1e-4, 'stated standard deviation per axis', unit='rad',
+                                          low=0.0, high=10.0)
+    linear_stddev_mps: float = param(1e-4, 'stated standard deviation per axis', unit='m/s',
+                                     low=0.0, high=1e3)
+    angular_stddev_radps: float = param(1e-4, 'stated standard deviation per axis',
+                                        unit='rad/s', low=0.0, high=1e3)
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorsConfig(Parameters):
+    """The parameters of each sensor, by its name."""
+
+    imu: ImuConfig = group(ImuConfig)
+    odometry: OdometryConfig = group(OdometryConfig)
+    wheel_odometry: WheelOdometryConfig = group(WheelOdometryConfig)
+    power_monitor: PowerMonitorConfig = group(PowerMonitorConfig)
+    sun_sensor: SunSensorConfig = group(SunSensorConfig)
+    star_tracker: StarTrackerConfig = group(StarTrackerConfig)
+    solar_panel: SolarPanelConfig = group(SolarPanelConfig)
+
+
+def mounted(config: SensorsConfig, platform: Platform) -> list[Sensor]:
+    """Return the sensors that are measured while somebody reads them, in the order of SENSORS."""
+    return [sensor(getattr(config, sensor.name, None), platform) for sensor in SENSORS
+            if all(topic.on_request for topic in sensor.published)]
+
+
+def sensor_of(topic: str) -> type[Sensor] | None:
+    """Return the sensor that publishes a topic, by the topic's name; None if none does."""
+    for sensor in SENSORS:
+        if any(topic == each.name for each in sensor.published):
+            return sensor
+    return None
+
+
+def card_contents() -> dict[Content, tuple[Topic, ...]]:
+    """Return what a data card calls the data of sensors → the topics, any of which makes it."""
+    found: dict[Content, tuple[Topic, ...]] = {}
+    for sensor in SENSORS:
+        content = sensor.card()
+        found[content] = (*found.get(content, ()), *sensor.published)
+    return found

@@ -1,0 +1,131 @@
+"""A star tracker: the attitude of the rover, where stars can be seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import wxyz
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.illumination.sun_view import SeenSun
+from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.sensors.sensor import Attitude, HEADING, numbers, Platform, Sensor
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.physics.state import RoverState
+
+_ARCSEC = np.pi / 180.0 / 3600.0
+_SMALL_DIGITS = 20      # of variances
+
+
+@dataclasses.dataclass(frozen=True)
+class StarTrackerConfig(Parameters):
+    """A star tracker on the deck.
+
+    Errors, rate, largest turn rate and exclusion angle of the sun are those of a Sinclair
+    Interplanetary (Rocket Lab) ST-16RT2, from memory of its data sheet. The exclusion angles of
+    Earth and ground are choices.
+    """
+
+    enabled: bool = param(True, 'false publishes the true attitude, where stars can be seen')
+    rate_hz: int = param(2, 'its period is a whole number of state periods', unit='Hz', low=1,
+                         high=1000)
+    position_m: tuple[float, ...] = param((-0.1, 0.0, 0.06), 'in base_link, for the light of the '
+                                          'sun that falls on it', unit='m', length=3, low=-10.0,
+                                          high=10.0)
+    yaw_deg: float = param(180.0, 'where it looks, from ahead towards the left', unit='deg',
+                           low=-360.0, high=360.0)
+    elevation_deg: float = param(80.0, 'how far it looks up', unit='deg', low=-90.0, high=90.0)
+    cross_arcsec: float = param(5.0, 'standard deviation across the line of sight, per axis',
+                                unit='arcsec', low=0.0, high=36000.0)
+    roll_arcsec: float = param(55.0, 'standard deviation about the line of sight', unit='arcsec',
+                               low=0.0, high=36000.0)
+    largest_rate_degps: float = param(3.0, 'turning faster it loses the stars', unit='deg/s',
+                                      low=0.0, high=1000.0)
+    sun_exclusion_deg: float = param(34.0, 'it is blind with the sun nearer to its line of sight, '
+                                     'where the sun shines on it', unit='deg', low=0.0, high=180.0)
+    earth_exclusion_deg: float = param(25.0, 'the same for the middle of the Earth, whose place '
+                                       'follows from a date', unit='deg', low=0.0, high=180.0)
+    ground_exclusion_deg: float = param(25.0, 'the same for the horizontal, where the bright '
+                                        'ground begins', unit='deg', low=0.0, high=90.0)
+
+
+class StarCamera:
+    """Measures the attitude. rng: generator of its errors."""
+
+    def __init__(self, config: StarTrackerConfig, rng: np.random.Generator) -> None:
+        from scipy.spatial.transform import Rotation
+        self._config, self._rng = config, rng
+        self._from_rotvec = Rotation.from_rotvec
+        # The sensor's axes in base axes, z along the line of sight.
+        tilt = np.pi / 2.0 - np.radians(config.elevation_deg)
+        self._R_base_sensor = Rotation.from_euler(
+            'ZY', [np.radians(config.yaw_deg), tilt]).as_matrix()
+        self._stddev_rad = _ARCSEC * np.array(
+            [config.cross_arcsec, config.cross_arcsec, config.roll_arcsec])
+
+    def measure(self, R_world_base: Array, angular_velocity_radps: Array, sun: SeenSun | None,
+                earth: Array | None) -> Array | None:
+        """Return the measured (3, 3) rotation R_world_base, None where stars cannot be seen.
+
+        angular_velocity_radps: (3,) of the rover
+        sun: what the place of the tracker sees of the sun
+        earth: (3,) unit vector to the Earth, world axes; None below the horizon or unknown
+        """
+        c = self._config
+        sight = R_world_base @ self._R_base_sensor[:, 2]
+        turning = float(np.linalg.norm(angular_velocity_radps))
+        if (turning > np.radians(c.largest_rate_degps)
+                or sight[2] < np.sin(np.radians(c.ground_exclusion_deg))
+                or (sun is not None and _within(sight, sun.direction, c.sun_exclusion_deg))
+                or (earth is not None and _within(sight, earth, c.earth_exclusion_deg))):
+            return None
+        if not c.enabled:
+            return R_world_base
+        error = self._from_rotvec(self._stddev_rad * self._rng.standard_normal(3)).as_matrix()
+        return R_world_base @ self._R_base_sensor @ error @ self._R_base_sensor.T
+
+    def covariance_rad2(self, R_world_base: Array) -> Array:
+        """Return the (3, 3) covariance of the error, about the axes of the world [rad^2]."""
+        axes = R_world_base @ self._R_base_sensor
+        variance = self._stddev_rad**2 if self._config.enabled else np.zeros(3)
+        return axes @ np.diag(variance) @ axes.T
+
+
+def _within(sight: Array, direction: Array, angle_deg: float) -> bool:
+    return bool(sight @ direction > np.cos(np.radians(angle_deg)))
+
+
+class StarTracker(Sensor):
+    """The star tracker on the rover."""
+
+    name = 'star_tracker'
+    parameters = StarTrackerConfig
+    published = (topics.STAR_TRACKER,)
+    content = HEADING
+    stream = 4
+
+    def __init__(self, config: StarTrackerConfig, platform: Platform) -> None:
+        super().__init__(config, platform)
+        self._camera = StarCamera(config, self.random_numbers())
+
+    def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, Attitude]:
+        """Return the attitude of base_link in the world; nothing where stars cannot be seen."""
+        R_world_base, sun = state.T_world_base[:3, :3], self.platform.sun
+        measured = self._camera.measure(
+            R_world_base, state.angular_velocity_radps,
+            sun.seen(state, self.config.position_m, stamp_ns), sun.earth(stamp_ns))
+        return {} if measured is None else {topics.STAR_TRACKER.name: Attitude(
+            measured, self._camera.covariance_rad2(R_world_base))}
+
+    @classmethod
+    def read(cls, topic: str, message: Any) -> dict[str, Any]:
+        """Return orientation and covariance of a sensor_msgs/Imu."""
+        covariance = np.reshape(message.orientation_covariance, (3, 3))
+        return {'frame': message.header.frame_id,
+                'wxyz_world_base': numbers(wxyz(message.orientation)),
+                'covariance_rad2': [numbers(row, _SMALL_DIGITS) for row in covariance]}
