@@ -18,6 +18,7 @@ from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.sensors.sensor import Attitude, JointValues, Sensor, Supply, Vector
 
+_UNKNOWN = 'temperature', 'charge', 'capacity', 'design_capacity', 'percentage'
 _EXACT_RAD2 = 1e-14     # added, since zeros would say that the covariance is unknown
 
 
@@ -95,8 +96,8 @@ def _fill_joints(message: Any, measured: JointValues) -> None:
 def _fill_supply(message: BatteryState, measured: Supply) -> None:
     message.location, message.present = measured.line, True
     message.voltage, message.current = measured.voltage_v, measured.current_a
-    message.temperature = message.charge = message.capacity = math.nan
-    message.design_capacity = message.percentage = math.nan
+    for name in _UNKNOWN:
+        setattr(message, name, math.nan)
     if not measured.gives:
         message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
     elif measured.current_a > 0.0:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.parameters import Parameters
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig
 from lunar_rover_sim.sensors.registry import card_contents, sensor_of, SENSORS, SensorsConfig
+from lunar_rover_sim.sensors.star_tracker import StarTrackerConfig
+from lunar_rover_sim.sensors.sun_sensor import SunSensorConfig
 
 
 def test_each_has_its_own_name_topics_and_stream() -> None:
@@ -31,7 +33,9 @@ def test_parameters_stand_under_the_name_of_their_sensor() -> None:
         config = getattr(SensorsConfig(), sensor.name, None)
         assert (config is None) == (sensor.parameters is None)
         assert sensor.parameters is None or isinstance(config, sensor.parameters)
-        assert isinstance(getattr(PhysicsNodeConfig(), sensor.name, Parameters()), Parameters)
+    config = PhysicsNodeConfig()
+    assert (config.power_monitor, config.sun_sensor, config.star_tracker) == (
+        PowerMonitorConfig(), SunSensorConfig(), StarTrackerConfig())
 
 
 def test_each_has_a_place_on_the_data_card() -> None:
