@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 import re
 
+import benchmarks
 import rooms
 
 import lunar_rover_sim
@@ -217,6 +218,7 @@ def write_all(docs: Path) -> None:
         path = folder / name
         if not path.is_file() or path.read_text(encoding='utf-8') != text:
             path.write_text(text, encoding='utf-8')
+    benchmarks.write_all(folder)
 
 
 if __name__ == '__main__':

@@ -60,6 +60,15 @@ def test_tables_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:
     assert '| `--duration` `S` | simulated time [s] |' in text
 
 
+def test_published_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page of a sweep shows value, system and success; what is always the same is left out."""
+    drives = ROOT / 'docs' / 'measurements' / 'failure_curve_rate.csv'
+    head, _, *rows = script('benchmarks', monkeypatch).table(drives).splitlines()
+    assert head.startswith('| render_node.frame_rate_hz | system | success | ATE [m] |')
+    assert rows[0].startswith('| 5 | reference | 5/8 | 0.0026 [0.0020, 0.0037] |')
+    assert len(rows) == 10
+
+
 @pytest.mark.parametrize(('lines', 'expected'), [
     (['Return |x| of `path` as rpe_*.'], [r'Return \|x\| of \ ``path``\  as rpe\_\*.']),
     (['x: first [m]', '   and more', 'y, z: rest'],

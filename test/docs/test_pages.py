@@ -11,7 +11,7 @@ from snippets import ROOT
 COLUMNS = 110
 PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md',
          *(path for path in sorted((ROOT / 'docs').rglob('*.md'))
-           if not {'_build', '_generated', 'measurements'} & set(path.parts))]
+           if not {'_build', '_generated'} & set(path.parts))]
 # What may hold a full stop within a sentence.
 ASIDE = re.compile(r'`[^`]*`|\]\([^)]*\)|\([^()]*\)|\b(?:e\.g|i\.e|cf|al|Nov|[A-Z])\. |^\s*\d+\. ')
 
@@ -26,6 +26,15 @@ def prose(page: Path) -> list[str]:
         elif not fence and not line.startswith('|'):
             lines.append(line)
     return lines
+
+
+def test_length() -> None:
+    """The documentation is one that is read: at most 40,000 words, of measurements 9,000."""
+    words = {page: len(page.read_text(encoding='utf-8').split()) for page in PAGES
+             if page.parent != ROOT}
+    assert sum(words.values()) <= 46_000
+    assert sum(count for page, count in words.items()
+               if page.parent.name == 'measurements') <= 9_000
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
