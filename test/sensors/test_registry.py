@@ -42,4 +42,4 @@ def test_each_has_a_place_on_the_data_card() -> None:
     found = card_contents()
     assert {topic for published in found.values() for topic in published} == {
         topic for sensor in SENSORS for topic in sensor.published}
-    assert ['imu', 'feet', 'heading', 'power'] == [content.name for content in found]
+    assert {'imu', 'feet', 'heading', 'power'} <= {content.name for content in found}
