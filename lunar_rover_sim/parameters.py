@@ -202,7 +202,7 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
     """Return a phrase that offers the valid names nearest to `name`."""
-    return did_you_mean(name, valid) or 'valid are ' + ', '.join(sorted(valid))
+    return did_you_mean(name, valid) or 'valid are ' + ', '.join(sorted(set(valid)))
 
 
 def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:

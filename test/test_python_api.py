@@ -14,9 +14,11 @@ from typing import Any
 
 from conftest import SMALL, SOFT
 import pytest
+import synthetic_bag
+import worlds
 
 import lunar_rover_sim
-from lunar_rover_sim import LunarRoverSimError, open_bag, record, Scenario
+from lunar_rover_sim import LunarRoverSimError, open_bag, record, Scenario, topics
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
 from lunar_rover_sim.bag.recording_pace import recorded_factor
 from lunar_rover_sim.cli.main import main
@@ -28,6 +30,7 @@ def test_every_name_is_there_and_documented() -> None:
     for name in lunar_rover_sim.__all__:
         assert inspect.getdoc(getattr(lunar_rover_sim, name)), name
         assert name in dir(lunar_rover_sim)
+    assert not {'Any', 'TYPE_CHECKING', 'importlib'} & set(dir(lunar_rover_sim))
     with pytest.raises(AttributeError, match='no attribute .Roover.'):
         lunar_rover_sim.Roover
 
@@ -44,6 +47,24 @@ def test_import_is_light(program: str, absent: tuple[str, ...]) -> None:
     printed = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
                              check=True).stdout
     assert printed == 'set()\n'
+
+
+def test_objects_say_what_they_are(tmp_path: Path) -> None:
+    """In a line, and in a notebook."""
+    world = worlds.small()
+    scenario = Scenario.load('flat')
+    bag_path = synthetic_bag.write(tmp_path / 'bag', synthetic_bag.drive(
+        0.2, only=(topics.ODOM, topics.LEFT_IMAGE)))
+    with open_bag(bag_path) as bag, lunar_rover_sim.Simulation.from_scenario(
+            scenario, world) as simulation:
+        for one, words in ((world, world.hash), (scenario, 'flat'), (bag, '2 topics, 42 messages'),
+                           (simulation, 'kg at (0.00, 0.00) m, 0 s')):
+            assert words in repr(one).replace('-0.00', '0.00') and len(repr(one)) < 200
+        for one, words in ((world, 'image/png'), (scenario, '<table>'), (bag, 'image/png')):
+            assert words in one._repr_html_()
+        # One topic may be given as such.
+        assert sum(1 for _ in bag.messages('odom')) == bag.count('odom') == 40
+    assert repr(bag).endswith('closed)') and repr(simulation) == 'Simulation(closed)'
 
 
 def test_scenario_takes_overrides_as_text_or_mapping() -> None:

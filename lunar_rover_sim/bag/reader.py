@@ -75,6 +75,22 @@ class Bag:
             if self.incomplete is None and file.suffix == '.mcap' and not has_end(file):
                 self.incomplete = f'{file.name} has no end'
 
+    def __repr__(self) -> str:
+        if self._reader is None:
+            return f'Bag({str(self.path)!r}, closed)'
+        return (f'Bag({str(self.path)!r}, {len(self.types)} topics, {self.message_count} '
+                f'messages, {(self.end_ns - self.start_ns) * 1e-9:.1f} s)')
+
+    def _repr_html_(self) -> str:
+        """Return the first left image, for a notebook."""
+        # Here, because pictures need more than a reader does.
+        from lunar_rover_sim.bag.series import picture
+        from lunar_rover_sim.files.images import notebook_html
+        pixels = None
+        if self._reader is not None and self.count(contract.LEFT_IMAGE.name):
+            pixels = picture(self, self.first(contract.LEFT_IMAGE.name)).pixels
+        return notebook_html(repr(self), pixels)
+
     def _check_counts(self) -> None:
         """Raise BagError if a count, time or name is not one; rosbags takes them all."""
         reader = self.reader
@@ -208,7 +224,8 @@ class Bag:
 
         start_ns inclusive, stop_ns exclusive. Raises BagError where the file is damaged.
         """
-        names = {self.resolve(topic) for topic in topics}
+        wanted = [topics] if isinstance(topics, str) else topics
+        names = {self.resolve(topic) for topic in wanted}
         connections = [c for c in self.reader.connections if not names or c.topic in names]
         try:
             for c, time_ns, data in self.reader.messages(connections, start_ns, stop_ns):

@@ -12,7 +12,7 @@ from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.campaign.campaign_file import Campaign, parse_campaign
 from lunar_rover_sim.campaign.dataset import failures, mapping_hash
 from lunar_rover_sim.campaign.episode_plans import draw, episode_names
-from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
+from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES, PARTIAL
 from lunar_rover_sim.campaign.manifest import episode_files, MANIFEST, read_json, why_unfinished
 from lunar_rover_sim.errors import CampaignError, LunarRoverSimError
 from lunar_rover_sim.files.file_hash import file_hash
@@ -29,6 +29,29 @@ class Verification:
     planned: int
     failed: tuple[str, ...]
     problems: dict[str, str]
+
+
+def status(dataset: Path) -> dict[str, Any]:
+    """Return how far a data set is, as plain values; no file of an episode is read.
+
+    Args:
+        dataset: Its folder, also while a campaign is writing into it.
+
+    Returns:
+        `campaign`, its name; `planned`, the number of episodes; `finished`, `missing` and
+        `under_way`, names of episodes; `failed`, name → error.
+
+    Raises:
+        CampaignError: The folder is no data set, or its plan was changed.
+    """
+    campaign = _campaign(dataset / CAMPAIGN_FILE)
+    names, failed = list(episode_names(campaign)), failures(dataset)
+    finished = [name for name in names if (dataset / EPISODES / name / MANIFEST).is_file()]
+    failed = {name: error for name, error in failed.items() if name not in finished}
+    under_way = sorted(path.name for path in (dataset / PARTIAL).glob('*'))
+    return {'campaign': campaign.config.name, 'planned': len(names), 'finished': finished,
+            'failed': failed, 'under_way': under_way,
+            'missing': [name for name in names if name not in failed and name not in finished]}
 
 
 def verify(dataset: Path, seen: Callable[[str], None] = lambda name: None) -> Verification:

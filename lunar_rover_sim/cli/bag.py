@@ -23,6 +23,7 @@ from lunar_rover_sim.files.outputs import check_path
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
+from lunar_rover_sim.inspection.summary import missing_tf
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
 from lunar_rover_sim.sequences.left_out import hazards_left_out, sensors_left_out
@@ -89,6 +90,7 @@ def _info(args: argparse.Namespace) -> int:
             'size_bytes': bag.size_bytes, 'storage': bag.storage_path.suffix.lstrip('.'),
             'real_time_factor': recorded_factor(bag), 'incomplete': bag.incomplete or None,
             'topics': topics_found}
+        notes = missing_tf(bag)
     if args.json:
         print_json(found)
         return 0
@@ -101,6 +103,8 @@ def _info(args: argparse.Namespace) -> int:
     say(f'{found["messages"]} messages, {start_s:.3f} s to {end_s:.3f} s, '
         f'{found["size_bytes"] / 1e6:.1f} MB, {found["storage"]}'
         + ('' if factor is None else f', real-time factor {factor:.3g}'))
+    for note in notes:
+        say(note)
     if found['incomplete']:
         say(f'INCOMPLETE: {found["incomplete"]}')
     return 0

@@ -8,9 +8,9 @@ from pathlib import Path
 from lunar_rover_sim.campaign.card import make_card, write_card
 from lunar_rover_sim.campaign.page import write_page
 from lunar_rover_sim.campaign.sharding import TEST, VALIDATION, write_shards
-from lunar_rover_sim.campaign.verification import verify
+from lunar_rover_sim.campaign.verification import status, verify
 from lunar_rover_sim.cli import options
-from lunar_rover_sim.cli.terminal import Progress, say
+from lunar_rover_sim.cli.terminal import print_json, Progress, say
 from lunar_rover_sim.files.outputs import check_file
 from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
 
@@ -19,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the commands."""
     datasets = parser.add_subparsers(metavar='WHAT', required=True)
     for name, run, text in (
+            ('status', _status, 'how many episodes are finished, failed and missing'),
             ('show', _show, 'one HTML page: pictures, paths on the ground, statistics'),
             ('verify', _verify, 'compare the episodes with the plan, and every file with the '
                                 'manifests; exits with 1 if anything was changed, deleted, added '
@@ -27,6 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             ('card', _card, 'write the data card anew: README.md and card.json')):
         command = options.add_action(datasets, name, text, run)
         command.add_argument('dataset', type=Path, metavar='DIR', help='folder of the data set')
+        if name == 'status':
+            options.add_json(command)
         if name == 'show':
             options.add_output(command, check_file, 'FILE', 'the page; by default DIR/index.html',
                                required=False)
@@ -44,6 +47,18 @@ def _add_shards(command: argparse.ArgumentParser) -> None:
         command.add_argument(f'--{split}', type=float, default=0.0, metavar='SHARE',
                              help=f'share of the worlds of each scenario that are for {meaning} '
                                   '(default: 0)')
+
+
+def _status(args: argparse.Namespace) -> int:
+    found = status(args.dataset)
+    if args.json:
+        print_json(found)
+        return 0
+    say(f'{found["campaign"]}: {len(found["finished"])} of {found["planned"]} episodes finished, '
+        f'{len(found["failed"])} failed, {len(found["missing"])} missing')
+    for name, error in found['failed'].items():
+        say(f'{name} failed: {error}')
+    return 0
 
 
 def _show(args: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,17 @@ class Evaluation:
     length_m: float
     tracked_share: float
     unmatched: int
+
+    def __repr__(self) -> str:
+        return (f'Evaluation(ATE {self.ate_m.rmse:.4f} m, scale {self.scale:.4f}, drift '
+                f'{self.drift_percent:.2f} % of {self.length_m:.2f} m, tracked '
+                f'{100 * self.tracked_share:.1f} %, aligned by {self.options.align})')
+
+    def _repr_html_(self) -> str:
+        """Return the view from above of both paths, for a notebook."""
+        # Here, because Matplotlib takes time to import.
+        from lunar_rover_sim.evaluation.trajectory_plots import top_view_svg
+        return f'<div>{top_view_svg(self)}<pre>{html.escape(repr(self))}</pre></div>'
 
     @property
     def errors_m(self) -> Array:

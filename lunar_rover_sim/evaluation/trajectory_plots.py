@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -35,13 +36,22 @@ def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> lis
     return [output / name for name in figures]
 
 
+def top_view_svg(result: Evaluation) -> str:
+    """Return the paths seen from above as SVG, small."""
+    figure = _top_view(result, None)
+    figure.set_size_inches(4, 3.7)
+    text = io.StringIO()
+    figure.savefig(text, format='svg')
+    return text.getvalue()[text.getvalue().index('<svg'):]
+
+
 def _top_view(result: Evaluation, bag: Path | None) -> Figure:
     figure = Figure(figsize=(7, 6.5), layout='constrained')
     axes = figure.subplots()
     truth, estimate = result.truth.positions_m[:, :2], result.estimate.positions_m[:, :2]
     both = np.concatenate([truth, estimate])
     low, high = both.min(axis=0), both.max(axis=0)
-    centre, half = (low + high) / 2, max(0.6 * float((high - low).max()), 0.5)
+    centre, half = (low + high) / 2, max(0.6 * float((high - low).max()), 0.25)
     if bag is not None:
         with open_bag(bag) as recording:
             draw_hillshade(axes, recording, centre, half)

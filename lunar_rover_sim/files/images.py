@@ -6,6 +6,8 @@ own errors on the terminal.
 
 from __future__ import annotations
 
+import base64
+import html
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +65,14 @@ def write_png(path: Path, pixels: NDArray[Any], compression: int = 3) -> None:
     except OSError:
         path.unlink(missing_ok=True)    # half a picture is none
         raise
+
+
+def notebook_html(text: str, pixels: NDArray[Any] | None = None) -> str:
+    """Return a text, below a picture as `png_bytes` takes it, as HTML for a notebook."""
+    picture = '' if pixels is None else (
+        '<img style="max-width: 320px" src="data:image/png;base64,'
+        f'{base64.b64encode(png_bytes(pixels)).decode()}"/>')
+    return f'<div>{picture}<pre>{html.escape(text)}</pre></div>'
 
 
 def png_bytes(pixels: NDArray[Any], compression: int = 3) -> bytes:

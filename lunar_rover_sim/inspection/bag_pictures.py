@@ -131,9 +131,9 @@ def _trajectory(bag: Bag, odometry: series.Odometry, world: Path | str | None,
     axes = figure.subplots()
     xy = odometry.positions_m[:, :2]
     low, high = xy.min(axis=0), xy.max(axis=0)
-    centre, half = (low + high) / 2, max(0.75 * float((high - low).max()), 2.0)
+    centre, half = (low + high) / 2, max(0.75 * float((high - low).max()), 0.25)
     draw_hillshade(axes, bag, centre, half, world)
-    axes.plot(xy[:, 0], xy[:, 1], color='tab:red', lw=1.5)
+    axes.plot(xy[:, 0], xy[:, 1], color='tab:red', lw=1.5, label='path of base_link')
     axes.plot(*xy[0], 'o', color='tab:green', ms=6, label='start')
     axes.plot(*xy[-1], 's', color='tab:red', ms=6, label='end')
     axes.set(xlim=(centre[0] - half, centre[0] + half), ylim=(centre[1] - half, centre[1] + half),
@@ -168,9 +168,11 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
     extent = (x[0, 0], x[0, -1], y[0, 0], y[-1, 0])
     axes.imshow(shade, cmap='gray', origin='lower', extent=extent, vmin=0.0, vmax=1.0)
     near = np.abs(world.rocks.position_m[:, :2] - centre_m).max(axis=1) < half_m
-    for (rock_x, rock_y), diameter in zip(world.rocks.position_m[near, :2],
-                                          world.rocks.diameter_m[near]):
-        axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12'))
+    for k, ((rock_x, rock_y), diameter) in enumerate(zip(world.rocks.position_m[near, :2],
+                                                         world.rocks.diameter_m[near])):
+        # One of them is enough for a legend.
+        axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12',
+                              label='rocks' if k == 0 else None))
 
 
 def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:

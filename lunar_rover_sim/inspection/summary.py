@@ -24,6 +24,7 @@ class Summary:
 
     tracking: how far constant velocity mispredicts the images, as `tracking.predictions` has it
     slam: how many frames a SLAM program had in each of its states, such as `tracking`
+    notes: what is missing that one may expect
     """
 
     counts: dict[str, int]
@@ -33,6 +34,7 @@ class Summary:
     hash: str
     tracking: tuple[PredictionMiss, ...]
     slam: Mapping[str, int]
+    notes: tuple[str, ...] = ()
 
     def lines(self, wall_s: float | None = None) -> str:
         """Return a readable text; `wall_s` is the wall time that the run took."""
@@ -44,7 +46,7 @@ class Summary:
             f'{sum(self.counts.values())} messages, {self.duration_s:.2f} s{pace}, '
             f'{self.distance_m:.2f} m, {self.size_bytes / 1e6:.0f} MB',
             *([f'tracking: {tracking.sentence(self.tracking)}'] if self.tracking else []),
-            *([_slam_line(self.slam)] if self.slam else []),
+            *([_slam_line(self.slam)] if self.slam else []), *self.notes,
             f'hash {self.hash}'])
 
 
@@ -53,7 +55,15 @@ def summarise(path: Path) -> Summary:
     with open_bag(path) as bag:
         return Summary(dict(bag.counts), simulated_end_ns(bag) / NS_PER_S, _distance_m(bag),
                        bag.size_bytes, bag_hash(path), tuple(tracking.of_bag(bag)),
-                       _slam_states(bag))
+                       _slam_states(bag), missing_tf(bag))
+
+
+def missing_tf(bag: Bag) -> tuple[str, ...]:
+    """Return a line where poses, but no tf, are recorded; else nothing."""
+    if bag.has(topics.TF.name) or not bag.has(bag.truth):
+        return ()
+    return (f'no tf: tf2_msgs was not installed, or tf was not to be recorded; {bag.truth} has '
+            'the poses',)
 
 
 def _slam_states(bag: Bag) -> Counter[str]:

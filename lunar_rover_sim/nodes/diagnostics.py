@@ -125,6 +125,7 @@ class Drops:
         """Return the status since the last one, with the counts since the start."""
         total = self.total
         new, self._told = total - self._told, total
-        return SubjectStatus(WARN if new else OK, f'{new} lost' if new else 'Nothing lost',
+        message = f'{new} lost lately' if new else 'Nothing lost lately'
+        return SubjectStatus(WARN if new else OK, message,
                              {'Lost since startup': str(total),
                               **{kind: str(count) for kind, count in self._by_kind.items()}})

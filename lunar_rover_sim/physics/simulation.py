@@ -116,6 +116,13 @@ class Simulation:
                  trace: TracebackType | None) -> None:
         self.close()
 
+    def __repr__(self) -> str:
+        if self._data is None:
+            return 'Simulation(closed)'
+        x_m, y_m, _ = self.state.position_m
+        return (f'Simulation({self.rover.total_mass_kg:g} kg at ({x_m:.2f}, {y_m:.2f}) m, '
+                f'{self.state.stamp_ns * 1e-9:g} s)')
+
     def close(self) -> None:
         """Release the model. The simulation cannot be used afterwards."""
         self._model = self._data = None

@@ -168,7 +168,10 @@ def contact_sheet(frame: StereoFrame, disparity_px: NDArray[np.floating],
 def _captioned(text: str, picture: U8) -> U8:
     picture = np.ascontiguousarray(picture)
     scale = max(picture.shape[1] / 1000, 0.35)
-    for colour, width in (((0, 0, 0), 4), ((255, 255, 255), 1)):
-        cv2.putText(picture, text, (8, int(30 * scale) + 4), cv2.FONT_HERSHEY_SIMPLEX, scale,
-                    colour, width, cv2.LINE_AA)
+    x, y = 8, int(30 * scale) + 4
+    (width, height), under = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    # A dark ground: a wider text below this one would be set differently.
+    picture[max(0, y - height - 4):y + under, x - 4:x + width + 4] //= 3
+    cv2.putText(picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), 1,
+                cv2.LINE_AA)
     return picture

@@ -263,6 +263,11 @@ class Renderer:
 
     # Resources
 
+    def __repr__(self) -> str:
+        camera, sun = self.config.camera, self.config.sun
+        return (f'Renderer({camera.width} x {camera.height} px, sun at {sun.azimuth_deg:g} and '
+                f'{sun.elevation_deg:g} deg{", closed" if self._closed else ""})')
+
     def close(self) -> None:
         """Release all GL objects and the context."""
         if not self._closed:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import dataclasses
+import html
 from pathlib import Path
 import re
 from typing import Any
@@ -67,7 +68,7 @@ class RunConfig(Parameters):
 class Scenario:
     """All parameters of a run, validated."""
 
-    name: str
+    name: str = dataclasses.field(compare=False)    # of the file, which may be a copy
     shared: NodeConfig
     world: WorldConfig
     rover: RoverDescription
@@ -113,6 +114,19 @@ class Scenario:
     def __repr__(self) -> str:
         return (f'Scenario(name={self.name!r}, seed={self.shared.seed}, '
                 f'duration_s={self.run.duration_s:g})')
+
+    def _repr_html_(self) -> str:
+        """Return what the scenario is, in a table for a notebook."""
+        sun, camera = self.render_node.sun, self.render_node.camera
+        rows = {'scenario': self.name, 'seed': self.shared.seed,
+                'duration': f'{self.run.duration_s:g} s', 'nodes': ', '.join(self.run.nodes),
+                'ground': self.physics_node.ground.name,
+                'sun': f'azimuth {sun.azimuth_deg:g}, elevation {sun.elevation_deg:g} deg',
+                'camera': f'{camera.width} x {camera.height} px at '
+                          f'{self.render_node.frame_rate_hz:g} Hz'}
+        cells = ''.join(f'<tr><th>{name}</th><td>{html.escape(str(value))}</td></tr>'
+                        for name, value in rows.items())
+        return f'<table>{cells}</table>'
 
     def world_folder(self) -> Path:
         """Return the folder of the scenario's world, which is built if the cache lacks it.

@@ -75,7 +75,8 @@ def _override(name: str, value: Any, where: str) -> dict[str, Any]:
     if not dot and section in _shared_names():
         return {SHARED: {section: value}}
     if not dot or section not in _section_names():
-        valid = [s for s in _section_names() if s != SHARED] + _shared_names()
+        valid = [s for s in _section_names() if s != SHARED]
+        valid += [] if dot else _shared_names()
         raise ConfigError(f'{where}: no such section {brief(section)}; '
                           f'{nearest(section, valid)}')
     return {section: nest({parameter: value})}

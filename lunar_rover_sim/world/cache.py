@@ -20,11 +20,17 @@ logger = logging.getLogger(__name__)
 def cache_folder() -> pathlib.Path:
     """Return the folder of built worlds, in $LUNAR_ROVER_SIM_CACHE or the cache of the user.
 
-    Raises ConfigError if neither that variable nor a home folder is there.
+    The latter is $XDG_CACHE_HOME, by default ~/.cache.
+
+    Raises:
+        ConfigError: Neither these variables nor a home folder are there.
     """
     named = os.environ.get('LUNAR_ROVER_SIM_CACHE')
     if named:
         return pathlib.Path(named) / 'worlds'
+    of_user = pathlib.Path(os.environ.get('XDG_CACHE_HOME', ''))
+    if of_user.is_absolute():       # the specification says to ignore another one
+        return of_user / 'lunar_rover_sim' / 'worlds'
     try:
         return pathlib.Path.home() / '.cache' / 'lunar_rover_sim' / 'worlds'
     except RuntimeError:

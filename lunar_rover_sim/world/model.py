@@ -41,6 +41,19 @@ class World:
     craters: Craters = dataclasses.field(default_factory=lambda: Craters.join([]))
     report: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return (f'World({self.hash}: {2 * self.ground.half_extent_m:g} m at '
+                f'{self.ground.cell_m:g} m, {len(self.rocks)} rocks, seed {self.config.seed})')
+
+    def _repr_html_(self) -> str:
+        """Return the ground, lit from the east and north up, for a notebook."""
+        # Here, because OpenCV takes time to import.
+        from lunar_rover_sim.files.images import notebook_html
+        step = max(1, len(self.ground.heights_m) // 256)
+        slope = np.gradient(self.ground.heights_m[::-step, ::step], step * self.ground.cell_m,
+                            axis=1)
+        return notebook_html(repr(self), np.clip(128 - 300 * slope, 0, 255).astype(np.uint8))
+
     @property
     def ground(self) -> HeightGrid:
         """The finest level, with which the rover collides."""

@@ -106,6 +106,10 @@ def test_pictures(tmp_path, capfd):
 
 def test_a_home_that_is_not_there(monkeypatch):
     monkeypatch.delenv('LUNAR_ROVER_SIM_CACHE')
+    monkeypatch.setenv('XDG_CACHE_HOME', '/large/cache')
+    assert cache_folder() == Path('/large/cache/lunar_rover_sim/worlds')
+    monkeypatch.setenv('XDG_CACHE_HOME', 'relative')
+    assert cache_folder() == Path.home() / '.cache' / 'lunar_rover_sim' / 'worlds'
     monkeypatch.setattr(Path, 'home', lambda: (_ for _ in ()).throw(RuntimeError('no home')))
     with pytest.raises(ConfigError, match='no home folder .* LUNAR_ROVER_SIM_CACHE'):
         cache_folder()

@@ -1,0 +1,87 @@
+"""--json: one object on stdout and nothing else, for every command that has a result to read."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import synthetic_bag
+import worlds
+
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.campaign.campaign_file import parse_campaign
+from lunar_rover_sim.campaign.dataset import Dataset
+from lunar_rover_sim.cli.main import main, parser
+from lunar_rover_sim.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
+from lunar_rover_sim.inspection.report import Status
+from lunar_rover_sim.world.world_folder import save_world
+
+# Command → its words, and what its result holds.
+COMMANDS = {
+    'bag info': ('{bag}', {'messages', 'start_s', 'end_s', 'size_bytes', 'storage', 'topics',
+                           'real_time_factor', 'incomplete'}),
+    'bag check': ('{bag}', {'ok', 'findings'}),
+    'dataset status': ('{dataset}', {'campaign', 'planned', 'finished', 'failed', 'under_way',
+                                     'missing'}),
+    'evaluate trajectory': ('{bag} {estimate}', {'align', 'ate_m', 'scale', 'drift_percent',
+                                                 'tracked_share', 'poses'}),
+    'slam run': ('{bag} -o {new} --sensor stereo', {'system', 'ate_m', 'estimate_frame',
+                                                    'tracked_share', 'reason'}),
+    'world info': ('{world}', {'hash', 'seed', 'levels', 'rocks', 'craters', 'size_bytes'}),
+}
+
+
+@pytest.fixture(scope='module', name='inputs')
+def _inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp('json')
+    inputs = {name: folder / name for name in ('bag', 'dataset', 'estimate', 'world')}
+    synthetic_bag.write(inputs['bag'], synthetic_bag.drive(2.0))
+    with open_bag(inputs['bag']) as bag:
+        write_tum(inputs['estimate'], trajectory_of_topic(bag))
+    campaign = parse_campaign('episodes: 3\nname: moon', folder / 'x.yaml')
+    with Dataset(inputs['dataset'], campaign) as dataset:
+        dataset.record()
+    save_world(worlds.small(), inputs['world'])
+    return inputs
+
+
+def leaves(root: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield the parsers of the commands that have arguments."""
+    groups = [a for a in root._actions if isinstance(a, argparse._SubParsersAction)]
+    for child in (c for group in groups for c in group.choices.values()):
+        yield from leaves(child)
+    if not groups:
+        yield root
+
+
+def test_the_table_is_complete() -> None:
+    found = {command.prog.removeprefix('lunar_rover_sim ') for command in leaves(parser())
+             if '--json' in command._option_string_actions}
+    assert found == set(COMMANDS)
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_json(name: str, inputs: dict[str, Path], tmp_path: Path,
+              capfd: pytest.CaptureFixture[str]) -> None:
+    words, keys = COMMANDS[name]
+    paths = {**inputs, 'new': tmp_path / 'new'}
+    main([*name.split(), *words.format(**paths).split(), '--json'])
+    found: dict[str, Any] = json.loads(capfd.readouterr().out, parse_constant=pytest.fail)
+    assert keys <= set(found)
+    if name == 'bag info':
+        rows = {row['topic']: row for row in found['topics']}
+        assert rows['/joint_states']['rate_hz'] == pytest.approx(200.0, rel=0.01)
+        assert sum(row['messages'] for row in found['topics']) == found['messages']
+    if name == 'bag check':
+        assert {one['status'] for one in found['findings']} <= {one.value for one in Status}
+    if name == 'evaluate trajectory':
+        assert found['ate_m']['rmse'] < 1e-6
+    if name == 'dataset status':
+        assert found['planned'] == len(found['missing']) == 3 and not found['failed']
+    if name == 'world info':
+        assert found['hash'] == worlds.small().hash

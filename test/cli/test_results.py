@@ -1,0 +1,85 @@
+"""What commands say of their results: how it went, where the files are, what to try."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic_bag
+
+from lunar_rover_sim import evaluate, topics, Trajectory
+from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.evaluation.trajectory_files import write_tum
+from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
+
+
+@pytest.fixture(scope='module', name='bag')
+def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('results') / 'bag'
+    synthetic_bag.write(path, synthetic_bag.drive(2.0))
+    return path
+
+
+def test_slam_run_ends_with_the_result(bag: Path, tmp_path: Path,
+                                       capsys: pytest.CaptureFixture[str]) -> None:
+    """The frame of its poses, success, error, and where the figure is."""
+    folder = tmp_path / 'slam'
+    assert main(['slam', 'run', str(bag), '-o', str(folder), '--quiet']) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[-2].startswith(f'{folder}/estimate.txt (TUM) has the poses of the frame left')
+    if said[-1].startswith('done: ATE '):
+        assert said[-1].endswith(f'figure: {folder}/top_view.png')
+        assert (folder / 'top_view.png').is_file()
+    else:
+        assert said[-1] == f'no trajectory to judge; the log is in {folder}'
+    assert json.loads((folder / 'result.json').read_text())['estimate_frame'] == 'left'
+
+
+@pytest.mark.parametrize(('scale', 'words'), [(1.0, False), (1.05, False), (1.86, True)])
+def test_another_scale_is_noted(scale: float, words: bool, bag: Path, tmp_path: Path,
+                                capsys: pytest.CaptureFixture[str]) -> None:
+    with open_bag(bag) as opened:
+        truth = trajectory_of_topic(opened)
+    estimate = Trajectory(truth.stamps_ns, truth.positions_m / scale, truth.orientations_wxyz)
+    write_tum(tmp_path / 'estimate.txt', estimate)
+    assert main(['evaluate', str(bag), str(tmp_path / 'estimate.txt')]) == 0
+    assert ('--align sim3' in capsys.readouterr().out) == words
+    assert main(['evaluate', str(bag), str(tmp_path / 'estimate.txt'), '--align', 'sim3']) == 0
+    assert '--align sim3' not in capsys.readouterr().out
+
+
+def test_pictures_do_not_go_into_the_bag(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(bag.iterdir())
+    assert main(['bag', 'preview', str(bag), '-o', str(bag / '..' / bag.name)]) == 1
+    assert 'is the bag itself; name another folder' in capsys.readouterr().err
+    assert sorted(bag.iterdir()) == before
+
+
+def test_missing_tf_is_said(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not where tf is recorded, and not where there are no poses."""
+    def said(items: list[synthetic_bag.Item]) -> bool:
+        path = tmp_path / str(len(list(tmp_path.iterdir())))
+        synthetic_bag.write(path, items)
+        assert main(['bag', 'info', str(path)]) == 0
+        return 'no tf: tf2_msgs was not installed' in capsys.readouterr().out
+
+    items = synthetic_bag.drive(0.2, only=(topics.ODOM, topics.TF, topics.IMU_RAW))
+    assert not said(items)
+    items = [item for item in items if item.topic != topics.TF.name]
+    assert said(items)
+    assert not said([item for item in items if item.topic != topics.ODOM.name])
+
+
+def test_an_evaluation_in_a_notebook() -> None:
+    """A line, and a figure with both paths."""
+    t = np.linspace(0.0, 10.0, 51)
+    positions = np.stack([t, np.sin(t), 0.0 * t], axis=1)
+    truth = Trajectory((t * 1e9).astype(np.int64), positions,
+                       np.tile([1.0, 0.0, 0.0, 0.0], (51, 1)))
+    result = evaluate(truth, truth)
+    assert len(repr(result)) < 120 and 'ATE 0.0000 m' in repr(result)
+    shown = result._repr_html_()
+    assert shown.startswith('<div><svg') and 'ATE 0.0000 m' in shown and len(shown) < 60_000
