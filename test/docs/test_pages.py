@@ -43,3 +43,24 @@ def test_lines(page: Path) -> None:
     long = [line for line in prose(page) if len(line) > COLUMNS
             and re.search(r'[.!?] [A-Z`*\[]', ASIDE.sub('', line).strip())]
     assert not long
+
+
+@pytest.mark.parametrize('name', ['ground', 'light', 'sensors'])
+def test_short_paragraphs(name: str) -> None:
+    """A paragraph, or an item of a list, of these pages has at most five lines."""
+    page = ROOT / 'docs' / 'explanation' / f'{name}.md'
+    text = re.sub(r'\n(?=\s*(?:- |\|))', '\n\n', '\n'.join(prose(page)))
+    assert not [part for part in text.split('\n\n') if len(part.strip().splitlines()) > 5]
+
+
+def test_status_of_howtos() -> None:
+    """Every how-to has its status, and folders of tests that it names exist."""
+    folder = ROOT / 'docs' / 'howto'
+    index = (folder / 'index.md').read_text(encoding='utf-8')
+    rows = re.findall(r'^\| \[\]\((\w+\.md)\) \| (.+) \| (.+) \|$', index, re.M)
+    assert {name for name, *_ in rows} | {'index.md'} == {path.name for path in folder.glob('*.md')}
+    for name, status, by in rows:
+        assert status in ('test', 'hand', 'untried'), name
+        named = re.findall(r'`(test/[\w/.]+)`', by)
+        assert named or status == 'hand', name
+        assert all((ROOT / path).exists() for path in named), name
