@@ -84,10 +84,10 @@ setup(
         # The live view in a browser.
         'view': ['foxglove-sdk>=0.14'],
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
-        'test': ['evo>=1.30', 'pytest>=9', 'pytest-xdist>=3.5', 'import-linter>=2',
-                 'isort>=5', 'mlcroissant>=1.0', 'mypy>=1.10', 'pycocotools>=2.0.8',
-                 'pycodestyle>=2.11', 'ruff>=0.6', 'vulture>=2.11', 'types-PyYAML',
-                 'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100',
+        'test': ['evo>=1.30', 'pytest>=9', 'pytest-xdist>=3.5', 'pytest-regressions>=2.5',
+                 'import-linter>=2', 'isort>=5', 'mlcroissant>=1.0', 'mypy>=1.10',
+                 'pycocotools>=2.0.8', 'pycodestyle>=2.11', 'ruff>=0.6', 'vulture>=2.11',
+                 'types-PyYAML', 'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100',
                  'setuptools>=70.1', 'distributed>=2024.4', USD, 'foxglove-sdk>=0.14',
                  'webdataset>=1.0', 'websockets>=13'],
         # Random changes of the code, to see which of them the tests notice.
