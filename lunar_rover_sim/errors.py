@@ -90,3 +90,9 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
     """Return a phrase that offers the valid names near to `name`; '' if none is near."""
     close = difflib.get_close_matches(name[:80], list(valid), n=3, cutoff=0.5)
     return 'did you mean ' + ' or '.join(close) + '?' if close else ''
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """Return a phrase that offers the valid names nearest to `name`, or all of them."""
+    names = sorted(set(valid))
+    return did_you_mean(name, names) or 'valid are ' + ', '.join(names)

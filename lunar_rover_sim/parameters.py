@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lunar_rover_sim.arguments import brief, INT64
-from lunar_rover_sim.errors import ConfigError, did_you_mean
+from lunar_rover_sim.errors import ConfigError, nearest
 from lunar_rover_sim.named_sets import checked_name, NAME, Named
 
 T = TypeVar('T', bound='Parameters')
@@ -198,11 +198,6 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
         else:
             result[key] = value
     return result
-
-
-def nearest(name: str, valid: Sequence[str] | Mapping[str, Any]) -> str:
-    """Return a phrase that offers the valid names nearest to `name`."""
-    return did_you_mean(name, valid) or 'valid are ' + ', '.join(sorted(set(valid)))
 
 
 def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:

@@ -199,7 +199,7 @@ def test_installed_package_works(prefix: Path) -> None:
 import json
 from importlib import resources
 import lunar_rover_sim
-from lunar_rover_sim.files.resources import config_path, packaged_names
+from lunar_rover_sim.files.paths import config_path, packaged_names
 from lunar_rover_sim.run.scenario import Scenario
 Scenario.load('baseline')
 print(json.dumps([

@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 import yaml
 
-from lunar_rover_sim.files.lock import lock as lock_file
+from lunar_rover_sim.files.paths import lock as lock_file
 
 MARKER_NAME = 'incomplete.yaml'
 METADATA_NAME = 'metadata.yaml'

@@ -21,7 +21,7 @@ from lunar_rover_sim.bag.file_counts import file_counts, is_count
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.typestores import typestore_of
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.files.regular_file import check_regular
+from lunar_rover_sim.files.paths import check_regular
 from lunar_rover_sim.parameters import nearest
 
 _MOST_BYTES = 1 << 24    # of metadata.yaml

@@ -13,7 +13,7 @@ from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.campaign.design import DESIGNS, GRID, SOBOL
 from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.resources import find_file
+from lunar_rover_sim.files.paths import find_file
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.parameters import param, Parameters
 from lunar_rover_sim.sequences.formats import FORMATS

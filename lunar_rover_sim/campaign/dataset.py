@@ -19,7 +19,7 @@ from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, EPISODES, ERROR_FILE
 from lunar_rover_sim.campaign.manifest import MANIFEST, read_json, why_unfinished, write_json
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
-from lunar_rover_sim.files.lock import lock
+from lunar_rover_sim.files.paths import lock
 
 
 @dataclasses.dataclass

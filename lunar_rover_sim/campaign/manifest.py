@@ -15,7 +15,7 @@ from typing import Any
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
-from lunar_rover_sim.files.file_hash import file_hash
+from lunar_rover_sim.files.paths import file_hash
 from lunar_rover_sim.files.yaml_text import read_text
 
 MANIFEST = 'manifest.json'

@@ -15,7 +15,7 @@ from lunar_rover_sim.campaign.episode_plans import draw, episode_names
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES, PARTIAL
 from lunar_rover_sim.campaign.manifest import episode_files, MANIFEST, read_json, why_unfinished
 from lunar_rover_sim.errors import CampaignError, LunarRoverSimError
-from lunar_rover_sim.files.file_hash import file_hash
+from lunar_rover_sim.files.paths import file_hash
 
 
 @dataclasses.dataclass(frozen=True)

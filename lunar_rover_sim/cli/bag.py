@@ -19,7 +19,7 @@ from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.cli import bag_video, options
 from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
 from lunar_rover_sim.errors import BagError, ConfigError
-from lunar_rover_sim.files.outputs import check_path
+from lunar_rover_sim.files.paths import check_path
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status

@@ -13,7 +13,7 @@ from lunar_rover_sim.cli.options import numbers
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.film_file import check_suffix, SUFFIXES, U8, write_film
-from lunar_rover_sim.files.outputs import check_path
+from lunar_rover_sim.files.paths import check_path
 from lunar_rover_sim.inspection.film import Film, FilmOptions
 
 _QUALITY = 70

@@ -6,7 +6,7 @@ import argparse
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
-from lunar_rover_sim.files.outputs import check_file
+from lunar_rover_sim.files.paths import check_file
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import gait_measurement
 

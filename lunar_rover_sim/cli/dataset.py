@@ -11,7 +11,7 @@ from lunar_rover_sim.campaign.sharding import TEST, VALIDATION, write_shards
 from lunar_rover_sim.campaign.verification import status, verify
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_json, Progress, say
-from lunar_rover_sim.files.outputs import check_file
+from lunar_rover_sim.files.paths import check_file
 from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
 
 

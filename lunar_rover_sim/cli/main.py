@@ -13,7 +13,7 @@ from typing import NamedTuple, NoReturn
 from lunar_rover_sim import __version__
 from lunar_rover_sim.cli.help_format import HelpFormatter
 from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError
-from lunar_rover_sim.files.open_files import check_open_files
+from lunar_rover_sim.files.paths import check_open_files
 
 logger = logging.getLogger('lunar_rover_sim.cli')
 

@@ -12,8 +12,7 @@ from typing import Any
 
 from lunar_rover_sim.cli.help_format import HelpFormatter
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.outputs import check_folder, check_new_folder
-from lunar_rover_sim.files.resources import packaged_names
+from lunar_rover_sim.files.paths import check_folder, check_new_folder, packaged_names
 
 Check = Callable[[Path], None]
 Run = Callable[[argparse.Namespace], int]

@@ -20,7 +20,7 @@ from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.errors import ConfigError, RenderError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.images import png_bytes
-from lunar_rover_sim.files.outputs import make_new_folder
+from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.frame import LAYERS

@@ -8,7 +8,7 @@ from pathlib import Path
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.outputs import check_file
+from lunar_rover_sim.files.paths import check_file
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig

@@ -11,7 +11,7 @@ import time
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.inspection.summary import summarise
 from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_view import check_view, ViewProcess

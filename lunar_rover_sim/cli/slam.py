@@ -15,8 +15,7 @@ from lunar_rover_sim.cli.terminal import print_json, Progress, say
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory_plots import TOP_VIEW
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.outputs import check_file, make_new_folder
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import check_file, config_path, make_new_folder
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
 from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensors

@@ -7,7 +7,7 @@ import argparse
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import console, say, table
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.outputs import check_file
+from lunar_rover_sim.files.paths import check_file
 from lunar_rover_sim.files.yaml_text import parse_yaml
 from lunar_rover_sim.sensors.imu import ImuConfig
 from lunar_rover_sim.studies import imu

@@ -9,7 +9,7 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import console, Progress, say, table
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.outputs import make_new_folder
+from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.stereo import study
 

@@ -14,7 +14,7 @@ import numpy as np
 from lunar_rover_sim.cli import options, world_sun
 from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.outputs import check_file, check_png
+from lunar_rover_sim.files.paths import check_file, check_png
 from lunar_rover_sim.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig

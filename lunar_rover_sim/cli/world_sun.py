@@ -10,7 +10,7 @@ from rich.table import Table
 
 from lunar_rover_sim.cli import options, terminal
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.outputs import check_png
+from lunar_rover_sim.files.paths import check_png
 from lunar_rover_sim.illumination.dates import parse_date, shown
 from lunar_rover_sim.illumination.light_time import sky_over_time, SkyOverTime
 from lunar_rover_sim.illumination.sky_figure import write as write_figure

@@ -18,7 +18,7 @@ from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.regular_file import check_regular
+from lunar_rover_sim.files.paths import check_regular
 from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_matrix
 from lunar_rover_sim.seconds import from_seconds, in_seconds
 

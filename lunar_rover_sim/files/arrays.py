@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import LunarRoverSimError
-from lunar_rover_sim.files.regular_file import check_regular
+from lunar_rover_sim.files.paths import check_regular
 
 
 def map_array(path: Path, error: type[LunarRoverSimError]) -> NDArray:

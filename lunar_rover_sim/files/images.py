@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from lunar_rover_sim.errors import LunarRoverSimError
-from lunar_rover_sim.files.regular_file import check_regular
+from lunar_rover_sim.files.paths import check_regular
 
 
 def read_picture(path: Path, error: type[LunarRoverSimError],

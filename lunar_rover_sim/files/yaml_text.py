@@ -17,7 +17,7 @@ import yaml
 
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
-from lunar_rover_sim.files.regular_file import check_regular
+from lunar_rover_sim.files.paths import check_regular
 
 _MAX_DEPTH = 32
 _Dumper: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.resources import find_file, packaged_names
+from lunar_rover_sim.files.paths import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride

@@ -45,7 +45,7 @@ def main() -> int:
     import importlib
 
     from lunar_rover_sim.errors import LunarRoverSimError
-    from lunar_rover_sim.files.open_files import check_open_files
+    from lunar_rover_sim.files.paths import check_open_files
     from lunar_rover_sim.run.ros_installation import dds_environment, require_ros
     try:
         check_open_files()

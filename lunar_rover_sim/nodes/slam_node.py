@@ -19,7 +19,7 @@ from sensor_msgs.msg import Image, Imu
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.files.resources import program_path
+from lunar_rover_sim.files.paths import program_path
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, OK, SubjectStatus, WARN

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
 from lunar_rover_sim.rover.description import RoverDescription
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.files.folders import user_path
+from lunar_rover_sim.files.paths import user_path
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.sun_of_date import given_site, sun_of_date
 from lunar_rover_sim.world.config import DEM, WorldConfig

@@ -10,7 +10,7 @@ from types import TracebackType
 
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.files.lock import lock
+from lunar_rover_sim.files.paths import lock
 
 # Domains whose ports stay clear of the ephemeral range on Linux.
 _FIRST, _LAST = 1, 101

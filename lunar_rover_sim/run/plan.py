@@ -15,7 +15,7 @@ from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.outputs import make_new_folder
+from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.gait.calibration import packaged_calibration
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LIDAR_TOPICS, LidarNodeConfig,

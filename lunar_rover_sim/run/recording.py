@@ -15,7 +15,7 @@ from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.errors import ConfigError, did_you_mean, GraphError
-from lunar_rover_sim.files.outputs import check_new_folder
+from lunar_rover_sim.files.paths import check_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, ground_conditions
 from lunar_rover_sim.run.clock_reader import check_domain, ClockReader

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import config_path
 
 _PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 

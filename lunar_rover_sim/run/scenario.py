@@ -18,7 +18,7 @@ from typing import Any
 
 from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.files.resources import find_file, packaged_names
+from lunar_rover_sim.files.paths import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import yaml_of
 from lunar_rover_sim.illumination.sun_path import check_last_date
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern

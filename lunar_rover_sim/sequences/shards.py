@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import SequenceError
-from lunar_rover_sim.files.file_hash import file_hash
+from lunar_rover_sim.files.paths import file_hash
 
 DEFAULT_SIZE = 256      # samples a shard
 LARGEST_SIZE = 100_000

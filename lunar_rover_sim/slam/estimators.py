@@ -19,7 +19,7 @@ import numpy as np
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.resources import program_path
+from lunar_rover_sim.files.paths import program_path
 from lunar_rover_sim.files.yaml_text import read_text
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.run.child_process import Echo, executable, run_program

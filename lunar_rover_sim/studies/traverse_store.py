@@ -10,7 +10,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.outputs import make_new_folder
+from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.studies.traverse_result import Traverse
 
 SETTINGS_FILE, DRIVES_FOLDER = 'settings.yaml', 'drives'

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.files.folders import user_path
+from lunar_rover_sim.files.paths import user_path
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.dem_folder import DemFolder
 from lunar_rover_sim.world.geotiff import GeoRaster

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 import trimesh
 
 from lunar_rover_sim.errors import WorldError
-from lunar_rover_sim.files.folders import user_path
-from lunar_rover_sim.files.regular_file import check_regular
+from lunar_rover_sim.files.paths import check_regular, user_path
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.fill import harmonic_fill
 from lunar_rover_sim.world.tile import Tile

@@ -16,7 +16,7 @@ from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.campaign.episode_plans import draw, episode, plan
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.resources import packaged_names
+from lunar_rover_sim.files.paths import packaged_names
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario
 

@@ -17,7 +17,7 @@ import yaml
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.episode_plans import draw, episode
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.resources import config_folder
+from lunar_rover_sim.files.paths import config_folder
 from lunar_rover_sim.run.scenario import Scenario
 
 hypothesis = pytest.importorskip('hypothesis')

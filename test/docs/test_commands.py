@@ -10,7 +10,7 @@ import pytest
 from snippets import commands, ROOT, snippets
 
 from lunar_rover_sim.cli.main import parse
-from lunar_rover_sim.files.resources import packaged_names
+from lunar_rover_sim.files.paths import packaged_names
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.companion_config import COMPANION_CONFIGS
 from lunar_rover_sim.run.node_config import NODE_CONFIGS

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.files.lock import lock
+from lunar_rover_sim.files.paths import lock
 
 
 @pytest.mark.parametrize('name', ['file', '.'])

@@ -14,9 +14,8 @@ import yaml
 
 from lunar_rover_sim.errors import ConfigError, WorldError
 from lunar_rover_sim.files.arrays import map_array, read_archive
-from lunar_rover_sim.files.folders import user_path
 from lunar_rover_sim.files.images import read_picture
-from lunar_rover_sim.files.regular_file import check_regular
+from lunar_rover_sim.files.paths import check_regular, user_path
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
 from lunar_rover_sim.world.cache import cache_folder
 

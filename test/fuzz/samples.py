@@ -19,7 +19,7 @@ from lunar_rover_sim.campaign.manifest import file_table, FORMAT, MANIFEST
 from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.evaluation.trajectory_files import write_euroc, write_kitti, write_tum
 from lunar_rover_sim.files.images import write_png
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.world.build import build_world

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, GaitError
-from lunar_rover_sim.files.resources import config_folder
+from lunar_rover_sim.files.paths import config_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from lunar_rover_sim.files.resources import config_folder
+from lunar_rover_sim.files.paths import config_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, ground_conditions, rover_conditions
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig

@@ -10,7 +10,7 @@ from physics_scene import make_world
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, GaitError, PhysicsError
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.simulation import Simulation

@@ -15,7 +15,7 @@ from peer import Peer, running  # noqa: E402  (needs rclpy)
 from rcl_interfaces.srv import GetParameters  # noqa: E402
 
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
-from lunar_rover_sim.files.resources import find_file  # noqa: E402
+from lunar_rover_sim.files.paths import find_file  # noqa: E402
 from lunar_rover_sim.inspection.check import check  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve, SCENARIO_FILE  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402

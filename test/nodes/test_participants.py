@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
-from lunar_rover_sim.files.resources import config_folder  # noqa: E402
+from lunar_rover_sim.files.paths import config_folder  # noqa: E402
 from lunar_rover_sim.run.clock_reader import check_domain  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve  # noqa: E402

@@ -13,7 +13,7 @@ import yaml
 
 from lunar_rover_sim import frames
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.rover.base_footprint import footprint_pose
 from lunar_rover_sim.rover.description import (Chassis, ImuMount, JOINT_NAMES, LEG_NAMES, Legs,
                                                LidarMount, RoverDescription, StereoMount)

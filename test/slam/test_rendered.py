@@ -12,7 +12,7 @@ import worlds
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
-from lunar_rover_sim.files.resources import config_folder
+from lunar_rover_sim.files.paths import config_folder
 from lunar_rover_sim.frames import se3
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing

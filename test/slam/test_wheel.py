@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import synthetic_bag as synthetic
 
 from lunar_rover_sim.errors import SlamError
-from lunar_rover_sim.files.resources import program_path
+from lunar_rover_sim.files.paths import program_path
 from lunar_rover_sim.slam import protocol
 from lunar_rover_sim.slam.estimators import Estimator, is_python
 from lunar_rover_sim.slam.program import SlamProgram, WHEEL_PROGRAM

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.rover.description import Chassis, RoverDescription

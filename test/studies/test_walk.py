@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.files.resources import config_path
+from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GAIT_ARRAYS, GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
