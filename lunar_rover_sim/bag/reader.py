@@ -9,6 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.typesys.store import Typestore
@@ -18,6 +20,8 @@ from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import has_end
 from lunar_rover_sim.bag.file_counts import file_counts, is_count
+from lunar_rover_sim.bag.message_validity import image_problem, pixels
+from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.typestores import typestore_of
 from lunar_rover_sim.errors import BagError
@@ -25,6 +29,7 @@ from lunar_rover_sim.files.paths import check_regular
 from lunar_rover_sim.parameters import nearest
 
 _MOST_BYTES = 1 << 24    # of metadata.yaml
+_LATE_NS = 500_000_000   # bags of other recorders hold messages by the time of their arrival
 
 
 class RawMessage(NamedTuple):
@@ -34,6 +39,25 @@ class RawMessage(NamedTuple):
     msgtype: str
     time_ns: int
     data: bytes
+
+
+class Frame(NamedTuple):
+    """What one stereo stamp shows.
+
+    Attributes:
+        stamp_ns: Of the images [ns].
+        left: (h, w) or (h, w, 3) pixels as they were recorded.
+        right: The same of the right camera; None without it.
+        depth_m: (h, w) float32, true depth of the left image along its optical axis [m], +inf for
+            the sky; None without it, by default in every second frame.
+        pose: (4, 4) true pose of base_link in odom; None without odometry of that stamp.
+    """
+
+    stamp_ns: int
+    left: NDArray[Any]
+    right: NDArray[Any] | None
+    depth_m: NDArray[Any] | None
+    pose: NDArray[np.float64] | None
 
 
 class Bag:
@@ -246,6 +270,39 @@ class Bag:
         except Exception as error:  # whatever the parsers make of damaged bytes
             raise BagError(f'{self.path}: a {msgtype} cannot be decoded: '
                            f'{_words(error)}') from None
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the stereo frames in order, one at a time: images, true depth and true pose.
+
+        Raises:
+            BagError: The bag has no left images, or is damaged.
+        """
+        fields = {self.resolve(contract.LEFT_IMAGE.name): 'left'}
+        fields.update({self.resolve(topic): field for topic, field in (
+            (contract.RIGHT_IMAGE.name, 'right'), (contract.TRUE_DEPTH.name, 'depth_m'),
+            (self.truth, 'pose')) if self.has(topic)})
+        parts: dict[int, dict[str, Any]] = {}      # of stamps [ns] that may not be complete yet
+        for topic, time_ns, message in self.messages(fields):
+            stamp_ns, field = header_ns(message), fields[topic]
+            if field == 'pose':
+                value = pose_matrix(message)
+            elif problem := image_problem(message):
+                raise BagError(f'{self.path}: {topic} at {stamp_ns * 1e-9:.3f} s: {problem}')
+            else:
+                value = pixels(message)
+            parts.setdefault(stamp_ns, {})[field] = value
+            if field == 'left':
+                yield from self._complete(parts, time_ns - _LATE_NS)
+        yield from self._complete(parts, None)
+
+    @staticmethod
+    def _complete(parts: dict[int, dict[str, Any]], before_ns: int | None) -> Iterator[Frame]:
+        """Take the frames of earlier stamps out of `parts`; None: all."""
+        for stamp_ns in sorted(ns for ns in parts if before_ns is None or ns < before_ns):
+            found = parts.pop(stamp_ns)
+            if 'left' in found:
+                yield Frame(stamp_ns, found['left'], found.get('right'), found.get('depth_m'),
+                            found.get('pose'))
 
     def first(self, topic: str) -> Any:
         """Return the first message of a topic; BagError where there is none."""

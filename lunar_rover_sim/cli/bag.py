@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 import contextlib
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
 from lunar_rover_sim.inspection.summary import missing_tf
+from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
 from lunar_rover_sim.sequences.left_out import hazards_left_out, sensors_left_out
@@ -32,6 +34,7 @@ from lunar_rover_sim.sequences.webdataset import ShardOptions
 from lunar_rover_sim.usd.suffixes import stage_bytes
 
 _USD = 'usd'
+_DATED = tuple(name for name, kind in FORMATS.items() if kind.is_dated)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,6 +70,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     command.add_argument('--shard-size', type=int, metavar='N',
                          help=f'with --format {WEBDATASET}: samples a shard (default: '
                               f'{DEFAULT_SIZE})')
+    command.add_argument('--epoch', type=_epoch_ns, metavar='DATE',
+                         help='with --format euroc or tum: the date, UTC, at which simulated time '
+                              'is 0 (default: 2024-01-01T00:00:00)')
     stage = command.add_argument_group(f'--format {_USD}')
     options.add_recorded_world(stage)
     stage.add_argument('--world-stage', type=Path, metavar='FILE',
@@ -163,6 +169,8 @@ def _recover(args: argparse.Namespace) -> int:
 def _export(args: argparse.Namespace) -> int:
     if args.shard_size is not None and args.format != WEBDATASET:
         raise ConfigError(f'--shard-size: is for --format {WEBDATASET}, not for {args.format}')
+    if args.epoch is not None and args.format not in _DATED:
+        raise ConfigError(f'--epoch: is for --format {" or ".join(_DATED)}, not for {args.format}')
     if args.format == _USD:
         return _export_stage(args)
     for name, value in (('--world', args.world), ('--world-stage', args.world_stage),
@@ -171,10 +179,21 @@ def _export(args: argparse.Namespace) -> int:
             raise ConfigError(f'{name}: is for --format {_USD}, not for {args.format}')
     with _counting(args.bag, 'exporting') as progress:
         size = DEFAULT_SIZE if args.shard_size is None else args.shard_size
-        notes = export(args.bag, args.output, args.format, progress, ShardOptions(size=size))
+        notes = export(args.bag, args.output, args.format, progress, ShardOptions(size=size),
+                       EPOCH_NS if args.epoch is None else args.epoch)
     for note in notes:
         print(note)
     return 0
+
+
+def _epoch_ns(text: str) -> int:
+    """Return the Unix time [ns] of a date in UTC, for argparse."""
+    try:
+        date = datetime.fromisoformat(text.strip().removesuffix('Z'))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not a date; valid is YYYY-MM-DD or YYYY-MM-DDTHH:MM:SS, UTC') from None
+    return int(date.replace(tzinfo=date.tzinfo or timezone.utc).timestamp()) * NS_PER_S
 
 
 def _export_stage(args: argparse.Namespace) -> int:

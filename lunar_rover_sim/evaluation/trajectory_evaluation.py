@@ -15,9 +15,10 @@ from lunar_rover_sim.evaluation.metrics import Statistics
 from lunar_rover_sim.evaluation.registration import align as align_trajectories
 from lunar_rover_sim.evaluation.registration import Alignment, associate, DEFAULT_TOLERANCE_S
 from lunar_rover_sim.evaluation.trajectory import Stamps, Trajectory
-from lunar_rover_sim.evaluation.trajectory_sources import (frame_on_rover, image_stamps_ns, load,
-                                                           Source)
+from lunar_rover_sim.evaluation.trajectory_sources import (bag_of, frame_on_rover, image_stamps_ns,
+                                                           load, Source)
 from lunar_rover_sim.frames import Array, inverse
+from lunar_rover_sim.seconds import EPOCH_NS
 
 _JUMP_M, _JUMP_FACTOR = 0.1, 20.0       # a step whose error is beyond both; of the median step
 
@@ -150,6 +151,8 @@ def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame
         if not getattr(options, name) > 0.0:
             raise EvaluationError(f'{name}: {getattr(options, name)} is not valid; valid is > 0')
     true, estimated = load(truth, times), load(estimate, times)
+    if bag_of(truth) is not None:
+        estimated = _in_simulated_time(estimated, true)
     of_estimate = true
     if truth_frame != estimate_frame:
         of_estimate = true.of_frame(inverse(frame_on_rover(truth, truth_frame))
@@ -158,6 +161,16 @@ def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame
         frame_stamps_ns = image_stamps_ns(truth)
     result = _compare(of_estimate, estimated, options, frame_stamps_ns)
     return dataclasses.replace(result, length_m=true.length_m)
+
+
+def _in_simulated_time(estimate: Trajectory, truth: Trajectory) -> Trajectory:
+    """Return the estimate of an exported sequence at the stamps of its bag.
+
+    Exported sequences count time from a real date, a simulated bag from 0.
+    """
+    if (truth.stamps_ns >= EPOCH_NS).any() or (estimate.stamps_ns < EPOCH_NS).any():
+        return estimate
+    return dataclasses.replace(estimate, stamps_ns=estimate.stamps_ns - EPOCH_NS)
 
 
 def _compare(truth: Trajectory, estimate: Trajectory, options: EvaluationOptions,

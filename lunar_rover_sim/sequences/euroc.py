@@ -17,6 +17,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import imu_row, pose_matrix, xyz
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.frames import Array, inverse, wxyz_from_matrix
+from lunar_rover_sim.seconds import sortable_ns
 from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter, Sequence
 
@@ -38,6 +39,10 @@ class EurocSequence(Sequence):
     uses = (topics.RIGHT_IMAGE.name, topics.IMU_RAW.name, topics.IMU_BIAS.name, topics.ODOM.name)
     of_further = (topics.HAZARD_IMAGE,)
     further_needs = 'they need their camera_info in the bag'
+    poses_of = ('mav0/state_groundtruth_estimate0/data.csv: true poses of the IMU (imu_link), the '
+                'body frame of EuRoC, in odom; not of a camera: T_BS in mav0/cam0/sensor.yaml '
+                'is the pose of the left camera in the IMU')
+    is_dated = True
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
         super().__init__(bag, folder, png)
@@ -65,7 +70,7 @@ class EurocSequence(Sequence):
         for name, camera in _CAMERAS.items():
             if name in pixels:
                 self._image(camera, stamp_ns, pixels[name])
-        self.line('times.txt', str(stamp_ns))
+        self.line('times.txt', self._stamp(stamp_ns))
 
     def further_images(self, camera: RecordedCamera, stamp_ns: int,
                        pixels: dict[str, NDArray[Any]]) -> None:
@@ -76,7 +81,7 @@ class EurocSequence(Sequence):
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Write IMU samples as they come, truth once its bias is there."""
         if topic == topics.IMU_RAW.name:
-            self.line(_IMU, f'{stamp_ns},' + numbers(imu_row(message), separator=','))
+            self.line(_IMU, f'{self._stamp(stamp_ns)},' + numbers(imu_row(message), separator=','))
         elif topic == topics.ODOM.name:
             self._odometry[stamp_ns] = message
             if not self._has_bias:
@@ -108,8 +113,12 @@ class EurocSequence(Sequence):
         self._sensor(camera, lines)
 
     def _image(self, camera: str, stamp_ns: int, pixels: NDArray[Any]) -> None:
-        self.png.write(self.folder / 'mav0' / camera / 'data' / f'{stamp_ns}.png', pixels)
-        self.line(f'mav0/{camera}/data.csv', f'{stamp_ns},{stamp_ns}.png')
+        stamp = self._stamp(stamp_ns)
+        self.png.write(self.folder / 'mav0' / camera / 'data' / f'{stamp}.png', pixels)
+        self.line(f'mav0/{camera}/data.csv', f'{stamp},{stamp}.png')
+
+    def _stamp(self, stamp_ns: int) -> str:
+        return sortable_ns(stamp_ns + self.epoch_ns)
 
     def _truth(self, stamp_ns: int, bias: Array) -> None:
         message = self._odometry.pop(stamp_ns)
@@ -118,8 +127,8 @@ class EurocSequence(Sequence):
         twist = message.twist.twist
         lever = self.suite.T_base_imu[:3, 3]
         velocity = T_odom_base[:3, :3] @ (xyz(twist.linear) + np.cross(xyz(twist.angular), lever))
-        self.line(_TRUTH, f'{stamp_ns},' + numbers(T[:3, 3], wxyz_from_matrix(T[:3, :3]), velocity,
-                                                   bias, separator=','))
+        self.line(_TRUTH, f'{self._stamp(stamp_ns)},' + numbers(
+            T[:3, 3], wxyz_from_matrix(T[:3, :3]), velocity, bias, separator=','))
 
     def _sensor(self, folder: str, lines: list[str]) -> None:
         for line in lines:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from datetime import datetime, timezone
 import functools
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.parameters import nearest
+from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
 from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
 from lunar_rover_sim.sequences.left_out import left_out
 from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE, calibration_yaml
@@ -31,21 +33,35 @@ _TYPES = {topic.name: topic.type for topic in topics.CONTRACT}
 _OF_DEPTH_FRAMES = {topic.name for topic in topics.CONTRACT if topic.rate == topics.DEPTH_FRAME}
 _IMAGE = 'sensor_msgs/msg/Image'
 _CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+README_FILE = 'README.txt'
+_LATEST_EPOCH_NS = 9_000_000_000 * NS_PER_S     # with a drive of years it still is an int64
 _EVERY_DEPTH = ' (render_node.depth_every=1 records it with every image)'
 
 
 def export(path: Path | str, output: Path | str, kind: str = 'euroc',
            progress: Callable[[], None] | None = None,
-           shards: ShardOptions = ShardOptions()) -> list[str]:
+           shards: ShardOptions = ShardOptions(), epoch_ns: int = EPOCH_NS) -> list[str]:
     """Write a sequence into the new folder `output`; return sentences about it for the user.
 
-    kind: a name in `formats.FORMATS`; progress is called once per message; shards: of
-    WebDataset, other formats have none.
     Where there is an IMU, images without an IMU sample before and after them are left out:
-    ORB-SLAM3 would read past the end of its samples.
-    Raises BagError where the bag cannot be read, SequenceError where it lacks what the format
-    needs, or the folder cannot be written.
+    ORB-SLAM3 would read past the end of its samples. README.txt says what the poses are of.
+
+    Args:
+        path: Bag.
+        output: Folder to make.
+        kind: Name in `formats.FORMATS`.
+        progress: Called once per message.
+        shards: Of WebDataset; other formats have none.
+        epoch_ns: Unix time [ns] at which simulated time is 0, in formats that name files by time
+            (EuRoC, TUM). It is >= 0, and stamps have 19 digits with it.
+
+    Raises:
+        BagError: The bag cannot be read.
+        SequenceError: The bag lacks what the format needs, or the folder cannot be written.
     """
+    if not 0 <= epoch_ns < _LATEST_EPOCH_NS:
+        raise SequenceError(f'epoch_ns: {epoch_ns} is not valid; valid is 0 (1970) to '
+                            f'{_LATEST_EPOCH_NS} (2255) [ns]')
     if kind not in FORMATS:
         raise SequenceError(f'format: {kind!r} is not valid; {nearest(kind, FORMATS)}')
     make: Callable[[Bag, Path, PngWriter], Sequence] = FORMATS[kind]
@@ -59,13 +75,31 @@ def export(path: Path | str, output: Path | str, kind: str = 'euroc',
         folder = partial / output.name
         folder.mkdir()
         with PngWriter() as images, make(bag, folder, images) as sequence:
+            sequence.epoch_ns = epoch_ns if sequence.is_dated else 0
             notes = _stream(bag, sequence, progress)
             (folder / CALIBRATION_FILE).write_text(
                 calibration_yaml(sequence.suite, kind, sequence.depth, sequence.further,
                                  sequence.T_base_lidar),
                 encoding='utf-8')
+            (folder / README_FILE).write_text(_readme(bag, sequence, kind), encoding='utf-8')
         folder.rename(output)
     return [f'{output}: {notes[0]}', *notes[1:]]
+
+
+def _readme(bag: Bag, sequence: Sequence, kind: str) -> str:
+    """Return what README.txt says: format, poses, time."""
+    lines = [f'A sequence in the format {kind}, exported from a bag by lunar_rover_sim.', '']
+    if sequence.poses_of:
+        lines.append(f'Poses: {sequence.poses_of}.' if bag.has(bag.truth)
+                     else 'Poses: none; the bag has no odometry.')
+    if sequence.is_dated:
+        date = datetime.fromtimestamp(sequence.epoch_ns // NS_PER_S, timezone.utc)
+        lines.append(f'Time: Unix time; simulated time 0 is {date:%Y-%m-%dT%H:%M:%S} UTC '
+                     f'({sequence.epoch_ns} ns).')
+    else:
+        lines.append('Time: simulated, from 0 at the start of the simulation.')
+    lines.append(f'Calibration: {CALIBRATION_FILE}.')
+    return '\n'.join(lines) + '\n'
 
 
 def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -> list[str]:

@@ -27,6 +27,8 @@ class KittiSequence(PosedSequence):
     """Writes a KITTI odometry sequence."""
 
     POSES = 'poses.txt'
+    poses_of = ('poses.txt: true poses of the left camera (its optical frame) in its first frame, '
+                'one for each image')
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name)
     uses = (*PosedSequence.uses, *CLOUDS)
 

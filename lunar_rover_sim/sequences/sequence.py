@@ -67,6 +67,9 @@ class Sequence:
     further_needs: what such a camera needs to be written, for messages
     further: the hazard cameras of the bag that it writes; `of_further` of each make a set
     lacks: topic of a sensor → what it lacks to be written, where the format has a place for it
+    poses_of: what the poses are of and where they stand, a sentence for README.txt
+    is_dated: whether files are named by time, which then counts from `epoch_ns`
+    epoch_ns: Unix time [ns] at which simulated time is 0
     first_ns: images before are left out
     T_base_lidar: (4, 4) where the LiDAR is, if its scans are written
     """
@@ -77,6 +80,9 @@ class Sequence:
     of_further: ClassVar[tuple[topics.Topic, ...]] = ()
     further_needs: ClassVar[str] = ''
     lacks: Mapping[str, str] = {}
+    poses_of: ClassVar[str] = ''
+    is_dated: ClassVar[bool] = False
+    epoch_ns = 0
     first_ns = 0
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:

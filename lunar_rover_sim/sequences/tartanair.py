@@ -50,6 +50,8 @@ class TartanAirSequence(PosedSequence):
     """Writes a TartanAir sequence; segmentation and flow where the bag has labels."""
 
     POSES = 'pose_left.txt'
+    poses_of = ('pose_left.txt, pose_right.txt: true poses of each camera (its axes forward, '
+                'right, down) in a north-east-down world, one for each image')
     needs = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.LEFT_INFO.name,
              topics.TRUE_DEPTH.name)
     uses = (topics.ODOM.name, topics.LABELS.name, topics.JOINT_STATES.name,

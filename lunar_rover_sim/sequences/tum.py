@@ -17,7 +17,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.frames import wxyz_from_matrix
-from lunar_rover_sim.seconds import in_seconds
+from lunar_rover_sim.seconds import sortable_seconds
 from lunar_rover_sim.sequences.orbslam3_settings import DEPTH_FACTOR
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter, Sequence
 
@@ -29,6 +29,8 @@ class TumSequence(Sequence):
 
     needs = (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name, topics.TRUE_DEPTH.name)
     uses = (topics.ODOM.name,)
+    poses_of = 'groundtruth.txt: true poses of the left camera (its optical frame) in odom'
+    is_dated = True
     depth = {'depth': {'png_counts_per_m': DEPTH_FACTOR, 'along': 'optical axis', 'missing': 0}}
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter) -> None:
@@ -38,11 +40,12 @@ class TumSequence(Sequence):
         (folder / 'depth').mkdir()
         self.line('rgb.txt', '# timestamp filename')
         self.line('depth.txt', '# timestamp filename')
+        self.line('groundtruth.txt', f'# {self.poses_of.partition(": ")[2]}')
         self.line('groundtruth.txt', '# timestamp tx ty tz qx qy qz qw')
 
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
         """Write image, depth and their lines."""
-        stamp = in_seconds(stamp_ns)
+        stamp = self._stamp(stamp_ns)
         depth_m = pixels[topics.TRUE_DEPTH.name]
         with np.errstate(invalid='ignore', over='ignore'):
             counts = np.rint(depth_m * np.float32(DEPTH_FACTOR))
@@ -57,7 +60,11 @@ class TumSequence(Sequence):
         """Write the pose of the left camera."""
         T = pose_matrix(message) @ self._T_base_left
         w, x, y, z = wxyz_from_matrix(T[:3, :3])
-        self.line('groundtruth.txt', f'{in_seconds(stamp_ns)} {numbers(T[:3, 3], [x, y, z, w])}')
+        self.line('groundtruth.txt',
+                  f'{self._stamp(stamp_ns)} {numbers(T[:3, 3], [x, y, z, w])}')
+
+    def _stamp(self, stamp_ns: int) -> str:
+        return sortable_seconds(stamp_ns + self.epoch_ns)
 
     def notes(self) -> list[str]:
         """Return the depth factor."""

@@ -83,6 +83,8 @@ class WebDatasetSequence(PosedSequence):
     """Writes the shards of a drive. Without odometry its samples have no poses."""
 
     POSES = METADATA
+    poses_of = ('T_odom_left, T_odom_right in the JSON of a sample: true poses of each camera '
+                '(its optical frame) in odom')
     needs = _NEEDED
     of_further = tuple(_FURTHER)
     further_needs = ('they need their camera_info in the bag; labels do not fit a pinhole with '

@@ -81,23 +81,27 @@ def read_camera(sequence: Path, stereo: bool) -> Camera:
 
 def stamps_ns(sequence: Path) -> list[int]:
     """Return the stamps of the frames [ns]."""
+    return [int(word) for word in _stamps(sequence)]
+
+
+def _stamps(sequence: Path) -> list[str]:
+    """Return the stamps of the frames [ns] as they name the files."""
     path = sequence / 'times.txt'
-    stamps = []
-    for word in read_text(path, _MAX_BYTES, SlamError).split():
+    words = read_text(path, _MAX_BYTES, SlamError).split()
+    for word in words:
         if (not word.isascii() or not word.isdigit() or len(word) > _MOST_DIGITS
                 or int(word) >= 1 << 63):
             raise SlamError(f'{path}: {brief(word)} is not a stamp [ns]')
-        stamps.append(int(word))
-    return stamps
+    return words
 
 
 def read_frames(sequence: Path, camera: Camera) -> Iterator[Frame]:
     """Yield the undistorted frames in order, with right images if there is a baseline."""
-    for stamp_ns in stamps_ns(sequence):
+    for stamp in _stamps(sequence):
         images = [camera.rectified(read_picture(
-            sequence / 'mav0' / name / 'data' / f'{stamp_ns}.png', SlamError))
+            sequence / 'mav0' / name / 'data' / f'{stamp}.png', SlamError))
                   for name in (('cam0', 'cam1') if camera.baseline_m else ('cam0',))]
-        yield Frame(stamp_ns, *images)
+        yield Frame(int(stamp), *images)
 
 
 def _sensor(sequence: Path, name: str) -> dict[str, Any]:

@@ -105,7 +105,7 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
     distance_m = truth.length_m
     if not sequence.exists():
         step('exporting', messages)
-        export(bag, sequence, estimator.format, advance)
+        export(bag, sequence, estimator.format, advance, epoch_ns=0)     # stamps of the bag
     try:
         # Only of the built-in odometry is it known how far it is.
         step('estimating', len(euroc_reader.stamps_ns(sequence))

@@ -225,7 +225,8 @@ def run(words: list[str], sensor: str) -> None:
     """Track a sequence and write the trajectories, as the example programs of ORB-SLAM3 do."""
     vocabulary, settings, sequence, times, name = words
     folder = Path(sequence) / 'mav0'
-    stamps_ns = [int(word) for word in Path(times).read_text().split()]
+    stamps = Path(times).read_text().split()    # ns, as they name the files
+    stamps_ns = [int(stamp) for stamp in stamps]
     imu = (np.loadtxt(folder / 'imu0/data.csv', delimiter=',', ndmin=2)
            if sensor == 'stereo-inertial' else np.zeros((0, 7)))
     imu[:, 0] *= 1e-9       # ns to s
@@ -234,7 +235,7 @@ def run(words: list[str], sensor: str) -> None:
     tracker = Tracker(vocabulary, settings, sensor)
     before_s = -np.inf
     for k, stamp_ns in enumerate(stamps_ns):
-        images = [read_image(str(folder / camera / 'data' / f'{stamp_ns}.png'))
+        images = [read_image(str(folder / camera / 'data' / f'{stamps[k]}.png'))
                   for camera in ('cam0', 'cam1')[:1 if sensor == 'mono' else 2]]
         chosen = (imu_s > before_s) & (imu_s <= 1e-9 * stamp_ns) if k else imu_s < 0.0
         start_s = time.monotonic()

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
+from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import CameraCalibration, read_imu, read_odometry
+from lunar_rover_sim.errors import BagError
 
 
 @pytest.fixture(scope='module')
@@ -48,6 +50,34 @@ def test_odometry(bag, items):
     twists = [m.twist.twist for m in poses]
     np.testing.assert_array_equal(series.twists, np.hstack([
         numbers([t.linear for t in twists], 'xyz'), numbers([t.angular for t in twists], 'xyz')]))
+
+
+def test_frames_have_what_the_messages_of_their_stamp_have(tmp_path):
+    """Images and pose of each stereo stamp, depth of every second one, in order."""
+    items = synthetic.drive(0.4, depth_every=2)
+    of = {topic: {header_ns(m): m for m in messages(items, topic)} for topic in (
+        'stereo/left/image_raw', 'stereo/right/image_raw', 'ground_truth/depth/image', 'odom')}
+    with open_bag(synthetic.write(tmp_path / 'bag', items)) as bag:
+        frames = list(bag.frames())
+    assert [frame.stamp_ns for frame in frames] == [k * 100_000_000 for k in range(1, 5)]
+    for frame in frames:
+        for pixels, topic in ((frame.left, 'left'), (frame.right, 'right')):
+            message = of[f'stereo/{topic}/image_raw'][frame.stamp_ns]
+            np.testing.assert_array_equal(pixels.ravel(), message.data)
+        np.testing.assert_array_equal(frame.pose, pose_matrix(of['odom'][frame.stamp_ns]))
+        depth = of['ground_truth/depth/image'].get(frame.stamp_ns)
+        assert (frame.depth_m is None) == (depth is None)
+        if depth is not None:
+            np.testing.assert_array_equal(frame.depth_m.ravel(), depth.data.view('<f4'))
+
+
+def test_frames_without_what_a_bag_lacks(tmp_path):
+    items = [i for i in synthetic.drive(0.2) if i.topic == 'stereo/left/image_raw']
+    with open_bag(synthetic.write(tmp_path / 'left', items)) as bag:
+        assert [frame[2:] for frame in bag.frames()] == [(None, None, None)] * 2
+    with open_bag(synthetic.write(tmp_path / 'blind', synthetic.latched_items())) as bag:
+        with pytest.raises(BagError, match='has no topic stereo/left/image_raw'):
+            next(bag.frames())
 
 
 def test_a_calibration_by_its_numbers():

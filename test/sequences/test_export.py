@@ -16,9 +16,11 @@ from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import ConfigError, SequenceError
 from lunar_rover_sim.evaluation import trajectory_files
+from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_sources import load
 from lunar_rover_sim.frames import inverse
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.seconds import EPOCH_NS, from_seconds
 from lunar_rover_sim.sensors.imu import ImuConfig
 from lunar_rover_sim.sequences.export import export
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS, settings
@@ -43,28 +45,29 @@ def images_of(items: list[synthetic.Item], topic: topics.Topic) -> dict[int, np.
 def test_euroc(tmp_path, items, bag):
     notes = export(bag, tmp_path / 'seq', 'euroc')
     mav0 = tmp_path / 'seq' / 'mav0'
-    times = [int(line) for line in (tmp_path / 'seq' / 'times.txt').read_text().split()]
+    words = (tmp_path / 'seq' / 'times.txt').read_text().split()
+    times = [int(word) - EPOCH_NS for word in words]
     for camera, topic in (('cam0', topics.LEFT_IMAGE), ('cam1', topics.RIGHT_IMAGE)):
-        stems = sorted(int(p.stem) for p in (mav0 / camera / 'data').iterdir())
-        assert stems == times
+        assert sorted(p.stem for p in (mav0 / camera / 'data').iterdir()) == words
         rows = (mav0 / camera / 'data.csv').read_text().splitlines()[1:]
-        assert rows == [f'{ns},{ns}.png' for ns in times]
+        assert rows == [f'{word},{word}.png' for word in words]
         for ns, pixels in images_of(items, topic).items():
             if ns in times:
-                written = cv2.imread(str(mav0 / camera / 'data' / f'{ns}.png'), -1)
+                word = words[times.index(ns)]
+                written = cv2.imread(str(mav0 / camera / 'data' / f'{word}.png'), -1)
                 assert np.array_equal(written, pixels)
     imu = np.loadtxt(mav0 / 'imu0' / 'data.csv', delimiter=',')
     assert imu.shape == (200, 7)
-    assert imu[0, 0] < times[0] and imu[-1, 0] > times[-1]
+    assert imu[0, 0] - EPOCH_NS < times[0] and imu[-1, 0] - EPOCH_NS > times[-1]
     assert times[-1] == 900_000_000 and len(times) == 9
     assert any('1 at the end' in note for note in notes)
     assert np.mean(imu[:, 6]) == pytest.approx(synthetic.GRAVITY, rel=0.1)
     truth = trajectory_files.read_euroc(mav0 / 'state_groundtruth_estimate0' / 'data.csv')
     odom = load(bag)
-    assert np.array_equal(truth.stamps_ns, odom.stamps_ns)
+    assert np.array_equal(truth.stamps_ns - EPOCH_NS, odom.stamps_ns)
     assert np.allclose(truth.positions_m, odom.positions_m, rtol=0, atol=1e-15)  # IMU at base
     table = np.loadtxt(mav0 / 'state_groundtruth_estimate0' / 'data.csv', delimiter=',')
-    speed = np.gradient(table[:, 1:4], table[:, 0] * 1e-9, axis=0)
+    speed = np.gradient(table[:, 1:4], odom.stamps_ns * 1e-9, axis=0)
     assert np.abs(speed - table[:, 8:11])[1:-1].max() < 1e-3
     assert np.allclose(table[:, 11], 1e-3) and np.allclose(table[:, 14], 0.01)
 
@@ -88,12 +91,12 @@ def test_tum(tmp_path, items, bag):
     export(bag, tmp_path / 'seq', 'tum')
     folder = tmp_path / 'seq'
     lines = (folder / 'associations.txt').read_text().splitlines()
-    assert len(lines) == 10 and lines[0].split()[::2] == ['0.100000000'] * 2
+    assert len(lines) == 10 and lines[0].split()[::2] == ['1704067200.100000000'] * 2
     depths = images_of(items, topics.TRUE_DEPTH)
     for line in lines:
         stamp, rgb, _, depth = line.split()
         written = cv2.imread(str(folder / depth), -1)
-        true = depths[round(float(stamp) * 1e9)]
+        true = depths[from_seconds(stamp) - EPOCH_NS]
         assert written.dtype == np.uint16
         seen = true < 13.0
         assert np.abs(written[seen] / 5000.0 - true[seen]).max() <= 0.5 / 5000 + 1e-6
@@ -106,13 +109,74 @@ def test_tum(tmp_path, items, bag):
     assert np.allclose(np.abs(dots), 1.0)
 
 
+@pytest.fixture(scope='module')
+def long_bag(tmp_path_factory):
+    """Frames before and after 0.1, 1, 10 and 100 s."""
+    scene, rng = synthetic.Scene(), np.random.default_rng(0)
+    items = synthetic.latched_items()
+    for ns in (50_000_000, 100_000_000, 900_000_000, 1_000_000_000, 9_950_000_000,
+               10_000_000_000, 99_900_000_000, 100_000_000_000, 100_050_000_000):
+        items += synthetic.state_items(ns, 5_000_000, rng) + synthetic.frame_items(ns, scene)
+    items += synthetic.state_items(100_055_000_000, 5_000_000, rng)
+    return synthetic.write(tmp_path_factory.mktemp('long') / 'bag', items)
+
+
+@pytest.mark.parametrize('epoch_ns', [EPOCH_NS, 0])
+def test_names_in_the_order_of_text_are_in_the_order_of_time(tmp_path, long_bag, epoch_ns):
+    """A tool that sorts file names as text reads the drive from its start to its end."""
+    with open_bag(long_bag) as bag:
+        stamps = [frame.stamp_ns for frame in bag.frames()]
+    for kind in ('euroc', 'tum', 'kitti', 'tartanair'):
+        export(long_bag, tmp_path / kind, kind, epoch_ns=epoch_ns)
+    cam0 = sorted(p.stem for p in (tmp_path / 'euroc/mav0/cam0/data').iterdir())
+    assert [int(stem) - epoch_ns for stem in cam0] == stamps
+    assert {len(stem) for stem in cam0} == {19}
+    for name in ('rgb', 'depth'):
+        stems = sorted(p.stem for p in (tmp_path / 'tum' / name).iterdir())
+        assert [from_seconds(stem) - epoch_ns for stem in stems] == stamps
+    for kind, folder in (('kitti', 'image_0'), ('tartanair', 'image_left')):
+        names = sorted(p.name for p in (tmp_path / kind / folder).iterdir())
+        times = (tmp_path / kind / 'times.txt').read_text().split()
+        assert [int(name[:6]) for name in names] == list(range(len(stamps)))
+        assert [from_seconds(time) for time in times] == stamps
+    for name in ('euroc/mav0/imu0/data.csv', 'euroc/mav0/state_groundtruth_estimate0/data.csv',
+                 'euroc/times.txt', 'tum/groundtruth.txt', 'tum/associations.txt'):
+        lines = [line for line in (tmp_path / name).read_text().splitlines() if line[0] != '#']
+        assert lines == sorted(lines) and len(lines) >= len(stamps)
+
+
+def test_evaluation_of_an_estimate_in_the_time_of_a_sequence(tmp_path, bag):
+    """Bags and sequences count time from different dates; what is exported fits both."""
+    for kind, file, frame in (('euroc', 'mav0/state_groundtruth_estimate0/data.csv', 'imu'),
+                              ('tum', 'groundtruth.txt', 'left')):
+        export(bag, tmp_path / kind, kind)
+        result = evaluate(bag, tmp_path / kind / file, align='none', estimate_frame=frame)
+        assert result.ate_m.max < 1e-9 and result.unmatched == 0
+        assert frame in (tmp_path / kind / 'README.txt').read_text().lower()
+
+
+def test_epoch_of_the_command_line(tmp_path, bag):
+    args = parse(['bag', 'export', str(bag), '-o', str(tmp_path / 'seq'), '--epoch',
+                  '2027-03-01T12:00:00'])
+    assert args.run(args) == 0
+    assert '2027-03-01T12:00:00 UTC' in (tmp_path / 'seq' / 'README.txt').read_text()
+    first = (tmp_path / 'seq' / 'times.txt').read_text().split()[0]
+    assert first == str(1_803_902_400 * 10**9 + 100_000_000)
+    args = parse(['bag', 'export', str(bag), '-o', str(tmp_path / 'k'), '--format', 'kitti',
+                  '--epoch', '2027-03-01'])
+    with pytest.raises(ConfigError, match='--epoch: is for --format euroc or tum, not for kitti'):
+        args.run(args)
+    with pytest.raises(SequenceError, match='epoch_ns: -1 is not valid'):
+        export(bag, tmp_path / 'early', epoch_ns=-1)
+
+
 def test_depth_with_every_second_image(tmp_path):
     """RGB-D takes what has depth and says what it leaves out; stereo takes every image."""
     bag = synthetic.write(tmp_path / 'bag', synthetic.drive(1.0, depth_every=2))
     notes = export(bag, tmp_path / 'tum', 'tum')
     times = [line.split()[0] for line in
              (tmp_path / 'tum' / 'associations.txt').read_text().splitlines()]
-    assert [float(t) for t in times] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+    assert [from_seconds(t) - EPOCH_NS for t in times] == [k * 200_000_000 for k in range(1, 6)]
     assert any('5 image sets without ground_truth/depth/image left out (render_node.depth_every=1'
                in note for note in notes)
     assert 'frame_rate_hz: 5.0' in (tmp_path / 'tum' / 'calibration.yaml').read_text()

@@ -19,6 +19,7 @@ from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfi
 from lunar_rover_sim.camera.models import geometry_of
 from lunar_rover_sim.frames import inverse
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
+from lunar_rover_sim.seconds import EPOCH_NS
 from lunar_rover_sim.sequences.export import export
 
 FRONT = HazardConfig(camera=HazardCameraConfig(width=48, height=32))
@@ -95,7 +96,7 @@ def test_euroc_has_them_as_further_cameras(bag: Path, tmp_path: Path) -> None:
         own = calibration['hazard_' + name.replace('/', '_')]
         assert own['distortion_model'] == camera.distortion_model
         for number, ns in enumerate(STAMPS_NS):
-            image = cv2.imread(str(folder / f'data/{ns}.png'), cv2.IMREAD_UNCHANGED)
+            image = cv2.imread(str(folder / f'data/{EPOCH_NS + ns}.png'), cv2.IMREAD_UNCHANGED)
             assert np.array_equal(image, picture(name, number))
 
 

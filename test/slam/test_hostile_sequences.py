@@ -49,10 +49,10 @@ def test_calibration(exported, old, new, message):
     'latin-1')])
 def test_stamps(exported, stamp):
     with pytest.raises(SlamError, match='times.txt: .* is not a stamp'):
-        replaced(exported, 'times.txt', '100000000', stamp)
+        replaced(exported, 'times.txt', '1704067200100000000', stamp)
 
 
 def test_pictures(exported, capfd):
-    with pytest.raises(SlamError, match='100000000.png: cannot be read as a picture'):
-        replaced(exported, 'mav0/cam0/data/100000000.png', 'IDAT', 'IDAX')
+    with pytest.raises(SlamError, match='1704067200100000000.png: cannot be read as a picture'):
+        replaced(exported, 'mav0/cam0/data/1704067200100000000.png', 'IDAT', 'IDAX')
     assert capfd.readouterr().err == ''
