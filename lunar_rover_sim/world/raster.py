@@ -19,8 +19,11 @@ logger = logging.getLogger(__name__)
 
 MAX_HEIGHT_M = 1e5  # beyond any height on the Moon: a marker for missing data
 _PAD_PIXELS = 3
-# Neighbouring pixels of any ground differ by less: 84 deg, or a step of 30 m in a fine model.
-_MAX_SLOPE, _MAX_STEP_M = 10.0, 30.0
+# Neighbouring pixels of any ground differ by less: 84 deg up to 30 m of distance and 45 deg beyond,
+# or a step of 30 m in a fine model.
+_MAX_SLOPE, _MAX_FAR_SLOPE, _NEAR_M, _MAX_STEP_M = 10.0, 1.0, 30.0, 30.0
+_CHECKED_PIXELS = 1 << 22       # at once
+_MOST_CHECKED = 1 << 26         # at full resolution; larger areas are checked as they are averaged
 
 
 class Raster(abc.ABC):
@@ -35,6 +38,7 @@ class Raster(abc.ABC):
         self.width = self.height = 0
         self.pixel_x_m = self.pixel_y_m = 1.0
         self.column0 = self.row0 = 0.0
+        self._has_told_gaps = False
 
     @abc.abstractmethod
     def read(self, rows: slice, columns: slice, factor: int) -> tuple[NDArray, NDArray]:
@@ -94,19 +98,31 @@ class Raster(abc.ABC):
                                                else ' or set world.dem.nodata to fill'))
             logger.warning('%s: %d of %d pixels without data are filled', self.path, missing,
                            known.size)
-        self._check_relief(heights, known)
+        self._check_relief(heights, known, 1, 'the window')
+        if heights[known].min() == heights[known].max():
+            logger.warning('%s: all heights in the window are %g m', self.path,
+                           heights[known].min())
         self.report['filled_pixels'] = int((~known).sum())
         middle = harmonic_fill((heights - heights[known][0]).astype(np.float32), known)
         self.reference_m = float(heights[known][0]
                                  + middle[middle.shape[0] // 2, middle.shape[1] // 2])
         self.report['pixel_m'] = [self.pixel_x_m, self.pixel_y_m]
 
-    def _check_relief(self, heights: NDArray, known: NDArray) -> None:
+    def _check_relief(self, heights: NDArray, known: NDArray, factor: int, where: str) -> None:
         """Raise WorldError if neighbours differ as no ground does: an undeclared no-data value.
 
-        heights, known: as `_window` returns them, row 0 south
+        Args:
+            heights: As `_window` returns them, row 0 south.
+            known: Where there are data.
+            factor: Pixels of the file that a height is the mean of, along each side.
+            where: For the message.
+
+        Raises:
+            WorldError: Neighbours differ by more than a slope of any ground.
         """
-        most_m = max(_MAX_SLOPE * self.pixel_m, _MAX_STEP_M)
+        apart_m = factor * self.pixel_m
+        most_m = max(_MAX_SLOPE * min(apart_m, _NEAR_M)
+                     + _MAX_FAR_SLOPE * max(apart_m - _NEAR_M, 0.0), _MAX_STEP_M)
         for axis in (0, 1):
             step = np.abs(np.diff(heights, axis=axis))
             both = known[1:] & known[:-1] if axis == 0 else known[:, 1:] & known[:, :-1]
@@ -116,34 +132,59 @@ class Raster(abc.ABC):
                 pair = heights[j, i], heights[j + (axis == 0), i + (axis == 1)]
                 raise WorldError(
                     f'{self.path}: {max(pair, key=abs):g} m beside {min(pair, key=abs):g} m in '
-                    f'the window; valid are steps of at most {most_m:g} m between pixels; if one '
+                    f'{where}; valid are steps of at most {most_m:g} m between pixels; if one '
                     'of them marks missing data, declare it (`gdal_edit.py -a_nodata`, or NaN in '
                     'dem.npy)')
-        if heights[known].min() == heights[known].max():
-            logger.warning('%s: all heights in the window are %g m', self.path,
-                           heights[known].min())
 
     def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
         """Return the heights in [-h, h]^2, averaged to about a cell; None if there are none."""
         heights, known, x, y = self._window(half_extent_m, cell_m)
         if min(heights.shape) < 2 or not known.any():
             return None
+        self._check_tile(half_extent_m, cell_m, heights, known)
+        if not known.all() and half_extent_m > self.config.size_m and not self._has_told_gaps:
+            self._has_told_gaps = True
+            logger.warning('%s: %d of %d pixels around the window have no data and are filled',
+                           self.path, int((~known).sum()), known.size)
         heights = harmonic_fill((heights - self.reference_m).astype(np.float32), known)
         return Tile(heights, x, y, float(max(x[1] - x[0], y[1] - y[0])))
+
+    def _check_tile(self, half_m: float, cell_m: float, heights: NDArray, known: NDArray) -> None:
+        """Check the relief of what a level shows, pixel by pixel where it is not too large."""
+        factor, rows, columns = self._extent(half_m, cell_m)
+        where = f'the {2.0 * half_m:.4g} m around the origin'
+        wide, high = columns.stop - columns.start, rows.stop - rows.start
+        if factor == 1 or wide * high > _MOST_CHECKED:
+            self._check_relief(heights, known, factor, where)
+            return
+        strip = max(_CHECKED_PIXELS // wide, 2)
+        for start in range(rows.start, rows.stop - 1, strip - 1):      # they share a row
+            part = slice(start, min(start + strip, rows.stop))
+            self._check_relief(*self._known(*self.read(part, columns, 1)), 1, where)
+
+    def _known(self, heights: NDArray, known: NDArray) -> tuple[NDArray, NDArray]:
+        """Return scaled heights, 0 where there are none, and where there are data."""
+        heights = np.asarray(heights, float) * self.config.dem.height_scale
+        known = known & np.isfinite(heights) & (np.abs(np.nan_to_num(heights)) < MAX_HEIGHT_M)
+        return np.where(known, heights, 0.0), known
+
+    def _extent(self, half_m: float, cell_m: float) -> tuple[int, slice, slice]:
+        """Return the pixels that are averaged along a side, and the rows and columns of a window.
+        """
+        factor = max(int(cell_m / self.pixel_m), 1)
+        c0, c1 = _clip(self.column0, half_m / self.pixel_x_m, self.width, factor)
+        r0, r1 = _clip(self.row0, half_m / self.pixel_y_m, self.height, factor)
+        return factor, slice(r0, r1), slice(c0, c1)
 
     def _window(self, half_m: float,
                 cell_m: float) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         """Return heights, data mask (row 0 south), and pixel centres in x and y."""
-        factor = max(int(cell_m / self.pixel_m), 1)
-        c0, c1 = _clip(self.column0, half_m / self.pixel_x_m, self.width, factor)
-        r0, r1 = _clip(self.row0, half_m / self.pixel_y_m, self.height, factor)
-        if c1 - c0 < factor or r1 - r0 < factor:
+        factor, rows, columns = self._extent(half_m, cell_m)
+        c0, r0 = columns.start, rows.start
+        if columns.stop - c0 < factor or rows.stop - r0 < factor:
             empty = np.empty((0, 0))
             return empty, empty.astype(bool), empty[0:0], empty[0:0]
-        heights, known = self.read(slice(r0, r1), slice(c0, c1), factor)
-        heights = np.asarray(heights, float) * self.config.dem.height_scale
-        known = known & np.isfinite(heights) & (np.abs(np.nan_to_num(heights)) < MAX_HEIGHT_M)
-        heights = np.where(known, heights, 0.0)
+        heights, known = self._known(*self.read(rows, columns, factor))
         x = (c0 + (np.arange(heights.shape[1]) + 0.5) * factor - self.column0) * self.pixel_x_m
         y = (r0 + (np.arange(heights.shape[0]) + 0.5) * factor - self.row0) * self.pixel_y_m
         if not self.south_up:

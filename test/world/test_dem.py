@@ -194,6 +194,37 @@ def test_gaps_in_the_surroundings_are_filled(tmp_path):
     assert all(np.abs(level.heights_m).max() < 200.0 for level in world.levels)
 
 
+@pytest.mark.parametrize('marker', [-9999.0, -32768.0, 65535.0, 9e4])
+@pytest.mark.parametrize('block', [(5, 12, 5, 12), (0, 200, 0, 30), (150, 151, 40, 41)])
+def test_undeclared_gaps_in_the_surroundings_are_refused(tmp_path, marker, block):
+    """A block, a border and a single pixel outside the window, which feed coarser levels only."""
+    heights = hills(200, pixel=1.0)
+    heights[block[0]:block[1], block[2]:block[3]] = marker
+    path = write_tiff(tmp_path / 'marked.tif', heights, pixel=1.0)
+    with pytest.raises(WorldError, match=f'{marker:g} m beside .* m around the origin; .* if one '
+                                         'of them marks missing data, declare it') as error:
+        build_world(config(path), 1)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize('marker', [-3.4028227e38, 1e32, np.nan])
+def test_what_cannot_be_a_height_is_filled_in_the_surroundings_with_a_message(
+        tmp_path, caplog, marker):
+    heights = hills(200, pixel=1.0)
+    heights[5:30, 5:30] = marker
+    world = build_world(config(write_tiff(tmp_path / 'gap.tif', heights, pixel=1.0)), 1)
+    told = [r.message for r in caplog.records if 'around the window have no data' in r.message]
+    assert len(told) == 1 and told[0].endswith('are filled')
+    assert all(np.abs(level.heights_m).max() < 200.0 for level in world.levels)
+
+
+def test_steep_ground_far_away_is_ground(tmp_path):
+    """Slopes of 60 degrees between pixels of 5 m."""
+    heights = hills(200, pixel=5.0)
+    heights[:40] += np.float32(5.0 * np.tan(np.radians(60.0))) * np.arange(40, 0, -1)[:, None]
+    build_world(config(write_tiff(tmp_path / 'steep.tif', heights, pixel=5.0)), 1)
+
+
 def test_refusals(tmp_path):
     heights = hills()
     degrees = write_tiff(tmp_path / 'degrees.tif', heights, pixel=1e-4, crs='+proj=longlat '
