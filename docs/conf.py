@@ -11,7 +11,6 @@ sys.path[:0] = [str(ROOT / 'docs'), str(ROOT)]
 # The process that runs the notebook imports this tree too.
 os.environ['PYTHONPATH'] = os.pathsep.join(filter(None, (str(ROOT), os.environ.get('PYTHONPATH'))))
 
-import docstrings  # noqa: E402
 import generate  # noqa: E402
 
 import lunar_rover_sim  # noqa: E402
@@ -21,7 +20,7 @@ author = 'lunar_rover_sim developers'
 copyright = f'2026, {author}'  # noqa: A001
 version = release = lunar_rover_sim.__version__
 
-extensions = ['myst_nb', 'sphinx.ext.autodoc']
+extensions = ['myst_nb', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 exclude_patterns = ['_build', '_generated/*.md']
 source_suffix = {'.md': 'myst-nb', '.ipynb': 'myst-nb'}
 
@@ -39,6 +38,10 @@ nb_merge_streams = True
 nitpicky = True
 # Types of other packages are named in signatures; their documentation is not at hand offline.
 nitpick_ignore_regex = [('py:.*', r'.*')]
+# Docstrings have Google's sections; `code` in them is code.
+default_role = 'literal'
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
 autodoc_typehints = 'signature'
 autodoc_member_order = 'bysource'
 autodoc_preserve_defaults = True
@@ -53,8 +56,3 @@ html_copy_source = False
 
 # Pages of the reference, and the picture of the architecture, come from the code.
 generate.write_all(Path(__file__).parent)
-
-
-def setup(app: object) -> None:
-    """Connect to Sphinx."""
-    app.connect('autodoc-process-docstring', docstrings.process)  # type: ignore[attr-defined]

@@ -69,7 +69,8 @@ def is_skipped(topic: str) -> bool:
 def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -> dict[str, str]:
     """Return topic → hexadecimal hash; `progress` is called once per message.
 
-    Raises BagError where the bag cannot be read.
+    Raises:
+        BagError: If the bag cannot be read.
     """
     with open_bag(path) as bag:
         return _hash_topics(bag, progress)
@@ -78,7 +79,8 @@ def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -
 def bag_hash(path: Path | str) -> str:
     """Return the hexadecimal hash of a bag; of an incomplete one that of its messages.
 
-    Raises BagError where the bag cannot be read.
+    Raises:
+        BagError: If the bag cannot be read.
     """
     with open_bag(path) as bag:
         return combine(_hash_topics(bag, None), bag.types)

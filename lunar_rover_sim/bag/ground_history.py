@@ -15,9 +15,14 @@ def ground_at(bag: Bag, time_ns: int | None = None,
               half_extent_m: float = FARTHEST_M) -> Overlay:
     """Return what had been changed of the ground at a simulated time [ns]; None: at the end.
 
-    half_extent_m: of the ground
-    That is the state at the last frame up to that time. Raises BagError where the bag has no
-    changes (rigid ground), ends earlier, lacks one, or has one beyond the ground.
+    That is the state at the last frame up to that time.
+
+    Args:
+        half_extent_m: Half of the width of the ground [m].
+
+    Raises:
+        BagError: If the bag has no changes (rigid ground), ends earlier, lacks one, or has one
+            beyond the ground.
     """
     if not bag.has(topics.GROUND_CHANGES.name):
         raise BagError(f'{bag.path}: holds no {topics.GROUND_CHANGES.name}; it is recorded where '

@@ -37,7 +37,8 @@ def points_of(changes: GroundChanges, ground: HeightGrid) -> NDArray[np.void]:
 def problem(message: Any, half_extent_m: float = FARTHEST_M) -> str:
     """Return why a PointCloud2 does not hold changes of the ground, or ''.
 
-    half_extent_m: of the ground, beyond which nothing can have changed
+    Args:
+        half_extent_m: Half of the width of the ground [m], beyond which nothing can have changed.
     """
     fields = [(f.name, f.offset, f.datatype, f.count) for f in message.fields]
     wanted = [(name, POINT.fields[name][1], FLOAT32, 1) for name in POINT.names or ()
@@ -69,7 +70,8 @@ def problem(message: Any, half_extent_m: float = FARTHEST_M) -> str:
 def changes_of(message: Any, half_extent_m: float = FARTHEST_M) -> GroundChanges:
     """Return the changes in a PointCloud2 of rosbags or rclpy; BagError if it holds none.
 
-    half_extent_m: as in `problem`
+    Args:
+        half_extent_m: As in `problem`.
     """
     found = problem(message, half_extent_m)
     if found:

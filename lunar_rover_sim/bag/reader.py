@@ -63,9 +63,14 @@ class Frame(NamedTuple):
 class Bag:
     """An open bag; use as a context manager, or call `close`.
 
-    path: what was opened; incomplete: why the recording is not complete, or None.
-    file_counts: storage file → messages in it by metadata.yaml, None where it does not say.
     Topic arguments are names as in the bag, or names of the topic contract without namespace.
+
+    Args:
+        path: What was opened.
+
+    Attributes:
+        incomplete: Why the recording is not complete, or None.
+        file_counts: Storage file → messages in it by metadata.yaml, None where it does not say.
     """
 
     def __init__(self, path: Path) -> None:
@@ -232,7 +237,8 @@ class Bag:
     def resolve(self, topic: str) -> str:
         """Return the full name of a topic given in full or as in the contract.
 
-        Raises BagError, offering the nearest names, where there is none.
+        Raises:
+            BagError: Offering the nearest names, where there is none.
         """
         if topic in self.types:
             return topic
@@ -246,7 +252,10 @@ class Bag:
             stop_ns: int | None = None) -> Iterator[RawMessage]:
         """Yield serialised messages of the topics (all by default), by bag time.
 
-        start_ns inclusive, stop_ns exclusive. Raises BagError where the file is damaged.
+        start_ns inclusive, stop_ns exclusive.
+
+        Raises:
+            BagError: If the file is damaged.
         """
         wanted = [topics] if isinstance(topics, str) else topics
         names = {self.resolve(topic) for topic in wanted}
@@ -337,7 +346,8 @@ class Bag:
 def open_bag(path: Path | str) -> Bag:
     """Open a bag folder, or a bare `.mcap` or `.db3` file.
 
-    Raises BagError where it is missing, no bag, or was cut off and has not been recovered.
+    Raises:
+        BagError: If it is missing, no bag, or was cut off and has not been recovered.
     """
     check_path('path', path)
     return Bag(Path(path))

@@ -21,8 +21,11 @@ Stamps = NDArray[np.int64]
 class Odometry(NamedTuple):
     """Poses and twists.
 
-    stamps_ns (n,); positions_m (n, 3) and orientations_wxyz (n, 4) of the child frame in the
-    header's frame; twists (n, 6) linear [m/s] and angular [rad/s] in the child frame.
+    Attributes:
+        stamps_ns: (n,).
+        positions_m: (n, 3) of the child frame in the header's frame.
+        orientations_wxyz: (n, 4) of the child frame in the header's frame.
+        twists: (n, 6) linear [m/s] and angular [rad/s] in the child frame.
     """
 
     stamps_ns: Stamps

@@ -16,11 +16,12 @@ class PinholeCamera:
 
     Pixel coordinates follow OpenCV and ROS: the centre of the upper left pixel is (0, 0).
 
-    K: (3, 3) intrinsics [px]
-    D: (5,) Brown-Conrady distortion k1, k2, p1, p2, k3 (`plumb_bob`) of the raw images
-    R: (3, 3) rectification, the identity: the cameras are mounted rectified
-    P_left: (3, 4) projection of its optical frame; that of the left one of a pair
-    distortion_model: as CameraInfo names it
+    Attributes:
+        K: (3, 3) intrinsics [px].
+        D: (5,) Brown-Conrady distortion k1, k2, p1, p2, k3 (`plumb_bob`) of the raw images.
+        R: (3, 3) rectification, the identity: the cameras are mounted rectified.
+        P_left: (3, 4) projection of its optical frame; that of the left one of a pair.
+        distortion_model: As CameraInfo names it.
     """
 
     distortion_model = 'plumb_bob'
@@ -63,8 +64,12 @@ def cosine_fourth(places_px: ArrayLike, K: Array) -> Array:
 class StereoRig(PinholeCamera):
     """Two equal cameras whose optical axes are parallel and whose rows correspond.
 
-    P_left, P_right: (3, 4) projections of the left optical frame; P_right[0, 3] = -fx baseline_m
-    T_base_left, T_base_right: (4, 4) optical frames in base_link
+    Attributes:
+        P_left: (3, 4) projection of the left optical frame into the left image.
+        P_right: (3, 4) projection of the left optical frame into the right image;
+            P_right[0, 3] = -fx baseline_m.
+        T_base_left: (4, 4) left optical frame in base_link.
+        T_base_right: (4, 4) right optical frame in base_link.
     """
 
     def __init__(self, rover: RoverDescription, camera: CameraConfig) -> None:
@@ -77,7 +82,8 @@ class StereoRig(PinholeCamera):
     def project(self, points_world_m: ArrayLike, T_world_base: ArrayLike) -> tuple[Array, Array]:
         """Project (..., 3) world points into both rectified images.
 
-        Returns (left_px, right_px), each (..., 2); points behind the cameras are NaN.
+        Returns:
+            left_px, right_px, each (..., 2); points behind the cameras are NaN.
         """
         T_left_world = inverse(np.asarray(T_world_base, dtype=float) @ self.T_base_left)
         points = np.asarray(points_world_m, dtype=float)

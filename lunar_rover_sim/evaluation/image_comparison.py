@@ -31,7 +31,9 @@ _LEAST_WIDTH = 32
 class SetStatistics:
     """The statistics of the images of a set.
 
-    values: (n, len(MEASURES)); log_gradients: (n, LOG_BINS), as `ImageStatistics` has them
+    Attributes:
+        values: (n, len(MEASURES)).
+        log_gradients: (n, LOG_BINS), as `ImageStatistics` has them.
     """
 
     images: ImageSet
@@ -53,8 +55,10 @@ class MeasureRow:
 class ImageComparison:
     """The result of `compare_images`.
 
-    distance: Wasserstein distance of the histograms of log10 of gradients [decades], p by
-        permutation; chance: what one in twenty shuffles of the images between the sets exceeds
+    Attributes:
+        distance: Wasserstein distance of the histograms of log10 of gradients [decades], p by
+            permutation.
+        chance: What one in twenty shuffles of the images between the sets exceeds.
     """
 
     first: SetStatistics
@@ -90,10 +94,15 @@ def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAME
                    progress: Callable[[], None] | None = None) -> ImageComparison:
     """Compare two sets of images.
 
-    frames: at most so many images of each set, evenly over it
-    width_px: images are scaled down to this width; 0 for that of the narrower set
-    seed: of the bootstrap; progress is called once per image
-    Raises EvaluationError or BagError where a set cannot be read.
+    Args:
+        frames: At most so many images of each set, evenly over it.
+        width_px: Images are scaled down to this width; 0 for that of the narrower set.
+        seed: Of the bootstrap.
+        progress: Called once per image.
+
+    Raises:
+        EvaluationError: If a set cannot be read.
+        BagError: If a set cannot be read.
     """
     if frames < 1:
         raise EvaluationError(f'frames: {frames} is not valid; valid is at least 1')

@@ -46,8 +46,9 @@ _SEARCH_SHARE = 0.2     # of the width: 128 of 640 px
 class ImageStatistics:
     """The measures of one image, NaN where they do not apply, and its histogram.
 
-    values: (len(MEASURES),) in their order
-    log_gradients: (LOG_BINS,) shares of the gradients in bins of log10, from LOG_FLOOR to 0
+    Attributes:
+        values: (len(MEASURES),) in their order.
+        log_gradients: (LOG_BINS,) shares of the gradients in bins of log10, from LOG_FLOOR to 0.
     """
 
     values: Array
@@ -57,7 +58,8 @@ class ImageStatistics:
 def image_statistics(pair: GreyPair, truth_shows_sky: bool = False) -> ImageStatistics:
     """Return the statistics of an image or pair.
 
-    truth_shows_sky: whether true disparity 0 marks the sky; else steps in brightness do
+    Args:
+        truth_shows_sky: Whether true disparity 0 marks the sky; else steps in brightness do.
     """
     ground = pair.truth_px != 0.0 if truth_shows_sky and pair.truth_px is not None \
         else ground_mask(pair.left)

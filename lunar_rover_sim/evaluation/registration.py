@@ -1,7 +1,7 @@
 """Bringing an estimate onto the truth: association in time, alignment in space.
 
 Poses are associated by their stamps; the truth is interpolated. Alignment is by least squares
-over positions, min sum |y_i - (s R x_i + t)|^2, after Umeyama, Least-squares estimation of
+over positions, `min sum |y_i - (s R x_i + t)|^2`, after Umeyama, Least-squares estimation of
 transformation parameters between two point patterns, IEEE PAMI 13 (4), 1991, Eqs. (39)-(43).
 `yaw` turns about z only: roll and pitch, which gravity makes observable, are kept.
 """
@@ -32,7 +32,8 @@ _STRAIGHT = 1e-6
 class Association:
     """Truth and estimate with equal stamps, pose by pose.
 
-    unmatched: poses of the estimate for which there was no truth.
+    Attributes:
+        unmatched: Poses of the estimate for which there was no truth.
     """
 
     truth: Trajectory
@@ -45,10 +46,11 @@ def associate(truth: Trajectory, estimate: Trajectory,
     """Return the truth at the stamps of the estimate.
 
     Truth is taken as it is where a stamp agrees, else interpolated between its neighbours
-    (position linearly, orientation on the shortest arc) if both are nearer than `tolerance_s`
-    [s], else taken from a single neighbour nearer than that; otherwise the pose is left out.
+    (position linearly, orientation on the shortest arc) if both are nearer than `tolerance_s` [s],
+    else taken from a single neighbour nearer than that; otherwise the pose is left out.
 
-    Raises EvaluationError where fewer than three poses are left.
+    Raises:
+        EvaluationError: If fewer than three poses are left.
     """
     if not tolerance_s >= 0.0:
         raise EvaluationError(f'tolerance: {tolerance_s} is not valid; valid is >= 0 [s]')
@@ -116,11 +118,13 @@ class Alignment:
 def align(estimate: Trajectory, truth: Trajectory, mode: str = 'se3') -> Alignment:
     """Return the transform that brings the estimate onto the truth; both have equal stamps.
 
-    mode: `se3` (rotation, translation), `sim3` (and scale), `yaw` (turn about z, translation),
-        `origin` (first pose onto first pose), `none`.
+    Args:
+        mode: `se3` (rotation, translation), `sim3` (and scale), `yaw` (turn about z, translation),
+            `origin` (first pose onto first pose), `none`.
 
-    Raises EvaluationError where the positions do not determine the alignment: all on one straight
-    line (se3, sim3), or without horizontal motion (yaw).
+    Raises:
+        EvaluationError: If the positions do not determine the alignment: all on one straight line
+            (se3, sim3), or without horizontal motion (yaw).
     """
     if mode not in MODES:
         raise EvaluationError(f'align: {mode!r} is not valid; {nearest(mode, MODES)}')
@@ -139,7 +143,8 @@ def align(estimate: Trajectory, truth: Trajectory, mode: str = 'se3') -> Alignme
 def umeyama(x: Array, y: Array, with_scale: bool) -> Alignment:
     """Return the least-squares similarity (or rigid) transform of (n, 3) points x onto y.
 
-    Raises EvaluationError where the points lie on a straight line, or on one spot.
+    Raises:
+        EvaluationError: If the points lie on a straight line, or on one spot.
     """
     mean_x, mean_y = x.mean(axis=0), y.mean(axis=0)
     dx, dy = x - mean_x, y - mean_y

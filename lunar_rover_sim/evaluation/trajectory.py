@@ -37,13 +37,15 @@ class StampedState(Protocol):
 class Trajectory:
     """Poses T_fixed_moving over time; arrays are read-only copies.
 
-    stamps_ns: (n,) int64, strictly increasing
-    positions_m: (n, 3)
-    orientations_wxyz: (n, 4), normalised on construction
-    name: how errors and plots name it, for instance a file
+    Attributes:
+        stamps_ns: (n,) int64, strictly increasing.
+        positions_m: (n, 3).
+        orientations_wxyz: (n, 4), normalised on construction.
+        name: How errors and plots name it, for instance a file.
 
-    Raises EvaluationError where shapes differ, stamps are not whole numbers or do not increase, or
-    a number is not finite.
+    Raises:
+        EvaluationError: If shapes differ, stamps are not whole numbers or do not increase, or a
+            number is not finite.
     """
 
     stamps_ns: Stamps

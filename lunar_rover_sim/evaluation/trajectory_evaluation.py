@@ -27,8 +27,11 @@ _JUMP_M, _JUMP_FACTOR = 0.1, 20.0       # a step whose error is beyond both; of 
 class EvaluationOptions:
     """How the trajectories were compared.
 
-    align: se3, sim3, yaw, origin or none; tolerance_s: of the association [s]
-    distance_m, time_s: between the poses of a pair in the relative errors [m], [s]
+    Attributes:
+        align: se3, sim3, yaw, origin or none.
+        tolerance_s: Of the association [s].
+        distance_m: Way between the poses of a pair in the relative errors [m].
+        time_s: Time between the poses of a pair in the relative errors [s].
     """
 
     align: str = 'se3'
@@ -41,15 +44,24 @@ class EvaluationOptions:
 class Evaluation:
     """Errors of an estimated trajectory.
 
-    truth, estimate: associated poses, the estimate aligned; alignment: the transform that did it
-    ate_m, ate_deg: absolute errors; rpe_distance_*, rpe_time_*: relative ones
-    scale: factor that a Sim(3) alignment finds (truth = scale x estimate), NaN where the path
-        does not determine it
-    drift_percent: mean translation error of the pairs by distance, in % of their distance
-    end_drift_percent: error of the last pose if the first ones agree, in % of the tracked path
-    length_m: distance driven along the whole truth, in the frame it is given in
-    tracked_share: share of the frames (of the images, if they are known) with a pose
-    unmatched: poses of the estimate without a true one
+    Attributes:
+        truth: Associated true poses.
+        estimate: Associated estimated poses, aligned.
+        alignment: The transform that did it.
+        ate_m: Absolute errors of the positions.
+        ate_deg: Absolute errors of the orientations.
+        rpe_distance_m: Relative errors of pairs a distance apart.
+        rpe_distance_deg: Those of the orientations.
+        rpe_time_m: Relative errors of pairs a time apart.
+        rpe_time_deg: Those of the orientations.
+        scale: Factor that a Sim(3) alignment finds (truth = scale x estimate), NaN where the path
+            does not determine it.
+        drift_percent: Mean translation error of the pairs by distance, in % of their distance.
+        end_drift_percent: Error of the last pose if the first ones agree, in % of the tracked
+            path.
+        length_m: Distance driven along the whole truth, in the frame it is given in.
+        tracked_share: Share of the frames (of the images, if they are known) with a pose.
+        unmatched: Poses of the estimate without a true one.
     """
 
     truth: Trajectory
@@ -130,21 +142,27 @@ def evaluate(truth: Source, estimate: Source, *, align: str = 'se3', truth_frame
              frame_stamps_ns: Stamps | None = None) -> Evaluation:
     """Compare an estimated trajectory with the truth.
 
-    truth, estimate: a Trajectory, a file (TUM, EuRoC, KITTI), a bag (its odometry) or
-        'BAG:TOPIC'.
-    align: how the estimate is brought onto the truth: se3, sim3, yaw, origin or none.
-    truth_frame, estimate_frame: what of the rover each trajectory is of: base, imu, left or right
-        (camera). Where they differ, the mounts are those of the recorded rover if the truth is a
-        bag, else of the packaged one.
-    tolerance_s: largest distance in time between an estimated and a true pose [s].
-    distance_m, time_s: between the poses of a pair in the relative errors [m], [s].
-    times: file with the stamps of KITTI files, one a line.
-    frame_stamps_ns: stamps of the images that the estimator was given, by default those of the
-        images, or of their CameraInfo, in the bag of the truth; without any the share tracked is
-        that of the truth's time, at the estimate's median rate.
+    Args:
+        truth: A Trajectory, a file (TUM, EuRoC, KITTI), a bag (its odometry) or 'BAG:TOPIC'.
+        estimate: Likewise.
+        align: How the estimate is brought onto the truth: se3, sim3, yaw, origin or none.
+        truth_frame: What of the rover the truth is of: base, imu, left or right (camera), lidar.
+            Where it differs from `estimate_frame`, the mounts are those of the recorded rover if
+            the truth is a bag, else of the packaged one.
+        estimate_frame: What of the rover the estimate is of.
+        tolerance_s: Largest distance in time between an estimated and a true pose [s].
+        distance_m: Way between the poses of a pair in the relative errors [m].
+        time_s: Time between the poses of a pair in the relative errors [s].
+        times: File with the stamps of KITTI files, one a line.
+        frame_stamps_ns: Stamps of the images that the estimator was given, by default those of the
+            images, or of their CameraInfo, in the bag of the truth; without any the share tracked
+            is that of the truth's time, at the estimate's median rate.
 
-    Raises EvaluationError or BagError where a source cannot be read, EvaluationError where the two
-    cannot be associated or aligned, or an option is not valid, ConfigError on an unknown frame.
+    Raises:
+        EvaluationError: If a source cannot be read.
+        BagError: If a source cannot be read.
+        EvaluationError: If the two cannot be associated or aligned, or an option is not valid.
+        ConfigError: On an unknown frame.
     """
     options = EvaluationOptions(align, tolerance_s, distance_m, time_s)
     for name in ('distance_m', 'time_s'):

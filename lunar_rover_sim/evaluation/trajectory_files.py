@@ -44,7 +44,8 @@ def read_euroc(path: Path | str) -> Trajectory:
 def read_kitti(path: Path | str, times: Path | str | None = None) -> Trajectory:
     """Read a KITTI file; `times` holds one stamp a line.
 
-    Raises EvaluationError that names file and line, or where the counts differ.
+    Raises:
+        EvaluationError: If the file cannot be read, with file and line, or the counts differ.
     """
     path = Path(path)
     rows = list(_rows(path, 12, 12))
@@ -85,7 +86,8 @@ def write_euroc(path: Path | str, trajectory: Trajectory) -> None:
 def write_kitti(path: Path | str, trajectory: Trajectory, times: Path | str | None = None) -> None:
     """Write a KITTI file and, if `times` is given, the stamps in seconds.
 
-    Raises EvaluationError where a file cannot be written.
+    Raises:
+        EvaluationError: If a file cannot be written.
     """
     lines = (_numbers(*np.hstack([matrix_from_wxyz(q), p[:, None]]).ravel()) + '\n'
              for _, p, q in _poses(trajectory))

@@ -31,8 +31,10 @@ _SHAPE_FIELDS = ('duty_factor', 'foot_width_deg', 'stance_smoothing', 'flight_sm
 class LegCommand:
     """The command to the four motors, in the order of `topics.LEGS`.
 
-    velocity_radps: (4,) velocity command; angle_rad: (4,) reference angle, unwrapped to the
-    present turn of each leg; phase: (4,) phase of each leg [cycles], 0 in the middle of stance.
+    Attributes:
+        velocity_radps: (4,) velocity command.
+        angle_rad: (4,) reference angle, unwrapped to the present turn of each leg.
+        phase: (4,) phase of each leg [cycles], 0 in the middle of stance.
     """
 
     velocity_radps: Array
@@ -60,14 +62,15 @@ class WalkingScenario(Protocol):
 class GaitController:
     """Walks by phases: each leg follows its share of one clock through the shaping function.
 
-    The velocity command of a leg has three terms,
+    The velocity command of a leg has three terms::
 
-        u = p' s(p) + k_p (a(p) - q) + k_v (p' s(p) - q'),
+        u = p' s(p) + k_p (a(p) - q) + k_v (p' s(p) - q')
 
-    feedforward from the slope s of the shaping function at the phase p that advances with p',
-    feedback of the angle error against the shaped angle a(p), and feedback of the velocity of the
-    motor. A reference that leads its leg by `max_angle_lead_deg` waits for it, so that a blocked
-    leg is pushed by a bounded command. Once free, the leg returns to its phase (`LegPhases`).
+    They are feedforward from the slope s of the shaping function at the phase p that advances with
+    p', feedback of the angle error against the shaped angle a(p), and feedback of the velocity of
+    the motor. A reference that leads its leg by `max_angle_lead_deg` waits for it, so that a
+    blocked leg is pushed by a bounded command. Once free, the leg returns to its phase
+    (`LegPhases`).
 
     Without a command, at a command of zero, or when the command is older than `cmd_timeout_s`, the
     rover stands: each leg turns its nearest spoke straight down and holds it.
@@ -85,7 +88,8 @@ class GaitController:
     def from_scenario(cls, scenario: WalkingScenario) -> GaitController:
         """Return the controller of a scenario, with the calibration of its ground.
 
-        Raises ConfigError if its gait does not fit its rover or its calibration cannot be read.
+        Raises:
+            ConfigError: If its gait does not fit its rover or its calibration cannot be read.
         """
         check_scenario(scenario, WalkingScenario)
         config = scenario.gait_controller_node.for_rover(scenario.rover)
@@ -132,10 +136,11 @@ class GaitController:
                      stamp_ns: int | None = None) -> None:
         """Command a velocity: forward [m/s] and yaw rate [rad/s, left positive].
 
-        It holds until `cmd_timeout_s` after `stamp_ns`; without a stamp, until the next command.
-        A velocity beyond reach is scaled down with its curvature kept, and reported once.
+        It holds until `cmd_timeout_s` after `stamp_ns`; without a stamp, until the next command. A
+        velocity beyond reach is scaled down with its curvature kept, and reported once.
 
-        Raises GaitError, and keeps the command in force, where a value is not a finite number.
+        Raises:
+            GaitError: If a value is not a finite number; the command in force is kept.
         """
         try:
             finite = math.isfinite(forward_mps) and math.isfinite(yaw_rate_radps)
@@ -166,7 +171,8 @@ class GaitController:
     def configure(self, config: GaitConfig) -> None:
         """Change the parameters; the shape is blended within the new `blend_time_s`.
 
-        Raises ConfigError if the number of spokes differs: that is another rover.
+        Raises:
+            ConfigError: If the number of spokes differs: that is another rover.
         """
         if config.spokes != self._config.spokes:
             raise ConfigError(f'spokes: {config.spokes} is not valid while running; valid is'
@@ -181,9 +187,14 @@ class GaitController:
                joint_velocity_radps: ArrayLike) -> LegCommand:
         """Return the command for the joint state at `stamp_ns`.
 
-        joint_angle_rad, joint_velocity_radps: (4,) as measured, angles unwrapped. If time goes
-        backward, the controller is reset. Raises GaitError if angles or velocities are not four
-        finite numbers.
+        If time goes backward, the controller is reset.
+
+        Args:
+            joint_angle_rad: (4,) as measured, unwrapped.
+            joint_velocity_radps: (4,) as measured.
+
+        Raises:
+            GaitError: If angles or velocities are not four finite numbers.
         """
         angle, velocity = _legs('angle', joint_angle_rad), _legs('velocity', joint_velocity_radps)
         if self._last_ns is not None and stamp_ns < self._last_ns:

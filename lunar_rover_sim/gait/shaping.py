@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 class ShapingFunction:
     """Maps phase [cycles] to leg angle [rad]; one cycle turns the leg by one spoke pitch.
 
-    Phase 0 is the middle of stance: a spoke points straight down (angle 0). Stance is
-    |phase| <= duty / 2, where the angle runs from -foot_width / 2 to +foot_width / 2; flight is
-    the rest of the cycle and brings the next spoke to the same place. The function is odd, so
-    walking backward is the same motion in reverse, and angle(phase + 1) = angle(phase) + pitch.
+    Phase 0 is the middle of stance: a spoke points straight down (angle 0). Stance is |phase| <=
+    duty / 2, where the angle runs from -foot_width / 2 to +foot_width / 2; flight is the rest of
+    the cycle and brings the next spoke to the same place. The function is odd, so walking backward
+    is the same motion in reverse, and angle(phase + 1) = angle(phase) + pitch.
 
     The slope is a trapezium with raised-cosine flanks in each segment. `stance_smoothing` and
     `flight_smoothing` (0 to 1) are the shares of the segment taken by its flanks; all flanks meet
@@ -27,8 +27,9 @@ class ShapingFunction:
     turns uniformly through the whole stance, and only flight changes its speed. The slope is
     positive everywhere: the leg never turns back while its phase grows.
 
-    Raises ConfigError where duty is not inside (0, 1), the foot width is not inside (0, pitch), a
-    smoothing is outside [0, 1], or both smoothings are zero (the slope would jump).
+    Raises:
+        ConfigError: If duty is not inside (0, 1), the foot width is not inside (0, pitch), a
+            smoothing is outside [0, 1], or both smoothings are zero (the slope would jump).
     """
 
     def __init__(self, duty: float, foot_width_rad: float, stance_smoothing: float,

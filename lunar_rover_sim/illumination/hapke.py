@@ -26,9 +26,13 @@ Array = NDArray[np.float64]
 class HapkeParameters:
     """Parameters of one kind of ground.
 
-    w: single-scattering albedo; b, c: width and balance of the Henyey-Greenstein lobes (c > 0
-    scatters back); b_s0, h_s: amplitude and angular half-width of the opposition effect;
-    theta_deg: mean slope of all relief too small to be drawn.
+    Attributes:
+        w: Single-scattering albedo.
+        b: Width of the Henyey-Greenstein lobes.
+        c: Balance of the Henyey-Greenstein lobes; c > 0 scatters back.
+        b_s0: Amplitude of the opposition effect.
+        h_s: Angular half-width of the opposition effect.
+        theta_deg: Mean slope of all relief too small to be drawn.
     """
 
     w: float
@@ -99,7 +103,9 @@ def reflectance(cos_i: ArrayLike, cos_e: ArrayLike, cos_g: ArrayLike, parameters
                 *, albedo: ArrayLike = 1.0, theta_deg: float | None = None) -> Array:
     """Return r [1/sr] for cosines of incidence, emission and phase; 0 where either is <= 0.
 
-    albedo: factor on w. theta_deg: replaces the set's roughness (0: smooth).
+    Args:
+        albedo: Factor on w.
+        theta_deg: Replaces the set's roughness (0: smooth).
     """
     mu0 = np.asarray(cos_i, dtype=float)
     mu = np.asarray(cos_e, dtype=float)

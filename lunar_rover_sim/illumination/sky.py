@@ -16,11 +16,12 @@ from lunar_rover_sim.world.site import Site, unit_vector
 class Body:
     """A body in the sky; each field is (...), as the dates are.
 
-    azimuth_deg: from x towards y of the world, as `sun.azimuth_deg`, 0 to 360
-    true_azimuth_deg: from true north towards east, 0 to 360
-    elevation_deg: of the centre above the horizontal of the sphere
-    distance_km: from the site
-    radius_deg: apparent radius of the disc
+    Attributes:
+        azimuth_deg: From x towards y of the world, as `sun.azimuth_deg`, 0 to 360.
+        true_azimuth_deg: From true north towards east, 0 to 360.
+        elevation_deg: Of the centre above the horizontal of the sphere.
+        distance_km: From the site.
+        radius_deg: Apparent radius of the disc.
     """
 
     azimuth_deg: Array
@@ -56,7 +57,8 @@ def sky(site: Site, dates_utc: Dates) -> Sky:
 def lit_share(sun: Body, horizon_deg: Array | float) -> Array:
     """Return the share of the sun's disc, 0 to 1, above a horizon that is level across it.
 
-    horizon_deg: elevation of the horizon below the sun
+    Args:
+        horizon_deg: Elevation of the horizon below the sun.
     """
     height = np.clip((sun.elevation_deg - horizon_deg) / sun.radius_deg, -1.0, 1.0)
     return 1.0 - (np.arccos(height) - height * np.sqrt(1.0 - height**2)) / np.pi

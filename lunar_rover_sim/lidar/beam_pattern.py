@@ -16,11 +16,14 @@ from lunar_rover_sim.lidar.optics import FLASH, LidarOptics
 class BeamPattern:
     """n beams in the order of firing.
 
-    direction: (n, 3) unit vectors, frame of the sensor; time_s: (n,) since the start of the scan
-    ring: (n,) row, 0 the lowest; column: (n,)
-    column_s: (columns,) the mean time of each column, at which its pose is taken
-    azimuth_rad: (columns,) of the columns, ascending; that of the first beam of each
-    elevation_rad: (rings,) ascending; of a flash sensor those in its middle
+    Attributes:
+        direction: (n, 3) unit vectors, frame of the sensor.
+        time_s: (n,) since the start of the scan.
+        ring: (n,) row, 0 the lowest.
+        column: (n,).
+        column_s: (columns,) the mean time of each column, at which its pose is taken.
+        azimuth_rad: (columns,) of the columns, ascending; that of the first beam of each.
+        elevation_rad: (rings,) ascending; of a flash sensor those in its middle.
     """
 
     direction: Array

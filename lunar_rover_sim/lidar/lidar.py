@@ -33,15 +33,18 @@ _STREAM = 7                 # of random numbers, among those of a seed
 class Lidar:
     """A sensor at its mount on a rover on a world.
 
-    pattern: its beams; T_base_lidar: (4, 4) its mount
-    legs_met: whether any beam may meet a leg of the rover
+    Attributes:
+        pattern: Its beams.
+        T_base_lidar: (4, 4) its mount.
+        legs_met: Whether any beam may meet a leg of the rover.
     """
 
     def __init__(self, world: World, rover: RoverDescription, config: LidarConfig,
                  seed: int = 1) -> None:
         """Prepare the ground within reach.
 
-        Raises ConfigError for a mount from which every beam meets the rover's body.
+        Raises:
+            ConfigError: For a mount from which every beam meets the rover's body.
         """
         self._config, self._seed = config, seed
         self._grid = world.ground
@@ -84,9 +87,12 @@ class Lidar:
     def scan(self, motion: ScanMotion | Posed, index: int = 0) -> Scan:
         """Return a scan.
 
-        motion: of base_link, from the start of the scan on; or a state, whose velocities last
-        index: of the scan; each has its own noise, the same one at every call
-        Raises ConfigError where the sensor is not over the ground that the rover walks on.
+        Args:
+            motion: Of base_link, from the start of the scan on; or a state, whose velocities last.
+            index: Of the scan; each has its own noise, the same one at every call.
+
+        Raises:
+            ConfigError: If the sensor is not over the ground that the rover walks on.
         """
         if not isinstance(motion, ScanMotion):
             motion = ScanMotion.of(motion, 1e-9 * self._config.period_ns)
@@ -103,8 +109,10 @@ class Lidar:
     def true_hits(self, T_world_base: Array, joint_angle_rad: Array | None = None) -> RayHits:
         """Return what the beams of a sensor at rest meet, (4, 4) pose of base_link.
 
-        joint_angle_rad: (4,) leg angles; None: legs are met by no beam
         Beams on the rover meet nothing, with `own_body` end they meet the ROVER.
+
+        Args:
+            joint_angle_rad: (4,) leg angles; None: legs are met by no beam.
         """
         T_base = np.asarray(T_world_base, float)
         T, columns = T_base @ self.T_base_lidar, self.pattern.columns

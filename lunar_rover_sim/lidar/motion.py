@@ -14,10 +14,12 @@ from lunar_rover_sim.rover.pose import Posed
 class ScanMotion:
     """Poses of base_link over a scan.
 
-    times_s: (k,) since its start, ascending, k >= 2; T_world_base: (k, 4, 4). Between them
-    positions are interpolated linearly and orientations along great arcs; before the first and
-    after the last the pose stands. joint_angle_rad: (k, 4) leg angles in the order of LEG_NAMES,
-    which may be left out: then legs are where no beam meets them
+    Args:
+        times_s: (k,) since its start, ascending, k >= 2.
+        T_world_base: (k, 4, 4). Between them positions are interpolated linearly and orientations
+            along great arcs; before the first and after the last the pose stands.
+        joint_angle_rad: (k, 4) leg angles in the order of LEG_NAMES, which may be left out: then
+            legs are where no beam meets them.
     """
 
     def __init__(self, times_s: Sequence[float] | Array, T_world_base: Sequence[Array],

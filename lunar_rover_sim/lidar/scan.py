@@ -21,7 +21,9 @@ POINT = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4')
 class PlanarScan:
     """One ring as distances in the plane of the sensor, evenly spaced in azimuth.
 
-    range_m: (columns,) float32, inf where nothing returns; intensity: (columns,) float32, 0 there
+    Attributes:
+        range_m: (columns,) float32, inf where nothing returns.
+        intensity: (columns,) float32, 0 there.
     """
 
     angle_min_rad: float
@@ -35,8 +37,12 @@ class PlanarScan:
 class Scan:
     """A scan of n beams.
 
-    pattern: of the beams; returns: what they measure; R, p: (columns + 1, 3, 3) and (columns + 1,
-    3) pose of the sensor in the world at the start of the scan and at each column
+    Attributes:
+        pattern: Of the beams.
+        returns: What they measure.
+        R: (columns + 1, 3, 3) orientation of the sensor in the world at the start of the scan and
+            at each column.
+        p: (columns + 1, 3) its position then [m].
     """
 
     pattern: BeamPattern
@@ -46,7 +52,7 @@ class Scan:
 
     @property
     def points_m(self) -> NDArray[np.float32]:
-        """(n, 3) as sensors give them: in the frame of the sensor at the time of each point.
+        """(n, 3) as sensors give them, each in the frame of the sensor at its own time [m].
 
         NaN where nothing returns.
         """
@@ -63,8 +69,10 @@ class Scan:
     def cloud(self, organized: bool = False, deskewed: bool = False) -> NDArray[np.void]:
         """Return points as records of POINT.
 
-        organized: (rings, columns), NaN where nothing returns; otherwise (m,), what returns, in
-        the order of firing. deskewed: `deskewed_m` instead of `points_m`
+        Args:
+            organized: (rings, columns), NaN where nothing returns; otherwise (m,), what returns,
+                in the order of firing.
+            deskewed: `deskewed_m` instead of `points_m`.
         """
         pattern, place = self.pattern, self.deskewed_m if deskewed else self.points_m
         if organized:

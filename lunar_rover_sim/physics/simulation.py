@@ -64,8 +64,9 @@ class Simulation:
     def __init__(self, world: World, rover: RoverDescription, config: PhysicsConfig) -> None:
         """Place the rover at its start and let it settle.
 
-        Raises ConfigError where it cannot stand there, or where the time step is too long for the
-        contact.
+        Raises:
+            ConfigError: If it cannot stand there, or where the time step is too long for the
+                contact.
         """
         catch_warnings()
         self.rover = rover
@@ -149,7 +150,8 @@ class Simulation:
     def command(self, velocity_radps: ArrayLike) -> None:
         """Set the velocity setpoints of the motors, (4,) [rad/s] in the order of LEG_NAMES.
 
-        Raises PhysicsError if they are not four finite numbers, or after `close`.
+        Raises:
+            PhysicsError: If they are not four finite numbers, or after `close`.
         """
         try:
             velocity = np.asarray(velocity_radps, dtype=float)
@@ -167,7 +169,9 @@ class Simulation:
         """Pull at the centre of mass of the chassis with a force (3,) [N], world axes.
 
         It holds until the next call or `reset`: a cable, as in a measurement of drawbar pull.
-        Raises PhysicsError if it is not three finite numbers.
+
+        Raises:
+            PhysicsError: If it is not three finite numbers.
         """
         force = np.asarray(force_n, dtype=float)
         if force.shape != (3,) or not np.isfinite(force).all():
@@ -198,7 +202,8 @@ class Simulation:
     def advance(self, n_steps: int) -> RoverState:
         """Make n >= 1 steps of `config.step_s` and return the state at their end.
 
-        Raises PhysicsError if the motion diverges or the rover leaves the ground.
+        Raises:
+            PhysicsError: If the motion diverges or the rover leaves the ground.
         """
         if not isinstance(n_steps, numbers.Integral) or n_steps < 1:
             raise PhysicsError(f'advance: {brief(n_steps)} is not valid; valid is a whole number'
@@ -242,8 +247,10 @@ class Simulation:
              angular_radps: ArrayLike | None = None) -> RoverState:
         """Put the rover elsewhere or give it another velocity, and return its state.
 
-        Arguments and errors as in `relocate`. The IMU does not feel the jump. Raises PhysicsError
-        also on ground that deforms: it remembers where each leg stood.
+        Arguments and errors as in `relocate`. The IMU does not feel the jump.
+
+        Raises:
+            PhysicsError: Also on ground that deforms: it remembers where each leg stood.
         """
         if self._soft_ground is not None:
             raise PhysicsError('move: the ground deforms; valid is rigid ground')

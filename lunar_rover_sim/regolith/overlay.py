@@ -28,7 +28,10 @@ _HEIGHT, _COMPACTION = 0, TILE * TILE   # where the samples of a tile begin
 class GroundChanges:
     """Values of samples, absolute, so that the newest message on a sample is all that counts.
 
-    index: (n, 2) int32, ix and iy, sorted; height_m, compaction_m: (n,) float32
+    Attributes:
+        index: (n, 2) int32, ix and iy, sorted.
+        height_m: (n,) float32.
+        compaction_m: (n,) float32.
     """
 
     index: NDArray[np.int32]

@@ -32,18 +32,19 @@ LEAST_BEARING_ROOT = 0.1   # a slope of 42 deg and more leaves a hundredth of th
 class Soil:
     """A soil under the gravity at which its numbers hold.
 
-    gravity_mps2: that gravity
-    zeta_npm3: force per area and depth of a flat plate pressed down [N/m^3]
-    friction: tangent of the friction angle
-    cohesion_pa: besides what zeta contains [Pa]
-    compacted: part of the volume of a print that goes into compaction; the rest into its rim
-    repose_deg: steepest slope of disturbed soil
-    shear_m: way over which shear is mobilised: 1 - exp(-way / shear_m) of it holds (Janosi and
-        Hanamoto 1961) [m]
-    elastic_npm: unloading and reloading stiffness of one tip [N/m]
-    damping_nspm: damping of one tip while the soil does not yield [N s/m]
-    shape: coefficients of resistive force theory
-    weak_slopes: whether slopes bear less than level ground
+    Attributes:
+        gravity_mps2: That gravity.
+        zeta_npm3: Force per area and depth of a flat plate pressed down [N/m^3].
+        friction: Tangent of the friction angle.
+        cohesion_pa: Besides what zeta contains [Pa].
+        compacted: Part of the volume of a print that goes into compaction; the rest into its rim.
+        repose_deg: Steepest slope of disturbed soil.
+        shear_m: Way over which shear is mobilised: 1 - exp(-way / shear_m) of it holds (Janosi and
+            Hanamoto 1961) [m].
+        elastic_npm: Unloading and reloading stiffness of one tip [N/m].
+        damping_nspm: Damping of one tip while the soil does not yield [N s/m].
+        shape: Coefficients of resistive force theory.
+        weak_slopes: Whether slopes bear less than level ground.
     """
 
     gravity_mps2: float

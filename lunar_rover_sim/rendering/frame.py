@@ -19,26 +19,33 @@ FLOWS = ('optical_flow', 'scene_flow')      # layers too, of two states
 class StereoFrame:
     """Images and truth of one state; layers that were not asked for are None.
 
-    left, right: (h, w) uint8 or uint16, or (h, w, 3) uint8: the output of the sensors
-    depth_m: (h, w) float32 depth along the optical axis of the left camera [m]; sky +inf
-    normal: (h, w, 3) float32 unit normals of the ground grid and of rocks and rover, world frame;
-        sky 0
-    label: (h, w) int32, at most 65535: see `labels.class_names`
-    radiance: (h, w) float32 ideal image of the left camera [W m-2 sr-1]
-    crater: (h, w) int32, at most 65535: 1 + the index of the youngest crater that the ground there
-        lies in, as `crater_map` defines it; 0 outside all craters and where no ground is seen
-    shadow: (h, w, 3) uint8, each over 255: the share of the sun that is seen, the share that the
-        rover alone hides, and 1 - |2 seen - 1|, which is 0 where all or nothing is lit. They are
-        those of the picture, relief below the grid included, before lens, motion and sensor; a
-        share of the disc in penumbrae, of the ground where shadows are finer than a pixel; sky 0
-    right_depth_m, right_normal, right_label, right_crater, right_shadow: the same of the right
-        camera
-    optical_flow: (h, w, 2) float32 and scene_flow: (h, w, 3) float32, to another state, as
-        `camera.flow.FlowModel` has them
-    exposure_s: exposure time [s]
+    Where the camera has distortion, left and right are distorted; the layers of truth are those of
+    the undistorted view.
 
-    Where the camera has distortion, left and right are distorted; the layers of truth are those
-    of the undistorted view.
+    Attributes:
+        left: (h, w) uint8 or uint16, or (h, w, 3) uint8: the output of the left sensor.
+        right: The output of the right sensor, in the same form.
+        depth_m: (h, w) float32 depth along the optical axis of the left camera [m]; sky +inf.
+        normal: (h, w, 3) float32 unit normals of the ground grid and of rocks and rover, world
+            frame; sky 0.
+        label: (h, w) int32, at most 65535: see `labels.class_names`.
+        radiance: (h, w) float32 ideal image of the left camera [W m-2 sr-1].
+        crater: (h, w) int32, at most 65535: 1 + the index of the youngest crater that the ground
+            there lies in, as `crater_map` defines it; 0 outside all craters and where no ground is
+            seen.
+        shadow: (h, w, 3) uint8, each over 255: the share of the sun that is seen, the share that
+            the rover alone hides, and 1 - |2 seen - 1|, which is 0 where all or nothing is lit.
+            They are those of the picture, relief below the grid included, before lens, motion and
+            sensor; a share of the disc in penumbrae, of the ground where shadows are finer than a
+            pixel; sky 0.
+        right_depth_m: `depth_m` of the right camera.
+        right_normal: `normal` of the right camera.
+        right_label: `label` of the right camera.
+        right_crater: `crater` of the right camera.
+        right_shadow: `shadow` of the right camera.
+        optical_flow: (h, w, 2) float32.
+        scene_flow: (h, w, 3) float32, to another state, as `camera.flow.FlowModel` has them.
+        exposure_s: Exposure time [s].
     """
 
     left: NDArray[np.generic] | None = None

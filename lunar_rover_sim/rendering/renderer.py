@@ -43,12 +43,19 @@ _ALL_LINKS = tuple(range(1 + len(LEG_NAMES)))
 class Renderer:
     """Draws what the rover's cameras see. It owns the GL context: use it as a context manager.
 
-    rig: the cameras; sensor: their image sensors; config, seed: as given
-    sun_direction: (3,) unit vector to the sun, world frame
-    exposure_s: exposure time of the last frame, or of the first one before it [s]
-    follows: whether tracks are drawn
+    Args:
+        config: Parameters of the drawing.
+        seed: Of the noise of the sensors.
 
-    Raises RenderError if there is no usable EGL device or if it cannot draw this image size.
+    Attributes:
+        rig: The cameras.
+        sensor: Their image sensors.
+        sun_direction: (3,) unit vector to the sun, world frame.
+        exposure_s: Exposure time of the last frame, or of the first one before it [s].
+        follows: Whether tracks are drawn.
+
+    Raises:
+        RenderError: If there is no usable EGL device or if it cannot draw this image size.
     """
 
     def __init__(self, world: World, rover: RoverDescription, config: RenderConfig,
@@ -98,11 +105,16 @@ class Renderer:
                    samples: int = 1) -> FurtherCamera:
         """Return a further camera in the same world, which the renderer owns.
 
-        config: a `ChaseConfig`, a `HazardConfig` with its mount, or the plain one
-        seed: of its noise; by default that of the renderer and the number of the camera
-        samples: see `DetailConfig.with_samples`
-        At most one frame of the pair may be under way. Raises RenderError if the device cannot
-        draw this size, ConfigError if `samples` is not valid.
+        At most one frame of the pair may be under way.
+
+        Args:
+            config: A `ChaseConfig`, a `HazardConfig` with its mount, or the plain one.
+            seed: Of its noise; by default that of the renderer and the number of the camera.
+            samples: See `DetailConfig.with_samples`.
+
+        Raises:
+            RenderError: If the device cannot draw this size.
+            ConfigError: If `samples` is not valid.
         """
         self._check_open()
         self._check_one_under_way('add_camera')
@@ -125,7 +137,8 @@ class Renderer:
     def set_sun(self, azimuth_deg: float, elevation_deg: float) -> None:
         """Move the sun; all that does not depend on it is kept.
 
-        Raises RenderError between `begin` and `finish`.
+        Raises:
+            RenderError: Between `begin` and `finish`.
         """
         self._check_idle('set_sun')
         self.show_sun(self.light_of(dataclasses.replace(
@@ -135,14 +148,17 @@ class Renderer:
         """Compute the light of another sun, for `show_sun`.
 
         It takes seconds and draws nothing: it may run in a thread of its own beside frames.
-        sun: its diameter must be that of the present one
+
+        Args:
+            sun: Its diameter must be that of the present one.
         """
         return self._shared.light_of(sun)
 
     def show_sun(self, light: WorldLight) -> None:
         """Move the sun; light: as `light_of` returned it, to be used once.
 
-        Raises RenderError between `begin` and `finish`.
+        Raises:
+            RenderError: Between `begin` and `finish`.
         """
         self._check_idle('show_sun')
         self.config = dataclasses.replace(self.config, sun=light.sun)
@@ -156,7 +172,9 @@ class Renderer:
         """Draw the tracks in an overlay, such as `Simulation.overlay`, from now on.
 
         `begin` draws the ground as the overlay is then. None, rigid ground, changes nothing.
-        Raises RenderError between `begin` and `finish`, or if tracks are followed already.
+
+        Raises:
+            RenderError: Between `begin` and `finish`, or if tracks are followed already.
         """
         self._check_idle('follow')
         if overlay is None:
@@ -195,14 +213,18 @@ class Renderer:
         The device draws in the background. Beginning the next frame before the present one is
         finished keeps it busy while images are read; it does not change them.
 
-        state: pose and motion: a `physics.state.RoverState` or a `rover.pose.RoverPose`
-        frame_index: gives each frame its own noise
-        layers: names from `frame.LAYERS` and `frame.FLOWS`
-        other: the state that optical flow and scene flow lead to
-
         The same arguments give the same pixels; automatic exposure also depends on the frames
-        before. Raises RenderError if the state or a layer is not valid, if two frames are under
-        way, if the renderer is closed, or if the context is lost.
+        before.
+
+        Args:
+            state: Pose and motion: a `physics.state.RoverState` or a `rover.pose.RoverPose`.
+            frame_index: Gives each frame its own noise.
+            layers: Names from `frame.LAYERS` and `frame.FLOWS`.
+            other: The state that optical flow and scene flow lead to.
+
+        Raises:
+            RenderError: If the state or a layer is not valid, if two frames are under way, if the
+                renderer is closed, or if the context is lost.
         """
         request = Request.of(layers, frame_index, None if other is None else checked_state(other))
         checked = checked_state(state)
@@ -215,7 +237,8 @@ class Renderer:
     def finish(self) -> StereoFrame:
         """Return the frame that was begun first.
 
-        Raises RenderError if none is under way, or if the context is lost.
+        Raises:
+            RenderError: If none is under way, or if the context is lost.
         """
         if not self._pair.under_way:
             raise RenderError('finish: no frame is under way; begin one first')
@@ -287,7 +310,9 @@ class Renderer:
 class FurtherCamera:
     """A camera besides the pair, made by `Renderer.add_camera`.
 
-    camera: its intrinsics; drawn: what draws it
+    Args:
+        camera: Its intrinsics.
+        drawn: What draws it.
     """
 
     def __init__(self, renderer: Renderer, drawn: CameraRenderer | FisheyeRenderer,
@@ -300,6 +325,8 @@ class FurtherCamera:
 
         A pair has the layer 'right', too. The depth of a fisheye is the distance from it, and all
         layers of a fisheye are those of its image. At most one frame of the pair may be under way.
-        Raises RenderError.
+
+        Raises:
+            RenderError: As `Renderer.render`.
         """
         return self._renderer.render_further(self.drawn, state, frame_index, layers)

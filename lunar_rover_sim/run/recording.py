@@ -37,14 +37,16 @@ logger = logging.getLogger(__name__)
 class Recording:
     """What a run has left.
 
-    folder: of the run, with `scenario.yaml`, `rover.yaml`, `logs/` and the link `world`
-    bag: the rosbag2 folder; None for a run without recorder_node
-    scenario: with everything spelled out that depends on the nodes
-    counts: topic → messages in the bag
-    simulated_s, wall_s: simulated time, and wall time with start and stop of the nodes [s]
-    cpu_s: node → processor time [s]
-    interrupted: whether the run was stopped before its end
-    warnings: one line per kind of warning that nodes logged, and one if images are missing
+    Attributes:
+        folder: Of the run, with `scenario.yaml`, `rover.yaml`, `logs/` and the link `world`.
+        bag: The rosbag2 folder; None for a run without recorder_node.
+        scenario: With everything spelled out that depends on the nodes.
+        counts: Topic → messages in the bag.
+        simulated_s: Simulated time [s].
+        wall_s: Wall time with start and stop of the nodes [s].
+        cpu_s: Node → processor time [s].
+        interrupted: Whether the run was stopped before its end.
+        warnings: One line per kind of warning that nodes logged, and one if images are missing.
     """
 
     folder: Path
@@ -71,19 +73,23 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
            on_warning: Callable[[str], None] = lambda _text: None) -> Recording:
     """Run the nodes of a scenario as processes until its end; return what they recorded.
 
-    folder: must not exist; takes the bag, the resolved scenario and the logs
-    world: folder of a world that is used instead of the scenario's own
-    domain: ROS_DOMAIN_ID; by default a free one of this machine
-    timeout_s: wall time, > 0, after which the run counts as failed [s]
-    should_stop: asked ten times a second; once it returns True, the run ends early
-    on_start: called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start
-    on_progress: called ten times a second with the simulated time [ns]
-    on_warning: called with every line of level WARN or worse that a node logs
+    ROS runs in the node processes only. KeyboardInterrupt stops the nodes in order, so that the
+    bag is complete up to there, before it is raised.
 
-    ROS runs in the node processes only. Raises ConfigError if an argument is not valid, or
-    `folder` exists or cannot be written, GraphError if rclpy is missing, a node fails or nothing
-    was recorded, WorldError for a damaged world. KeyboardInterrupt stops the nodes in order, so
-    that the bag is complete up to there, before it is raised.
+    Args:
+        folder: Must not exist; takes the bag, the resolved scenario and the logs.
+        world: Folder of a world that is used instead of the scenario's own.
+        domain: ROS_DOMAIN_ID; by default a free one of this machine.
+        timeout_s: Wall time, > 0, after which the run counts as failed [s].
+        should_stop: Asked ten times a second; once it returns True, the run ends early.
+        on_start: Called with the resolved scenario and the ROS_DOMAIN_ID before the nodes start.
+        on_progress: Called ten times a second with the simulated time [ns].
+        on_warning: Called with every line of level WARN or worse that a node logs.
+
+    Raises:
+        ConfigError: If an argument is not valid, or `folder` exists or cannot be written.
+        GraphError: If rclpy is missing, a node fails or nothing was recorded.
+        WorldError: For a damaged world.
     """
     check_scenario(scenario, Scenario)
     check_path('folder', folder)

@@ -87,15 +87,21 @@ class Scenario:
              world: str | Path | None = None) -> Scenario:
         """Load a scenario by packaged name or by path.
 
-        overrides: `'section.param=value'` with a YAML value, or a mapping of `section.param` to
-            values; parameters that all nodes share have no section
-        seed: replaces the shared seed
-        duration_s: replaces the simulated time of the run [s]
-        world: folder of a world that will be used instead of the scenario's own: it says where on
-            the Moon the date of a sun holds; the scenario keeps the recipe of its own world
-        A date of the sun becomes azimuth and elevation. Raises ConfigError that names the
-        parameter and offers the nearest valid names, WorldError if the place of an elevation model
-        or of a world is needed for the date and cannot be read.
+        A date of the sun becomes azimuth and elevation.
+
+        Args:
+            overrides: `'section.param=value'` with a YAML value, or a mapping of `section.param`
+                to values; parameters that all nodes share have no section.
+            seed: Replaces the shared seed.
+            duration_s: Replaces the simulated time of the run [s].
+            world: Folder of a world that will be used instead of the scenario's own: it says where
+                on the Moon the date of a sun holds; the scenario keeps the recipe of its own
+                world.
+
+        Raises:
+            ConfigError: If a parameter is not valid, with the nearest valid names.
+            WorldError: If the place of an elevation model or of a world is needed for the date and
+                cannot be read.
         """
         if world is not None:
             check_path('world', world)
@@ -131,7 +137,8 @@ class Scenario:
     def world_folder(self) -> Path:
         """Return the folder of the scenario's world, which is built if the cache lacks it.
 
-        Raises WorldError if it cannot be built, or is not the one that `run.world_hash` names.
+        Raises:
+            WorldError: If it cannot be built, or is not the one that `run.world_hash` names.
         """
         folder = cached(self.world, self.shared.seed)
         if self.run.world_hash:
@@ -225,10 +232,13 @@ def _dated(scenario: Scenario, changes: Iterable[Mapping[str, Any]],
            world: str | Path | None) -> Scenario:
     """Return the scenario with the sun of its date, if it names one.
 
-    world: folder of a world that is used instead of the scenario's own
+    A file may state both, as a recorded scenario does; the date is what counts.
 
-    A file may state both, as a recorded scenario does; the date is what counts. Raises ConfigError
-    if an override sets what the date decides.
+    Args:
+        world: Folder of a world that is used instead of the scenario's own.
+
+    Raises:
+        ConfigError: If an override sets what the date decides.
     """
     render = scenario.render_node
     if not render.sun.date:

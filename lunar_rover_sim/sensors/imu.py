@@ -92,8 +92,11 @@ class ImuConfig(Parameters):
 class ImuNoiseParameters:
     """Continuous-time noise of one IMU.
 
-    accel_noise_density [m/s^2/sqrt(Hz)], gyro_noise_density [rad/s/sqrt(Hz)],
-    accel_bias_random_walk [m/s^3/sqrt(Hz)], gyro_bias_random_walk [rad/s^2/sqrt(Hz)]
+    Attributes:
+        accel_noise_density: White noise of the accelerometer [m/s^2/sqrt(Hz)].
+        gyro_noise_density: White noise of the gyroscope [rad/s/sqrt(Hz)].
+        accel_bias_random_walk: Of the accelerometer's bias [m/s^3/sqrt(Hz)].
+        gyro_bias_random_walk: Of the gyroscope's bias [rad/s^2/sqrt(Hz)].
     """
 
     accel_noise_density: float
@@ -117,7 +120,11 @@ PRESETS = {
 class ImuSample:
     """Measured signals and the true biases in them; (3,), or (n, 3) for many samples.
 
-    specific_force [m/s^2], rate [rad/s], accel_bias [m/s^2], gyro_bias [rad/s]; IMU axes.
+    Attributes:
+        specific_force: Measured [m/s^2], IMU axes.
+        rate: Measured [rad/s], IMU axes.
+        accel_bias: True bias in it [m/s^2].
+        gyro_bias: True bias in it [rad/s].
     """
 
     specific_force: Array
@@ -134,7 +141,9 @@ def noise_parameters(config: ImuConfig) -> ImuNoiseParameters:
 class ImuNoise:
     """Adds the errors of an IMU to true signals; each sample advances the random walk of the bias.
 
-    rate_hz: sampling rate [Hz]; rng: generator of the noise.
+    Args:
+        rate_hz: Sampling rate [Hz].
+        rng: Generator of the noise.
     """
 
     def __init__(self, config: ImuConfig, rate_hz: float, rng: np.random.Generator) -> None:
@@ -172,7 +181,8 @@ class ImuNoise:
     def measure(self, specific_force: ArrayLike, rate: ArrayLike) -> ImuSample:
         """Return the measurement of one true (3,) specific force and (3,) rate.
 
-        Raises PhysicsError if they have other shapes.
+        Raises:
+            PhysicsError: If they have other shapes.
         """
         true = np.concatenate([specific_force, rate])
         if true.shape != (6,):

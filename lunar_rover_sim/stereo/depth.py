@@ -14,12 +14,15 @@ from lunar_rover_sim.errors import ConfigError
 class DisparityMap:
     """A disparity image and what a reader must know of it, as in stereo_msgs/DisparityImage.
 
-    disparity_px: (h, w) float32, left column minus right column of a point; invalid pixels are
-        min_disparity_px - 1, as in ROS's stereo_image_proc
-    min_disparity_px, max_disparity_px: search range
-    delta_d_px: the smallest step of disparity
-    valid_window: x, y, width, height of the part in which matches are possible
-    focal_px, baseline_m: of the rectified pair; None if they are not known
+    Attributes:
+        disparity_px: (h, w) float32, left column minus right column of a point; invalid pixels are
+            min_disparity_px - 1, as in ROS's stereo_image_proc.
+        min_disparity_px: Least disparity of the search range.
+        max_disparity_px: Greatest disparity of the search range.
+        delta_d_px: The smallest step of disparity.
+        valid_window: Column, row, width, height of the part in which matches are possible.
+        focal_px: Focal length of the rectified pair; None if it is not known.
+        baseline_m: Baseline of the rectified pair; None if it is not known.
     """
 
     disparity_px: NDArray[np.float32]

@@ -28,18 +28,25 @@ _BINS = round(2.0 * _LARGEST_BINNED_PX / _BIN_PX)
 class StereoErrors:
     """Counts of pixels, and sums, of one or more frames; add them up with `+`.
 
-    ground: pixels with finite true depth whose true match lies within the search range and the
-        other image; only these are judged
-    matched: of these, pixels with a disparity
-    bad1, bad2: matched pixels that are wrong by more than 1 and 2 px
-    error_sum_px, error_squared_px: sums of the absolute and squared error of matched pixels [px]
-    signed_sum_px: sum of disparity minus true disparity of matched pixels [px]
-    signed_counts: matched pixels by that difference, in equal bins from -4 to 4 px; the outermost
-        hold all that lie beyond. Empty while there are none
-    lit, lit_matched: judged pixels that are not in shadow, and those of them that are matched
-    margin, occluded, shadowed, saturated, flat: unmatched pixels by cause, which is the first that
-        applies: outside the part that the matcher looks at, not seen by the other camera, in
-        shadow, at full scale, in surroundings that hardly vary
+    Attributes:
+        ground: Pixels with finite true depth whose true match lies within the search range and the
+            other image; only these are judged.
+        matched: Of these, pixels with a disparity.
+        bad1: Matched pixels that are wrong by more than 1 px.
+        bad2: Matched pixels that are wrong by more than 2 px.
+        error_sum_px: Sum of the absolute error of matched pixels [px].
+        error_squared_px: Sum of the squared error of matched pixels [px^2].
+        signed_sum_px: Sum of disparity minus true disparity of matched pixels [px].
+        signed_counts: Matched pixels by that difference, in equal bins from -4 to 4 px; the
+            outermost hold all that lie beyond. Empty while there are none.
+        lit: Judged pixels that are not in shadow.
+        lit_matched: Those of them that are matched.
+        margin: Unmatched pixels outside the part that the matcher looks at. Of this and the
+            following causes the first that applies counts.
+        occluded: Unmatched pixels that the other camera does not see.
+        shadowed: Unmatched pixels in shadow.
+        saturated: Unmatched pixels at full scale.
+        flat: Unmatched pixels in surroundings that hardly vary.
     """
 
     ground: int = 0
@@ -105,8 +112,9 @@ def disparity_errors_px(disparity: DisparityMap, truth_px: F32,
                         where: NDArray[np.bool_]) -> F32:
     """Return (n,) disparity minus true disparity of the pixels `where` (h, w) is true [px].
 
-    truth_px: (h, w) as `disparity_from_depth` gives it. All measures of stereo error are made
-    from this one.
+    Args:
+        truth_px: (h, w) as `disparity_from_depth` gives it. All measures of stereo error are made
+            from this one.
     """
     return disparity.disparity_px[where] - truth_px[where]
 
@@ -116,13 +124,15 @@ def stereo_errors(disparity: DisparityMap, truth_px: F32, right_truth_px: F32 | 
                   texture_level: float = 0.012, block_px: int = 7) -> StereoErrors:
     """Judge a disparity map.
 
-    truth_px: (h, w) true disparity of the left image, 0 for sky [px]
-    right_truth_px: that of the right image, to find occluded pixels; None finds none
-    left: the left image, (h, w) or (h, w, 3), unsigned integers
-    shadow_level: mean of a block, as a share of full scale, below which it is in shadow
-    texture_level: standard deviation within a block, as a share of full scale, below which it is
-        low in texture
-    block_px: side of a block; one with more than a third of its pixels at full scale is saturated
+    Args:
+        truth_px: (h, w) true disparity of the left image, 0 for sky [px].
+        right_truth_px: That of the right image, to find occluded pixels; None finds none.
+        left: The left image, (h, w) or (h, w, 3), unsigned integers.
+        shadow_level: Mean of a block, as a share of full scale, below which it is in shadow.
+        texture_level: Standard deviation within a block, as a share of full scale, below which it
+            is low in texture.
+        block_px: Side of a block; one with more than a third of its pixels at full scale is
+            saturated.
     """
     height, width = truth_px.shape
     image = left.astype(np.float32) / np.iinfo(left.dtype).max

@@ -79,8 +79,9 @@ class SgmMatcher:
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16.
 
-        Raises StereoError if they are others, their shapes differ or the search range exceeds the
-        width.
+        Raises:
+            StereoError: If they are others, their shapes differ or the search range exceeds the
+                width.
         """
         config = self.config
         _check_image('left', left)

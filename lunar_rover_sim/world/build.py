@@ -37,11 +37,14 @@ _RESOLVED_CELLS, _FULL_CELLS, _LEAST_CELLS = 8.0, 24.0, 6.0
 def build_world(config: WorldConfig, seed: int = 0, progress: Progress | None = None) -> World:
     """Return the world that the parameters describe.
 
-    seed: used if `config.seed` is -1; the config of the world then has it. The same parameters and
-    seed give the same world on one machine.
-    progress: called with the name of the present step and the fraction done so far.
+    Args:
+        seed: Used if `config.seed` is -1; the config of the world then has it. The same parameters
+            and seed give the same world on one machine.
+        progress: Called with the name of the present step and the fraction done so far.
 
-    Raises ConfigError if the seed is not valid, WorldError if the source cannot be read or used.
+    Raises:
+        ConfigError: If the seed is not valid.
+        WorldError: If the source cannot be read or used.
     """
     check_argument('config', config, WorldConfig, 'a WorldConfig (Scenario.world)')
     config = config.with_seed(seed)

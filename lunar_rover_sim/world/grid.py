@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 class HeightGrid:
     """Heights on a square grid centred on the origin.
 
-    heights_m: (n, n) float32, read-only; row 0 is south (least y), column 0 west (least x):
-        sample [iy, ix] lies at x = (ix - (n - 1) / 2) cell_m, y = (iy - (n - 1) / 2) cell_m.
-    cell_m: distance between neighbouring samples [m].
+    The surface is made of two triangles per cell, split along the diagonal from (ix, iy) to (ix +
+    1, iy + 1). MuJoCo's height field collides with them, and the renderer draws them.
 
-    The surface is made of two triangles per cell, split along the diagonal from (ix, iy) to
-    (ix + 1, iy + 1). MuJoCo's height field collides with them, and the renderer draws them.
+    Attributes:
+        heights_m: (n, n) float32, read-only; row 0 is south (least y), column 0 west (least x):
+            sample [iy, ix] lies at x = (ix - (n - 1) / 2) cell_m, y = (iy - (n - 1) / 2) cell_m.
+        cell_m: Distance between neighbouring samples [m].
     """
 
     heights_m: NDArray[np.float32]

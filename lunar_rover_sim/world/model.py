@@ -19,17 +19,20 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 class World:
     """One site on the Moon.
 
-    levels: nested height grids, finest first, all centred on the origin. levels[0] is the ground
-        that the rover walks on (2.5 cm cells, 51.2 m wide by default); each further level is
-        coarser and wider and covers the inner ones too, to at least 1 km. At the border of a
-        level its heights are those of the next level's surface, so that there is no crack.
-    albedo: (n, n) float32 on the samples of levels[0]: factor on the single-scattering albedo,
-        about 1; outside levels[0] the factor is 1
-    rocks, rock_shapes: instances and the library they index
-    config: the parameters it was built from
-    hash: hexadecimal content hash of everything else except the report
-    craters: those that were drawn
-    report: facts about the source: the height of the origin there, gaps, overhangs
+    Attributes:
+        levels: Nested height grids, finest first, all centred on the origin. levels[0] is the
+            ground that the rover walks on (2.5 cm cells, 51.2 m wide by default); each further
+            level is coarser and wider and covers the inner ones too, to at least 1 km. At the
+            border of a level its heights are those of the next level's surface, so that there is
+            no crack.
+        albedo: (n, n) float32 on the samples of levels[0]: factor on the single-scattering albedo,
+            about 1; outside levels[0] the factor is 1.
+        rocks: Instances of `rock_shapes`.
+        rock_shapes: The library that `rocks` index.
+        config: The parameters it was built from.
+        hash: Hexadecimal content hash of everything else except the report.
+        craters: Those that were drawn.
+        report: Facts about the source: the height of the origin there, gaps, overhangs.
     """
 
     levels: tuple[HeightGrid, ...]

@@ -20,10 +20,12 @@ _REPORTED = ('lon_deg', 'lat_deg', 'grid_north_deg')
 class Site:
     """A place on the Moon.
 
-    lon_deg, lat_deg: east longitude and latitude, in the mean Earth/polar axis system of maps
-    grid_north_deg: direction of the world's y axis, from true north towards east. In the polar
-        stereographic projection of a whole pole it is up to 180; at a pole itself true north is
-        that of `lon_deg`.
+    Attributes:
+        lon_deg: East longitude, in the mean Earth/polar axis system of maps.
+        lat_deg: Latitude in the same system.
+        grid_north_deg: Direction of the world's y axis, from true north towards east. In the polar
+            stereographic projection of a whole pole it is up to 180; at a pole itself true north
+            is that of `lon_deg`.
     """
 
     lon_deg: float
@@ -40,7 +42,8 @@ class Site:
     def azimuth_deg(self, true_azimuth_deg: Array) -> Array:
         """Return directions from x towards y, as scenarios count them.
 
-        true_azimuth_deg: (...) from true north towards east
+        Args:
+            true_azimuth_deg: (...) from true north towards east.
         """
         return np.mod(90.0 + self.grid_north_deg - true_azimuth_deg, 360.0)
 
@@ -68,7 +71,8 @@ def site_towards(lon_deg: float, lat_deg: float, south: Array, north: Array) -> 
 def reported_site(report: Mapping[str, Any]) -> Site | None:
     """Return where the report of a world says that it lies; None if it does not say.
 
-    Raises WorldError if what it says is no place.
+    Raises:
+        WorldError: If what it says is no place.
     """
     values = [report.get(name) for name in _REPORTED]
     if any(value is None for value in values):

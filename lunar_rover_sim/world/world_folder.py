@@ -65,8 +65,11 @@ def sealed(world: World) -> World:
 def save_world(world: World, folder: str | pathlib.Path, overwrite: bool = False) -> pathlib.Path:
     """Write the world to a folder, whole or not at all, and return the folder.
 
-    overwrite: replace an existing world; any other folder stays as it is.
-    Raises WorldError if the folder exists and is not replaced, or if it cannot be written.
+    Args:
+        overwrite: Replace an existing world; any other folder stays as it is.
+
+    Raises:
+        WorldError: If the folder exists and is not replaced, or if it cannot be written.
     """
     check_argument('world', world, World, 'a World (build_world(...))')
     check_path('folder', folder)
@@ -119,8 +122,11 @@ def _plain(value: Any) -> Any:
 def load_world(folder: str | pathlib.Path, verify: bool = True) -> World:
     """Return the world in a folder; heights and albedo are mapped, not copied.
 
-    verify: compare the content with its hash (about 0.1 s for the default world).
-    Raises WorldError if the folder is not a world, is damaged, or of another format.
+    Args:
+        verify: Compare the content with its hash (about 0.1 s for the default world).
+
+    Raises:
+        WorldError: If the folder is not a world, is damaged, or of another format.
     """
     check_path('folder', folder)
     folder = pathlib.Path(folder)

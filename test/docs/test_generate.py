@@ -1,4 +1,4 @@
-"""What writes the generated parts of the documentation: pictures, tables, docstrings."""
+"""What writes the generated parts of the documentation: pictures and tables."""
 
 from __future__ import annotations
 
@@ -67,14 +67,3 @@ def test_published_table(monkeypatch: pytest.MonkeyPatch) -> None:
     assert head.startswith('| render_node.frame_rate_hz | system | success | ATE [m] |')
     assert rows[0].startswith('| 5 | reference | 5/8 | 0.0026 [0.0020, 0.0037] |')
     assert len(rows) == 10
-
-
-@pytest.mark.parametrize(('lines', 'expected'), [
-    (['Return |x| of `path` as rpe_*.'], [r'Return \|x\| of \ ``path``\  as rpe\_\*.']),
-    (['x: first [m]', '   and more', 'y, z: rest'],
-     ['- ``x``: first [m] and more', '- ``y, z``: rest']),
-    (['    a = b * c'], ['::', '', '        a = b * c'])])
-def test_docstrings(lines: list[str], expected: list[str],
-                    monkeypatch: pytest.MonkeyPatch) -> None:
-    """Docstrings mean themselves: no markup by accident, names become a list."""
-    assert script('docstrings', monkeypatch).paragraph(lines) == expected

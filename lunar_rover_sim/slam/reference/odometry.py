@@ -44,7 +44,8 @@ class _Keyframe:
 class VisualOdometry:
     """Tracks one sequence: `add` the frames, then call `trajectory`.
 
-    camera: of images without distortion; its baseline says whether they are pairs
+    Args:
+        camera: Of images without distortion; its baseline says whether they are pairs.
     """
 
     def __init__(self, camera: Camera) -> None:
