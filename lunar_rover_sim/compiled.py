@@ -16,7 +16,8 @@ from numpy.typing import DTypeLike, NDArray
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function, and keep the result for other processes if there is a place for it."""
-    options: Any = {'error_model': 'numpy'}     # a division by zero is no exception
+    # A division by zero is no exception; other threads run meanwhile.
+    options: Any = {'error_model': 'numpy', 'nogil': True}
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:    # neither this folder nor the user's cache can be written to

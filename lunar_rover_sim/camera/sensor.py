@@ -2,21 +2,29 @@
 
 radiance [W m-2 sr-1] -> irradiance on the sensor pi/4 L tau / N^2 -> photo-electrons in a pixel ->
 point spread, vignetting -> shot noise, dark signal, full well, fixed pattern, read noise ->
-converter. Stray light of the lens is added to the radiance before; see `lens`.
-The arithmetic runs in rendering/shaders/sensor.frag; its constants are here.
+converter. Stray light of the lens is added to the radiance before; see `stray_light`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
+from lunar_rover_sim.camera.blooming import bloom
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.distorted_image import source_pixels
+from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.frames import Array
 
+F32 = NDArray[np.float32]
+
+_NORMAL_BITS = 14       # of the number that picks a sample of the normal distribution
 _NUMBER_TYPES = {'mono8': np.uint8, 'rgb8': np.uint8, 'mono16': np.uint16}
 
 
@@ -87,3 +95,179 @@ class SensorModel:
         wanted = max(c.target_level - c.black_level, 0.005) * c.full_well_e
         return float(np.clip(wanted / max(radiance * self.electrons_per_radiance_second, 1e-9),
                              1e-6, 10.0))
+
+
+class DevelopedCamera(Protocol):
+    """A camera as its sensor knows it: a `PinholeCamera` or a `FisheyeCamera`."""
+
+    width: int
+    height: int
+
+    def falloff(self, places_px: Array) -> Array:
+        """Return the irradiance of (..., 2) pixels under even light, over that on the axis."""
+
+
+class ImageSensor:
+    """Turns radiance images into the pixels that the sensors of a pair put out."""
+
+    def __init__(self, camera: DevelopedCamera, model: SensorModel, seed: int,
+                 padding: tuple[int, int] = (0, 0)) -> None:
+        """Draw the fixed patterns.
+
+        Args:
+            camera: Geometry of both cameras.
+            model: Constants.
+            seed: Of all noise.
+            padding: Columns and rows of radiance beyond each edge of the image.
+        """
+        self._model, self._seed = model, seed
+        self._gain, self._offset = _patterns(camera, model.config, seed)
+        self._source = (source_pixels(model.camera) + padding if model.camera.distorted
+                        else None)
+
+    def pixels(self, radiance: F32, side: int, exposure_s: float,
+               frame_index: int) -> NDArray[Any]:
+        """Return (h, w) pixels of one image.
+
+        Args:
+            radiance: (h, w) that the lens passes on, plus the padding [W m-2 sr-1].
+            side: 0 for the left camera, 1 for the right one: each has its own pattern and noise.
+            exposure_s: Exposure time.
+            frame_index: Gives each frame its own noise.
+        """
+        model, c = self._model, self._model.config
+        if self._source is not None:
+            radiance = _resampled(radiance, self._source)
+        electrons = _collected(radiance, self._gain[side], np.float32(
+            model.neighbour_weight if c.psf_sigma_px > 0.0 else 0.0),
+            np.float32(model.electrons_per_radiance_second * exposure_s),
+            np.float32(c.dark_current_e_s * exposure_s))
+        if c.blooming > 0.0:    # charge runs along columns before it is read
+            electrons = bloom(electrons, model.well_e, c.blooming).astype(np.float32)
+        # A different number for each seed, frame and side.
+        key = np.random.SeedSequence([self._seed, frame_index % (1 << 63), side])
+        result = np.empty(electrons.shape, model.output_type)
+        black, largest = c.black_level, float(model.largest_number)
+        _convert(electrons, self._offset[side], _normal_samples(),
+                 np.uint32(key.generate_state(1)[0]),
+                 np.float32(c.shot_noise), np.float32((c.read_noise_e * c.read_noise)**2),
+                 np.float32(model.well_e),
+                 (np.float32(largest * (1.0 - black) / c.full_well_e),
+                  np.float32(black * largest), np.float32(largest)),
+                 model.companded, np.float32(np.iinfo(model.output_type).max),
+                 np.float32(model.output_scale[0]), result)
+        return result
+
+
+def _patterns(camera: DevelopedCamera, c: SensorConfig, seed: int) -> tuple[F32, F32]:
+    """Return vignetting times gain of each pixel, and its offset [e-]; both (2, h, w)."""
+    v, u = np.indices((camera.height, camera.width))
+    falloff = camera.falloff(np.stack([u, v], axis=-1))
+    gain = np.stack(2 * [falloff**c.vignetting])
+    offset = np.zeros_like(gain)
+    if c.fixed_pattern:
+        rng = np.random.default_rng([seed, 4141])
+        gain *= np.maximum(1.0 + c.prnu * rng.standard_normal(gain.shape), 0.0)
+        offset = c.dsnu_e * rng.standard_normal(gain.shape)
+    return gain.astype(np.float32), offset.astype(np.float32)
+
+
+@functools.cache
+def _normal_samples() -> F32:
+    """Return samples of the normal distribution, all equally probable.
+
+    They are the means of intervals of equal probability, scaled to the variance 1. The mean is 0
+    by symmetry; the kurtosis is 2.999.
+    """
+    count = 1 << _NORMAL_BITS
+    bounds = ndtri(np.arange(count + 1) / count)
+    density = np.exp(-0.5 * bounds**2) / math.sqrt(2.0 * math.pi)
+    means = count * (density[:-1] - density[1:])
+    return (means / math.sqrt(np.mean(means**2))).astype(np.float32)
+
+
+@compiled
+def _resampled(image, source):  # type: ignore[no-untyped-def]
+    """Return an image at (h, w, 2) places between its pixels, column and row, all within it."""
+    h, w = source.shape[:2]
+    result = np.empty((h, w), np.float32)
+    for r in range(h):
+        for c in range(w):
+            x, y = source[r, c, 0], source[r, c, 1]
+            column, row = int(x), int(y)
+            x, y = x - column, y - row
+            upper = image[row, column] * (1.0 - x) + image[row, column + 1] * x
+            lower = image[row + 1, column] * (1.0 - x) + image[row + 1, column + 1] * x
+            result[r, c] = upper * (1.0 - y) + lower * y
+    return result
+
+
+@compiled
+def _collected(radiance, gain, spread, sensitivity, dark):  # type: ignore[no-untyped-def]
+    """Return the electrons of each pixel, after the point spread.
+
+    spread: weight of each direct neighbour, over that of the pixel; sensitivity: electrons per
+    radiance on the axis; dark: dark signal [e-]
+    """
+    h, w = radiance.shape
+    result = np.empty((h, w), np.float32)
+    one, four = np.float32(1.0), np.float32(4.0)
+    share = spread / (one + four * spread)
+    rest = one - four * share
+    for r in range(h):
+        own, up, down = radiance[r], radiance[max(r - 1, 0)], radiance[min(r + 1, h - 1)]
+        out, pattern = result[r], gain[r]
+        west, middle, east = own[:w - 2], own[1:w - 1], own[2:]
+        north, south, inner = up[1:w - 1], down[1:w - 1], out[1:w - 1]
+        for c in range(w - 2):
+            inner[c] = rest * middle[c] + share * ((west[c] + east[c]) + (north[c] + south[c]))
+        for c in (0, w - 1):
+            out[c] = rest * own[c] + share * ((own[max(c - 1, 0)] + own[min(c + 1, w - 1)])
+                                              + (up[c] + down[c]))
+        for c in range(w):
+            out[c] = out[c] * sensitivity * pattern[c] + dark
+    return result
+
+
+@compiled
+def _convert(electrons, offset, normal, key, shot, read2, well,  # type: ignore[no-untyped-def]
+             converter, root, most, scale, result):
+    """Add noise, and convert electrons to the numbers of the output.
+
+    normal: equally probable samples; key: of the noise of this image; shot: 0 or 1; read2: square
+    of the read noise [e-^2]; well: electrons that a pixel holds; converter: numbers per electron,
+    black level, largest number; root: whether the output is the root of the signal; most: largest
+    number of the output; scale: numbers of the output per number of the converter
+    """
+    h, w = electrons.shape
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    per_electron, black, largest = converter
+    signal = one / (largest - black)
+    shift = np.uint32(32)
+    count = len(normal)
+    while count > 1:
+        count //= 2
+        shift -= np.uint32(1)
+    noisy = shot > zero or read2 > zero
+    index, noise = np.empty(w, np.uint32), np.zeros(w, np.float32)
+    for r in range(h):
+        if noisy:
+            for c in range(w):
+                # A hash of the pixel (murmur3's finalizer; Appleby, 2008).
+                x = np.uint32(np.uint32(r * w + c) * np.uint32(2654435761)) ^ key
+                x = np.uint32((x ^ (x >> np.uint32(16))) * np.uint32(0x85ebca6b))
+                x = np.uint32((x ^ (x >> np.uint32(13))) * np.uint32(0xc2b2ae35))
+                index[c] = (x ^ (x >> np.uint32(16))) >> shift
+            for c in range(w):
+                noise[c] = normal[index[c]]
+        row, pattern, out = electrons[r], offset[r], result[r]
+        for c in range(w):
+            # Shot and read noise are independent: one Gaussian of their joint variance.
+            e = row[c] + np.sqrt(shot * max(row[c], zero) + read2) * noise[c]
+            number = (min(e, well) + pattern[c]) * per_electron + black
+            number = min(max(np.floor(number + half), zero), largest)
+            if root:
+                number = np.floor(np.sqrt(max(number - black, zero) * signal) * most + half)
+            else:
+                number = np.floor(number * scale)
+            out[c] = number

@@ -10,23 +10,22 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.development import Development, Light
 from lunar_rover_sim.camera.distorted_image import padding
+from lunar_rover_sim.camera.image_geometry import PinholeImage
 from lunar_rover_sim.camera.lens import Lens
+from lunar_rover_sim.camera.motion_blur import Movement
 from lunar_rover_sim.camera.mount import Mount
 from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.development import Development
 from lunar_rover_sim.rendering.frame import StereoFrame
-from lunar_rover_sim.rendering.frame_targets import read_image
 from lunar_rover_sim.rendering.gl_owner import GlOwner
-from lunar_rover_sim.rendering.image_geometry import PinholeImage
-from lunar_rover_sim.rendering.motion_pass import MotionPass
 from lunar_rover_sim.rendering.projection import Projection
 from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
-from lunar_rover_sim.rendering.scene_passes import ScenePasses
+from lunar_rover_sim.rendering.scene_passes import Drawn, ScenePasses
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 
@@ -53,14 +52,17 @@ class CameraRenderer(GlOwner):
 
     def _build(self, shared: WorldPasses, mount: Mount, camera: PinholeCamera,
                seen: tuple[int, ...], seed: int) -> None:
-        context, config = self._context, self._config
-        lens, image = Lens(config.lens, config.camera), PinholeImage(self._projection)
-        self._passes = self._own(ScenePasses(context, shared, mount, config, self._projection,
-                                             sees_rover=bool(seen), strays=lens.strays,
-                                             samples=config.detail.supersampling))
-        motion = self._own(MotionPass(context, shared.rover, config, image, mount, seen))
-        self._development = self._own(Development(context, config, camera, image, motion, lens,
-                                                  seed, self._pad))
+        config, drawn = self._config, self._projection
+        lens, self._image = Lens(config.lens, config.camera), PinholeImage(
+            drawn.K, drawn.width, drawn.height)
+        self._mount, self._rover = mount, shared.rover
+        # Links that move in the images.
+        self._links = [link for link in seen if link > 0 or not mount.on_body]
+        self._passes = self._own(ScenePasses(
+            self._context, shared, mount, config, drawn, sees_rover=bool(seen),
+            strays=lens.strays, samples=config.detail.supersampling))
+        self._development = Development(camera, self._image, lens, config.sensor,
+                                        light_of(config), seed, on_body=mount.on_body)
 
     @property
     def sensor(self) -> SensorModel:
@@ -81,7 +83,7 @@ class CameraRenderer(GlOwner):
         """Move the sun; the light of the world is moved by `WorldPasses.relight`."""
         self._config = dataclasses.replace(self._config, sun=sun)
         self._passes.relight(self._config)
-        self._development.relight(sun)
+        self._development.meter(light_of(self._config))
 
     def draw(self, state: RoverPose, request: Request) -> StereoFrame:
         """Return a frame; none may be under way."""
@@ -98,57 +100,70 @@ class CameraRenderer(GlOwner):
     def finish(self) -> StereoFrame:
         """Return the frame that was begun first; one must be under way."""
         scene = self._begun.popleft()
-        raw = self._read(scene)
+        request = scene.request
+        movements = {side: scene.movement(side, self._mount, self._rover, self._image,
+                                          self._links) for side in request.lit_sides}
+        drawn = self._passes.read(scene, links=request.developed and any(
+            self._development.blurs(movement) for movement in movements.values()))
+        truth = self._read_truth(scene)
         if self._begun:     # it is lit into the targets that have just been read
             self._passes.light(self._begun[0])
-        return self._compose(raw, scene)
+        return self._compose(scene, drawn, truth, movements)
 
     def abandon(self) -> None:
         """Forget the frames under way."""
         self._begun.clear()
 
-    def _read(self, scene: Scene) -> dict[str, NDArray[Any]]:
-        """Read what was drawn; 'pixels' are those of both sensors."""
-        request, raw = scene.request, {}
+    def _read_truth(self, scene: Scene) -> dict[str, NDArray[Any]]:
+        """Return the layers of truth but depth, as they were drawn."""
+        request, truth = scene.request, dict[str, NDArray[Any]]()
         size = self._projection.height, self._projection.width
-        lit = self._passes.lit
-        if 'radiance' in request.layers:
-            raw['radiance'] = read_image(lit.framebuffer, 0, LEFT, size, self._pad)
-        if request.developed:
-            raw['pixels'] = self._development.take(self._passes, scene, lambda: read_image(
-                lit.framebuffer, 0, request.lit_sides[0], size, self._pad))
         for side in request.sides:
-            if request.depth_of(side):
-                raw[request.name('depth', side)] = read_image(lit.framebuffer, 1, side, size,
-                                                              self._pad)
             wanted = request.truth_of(side)
             if wanted:
                 drawn = scene.pixels.targets.truth.read(wanted, side, size, self._pad)
-                raw |= {request.name(layer, side): pixels for layer, pixels in drawn.items()}
-        return raw
+                truth |= {request.name(layer, side): pixels for layer, pixels in drawn.items()}
+        return truth
 
-    def _compose(self, raw: dict[str, NDArray[Any]], scene: Scene) -> StereoFrame:
+    def _compose(self, scene: Scene, drawn: Drawn, truth: dict[str, NDArray[Any]],
+                 movements: dict[int, Movement]) -> StereoFrame:
         """Return the frame, and let automatic exposure follow it."""
-        request, out = scene.request, dict[str, NDArray[Any]]()
-        exposure_s = self.exposure_s
+        request, out, develop = scene.request, dict[str, NDArray[Any]](), self._development
+        lit = self._passes.finish(scene, drawn)
+        if 'radiance' in request.layers:
+            out['radiance'] = develop.inside(lit[LEFT].radiance).copy()
         if request.developed:
-            out |= self._development.images(raw['pixels'], request)
-        for name in {'depth', 'right_depth'}.intersection(raw):
-            depth_m = np.abs(raw[name])
-            depth_m[depth_m == 0.0] = np.inf
-            if name in request.layers:
-                out[f'{name}_m'] = depth_m
-            if name == 'depth' and request.flow:
-                out |= self._passes.flow(scene, self._K, depth_m, raw['label'])
-        for name in request.layers.intersection(raw).difference(('depth', 'right_depth')):
-            numbers = raw[name].dtype == np.uint16      # labels and craters
-            out[name] = raw[name].astype(np.int32) if numbers else np.ascontiguousarray(raw[name])
-        return StereoFrame(**out, exposure_s=exposure_s)
+            out |= request.images(develop.take(lit, movements, scene.sun, request.frame_index))
+        for side in request.sides:
+            if request.depth_of(side):
+                name = request.name('depth', side)
+                depth_m = true_depth(develop.inside(drawn.depth_m[side]))
+                if name in request.layers:
+                    out[f'{name}_m'] = depth_m
+                if side == LEFT and request.flow:
+                    out |= self._passes.flow(scene, self._K, depth_m, truth['label'])
+        for name in request.layers.intersection(truth):
+            numbers = truth[name].dtype == np.uint16    # labels and craters
+            out[name] = (truth[name].astype(np.int32) if numbers
+                         else np.ascontiguousarray(truth[name]))
+        return StereoFrame(**out, exposure_s=self.exposure_s)
 
     def release(self) -> None:
         """Release the GL objects."""
         self._begun.clear()
         super().release()
+
+
+def light_of(config: RenderConfig) -> Light:
+    """Return what the first exposure follows from."""
+    return Light(config.sun, config.lamp, config.reflectance)
+
+
+def true_depth(drawn_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return depth that was drawn, as the layer has it: positive, infinite in the sky."""
+    depth_m = np.abs(drawn_m)
+    depth_m[depth_m == 0.0] = np.inf
+    return depth_m
 
 
 def padded_projection(camera: PinholeCamera, config: RenderConfig) -> Projection:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,13 @@ from numpy.typing import NDArray
 from lunar_rover_sim.camera import equidistant
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
+from lunar_rover_sim.camera.image_geometry import FisheyeImage
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.projection import Projection
 
 _ALONE_RAD = math.radians(52.0)     # up to this angle to the axis one face shows all
+_STEEPEST = 3.5         # times the change of inverse depth from row to row of level ground
 _MARGIN_PX = 4.0        # beyond the sampled part, so that edges are smooth up to its border
 # Axes of the faces as columns: front, right, left, below, above.
 _TURNS = (np.eye(3),
@@ -67,6 +71,106 @@ def faces(camera: FisheyeCamera, config: HazardCameraConfig,
         if np.any(shown):
             result.append(_face(camera, config, turn, shown, directions @ turn, samples))
     return tuple(result)
+
+
+class FaceSampler:
+    """Samples the part of a fisheye image that a face shows."""
+
+    def __init__(self, camera: FisheyeCamera, face: Face, places: int) -> None:
+        """Compute which places of the face are sampled.
+
+        Args:
+            camera: The fisheye.
+            face: What is drawn.
+            places: Along a side of a pixel of the fisheye that its radiance is the mean of.
+        """
+        self._face = face
+        rows, columns = np.nonzero(face.shows)
+        self._rows, self._columns = rows + face.first[1], columns + face.first[0]
+        self._nearest = face.source[face.shows]
+        image, own = FisheyeImage(camera), np.stack([self._columns, self._rows], axis=-1)
+        parts = (np.arange(places) + 0.5) / places - 0.5
+        self._places = np.stack([self._in_face(image.rays(own + (x, y)))[0]
+                                 for y in parts for x in parts], axis=1).astype(np.float32)
+        self._middle, self._length = self._in_face(image.rays(own.astype(float)))
+
+    def _in_face(self, rays: Array) -> tuple[Array, Array]:
+        """Return (n, 2) places in the face of (n, 3) rays, and their lengths at depth 1."""
+        seen = rays @ self._face.R_camera_face
+        K = self._face.projection.K
+        return (K[0, 0] * seen[:, :2] / seen[:, 2:] + K[:2, 2],
+                np.linalg.norm(seen, axis=1) / seen[:, 2])
+
+    def add_radiance(self, radiance: NDArray[np.float32], into: NDArray[np.float32]) -> None:
+        """Fill in the mean radiance of the pixels that the face shows."""
+        into[self._rows, self._columns] = _mean_at(radiance, self._places)
+
+    def add_nearest(self, pixels: NDArray[Any], into: NDArray[Any]) -> None:
+        """Fill in what the nearest pixels of the face show."""
+        into[self._rows, self._columns] = pixels[self._nearest[:, 1], self._nearest[:, 0]]
+
+    def add_distance(self, depth_m: NDArray[np.float32], above_m: float,
+                     into: NDArray[np.float32]) -> None:
+        """Fill in distances from the camera.
+
+        Inverse depth is linear over a plane. Beside an outline it is that of the nearest pixel.
+
+        Args:
+            depth_m: Of the face, as in `LitImage`.
+            above_m: Height of the camera above the ground.
+            into: (h, w) distances, with the signs of depth.
+        """
+        # Inverse depth of level ground changes by 1 / (focal_px above_m) a pixel; see `outlines`.
+        outline = _STEEPEST / (self._face.projection.focal_px * max(above_m, 0.1))
+        into[self._rows, self._columns] = _depth_at(depth_m, self._middle, outline) * self._length
+
+
+@compiled
+def _mean_at(image, places):  # type: ignore[no-untyped-def]
+    """Return the (n,) means of an image at (n, m, 2) places, column and row."""
+    h, w = image.shape
+    n, m = places.shape[:2]
+    result = np.empty(n, np.float32)
+    for k in range(n):
+        total = 0.0
+        for i in range(m):
+            x, y = min(max(places[k, i, 0], 0.0), w - 1.001), min(max(places[k, i, 1], 0.0),
+                                                                  h - 1.001)
+            c, r = int(x), int(y)
+            x, y = x - c, y - r
+            upper = image[r, c] + x * (image[r, c + 1] - image[r, c])
+            lower = image[r + 1, c] + x * (image[r + 1, c + 1] - image[r + 1, c])
+            total += upper + y * (lower - upper)
+        result[k] = total / m
+    return result
+
+
+@compiled
+def _depth_at(depth, places, outline):  # type: ignore[no-untyped-def]
+    """Return the (n,) depths at (n, 2) places, column and row.
+
+    outline: least difference of inverse depths of two surfaces [1/m]
+    """
+    h, w = depth.shape
+    result = np.empty(len(places), np.float32)
+    for k in range(len(places)):
+        x, y = min(max(places[k, 0], 0.0), w - 1.001), min(max(places[k, 1], 0.0), h - 1.001)
+        own = depth[int(y + 0.5), int(x + 0.5)]
+        result[k] = own
+        if own == 0.0:
+            continue
+        c, r = int(x), int(y)
+        nearness, one_surface = 0.0, True
+        for i in range(4):
+            there = depth[r + i // 2, c + i % 2]
+            if there == 0.0 or abs(1.0 / there - 1.0 / own) > outline:
+                one_surface = False
+                break
+            nearness += (((x - c) if i % 2 else (1.0 - x + c))
+                         * ((y - r) if i // 2 else (1.0 - y + r)) / there)
+        if one_surface:
+            result[k] = 1.0 / nearness
+    return result
 
 
 def _face(camera: FisheyeCamera, config: HazardCameraConfig, turn: Array,

@@ -7,7 +7,7 @@ two `FrameTargets`, which take turns, and one `LitTargets`.
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any, Protocol
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -15,13 +15,6 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.rendering.context import release_all
 from lunar_rover_sim.rendering.view import View
-
-
-class LitImages(Protocol):
-    """Radiance and depth of a lit pair of images, as `LitTargets`."""
-
-    radiance: moderngl.Texture
-    depth: moderngl.Texture
 
 
 class LitTargets:
@@ -113,6 +106,23 @@ class TruthTargets:
         release_all(*self.framebuffers, *self._textures)
 
 
+class LinkTargets:
+    """Where it is drawn which pixels show which link of the rover.
+
+    link: texture of bytes: 0 where none is seen, else 1 + the index of the link
+    framebuffer: of it
+    """
+
+    def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
+        self.link = context.texture(size, 1, dtype='f1')
+        self._buffer = context.depth_renderbuffer(size)
+        self.framebuffer = context.framebuffer([self.link], self._buffer)
+
+    def release(self) -> None:
+        """Release the GL objects."""
+        release_all(self.framebuffer, self._buffer, self.link)
+
+
 def attachment(context: moderngl.Context, size: tuple[int, int],
                components: int = 1) -> moderngl.Texture:
     """Return a texture of float32 to draw into; its size is width and height [px]."""
@@ -123,16 +133,17 @@ def attachment(context: moderngl.Context, size: tuple[int, int],
 
 
 def read_image(target: moderngl.Framebuffer, index: int, side: int, size: tuple[int, int],
-               padding: tuple[int, int], components: int = 1, kind: str = 'f4') -> NDArray[Any]:
+               padding: tuple[int, int] = (0, 0), components: int = 1,
+               kind: str = 'f4') -> NDArray[Any]:
     """Read one image of attachment `index`: (h, w) or (h, w, components).
 
     side: 0 for the left image, 1 for the right; size: rows and columns drawn of each, `padding`
     columns and rows beyond the edges of the image included; kind: of float32 or, 'f1', of bytes
     """
     h, w = size
-    data = target.read(viewport=(0, side * h, w, h), components=components,
-                       attachment=index, alignment=1, dtype=kind)
     shape = (h, w) if components == 1 else (h, w, components)
+    pixels = np.empty(shape, np.float32 if kind == 'f4' else np.uint8)
+    target.read_into(pixels, viewport=(0, side * h, w, h), components=components,
+                     attachment=index, alignment=1, dtype=kind)
     x, y = padding
-    pixels = np.frombuffer(data, np.float32 if kind == 'f4' else np.uint8).reshape(shape)
     return pixels[y:h - y, x:w - x]

@@ -8,18 +8,27 @@ import dataclasses
 import numbers
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lunar_rover_sim.arguments import brief
+from lunar_rover_sim.camera.image_geometry import ImageGeometry
+from lunar_rover_sim.camera.motion_blur import MovingBody, Movement
+from lunar_rover_sim.camera.mount import Mount
+from lunar_rover_sim.camera.stray_light import ImagedSun
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.canvas import Drawing
 from lunar_rover_sim.rendering.frame import FLOWS, LAYERS, RIGHT_TRUTH
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 
 LEFT, RIGHT = 0, 1
 _SHADED = ({'left', 'radiance'}, {'right'})     # layers that need light, by side
 _TRUTH = {'normal', 'label', 'crater', 'shadow'}
 _PREFIXES = ('', 'right_')      # of layers of truth, by side
+_NEAREST_M = 0.1                # least depth of a link that its motion is judged by
 
 Uniforms = dict[str, Any]       # values by the names of shader uniforms
 
@@ -74,6 +83,11 @@ class Request:
         """Return whether the depth of a camera is read."""
         return self.name('depth', side) in self.layers or (side == LEFT and self.flow)
 
+    def images(self, pixels: dict[int, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Return those images of both sides that are asked for, by layer."""
+        return {name: pixels[side] for side, name in enumerate(('left', 'right'))
+                if name in self.layers}
+
     @property
     def lit_sides(self) -> tuple[int, ...]:
         """Cameras for which the light is computed; truth alone needs none."""
@@ -96,17 +110,16 @@ class Request:
 
 
 @dataclasses.dataclass
-class ImagedSun:
-    """The sun as both cameras of a rectified pair see it.
+class SeenSun(ImagedSun):
+    """The sun as both cameras of a pair see it, and what hides it.
 
-    direction: (3,) unit vector in axes of the cameras
-    irradiance: (2,) normal irradiance of what each camera sees of the disc [W/m2]
-    T_world_views: (4, 4) narrow views of the disc from both cameras; None if nothing hides it
+    Attributes:
+        T_world_views: (4, 4) narrow views of the disc from both cameras; None if nothing hides it.
+        sky: (2, n, n) where these views see the sky; None before they are read.
     """
 
-    direction: Array
-    irradiance: Array
     T_world_views: list[Array] | None = None
+    sky: NDArray[np.bool_] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,6 +144,7 @@ class Scene:
         cameras
     lights: of each of `WorldPasses.sources`, the sun first
     sun: what the cameras see of the sun, None if it cannot reach their lenses
+    above_m: height of the middle of the cameras above the ground
     shows_rover: whether the rover is in view
     """
 
@@ -141,10 +155,33 @@ class Scene:
     T_world_links: Array
     T_world_cameras: list[Array]
     lights: list[SceneLight] = dataclasses.field(default_factory=list)
-    sun: ImagedSun | None = None
+    sun: SeenSun | None = None
+    above_m: float = 0.0
     shows_rover: bool = False
 
     @property
     def drawings(self) -> tuple[Drawing, ...]:
         """All that is drawn of the scene."""
         return (self.pixels,) if self.samples is self.pixels else (self.samples, self.pixels)
+
+    def movement(self, side: int, mount: Mount, rover: RoverDescription, image: ImageGeometry,
+                 links: list[int]) -> Movement:
+        """Return how a camera moves.
+
+        Args:
+            side: LEFT or RIGHT.
+            mount: Carries it.
+            rover: Has the links.
+            image: Geometry of its image.
+            links: Indices of those that move in the image.
+        """
+        camera = self.T_world_cameras[side]
+        R, centre = camera[:3, :3], camera[:3, 3]
+        axles = (self.T_world_links[links, :3, 3] - centre) @ R
+        nearness = np.minimum(image.nearness(axles), 1.0 / _NEAREST_M)
+        twists = mount.link_twists(self.state, side, rover) if links else []
+        feet_m = self.T_world_links[1:, 2, 3].mean() - rover.legs.spoke_length_m
+        return Movement([MovingBody(mount.ground_twist(self.state, side)),
+                         *(MovingBody(twists[link], 1 + link, float(near))
+                           for link, near in zip(links, nearness))],
+                        -R[2], float(centre[2] - feet_m))

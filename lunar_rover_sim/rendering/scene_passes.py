@@ -1,4 +1,5 @@
-"""The passes of a frame in their order: geometry, light, rocks, rover, edges, truth."""
+"""The passes of a frame in their order: geometry, light, rocks, rover, truth; then what is read.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +10,17 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.development import LitImage
 from lunar_rover_sim.camera.flow import FlowModel, Moved
 from lunar_rover_sim.camera.mount import CameraPoses
+from lunar_rover_sim.camera.outlines import smooth_outlines
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.average_pass import AveragePass
 from lunar_rover_sim.rendering.canvas import Canvas, Drawing
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import clear_window
-from lunar_rover_sim.rendering.earth_pass import EarthPass
-from lunar_rover_sim.rendering.edge_pass import EdgePass
+from lunar_rover_sim.rendering.earth_image import EarthImage
 from lunar_rover_sim.rendering.frame import FLOWS
-from lunar_rover_sim.rendering.frame_targets import LitTargets
+from lunar_rover_sim.rendering.frame_targets import LinkTargets, read_image
 from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.ground_pass import Chosen
 from lunar_rover_sim.rendering.labels import link_label
@@ -30,13 +31,26 @@ from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 
 
+@dataclasses.dataclass(frozen=True)
+class Drawn:
+    """What was read of a scene, by side.
+
+    Attributes:
+        samples: Radiance and depth, with several samples a pixel where that is wanted.
+        depth_m: (h, w) of pixels, as in `LitImage`; those of the samples where these are pixels.
+        link: (h, w) as in `LitImage`, where links of the rover were asked for and are in view.
+    """
+
+    samples: dict[int, LitImage]
+    depth_m: dict[int, NDArray[np.float32]]
+    link: dict[int, NDArray[np.uint8]]
+
+
 class ScenePasses(GlOwner):
     """Draws the world, as a pair of cameras sees it, into radiance, depth and truth.
 
     With supersampling radiance is drawn at several samples a pixel and averaged. Depth and truth
     are drawn at the centres of pixels.
-
-    lit: what frames are lit into
     """
 
     def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: CameraPoses,
@@ -57,20 +71,14 @@ class ScenePasses(GlOwner):
     def _build(self, projection: Projection, samples: int) -> None:
         context, config = self._context, self._config
         self._pixels = self._samples = self._own(Canvas(context, projection))
-        self._average: AveragePass | None = None
+        self._times = samples
         if samples > 1:
             self._samples = self._own(Canvas(context, projection.finer(samples)))
-            self._average = self._own(AveragePass(context, self._samples.lit, self._pixels.lit,
-                                                  samples))
-        lit, projection = self._samples.lit, self._samples.projection
-        self._edges = self._own(EdgePass(context, lit)) if config.detail.smooth_outlines else None
-        self._earth = self._own(EarthPass(context, lit, projection, config))
-        self._sun = self._own(SunPass(context, lit, projection, config, self._strays))
-
-    @property
-    def lit(self) -> LitTargets:
-        """Radiance and depth of pixels."""
-        return self._pixels.lit
+        self._marked = (self._own(LinkTargets(context, self._pixels.lit.radiance.size))
+                        if self._sees_rover else None)
+        projection = self._samples.projection
+        self._earth = EarthImage(projection, config)
+        self._sun = self._own(SunPass(context, projection, config, self._strays))
 
     def relight(self, config: RenderConfig) -> None:
         """Move the sun in the sky; config: differs in the sun only."""
@@ -104,7 +112,8 @@ class ScenePasses(GlOwner):
         chosen = shared.ground.choose(volume, around)
         if shared.lamp is not None and request.lit:
             shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks)
-        scene = Scene(request, *self._begin(request), state, links, cameras)
+        scene = Scene(request, *self._begin(request), state, links, cameras,
+                      above_m=volume.above_m)
         if request.lit:
             self._sun.look(scene, volume, Occluders(shared.ground, shared.rocks, shared.body,
                                                     shared.sunlight))
@@ -152,7 +161,6 @@ class ScenePasses(GlOwner):
 
     def light(self, scene: Scene) -> None:
         """Light the ground, and draw rocks and the rover over it, with the truth of pixels."""
-        request, samples = scene.request, scene.samples
         for source, light in zip(self._shared.sources, scene.lights):
             source.set_uniforms(**light.shadow)
         for drawing in scene.drawings:
@@ -161,15 +169,30 @@ class ScenePasses(GlOwner):
                 self._draw_ground(scene, drawing, side)
                 self._draw_objects(scene, drawing, side)
                 self._add_objects(scene, drawing, side)
-        if request.lit:     # before edges are smoothed, also those in front of the Earth
-            self._earth.draw(scene)
-        if request.lit and self._edges is not None:
-            self._edges.draw([(samples.targets.views[side], samples.windows[side])
-                              for side in request.lit_sides])
-        if request.lit:
-            self._sun.draw(scene)
-        if self._average is not None:
-            self._average.draw([scene.pixels.windows[side] for side in request.lit_sides])
+        self._sun.read(scene)
+
+    def read(self, scene: Scene, *, links: bool) -> Drawn:
+        """Read radiance and depth of a scene that has just been lit; links: those too."""
+        request = scene.request
+        depth_m = {side: _read(self._pixels, 1, side) for side in request.sides
+                   if side in request.lit_sides or request.depth_of(side)}
+        one = self._samples is self._pixels
+        samples = {side: LitImage(_read(self._samples, 0, side), depth_m[side] if one
+                                  else _read(self._samples, 1, side))
+                   for side in request.lit_sides}
+        return Drawn(samples, depth_m, self._links(scene) if links and scene.shows_rover else {})
+
+    def finish(self, scene: Scene, drawn: Drawn) -> dict[int, LitImage]:
+        """Return the lit images of a scene, by side: with smooth outlines, Earth and sun."""
+        samples = drawn.samples
+        self._earth.draw(scene, samples.values())   # before outlines in front of it are smoothed
+        if self._config.detail.smooth_outlines:
+            pixel = 1.0 / self._samples.projection.focal_px
+            for image in samples.values():
+                smooth_outlines(image.radiance, image.depth_m, pixel, scene.above_m)
+        self._sun.draw(scene, samples)
+        return {side: LitImage(_averaged(image.radiance, self._times), drawn.depth_m[side],
+                               drawn.link.get(side)) for side, image in samples.items()}
 
     def _draw_ground(self, scene: Scene, drawing: Drawing, side: int) -> None:
         """Draw the ground under the sun with its truth, and add the light of other sources."""
@@ -222,12 +245,18 @@ class ScenePasses(GlOwner):
         finally:
             self._context.depth_func = '<'
 
-    def mark_rover(self, scene: Scene, target: moderngl.Framebuffer) -> None:
-        """Draw which link of the rover each pixel of a lit scene shows, as `RoverPass.mark`."""
+    def _links(self, scene: Scene) -> dict[int, NDArray[np.uint8]]:
+        """Return which link of the rover each pixel of a lit scene shows, as `LitImage.link`."""
+        if self._marked is None:
+            return {}
+        target, result = self._marked.framebuffer, {}
         for side in scene.request.lit_sides:
             scene.pixels.targets.views[side].bind()
             clear_window(target, scene.pixels.windows[side])
-            self._shared.body.mark(scene.T_world_links, self.lit.depth)
+            self._shared.body.mark(scene.T_world_links, self._pixels.lit.depth)
+            result[side] = read_image(target, 0, side, (
+                self._pixels.projection.height, self._pixels.projection.width), kind='f1')
+        return result
 
     def _look_from(self, scene: Scene, drawing: Drawing, side: int) -> None:
         """Draw for a camera from now on."""
@@ -262,3 +291,17 @@ class ScenePasses(GlOwner):
                                  links[link]) for link in seen])
         flows = {'optical_flow': model.optical_flow, 'scene_flow': model.scene_flow}
         return {name: flows[name]() for name in scene.request.layers.intersection(FLOWS)}
+
+
+def _read(canvas: Canvas, index: int, side: int) -> NDArray[np.float32]:
+    """Return radiance (0) or depth (1) of a camera, as it was lit."""
+    size = canvas.projection.height, canvas.projection.width
+    return read_image(canvas.lit.framebuffer, index, side, size)
+
+
+def _averaged(radiance: NDArray[np.float32], times: int) -> NDArray[np.float32]:
+    """Return the means of the times x times samples of each pixel."""
+    if times == 1:
+        return radiance
+    h, w = radiance.shape
+    return radiance.reshape(h // times, times, w // times, times).mean(axis=(1, 3))

@@ -8,7 +8,7 @@ elsewhere, too. Mostly nothing is in that view, and nothing is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import dataclasses
 import math
 from typing import NamedTuple
@@ -17,18 +17,18 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.development import LitImage
 from lunar_rover_sim.frames import Array, se3, sun_direction
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.sun_disc import disc_radiance, limb_darkening
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.rendering.config import RenderConfig
-from lunar_rover_sim.rendering.context import clear_window, load_program, release_all, set_uniform
-from lunar_rover_sim.rendering.frame_targets import LitTargets
+from lunar_rover_sim.rendering.context import clear_window, release_all
 from lunar_rover_sim.rendering.ground_pass import GroundPass
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rendering.rover_pass import RoverPass
-from lunar_rover_sim.rendering.scene import ImagedSun, Scene
+from lunar_rover_sim.rendering.scene import Scene, SeenSun
 from lunar_rover_sim.rendering.view import View
 
 _MARGIN = 1.05              # of the view of the disc, over its diameter
@@ -49,14 +49,14 @@ class Occluders(NamedTuple):
 class SunPass:
     """Draws the disc of the sun into the radiance, and tells what the cameras see of it."""
 
-    def __init__(self, context: moderngl.Context, lit: LitTargets, projection: Projection,
-                 config: RenderConfig, strays: Callable[[Array], bool]) -> None:
+    def __init__(self, context: moderngl.Context, projection: Projection, config: RenderConfig,
+                 strays: Callable[[Array], bool]) -> None:
         """Make targets.
 
         projection: of both cameras; strays: whether sunlight from a (3,) direction, in axes of
         the cameras, strays in their lenses
         """
-        self._context, self._projection, self._strays = context, projection, strays
+        self._projection, self._strays = projection, strays
         radius = self._radius = math.radians(0.5 * config.sun.angular_diameter_deg)
         across = 2.0 * projection.focal_px * math.tan(radius)
         n = self._n = int(np.clip(4 * math.ceil(across), _LEAST, _MOST))
@@ -73,10 +73,6 @@ class SunPass:
         self._views = [View(context) for _ in range(2)]
         self._depth = context.depth_renderbuffer((n, 2 * n))
         self._hidden = context.framebuffer(depth_attachment=self._depth)
-        self._patch = context.texture((self._side, 2 * self._side), 1, dtype='f4')
-        self._target = context.framebuffer([lit.radiance])
-        self._program = load_program(context, 'screen', 'sun')
-        self._screen = context.vertex_array(self._program, [])
         self.relight(config.sun)
 
     def relight(self, sun: SunConfig) -> None:
@@ -92,7 +88,7 @@ class SunPass:
         direction = scene.T_world_cameras[0][:3, :3].T @ self._direction
         if not self._sun.shines or not self._matters(direction):
             return
-        scene.sun = ImagedSun(direction, np.full(2, self._sun.irradiance))
+        scene.sun = SeenSun(direction, np.full(2, self._sun.irradiance))
         turn = _turn(scene.T_world_cameras[0][:3, 1], self._direction)
         views = [se3(turn, T[:3, 3]) for T in scene.T_world_cameras]
         # Bounds mostly show that nothing is in the way.
@@ -120,15 +116,25 @@ class SunPass:
             if rover:
                 occluders.rover.draw(scene.T_world_links, {})
 
-    def draw(self, scene: Scene) -> None:
-        """Add the disc to the radiance of a scene, and note how much of it each camera sees."""
-        if scene.sun is None:
+    def read(self, scene: Scene) -> None:
+        """Note how much of the disc each camera of a scene sees."""
+        sun = scene.sun
+        if sun is not None and sun.T_world_views is not None:
+            sun.sky = self._sky()
+            sun.irradiance *= (self._weights * sun.sky).sum(axis=(1, 2)) / self._weights.sum()
+
+    def draw(self, scene: Scene, images: Mapping[int, LitImage]) -> None:
+        """Add the disc to the radiance of lit images, by side."""
+        if scene.sun is None or scene.sun.direction[2] <= 0.0:
             return
-        sky = self._sky(scene.sun)
-        if sky is not None:
-            scene.sun.irradiance *= (self._weights * sky).sum(axis=(1, 2)) / self._weights.sum()
-        if scene.sun.direction[2] > 0.0:
-            self._draw_disc(scene, sky)
+        inside = self._window(scene.sun.direction)
+        if inside is None:
+            return
+        first, (low, high) = self._first(scene.sun.direction), inside
+        patches = self._image(scene, first)
+        for side, image in images.items():
+            image.radiance[low[1]:high[1], low[0]:high[0]] += patches[side][
+                low[1] - first[1]:high[1] - first[1], low[0] - first[0]:high[0] - first[0]]
 
     def _matters(self, direction: Array) -> bool:
         """Return whether light from a direction, in axes of the cameras, reaches their lenses."""
@@ -149,38 +155,15 @@ class SunPass:
         limit = 1e6     # of pixels, so that directions near the plane of the lens stay whole
         return np.rint(np.clip(centre, -limit, limit)).astype(int) - self._side // 2
 
-    def _sky(self, sun: ImagedSun) -> NDArray[np.bool_] | None:
-        """Return (2, n, n) where the narrow views see the sky; None if nothing hides the sun."""
-        if sun.T_world_views is None:
-            return None
+    def _sky(self) -> NDArray[np.bool_]:
+        """Return (2, n, n) where the narrow views see the sky."""
         n = self._n
         data = self._hidden.read(viewport=(0, 0, n, 2 * n), components=1, attachment=-1,
                                  alignment=1, dtype='f4')
         return np.frombuffer(data, np.float32).reshape(2, n, n) == 1.0
 
-    def _draw_disc(self, scene: Scene, sky: NDArray[np.bool_] | None) -> None:
-        assert scene.sun is not None
-        inside = self._window(scene.sun.direction)
-        if inside is None:
-            return
-        first, (low, high) = self._first(scene.sun.direction), inside
-        self._patch.write(self._image(scene, first, sky).astype(np.float32).tobytes())
-        self._context.enable_only(self._context.BLEND)
-        self._context.blend_func = self._context.ONE, self._context.ONE
-        self._patch.use(0)
-        set_uniform(self._program, u_patch=0)
-        width, height = high - low
-        for side in scene.request.lit_sides:
-            x, y = scene.samples.windows[side][:2]
-            self._target.use()
-            self._target.viewport = (x + int(low[0]), y + int(low[1]), int(width), int(height))
-            set_uniform(self._program, u_corner=(float(x + first[0]),
-                                                 float(y + first[1] - side * self._side)))
-            self._screen.render(vertices=3)
-
-    def _image(self, scene: Scene, first: NDArray[np.int64],
-               sky: NDArray[np.bool_] | None) -> Array:
-        """Return (2 side, side) mean radiance of pixels, those of the right image below."""
+    def _image(self, scene: Scene, first: NDArray[np.int64]) -> Array:
+        """Return the (2, side, side) mean radiance of pixels, of both cameras."""
         assert scene.sun is not None
         side, finer, K = self._side, self._finer, self._projection.K
         fine = (np.arange(side * finer) + 0.5) / finer - 0.5
@@ -192,6 +175,7 @@ class SunPass:
         solid_angle = (rays**2).sum(axis=-1)**-1.5 / (K[0, 0] * K[1, 1] * finer**2)
         radiance *= self._sun.irradiance / (radiance * solid_angle).sum()
         images = np.stack([radiance, radiance])
+        sky = scene.sun.sky
         if sky is not None and scene.sun.T_world_views is not None:
             lit = np.nonzero(radiance)
             for k, (camera, view) in enumerate(zip(scene.T_world_cameras,
@@ -200,12 +184,12 @@ class SunPass:
                 at = q[:, :2] / q[:, 2:] * self._narrow.focal_px + self._narrow.K[:2, 2]
                 column, row = np.clip(np.rint(at), 0, self._n - 1).astype(int).T
                 images[k][lit] *= sky[k, row, column]
-        return images.reshape(2, side, finer, side, finer).mean(axis=(2, 4)).reshape(-1, side)
+        return np.asarray(images.reshape(2, side, finer, side, finer).mean(axis=(2, 4)),
+                          np.float32)
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(self._screen, self._program, self._target, self._patch, self._hidden,
-                    self._depth, *self._views)
+        release_all(self._hidden, self._depth, *self._views)
 
 
 def _turn(down: Array, direction: Array) -> Array:

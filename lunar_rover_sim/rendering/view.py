@@ -13,8 +13,8 @@ Window = tuple[int, int, int, int]      # x, y, width, height within a framebuff
 # The layout std140 of the block View in shaders/view.glsl.
 _BLOCK = np.dtype([(name, kind, size) for name, kind, size in (
     ('clip', 'f4', 16), ('camera', 'f4', 3), ('above', 'f4', ()), ('axis', 'f4', 3),
-    ('pixel', 'f4', ()), ('ray', 'f4', 3), ('first_row', 'f4', ()), ('ray_right', 'f4', 3),
-    ('last_row', 'f4', ()), ('ray_down', 'f4', 4), ('texel', 'f4', 2),
+    ('pixel', 'f4', ()), ('ray', 'f4', 3), ('first_row', 'f4', ()), ('ray_right', 'f4', 4),
+    ('ray_down', 'f4', 4), ('texel', 'f4', 2),
     ('centre', 'f4', 2))])
 
 
@@ -38,8 +38,8 @@ class View:
         block['camera'], block['above'] = camera[:3, 3], volume.above_m
         block['axis'], block['pixel'] = camera[:3, 2], 1.0 / K[0, 0]
         block['ray'] = camera[:3, 2] - right * K[0, 2] - down * K[1, 2]
-        block['ray_right'], block['ray_down'][:3] = right, down
-        block['first_row'], block['last_row'] = window[1], window[1] + window[3] - 1
+        block['ray_right'][:3], block['ray_down'][:3] = right, down
+        block['first_row'] = window[1]
         block['texel'] = 1.0 / np.array(size)
         block['centre'] = volume.centre_m[:2] - camera[:2, 3]
         self._buffer.orphan()   # the previous content may still be in use

@@ -20,7 +20,7 @@ from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rendering.sensor_pass import SensorPass
+from lunar_rover_sim.rendering.rock_pass import RockPass
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 
@@ -215,17 +215,17 @@ def test_size_beyond_the_device(monkeypatch, world):
 
 
 def test_lost_context(monkeypatch, world, renderer):
-    def lost(*_):
+    def lost(*_, **__):
         raise Exception('GL_CONTEXT_LOST')
-    monkeypatch.setattr(SensorPass, 'draw', lost)
+    monkeypatch.setattr(RockPass, 'draw', lost)
     with pytest.raises(RenderError, match='context may be lost: GL_CONTEXT_LOST'):
         renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left',))
 
 
 def test_a_defect_of_ours_is_no_lost_context(monkeypatch, world, renderer):
-    def defect(*_):
+    def defect(*_, **__):
         raise KeyError('no such pass')
-    monkeypatch.setattr(SensorPass, 'draw', defect)
+    monkeypatch.setattr(RockPass, 'draw', defect)
     with pytest.raises(KeyError, match='no such pass'):
         renderer.render(RoverPose(pose_on(world, 0.0, 0.0)), 0, ('left',))
     monkeypatch.undo()

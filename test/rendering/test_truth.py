@@ -15,6 +15,7 @@ import scipy.ndimage
 import worlds
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.development import Development
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz, se3, sun_direction, wxyz_from_rpy
@@ -23,7 +24,6 @@ from lunar_rover_sim.rendering.frame import FLOWS, RIGHT_TRUTH, StereoFrame
 from lunar_rover_sim.rendering.labels import (class_names, LABEL_FIRST_LEG, LABEL_FIRST_ROCK,
                                               LABEL_GROUND, LABEL_ROVER, LABEL_SKY, LAST_LABEL,
                                               rover_links, vocabulary)
-from lunar_rover_sim.rendering.optics_pass import OpticsPass
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rendering.world_passes import WorldPasses
@@ -118,9 +118,9 @@ def view():
 def test_truth_of_the_other_camera_is_no_picture_of_it(monkeypatch):
     """Only the camera whose image is asked for is developed, and exposure follows that."""
     developed = []
-    draw = OpticsPass.draw
-    monkeypatch.setattr(OpticsPass, 'draw', lambda optics, radiance, depth, sides, sun: (
-        developed.append(tuple(sides)), draw(optics, radiance, depth, sides, sun))[1])
+    take = Development.take
+    monkeypatch.setattr(Development, 'take', lambda self, lit, *rest: (
+        developed.append(tuple(lit)), take(self, lit, *rest))[1])
     world = scene.plane(257, heights=scene.hills(257))
     config = scene.config(SUN.elevation_deg, SUN.azimuth_deg, camera=CAMERA,
                           sensor=SensorConfig(exposure_mode='auto'))

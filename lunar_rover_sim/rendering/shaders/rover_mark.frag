@@ -8,5 +8,5 @@ layout(location = 0) out float o_link;
 void main() {
     float seen = abs(textureLod(u_depth, gl_FragCoord.xy * u_texel, 0.0).r);
     if (dot(v_relative, u_axis) > 1.001 * seen) discard;
-    o_link = v_link + 1.0;
+    o_link = (v_link + 1.0) / 255.0;
 }

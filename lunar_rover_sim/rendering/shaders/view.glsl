@@ -8,7 +8,6 @@ layout(std140) uniform View {
     vec3 u_ray;                 // through pixel (0, 0), to depth 1; its steps per pixel follow
     float u_first_row;          // of the image within the attachments
     vec3 u_ray_right;
-    float u_last_row;
     vec3 u_ray_down;
     vec2 u_texel;               // 1 / size of the attachments
     vec2 u_centre;              // of all cameras, relative to this one

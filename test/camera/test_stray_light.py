@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig
+from lunar_rover_sim.camera.image_geometry import PinholeImage
 from lunar_rover_sim.camera.lens import Lens
 from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.rendering.context import create_context
-from lunar_rover_sim.rendering.image_geometry import PinholeImage
-from lunar_rover_sim.rendering.optics_pass import OpticsPass
-from lunar_rover_sim.rendering.projection import Projection
-from lunar_rover_sim.rendering.scene import ImagedSun
+from lunar_rover_sim.camera.stray_light import ImagedSun, StrayLight
 
 CAMERA = CameraConfig(width=320, height=240)
 RIG = StereoRig(scene.ROVER, CAMERA)
@@ -23,33 +20,17 @@ COS4 = (RAYS**2).sum(axis=-1)**-2
 E = 1361.0
 
 
-@pytest.fixture(scope='module')
-def context():
-    context = create_context()
-    yield context
-    context.release()
-
-
-def passed(context, config, images, sun=None, sky=None):
+def passed(config, images, sun=None, sky=None):
     """Return the (2, h, w) radiance behind the lens of (2, h, w) images.
 
     sky: (2, h, w) where it is; by default nowhere
     """
     h, w = CAMERA.height, CAMERA.width
-    projection = Projection(RIG.K, w, h, 0.02, 1e4)
-    texture = context.texture((w, 2 * h), 1, np.asarray(images, np.float32).tobytes(), dtype='f4')
-    seen = np.ones((2, h, w)) if sky is None else np.where(sky, 0.0, 2.0)
-    depth = context.texture((w, 2 * h), 1, seen.astype(np.float32).tobytes(), dtype='f4')
-    for image in (texture, depth):
-        image.filter = (context.NEAREST, context.NEAREST)
-    optics = OpticsPass(context, Lens(config, CAMERA), PinholeImage(projection), E)
-    try:
-        optics.draw(texture, depth, (0, 1), sun)
-        return np.frombuffer(texture.read(), np.float32).reshape(2, h, w).astype(float)
-    finally:
-        optics.release()
-        texture.release()
-        depth.release()
+    images = np.asarray(images, np.float32)
+    depth = np.where(np.zeros((2, h, w), bool) if sky is None else sky, 0.0, 2.0)
+    lens = StrayLight(Lens(config, CAMERA), PinholeImage(RIG.K, w, h), E)
+    return np.stack([lens.passed_on(images[side], depth[side].astype(np.float32), sun, side)
+                     for side in (0, 1)]).astype(float)
 
 
 def sun_at(x_px, y_px, irradiance=(E, E)):
@@ -61,31 +42,31 @@ def sun_at(x_px, y_px, irradiance=(E, E)):
 STEEP = LensConfig(scatter_share=0.2, scatter_exponent=4.0, scatter_core_deg=1.5, veil_share=0.05)
 
 
-def test_extended_light_is_conserved(context):
+def test_extended_light_is_conserved():
     images = np.zeros((2, 240, 320))
     images[0, 96:160, 128:224] = 40.0
     images[1, 100:150, 110:180] = 20.0
-    out = passed(context, STEEP, images)
+    out = passed(STEEP, images)
     for before, after in zip(images, out):
         assert (after * COS4).sum() == pytest.approx((before * COS4).sum(), rel=0.01)
     assert out[0, 130, 170] < 40.0      # what strays is missing
 
 
-def test_the_earth_in_the_sky_has_no_glare(context):
+def test_the_earth_in_the_sky_has_no_glare():
     """Cells are coarser than its disc, and it may be brighter than the ground by far at night."""
     images = np.zeros((2, 240, 320))
     images[:, 40:60, 100:120] = 200.0
-    out = passed(context, STEEP, images, sky=images > 0.0)
+    out = passed(STEEP, images, sky=images > 0.0)
     assert not out[images == 0.0].any()
     assert out[images > 0.0] == pytest.approx(200.0 * (1.0 - 0.25))
 
 
 @pytest.mark.parametrize('ghosts', [0.0, 1.0])
-def test_sunlight_is_conserved(context, ghosts):
+def test_sunlight_is_conserved(ghosts):
     """What is missing of the disc is around it, in the veil, and in ghosts."""
     config = dataclasses.replace(STEEP, ghost_share=ghosts)
     sun = sun_at(170.3, 100.8)
-    after = passed(context, config, np.zeros((2, 240, 320)), sun)
+    after = passed(config, np.zeros((2, 240, 320)), sun)
     # On the sensor the sun has the irradiance E cos(angle) times the square of the focal length.
     whole = E * sun.direction[2] * RIG.focal_px**2
     assert (after * COS4).sum(axis=(1, 2)) == pytest.approx([0.25 * whole] * 2, rel=0.01)
@@ -94,10 +75,10 @@ def test_sunlight_is_conserved(context, ghosts):
         assert after[0, 5, 5] < 1e-3 * after[0, 138, 149]     # no veil; a ghost across the middle
 
 
-def test_scattered_sunlight_has_the_form_of_the_lens(context):
+def test_scattered_sunlight_has_the_form_of_the_lens():
     config = LensConfig(veil_share=0.0)
     lens, sun = Lens(config, CAMERA), sun_at(80.2, 60.9)
-    after = passed(context, config, np.zeros((2, 240, 320)), sun)
+    after = passed(config, np.zeros((2, 240, 320)), sun)
     directions = RAYS / np.linalg.norm(RAYS, axis=-1, keepdims=True)
     apart = np.linalg.norm(directions[..., :2] - sun.direction[:2], axis=-1)
     error = after[0] / (E * sun.direction[2] * lens.scatter(apart)) - 1.0
@@ -105,25 +86,25 @@ def test_scattered_sunlight_has_the_form_of_the_lens(context):
     np.testing.assert_allclose(after[0], after[1], rtol=1e-4)
 
 
-def test_the_glare_of_each_eye_is_its_own(context):
+def test_the_glare_of_each_eye_is_its_own():
     sun = sun_at(80.2, 60.9, (E, 0.25 * E))
-    both = passed(context, LensConfig(), np.zeros((2, 240, 320)), sun)
+    both = passed(LensConfig(), np.zeros((2, 240, 320)), sun)
     np.testing.assert_allclose(both[1], 0.25 * both[0], rtol=1e-4)
 
 
-def test_the_sun_itself_is_left_out_of_extended_glare(context):
+def test_the_sun_itself_is_left_out_of_extended_glare():
     """Its glare follows from what is seen of it, not from its pixels a million times as bright."""
     images = np.zeros((2, 240, 320))
     images[:, 60:64, 80:84] = 2e7
-    after = passed(context, LensConfig(), images)
+    after = passed(LensConfig(), images)
     assert after[0, 200, 300] < 1e-2
     assert after[0, 61, 81] == pytest.approx(2e7 * 0.9974, rel=1e-4)
 
 
-def test_a_perfect_lens_changes_nothing(context):
+def test_a_perfect_lens_changes_nothing():
     images = np.random.default_rng(0).uniform(0.0, 30.0, (2, 240, 320)).astype(np.float32)
     config = LensConfig(scatter_share=0.0, veil_share=0.0)
-    np.testing.assert_array_equal(passed(context, config, images, sun_at(1.0, 1.0)), images)
+    np.testing.assert_array_equal(passed(config, images, sun_at(1.0, 1.0)), images)
 
 
 @pytest.mark.parametrize('exponent', [1.2, 1.55, 2.0, 3.0])
@@ -135,11 +116,11 @@ def test_all_directions_share_what_is_scattered(exponent):
     assert total == pytest.approx(lens.config.scatter_share, rel=1e-3)
 
 
-def test_scattered_sunlight_ends_nowhere_in_the_image(context):
+def test_scattered_sunlight_ends_nowhere_in_the_image():
     """The sun stands beyond the edge, 0.4 to 1.4 from the directions of a row of dark sky."""
     sun = sun_at(-200.0, 100.0)
     config = LensConfig(hood_deg=60.0, veil_share=0.0)
-    after = passed(context, config, np.zeros((2, 240, 320)), sun)[0]
+    after = passed(config, np.zeros((2, 240, 320)), sun)[0]
     directions = RAYS / np.linalg.norm(RAYS, axis=-1, keepdims=True)
     apart = np.linalg.norm(directions[..., :2] - sun.direction[:2], axis=-1)
     assert apart[100, 0] < 0.7 and apart[100, -1] > 1.2

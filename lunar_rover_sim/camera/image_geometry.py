@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -11,14 +11,17 @@ from lunar_rover_sim.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.camera.motion import CameraTwist
 from lunar_rover_sim.camera.rig import cosine_fourth
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rendering.projection import Projection
 
 
 class ImageGeometry(Protocol):
     """An image that is drawn, padding included.
 
-    width, height: its size [px]; K: (3, 3) focal lengths and principal point [px]
-    defines, uniforms: of shaders that know pinhole and fisheye (shaders/image.glsl)
+    Attributes:
+        width: Columns.
+        height: Rows.
+        K: (3, 3) focal lengths and principal point [px].
+        fisheye: k1 to k4 of `equidistant`, and the angle to the axis where the image ends [rad];
+            empty for a pinhole.
     """
 
     @property
@@ -38,12 +41,12 @@ class ImageGeometry(Protocol):
         """Focal length [px]."""
 
     @property
-    def defines(self) -> dict[str, int]:
-        """Shader defines by name."""
+    def fisheye(self) -> tuple[float, ...]:
+        """k1 to k4, and the angle where the image ends [rad]; empty for a pinhole."""
 
     @property
-    def uniforms(self) -> dict[str, Any]:
-        """Shader uniforms by name."""
+    def ray_table(self) -> Array:
+        """(height, width, 3) unit vectors, NaN beyond the image; empty for a pinhole."""
 
     def falloff(self, places_px: Array) -> Array:
         """Return the irradiance of (..., 2) pixels under even light, over that on the axis."""
@@ -74,12 +77,12 @@ class ImageGeometry(Protocol):
 class PinholeImage:
     """The image of a pinhole camera; its rays have depth 1."""
 
-    def __init__(self, projection: Projection) -> None:
-        self.width, self.height, self.K = projection.width, projection.height, projection.K
-        self.focal_px = projection.focal_px
-        K = self.K
-        self.defines: dict[str, int] = {}
-        self.uniforms: dict[str, Any] = {'u_pinhole': (K[0, 0], K[1, 1], K[0, 2], K[1, 2])}
+    fisheye: tuple[float, ...] = ()
+    ray_table = np.empty((0, 0, 3))
+
+    def __init__(self, K: Array, width: int, height: int) -> None:
+        self.K, self.width, self.height = K, width, height
+        self.focal_px = float(K[0, 0])
 
     def falloff(self, places_px: Array) -> Array:
         """Return cos^4 of the angle to the axis."""
@@ -121,12 +124,8 @@ class FisheyeImage:
         self._camera = camera
         self.width, self.height, self.K = camera.width, camera.height, camera.K
         self.focal_px = camera.focal_px
-        K = camera.K
-        self.defines: dict[str, int] = {'EQUIDISTANT': 1,
-                                        **({'DISTORTED_FISHEYE': 1} if np.any(camera.D) else {})}
-        self.uniforms: dict[str, Any] = {
-            'u_pinhole': (K[0, 0], K[1, 1], K[0, 2], K[1, 2]), 'u_fisheye': tuple(camera.D),
-            'u_limit': camera.limit_rad}
+        self.fisheye = (*camera.D, camera.limit_rad)
+        self.ray_table = np.ascontiguousarray(camera.directions(camera.pixels()))
 
     def falloff(self, places_px: Array) -> Array:
         """Return the solid angle of pixels, over that on the axis; see `FisheyeCamera`."""

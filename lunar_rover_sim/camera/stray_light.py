@@ -1,0 +1,187 @@
+"""What a lens passes on: the picture, and stray light of the sun and of bright ground over it.
+
+Stray light varies slowly but for the neighbourhood of the sun. It is computed at the corners of
+cells and interpolated between them; only near the sun every pixel is computed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim.camera.image_geometry import ImageGeometry
+from lunar_rover_sim.camera.lens import Glare, Lens
+from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.frames import Array
+
+F32 = NDArray[np.float32]
+
+_CELL = 24                  # pixels along a side of a cell
+_NEAR_PX = 32.0, 128.0      # from the sun: within the first, every pixel is computed; beyond, none
+# Ghosts lie on the line from the sun through the middle of the image. Place, over that of the sun,
+# and radius, over the focal length; a choice that looks like pictures, not a certain lens.
+_GHOSTS = ((-1.0, 0.012), (-0.45, 0.03), (0.4, 0.05))
+
+
+@dataclasses.dataclass
+class ImagedSun:
+    """The sun as both cameras of a rectified pair see it.
+
+    Attributes:
+        direction: (3,) unit vector in axes of the cameras.
+        irradiance: (2,) normal irradiance of what each camera sees of the disc [W/m2].
+    """
+
+    direction: Array
+    irradiance: Array
+
+
+class StrayLight:
+    """Turns radiance images into what a lens passes on."""
+
+    def __init__(self, lens: Lens, image: ImageGeometry, most_radiance: float) -> None:
+        """Prepare what does not depend on the image.
+
+        Args:
+            lens: The lens.
+            image: Geometry of what is drawn, padding included.
+            most_radiance: Of all but the sun itself, whose glare follows from `ImagedSun`
+                [W m-2 sr-1].
+        """
+        self._lens, self._image, self._most = lens, image, np.float32(most_radiance)
+        rows, columns = -(-image.height // _CELL), -(-image.width // _CELL)
+        self._glare = Glare(lens, (rows, columns), _CELL, image.width * image.height)
+        middle = (np.indices((rows, columns), float)[::-1].transpose(1, 2, 0) + 0.5) * _CELL - 0.5
+        self._falloff = image.falloff(middle)
+        corners = np.indices((rows + 1, columns + 1), float)[::-1].transpose(1, 2, 0) * _CELL - 0.5
+        self._corners_px = corners
+        self._amplified = 1.0 / image.falloff(corners)  # radiance of an irradiance of one
+
+    def passed_on(self, radiance: F32, depth_m: F32, sun: ImagedSun | None = None,
+                  side: int = 0) -> F32:
+        """Return what the lens passes on of an image.
+
+        Args:
+            radiance: (h, w) [W m-2 sr-1].
+            depth_m: (h, w), 0 for the sky.
+            sun: What the cameras see of it, if anything.
+            side: 0 for the left camera, 1 for the right one.
+
+        Returns:
+            (h, w) radiance; the given image itself if the lens is perfect.
+        """
+        lens, image = self._lens, self._image
+        if lens.perfect:
+            return radiance
+        means = _cell_means(radiance, depth_m, self._most, _CELL)
+        stray = self._glare.of((means * self._falloff)[None])[0]
+        if sun is None:
+            return _veiled(radiance, (stray * self._amplified).astype(np.float32),
+                           np.float32(lens.direct_share), _CELL)
+        angle = math.acos(min(max(float(sun.direction[2]), -1.0), 1.0))
+        flux = float(sun.irradiance[side]) * lens.hood(angle) * image.pupil(sun.direction)
+        veil = lens.config.veil_share * (1.0 - lens.config.ghost_share)
+        stray += flux * veil * image.focal_px**2 / (image.width * image.height)
+        stray *= self._amplified
+        place = image.place(sun.direction)
+        stray += flux * (1.0 - _nearby(self._corners_px, place)) * self._scatter(
+            self._corners_px, sun.direction)
+        result = _veiled(radiance, stray.astype(np.float32), np.float32(lens.direct_share), _CELL)
+        if flux > 0.0:
+            self._add_near(result, sun.direction, place, flux)
+            if lens.config.ghost_share > 0.0:
+                self._add_ghosts(result, place, flux)
+        return result
+
+    def _scatter(self, places_px: Array, direction: Array) -> Array:
+        """Return the radiance that light of an irradiance of one scatters to pixels."""
+        apart, radiance = self._image.scatter(places_px, direction)
+        return self._lens.scatter(apart) * radiance
+
+    def _add_near(self, result: F32, direction: Array, place: Array, flux: float) -> None:
+        """Add the light near the sun, which cells are too coarse for."""
+        part, places = self._square(place, _NEAR_PX[1])
+        if places.size:
+            result[part] += flux * _nearby(places, place) * self._scatter(places, direction)
+
+    def _add_ghosts(self, result: F32, sun_px: Array, flux: float) -> None:
+        """Add images of the aperture, each as bright all over as in its middle."""
+        focal, config = self._image.focal_px, self._lens.config
+        centre = self._image.K[:2, 2]
+        share = config.veil_share * config.ghost_share / len(_GHOSTS)
+        for ratio, radius in _GHOSTS:
+            place = centre + ratio * (sun_px - centre)
+            part, places = self._square(place, radius * focal + 1.0)
+            if places.size:
+                inside = radius * focal - np.linalg.norm(places - place, axis=-1)
+                falloff = float(self._image.falloff(place))
+                result[part] += np.clip(inside + 0.5, 0.0, 1.0) * (
+                    flux * share / (falloff * math.pi * radius**2))
+
+    def _square(self, place: Array, radius_px: float) -> tuple[tuple[slice, slice], Array]:
+        """Return the part of the image around a place, and the (h, w, 2) places of its pixels."""
+        size = np.array([self._image.width, self._image.height])
+        low = np.clip(np.floor(place - radius_px), 0, size).astype(int)
+        high = np.clip(np.ceil(place + radius_px) + 1, 0, size).astype(int)
+        columns, rows = (np.arange(a, b, dtype=float) for a, b in zip(low, high))
+        return ((slice(low[1], high[1]), slice(low[0], high[0])),
+                np.stack(np.meshgrid(columns, rows), axis=-1))
+
+
+def _nearby(places_px: Array, sun_px: Array) -> Array:
+    """Return the share of the scattered light at places that is computed pixel by pixel."""
+    low, high = _NEAR_PX
+    x = np.clip((np.linalg.norm(places_px - sun_px, axis=-1) - low) / (high - low), 0.0, 1.0)
+    return np.asarray(1.0 - x * x * (3.0 - 2.0 * x))
+
+
+@compiled
+def _cell_means(radiance, depth, most, cell):  # type: ignore[no-untyped-def]
+    """Return the mean radiance of cells, from every second pixel of every second row.
+
+    The sky is left out: stray light of the sun is computed apart, and the Earth has none. Light
+    brighter than `most` is that of the sun itself, and cut off.
+    """
+    h, w = radiance.shape
+    means = np.zeros((-(-h // cell), -(-w // cell)))
+    for r in range(0, h, 2):
+        row, far, sums = radiance[r], depth[r], means[r // cell]
+        for k in range(len(sums)):
+            total = 0.0
+            for c in range(cell * k, min(cell * (k + 1), w), 2):
+                if far[c] != 0.0:
+                    total += min(row[c], most)
+            sums[k] += total
+    return means * (4.0 / (cell * cell))
+
+
+@compiled
+def _veiled(radiance, stray, direct, cell):  # type: ignore[no-untyped-def]
+    """Return the direct share of radiance, and stray light interpolated between corners of cells.
+    """
+    h, w = radiance.shape
+    result = np.empty((h, w), np.float32)
+    one, half = np.float32(1.0), np.float32(0.5)
+    step = one / np.float32(cell)
+    column, across = np.empty(w, np.int64), np.empty(w, np.float32)
+    for c in range(w):
+        column[c] = c // cell
+        across[c] = (np.float32(c - column[c] * cell) + half) * step
+    row_stray = np.empty(stray.shape[1], np.float32)
+    veil = np.empty(w, np.float32)
+    for r in range(h):
+        k = r // cell
+        down = (np.float32(r - k * cell) + half) * step
+        upper, lower = stray[k], stray[k + 1]
+        for j in range(len(row_stray)):
+            row_stray[j] = upper[j] + down * (lower[j] - upper[j])
+        for c in range(w):
+            a = row_stray[column[c]]
+            veil[c] = a + across[c] * (row_stray[column[c] + 1] - a)
+        own, out = radiance[r], result[r]
+        for c in range(w):
+            out[c] = direct * own[c] + veil[c]
+    return result
