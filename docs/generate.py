@@ -47,7 +47,7 @@ MODULES = {
     'Evaluation': ['evaluation.trajectory', 'evaluation.trajectory_evaluation',
                    'evaluation.registration', 'evaluation.metrics', 'evaluation.trajectory_files',
                    'evaluation.image_comparison', 'evaluation.image_statistics',
-                   'evaluation.bootstrap'],
+                   'evaluation.statistics'],
 }
 
 

@@ -12,7 +12,7 @@ from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.sequences.orbslam3_settings import SENSORS
 from lunar_rover_sim.slam import benchmark
 from lunar_rover_sim.slam.benchmark_report import write_report
-from lunar_rover_sim.slam.seeds import seeds_of
+from lunar_rover_sim.slam.drives import seeds_of
 
 _SCENARIOS = ('baseline', 'feature_sparse', 'low_albedo')
 

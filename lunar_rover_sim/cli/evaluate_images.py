@@ -10,11 +10,11 @@ from rich.text import Text
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import console, Progress, say, table
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.bootstrap import Difference, SeriesMean
 from lunar_rover_sim.evaluation.image_comparison import (compare_images, DISTANCE, FRAMES,
                                                          ImageComparison)
 from lunar_rover_sim.evaluation.image_plots import save_comparison
 from lunar_rover_sim.evaluation.image_statistics import MEASURES
+from lunar_rover_sim.evaluation.statistics import Difference, SeriesMean
 from lunar_rover_sim.files.atomic import atomic_write
 
 JSON_FILE, FIGURE_FILE = 'comparison.json', 'comparison.png'

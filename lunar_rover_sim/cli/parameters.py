@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from lunar_rover_sim.cli.terminal import console, say
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.files.wording import markdown_table
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import NODE_CONFIGS
@@ -91,11 +92,10 @@ def markdown(sections: Sections | None = None) -> str:
     """Return the parameters as Markdown tables; those of all sections by default."""
     lines = []
     for name, rows in (sections or _sections()).items():
-        lines += [f'<details><summary><code>{name}</code></summary>', '',
-                  '| parameter | default | valid | meaning |', '|---|---|---|---|']
-        lines += ['| `{}` | {} | {} | {} |'.format(*(cell.replace('|', '\\|') for cell in row))
-                  for row in rows]
-        lines += ['', '</details>', '']
+        table = markdown_table(('parameter', 'default', 'valid', 'meaning'),
+                               ([f'`{row.name}`', *row[1:]] for row in rows))
+        lines += [f'<details><summary><code>{name}</code></summary>', '', *table, '',
+                  '</details>', '']
     return '\n'.join(lines).rstrip()
 
 

@@ -22,10 +22,9 @@ from lunar_rover_sim.sequences.sensors import described_sensors, recorded_sensor
 from lunar_rover_sim.slam.benchmark_report import write_report
 from lunar_rover_sim.slam.drives import join
 from lunar_rover_sim.slam.estimators import Estimator, stock_program, SYSTEMS
-from lunar_rover_sim.slam.orb_descriptors import descriptors, open_sets
 from lunar_rover_sim.slam.run_on_bag import ESTIMATE, run_on_bag
 from lunar_rover_sim.slam.table import Paper, read_paper
-from lunar_rover_sim.slam.vocabulary import train
+from lunar_rover_sim.slam.vocabulary import descriptors, open_sets, train
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

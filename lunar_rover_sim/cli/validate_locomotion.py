@@ -14,7 +14,7 @@ from lunar_rover_sim.studies import (locomotion, locomotion_grounds, locomotion_
                                      terramechanics)
 from lunar_rover_sim.studies.command_tracking import COMMANDS, CommandTracking, measure_commands
 from lunar_rover_sim.studies.gait_measurement import MeasurementSettings
-from lunar_rover_sim.studies.pitch import read_curve, STEADY_FROM_S
+from lunar_rover_sim.studies.locomotion import read_curve, STEADY_FROM_S
 from lunar_rover_sim.studies.terramechanics import Ground
 
 GROUNDS = ('rigid', 'highland', 'highland_loose')

@@ -8,11 +8,9 @@ import dataclasses
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import traverse_grounds, traverse_report
+from lunar_rover_sim.studies import traverse_report
 from lunar_rover_sim.studies.terramechanics import Ground
-from lunar_rover_sim.studies.traverse import study, TraverseSettings
-from lunar_rover_sim.studies.traverse_result import Traverse
-from lunar_rover_sim.studies.traverse_store import TraverseStore
+from lunar_rover_sim.studies.traverse import study, Traverse, TraverseSettings, TraverseStore
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
                 settings, physics=dataclasses.replace(physics, ground=ground)), args.workers, show)
         done.sort(key=lambda result: result.seed)
     if args.grounds:
-        text = traverse_grounds.write_all(results, scenario.name, args.output)
+        text = traverse_report.write_grounds(results, scenario.name, args.output)
     else:
         text = traverse_report.write_all(next(iter(results.values())), scenario.name, args.output)
     print_markdown(text)

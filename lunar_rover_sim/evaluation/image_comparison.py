@@ -15,11 +15,11 @@ import numpy as np
 from scipy.stats import wasserstein_distance
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation import bootstrap
-from lunar_rover_sim.evaluation.bootstrap import Difference, SeriesMean
+from lunar_rover_sim.evaluation import statistics
 from lunar_rover_sim.evaluation.image_layouts import ImageSet, open_images
 from lunar_rover_sim.evaluation.image_statistics import (image_statistics, LOG_BINS, LOG_FLOOR,
                                                          LOG_STEP, MEASURES)
+from lunar_rover_sim.evaluation.statistics import Difference, SeriesMean
 from lunar_rover_sim.frames import Array
 
 FRAMES = 40
@@ -119,9 +119,9 @@ def compare_images(first: Path | str, second: Path | str, *, frames: int = FRAME
     rng = np.random.default_rng(seed)
     rows = []
     for k, name in enumerate(MEASURES):
-        one, means = bootstrap.estimate(a.values[:, k], rng)
-        other, other_means = bootstrap.estimate(b.values[:, k], rng)
-        rows.append(MeasureRow(name, one, other, bootstrap.difference(
+        one, means = statistics.estimate(a.values[:, k], rng)
+        other, other_means = statistics.estimate(b.values[:, k], rng)
+        rows.append(MeasureRow(name, one, other, statistics.difference(
             other.value - one.value, other_means - means)))
     return ImageComparison(a, b, width, tuple(rows), *_distance(a, b, rng))
 
@@ -146,13 +146,13 @@ def _distance(a: SetStatistics, b: SetStatistics,
     if not one.sum() or not other.sum():
         return Difference(nan, nan, nan, nan), nan
     value = float(wasserstein_distance(centres, centres, one, other))
-    if min(len(a.values), len(b.values)) < bootstrap.LEAST:
+    if min(len(a.values), len(b.values)) < statistics.LEAST:
         return Difference(value, nan, nan, nan), nan
-    means = [one.log_gradients[bootstrap.resampled(len(one.values), rng)].mean(axis=1)
+    means = [one.log_gradients[statistics.resampled(len(one.values), rng)].mean(axis=1)
              for one in (a, b)]
     resamples = LOG_STEP * np.abs(np.cumsum(means[0] - means[1], axis=1)).sum(axis=1)
     # A distance grows with every scatter: the mean of that is taken off.
     resamples = np.maximum(resamples - (resamples.mean() - value), 0.0)
     low, high = np.percentile(resamples, (2.5, 97.5))
-    p, chance = bootstrap.permutation_p(a.log_gradients, b.log_gradients, rng)
+    p, chance = statistics.permutation_p(a.log_gradients, b.log_gradients, rng)
     return Difference(value, float(low), float(high), p), LOG_STEP * chance

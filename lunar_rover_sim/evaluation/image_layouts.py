@@ -32,7 +32,8 @@ from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import picture, read_calibration
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import polar_layout
-from lunar_rover_sim.evaluation.grey_images import check_sizes, chosen, F32, GreyPair, levels_of
+from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, F32, GreyPair,
+                                                         levels_of)
 from lunar_rover_sim.files.arrays import map_array
 from lunar_rover_sim.files.images import read_grey
 from lunar_rover_sim.files.yaml_text import read_yaml

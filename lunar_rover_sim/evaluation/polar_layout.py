@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.grey_images import check_sizes, chosen, F32, GreyPair, levels_of
+from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, F32, GreyPair,
+                                                         levels_of)
 from lunar_rover_sim.files.images import read_grey
 from lunar_rover_sim.files.yaml_text import read_text
 

@@ -20,8 +20,8 @@ from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.inspection.heading_pictures import heading_figure
-from lunar_rover_sim.inspection.sensor_pictures import chase_figure, hazard_figures, lidar_figure
-from lunar_rover_sim.inspection.truth_pictures import truth_figures
+from lunar_rover_sim.inspection.sensor_pictures import (chase_figure, hazard_figures, lidar_figure,
+                                                        truth_figures)
 from lunar_rover_sim.world.cache import cache_folder
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import load_world

@@ -15,9 +15,7 @@ from lunar_rover_sim.bag.checksums import damage
 from lunar_rover_sim.bag.marker import METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.wall_time import is_at_wall_time
-from lunar_rover_sim.inspection import (imu_checks, lidar_checks, message_checks, stereo_checks,
-                                        tracking)
-from lunar_rover_sim.inspection.hazard_checks import hazards
+from lunar_rover_sim.inspection import checks, message_checks, tracking
 from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import (measured_period_ns, read_rover_data, RoverData,
                                                    scenario_rate_hz)
@@ -130,9 +128,9 @@ def _check(rover: RoverData, report: CheckReport) -> None:
     """Run all checks on one rover of a bag."""
     for one in (rates, duration, message_checks.contract_topics, message_checks.counts,
                 message_checks.stamps, message_checks.stereo_sets, message_checks.contents,
-                message_checks.world_hash, message_checks.ground, lidar_checks.scans,
-                imu_checks.imu_and_odometry, imu_checks.imu_noise, stereo_checks.calibration,
-                stereo_checks.disparity_and_depth, hazards, tracking.tracking):
+                message_checks.world_hash, message_checks.ground, checks.scans,
+                checks.imu_and_odometry, checks.imu_noise, checks.calibration,
+                checks.disparity_and_depth, checks.hazards, tracking.tracking):
         one(rover, report)
 
 

@@ -35,7 +35,26 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam.drives import CELLS, Drive, Judged, load, RESULT
 from lunar_rover_sim.slam.estimators import Estimator
 from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
-from lunar_rover_sim.slam.step_counter import StepCounter
+
+
+class StepCounter:
+    """Tells how many parts of a piece of work are done, about a hundred times in each."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+        self._text, self._total, self._count = '', 0, 0
+
+    def begin(self, text: str, total: int | None) -> None:
+        """Announce work of `total` parts; None if unknown."""
+        self._text, self._total, self._count = text, total or 0, 0
+        self._tell(text)
+
+    def advance(self) -> None:
+        """Count a part that is done."""
+        self._count += 1
+        if self._total and self._count % max(1, self._total // 100) == 0:
+            self._tell(f'{self._text}, {self._count} of {self._total}')
+
 
 # The topics that estimators and their evaluation need.
 _RECORDED = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO,

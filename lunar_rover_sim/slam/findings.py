@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from lunar_rover_sim.evaluation.statistics import Comparison, CONFIDENCE, Median
 from lunar_rover_sim.slam.drives import Judged
-from lunar_rover_sim.slam.paired_drives import Comparison, CONFIDENCE, Median
 from lunar_rover_sim.slam.table import is_success, rows_of, TableRow
 
 SHOWN, NOT_SHOWN, CONTRADICTED = 'shown', 'not shown', 'contradicted'

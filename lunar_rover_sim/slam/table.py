@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim.errors import SlamError
+from lunar_rover_sim.evaluation.statistics import Median, Share
+from lunar_rover_sim.files.wording import markdown_table
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.slam.drives import Judged
 from lunar_rover_sim.slam.estimators import join
-from lunar_rover_sim.slam.paired_drives import Median, Share
 
 SUCCESS_SHARE = 0.9     # of the frames
 _MAX_BYTES = 1 << 18
@@ -126,12 +127,12 @@ def _finite(value: Any) -> float:
 def markdown(rows: Sequence[TableRow], paper: Paper | None = None, parameter: str = '') -> str:
     """Return the table as Markdown, with the reasons below it."""
     titles, lines = text_cells(rows, paper or {}, parameter)
-    table = ['| ' + ' | '.join(line) + ' |' for line in (titles, ['---'] * len(titles), *lines)]
     several = len({row.system for row in rows}) > 1
     reasons = ['- ' + ' '.join(filter(None, (r.scenario, r.value, r.sensor,
                                              r.system if several else ''))) + f', {reason}'
                for r in rows for reason in r.reasons]
-    return '\n'.join([*table, *(['', 'What went wrong:', '', *reasons] if reasons else [])]) + '\n'
+    wrong = ['', 'What went wrong:', '', *reasons] if reasons else []
+    return '\n'.join([*markdown_table(titles, lines), *wrong]) + '\n'
 
 
 def latex(rows: Sequence[TableRow], paper: Paper | None = None, parameter: str = '') -> str:

@@ -10,14 +10,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from scipy.stats import wilcoxon
 
 from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.evaluation.statistics import CONFIDENCE, Mean, signed_rank_p
 from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.wording import markdown_table
 from lunar_rover_sim.frames import Array
-
-RESAMPLES = 10000
-CONFIDENCE = 0.95
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,16 +28,6 @@ class Quantity:
 
 
 @dataclasses.dataclass(frozen=True)
-class WorldsMean:
-    """A mean, the bounds of its 95 % bootstrap interval, and the number of values."""
-
-    mean: float
-    low: float
-    high: float
-    n: int
-
-
-@dataclasses.dataclass(frozen=True)
 class Compared:
     """One quantity on one ground, and what it is more there than on the first ground.
 
@@ -49,19 +37,9 @@ class Compared:
 
     quantity: Quantity
     ground: str
-    estimate: WorldsMean
-    difference: WorldsMean | None = None
+    estimate: Mean
+    difference: Mean | None = None
     p: float | None = None
-
-
-def estimate(values: Array) -> WorldsMean:
-    """Return mean and percentile bootstrap interval of the mean of (n,) values."""
-    if not len(values):
-        return WorldsMean(math.nan, math.nan, math.nan, 0)
-    chosen = np.random.default_rng(1).integers(len(values), size=(RESAMPLES, len(values)))
-    low, high = np.quantile(values[chosen].mean(axis=1),
-                            [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE])
-    return WorldsMean(float(values.mean()), float(low), float(high), len(values))
 
 
 def compare(results: Mapping[str, Sequence[Any]],
@@ -79,30 +57,27 @@ def compare(results: Mapping[str, Sequence[Any]],
         for ground, each in results.items():
             values = np.array([quantity.of(result) for result in each], dtype=float)
             values[~np.isfinite(values)] = math.nan
-            own = estimate(values[~np.isnan(values)])
+            own = Mean.of(values)
             if first is None:
                 first = values
                 found.append(Compared(quantity, ground, own))
                 continue
             more = values - first
             more = more[~np.isnan(more)]
-            p = float(wilcoxon(more).pvalue) if np.any(more) else 1.0
-            found.append(Compared(quantity, ground, own, estimate(more), p))
+            found.append(Compared(quantity, ground, own, Mean.of(more), signed_rank_p(more)))
     return found
 
 
 def comparison_text(compared: Sequence[Compared], first: str) -> str:
     """Return the comparison as a Markdown table."""
-    lines = [f'Means with {100 * CONFIDENCE:.0f} % bootstrap intervals; differences to {first} on'
-             ' the same worlds, and p of the signed-rank test of Wilcoxon.', '',
-             '| quantity | ground | mean | n | difference | p |', '|---|---|---|---|---|---|']
-    for c in compared:
-        digits = c.quantity.digits
-        lines.append(f'| {c.quantity.name} | {c.ground} | {_text(c.estimate, digits)}'
-                     f' | {c.estimate.n} | '
-                     + ('– | – |' if c.difference is None else
-                        f'{_text(c.difference, digits, "+")} | {c.p:.2g} |'))
-    return '\n'.join([*lines, ''])
+    table = markdown_table(
+        ('quantity', 'ground', 'mean', 'n', 'difference', 'p'),
+        ([c.quantity.name, c.ground, c.estimate.text(c.quantity.digits), str(c.estimate.count),
+          *(['–', '–'] if c.difference is None else
+            [c.difference.text(c.quantity.digits, '+'), f'{c.p:.2g}'])] for c in compared))
+    return '\n'.join([
+        f'Means with {100 * CONFIDENCE:.0f} % bootstrap intervals; differences to {first} on'
+        ' the same worlds, and p of the signed-rank test of Wilcoxon.', '', *table, ''])
 
 
 def plot_comparison(results: Mapping[str, Sequence[Any]], quantities: Sequence[Quantity],
@@ -117,9 +92,9 @@ def plot_comparison(results: Mapping[str, Sequence[Any]], quantities: Sequence[Q
         values[~np.isfinite(values)] = math.nan
         axes.plot(places, values, '.-', color='0.75', lw=0.8, ms=4)
         for place, row in zip(places, values):
-            own = estimate(row[~np.isnan(row)])
-            if own.n:
-                axes.errorbar(place, own.mean, [[own.mean - own.low], [own.high - own.mean]],
+            own = Mean.of(row)
+            if own.count:
+                axes.errorbar(place, own.value, [[own.value - own.low], [own.high - own.value]],
                               fmt='o', color='C0', capsize=4)
         axes.set(title=quantity.name)
         axes.set_xticks(places, list(results))
@@ -127,8 +102,3 @@ def plot_comparison(results: Mapping[str, Sequence[Any]], quantities: Sequence[Q
     for axes in panels[len(quantities):]:
         axes.remove()
     save_figure(figure, path, StudyError)
-
-
-def _text(value: WorldsMean, digits: int, sign: str = '') -> str:
-    spec = f'{sign}.{digits}f'
-    return f'{value.mean:{spec}} [{value.low:{spec}}, {value.high:{spec}}]'

@@ -9,13 +9,14 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from lunar_rover_sim.camera.prediction import LOST_PX
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.wording import markdown_table
+from lunar_rover_sim.inspection.tracking import LOST_PX
 from lunar_rover_sim.studies.command_tracking import CommandTracking
-from lunar_rover_sim.studies.locomotion import claims, LocomotionCase, STAND_S
-from lunar_rover_sim.studies.pitch import analyse, PitchCurve, PitchReport, STEADY_FROM_S
+from lunar_rover_sim.studies.locomotion import (analyse, claims, LocomotionCase, PitchCurve,
+                                                PitchReport, STAND_S, STEADY_FROM_S)
 
 _COLUMNS = ('curve', 'v [m/s]', 'g [m/s²]', 'steps [Hz]', 'dominant [Hz]', 'at steps', 'RMS [°]',
             'amplitude [°]', 'overshoot [°]', 'transient', 'decay [s]', 'periodicity')
@@ -75,44 +76,33 @@ def report_text(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve] 
              f' {STEADY_FROM_S:g} s later. Transient: steady amplitude and overshoot over the'
              ' steady amplitude. At steps: share of the steady variance near the step frequency.'
              ' Periodicity: autocorrelation at one gait cycle.', '',
-             _row(_COLUMNS), _row(['---'] * len(_COLUMNS))]
-    for case in cases:
-        for curve, report in ((case.gait, case.gait_report),
-                              (case.interface, case.interface_report)):
-            lines.append(_row([curve.name, f'{case.speed_mps:g}', f'{case.gravity_mps2:g}',
-                               f'{case.step_hz:.2f}', *_figures(report)]))
-    for curve in overlays:
-        lines.append(_row([curve.name, '', '', '', *_figures(analyse(curve, STAND_S))]))
-    lines += ['', '## Claims', '', _row(('v [m/s]', 'g [m/s²]', 'claim', 'measure', 'value',
-                                         'bound', 'shown')), _row(['---'] * 7)]
-    for case in cases:
-        for claim in claims(case):
-            lines.append(_row([f'{case.speed_mps:g}', f'{case.gravity_mps2:g}', claim.name,
-                               claim.text, f'{claim.value:.3f}', claim.bound,
-                               'yes' if claim.holds else 'NO']))
+             *markdown_table(_COLUMNS, [
+                 *([curve.name, f'{case.speed_mps:g}', f'{case.gravity_mps2:g}',
+                    f'{case.step_hz:.2f}', *_figures(report)] for case in cases
+                   for curve, report in ((case.gait, case.gait_report),
+                                         (case.interface, case.interface_report))),
+                 *([curve.name, '', '', '', *_figures(analyse(curve, STAND_S))]
+                   for curve in overlays)]),
+             '', '## Claims', '',
+             *markdown_table(
+                 ('v [m/s]', 'g [m/s²]', 'claim', 'measure', 'value', 'bound', 'shown'),
+                 ([f'{case.speed_mps:g}', f'{case.gravity_mps2:g}', claim.name, claim.text,
+                   f'{claim.value:.3f}', claim.bound, 'yes' if claim.holds else 'NO']
+                  for case in cases for claim in claims(case)))]
     lines += ['', '## Images that a tracker can follow', '', 'How far a prediction by constant'
               ' velocity misses, from the command on, and the share of frames beyond'
               f' {LOST_PX:g} px, the second search of a stereo tracker.', '',
-              _row(('v [m/s]', 'g [m/s²]', 'frames/s', 'median [px]', 'p90 [px]', 'beyond')),
-              _row(['---'] * 6)]
-    for case in cases:
-        for miss in case.misses:
-            lines.append(_row([f'{case.speed_mps:g}', f'{case.gravity_mps2:g}',
-                               f'{miss.rate_hz:g}', f'{miss.median_px:.1f}',
-                               f'{miss.p90_px:.1f}', f'{100 * miss.lost:.0f} %']))
+              *markdown_table(
+                  ('v [m/s]', 'g [m/s²]', 'frames/s', 'median [px]', 'p90 [px]', 'beyond'),
+                  ([f'{case.speed_mps:g}', f'{case.gravity_mps2:g}', f'{miss.rate_hz:g}',
+                    f'{miss.median_px:.1f}', f'{miss.p90_px:.1f}', f'{100 * miss.lost:.0f} %']
+                   for case in cases for miss in case.misses))]
     if tracking:
         followed = sum(each.followed for each in tracking)
         lines += ['', '## Commands followed', '', f'{followed} of {len(tracking)} within 10 % of'
                   ' the forward speed and 15 % of the yaw rate.', '',
-                  _row(('v [m/s]', 'ω [rad/s]', 'v measured', 'error', 'ω measured', 'error',
-                        'within')), _row(['---'] * 7)]
-        for each in tracking:
-            (v, w), (mv, mw) = each.commanded, each.measured
-            lines.append(_row([f'{v:g}', f'{w:g}', f'{mv:.4f}',
-                               f'{100 * each.forward_error:+.1f} %',
-                               f'{mw:.4f}', f'{100 * each.yaw_error_radps / w:+.1f} %' if w
-                               else f'{each.yaw_error_radps:+.4f}',
-                               'yes' if each.followed else 'NO']))
+                  *markdown_table(('v [m/s]', 'ω [rad/s]', 'v measured', 'error', 'ω measured',
+                                   'error', 'within'), map(_tracking_row, tracking))]
     return '\n'.join(lines) + '\n'
 
 
@@ -129,12 +119,15 @@ def write_all(cases: Sequence[LocomotionCase], overlays: Sequence[PitchCurve],
     return text
 
 
+def _tracking_row(one: CommandTracking) -> list[str]:
+    (v, w), (mv, mw) = one.commanded, one.measured
+    return [f'{v:g}', f'{w:g}', f'{mv:.4f}', f'{100 * one.forward_error:+.1f} %', f'{mw:.4f}',
+            f'{100 * one.yaw_error_radps / w:+.1f} %' if w else f'{one.yaw_error_radps:+.4f}',
+            'yes' if one.followed else 'NO']
+
+
 def _figures(report: PitchReport) -> list[str]:
     values = [(report.dominant_hz, '.2f'), (report.step_share, '.2f'), (report.rms_deg, '.3f'),
               (report.steady_amplitude_deg, '.3f'), (report.overshoot_deg, '.3f'),
               (report.transient, '.2f'), (report.decay_s, '.2f'), (report.periodicity, '.3f')]
     return [format(value, spec) if math.isfinite(value) else '–' for value, spec in values]
-
-
-def _row(cells: Sequence[str]) -> str:
-    return '| ' + ' | '.join(cells) + ' |'

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.wording import markdown_table
 from lunar_rover_sim.studies import sandbot
 from lunar_rover_sim.studies.terramechanics import GroundWalk, holding
 from lunar_rover_sim.studies.terramechanics_anchors import Anchor
@@ -39,27 +40,31 @@ def write_all(anchors: Sequence[Anchor], walks: Sequence[GroundWalk], folder: Pa
 
 def report_text(anchors: Sequence[Anchor], walks: Sequence[GroundWalk]) -> str:
     """Return the report as Markdown."""
-    lines = ['# Terramechanics', '', '## Held to', '',
-             _row(('what', 'measured', 'bounds', 'holds', 'source')), _row(['---'] * 5)]
-    for a in sorted(anchors, key=lambda anchor: not anchor.held):
-        verdict = ('yes' if a.holds else '**no**') if a.held else (
-            'as there' if a.holds else 'differs')
-        high = '∞' if math.isinf(a.high) else f'{a.high:.4g}'
-        lines.append(_row((a.name, f'{a.measured:.4g} {a.unit}'.strip(),
-                           f'{a.low:.4g} to {high}', verdict, a.source)))
-    lines += ['', '## Walks', '',
-              'Slip: 1 - way / way that the loaded feet sweep, along the heading. Transport:'
-              ' electric energy / (weight × distance). Pull: backward, over the weight.', '',
-              _row(('ground', 'slope [°]', 'pull', 'outcome', 'speed [m/s]', 'slip [%]',
-                    'transport', 'power [W]', 'pitch RMS [°]', 'sinkage [mm]', 'max')),
-              _row(['---'] * 11)]
-    for w in walks:
-        transport = '–' if math.isinf(w.transport) else f'{w.transport:.2f}'
-        lines.append(_row((w.ground.name, f'{w.ground.slope_deg:g}', f'{w.ground.pull:g}',
-                           w.outcome, f'{w.speed_mps:.3f}', f'{1e2 * w.slip:.1f}', transport,
-                           f'{w.power_w:.2f}', f'{w.pitch_rms_deg:.2f}',
-                           f'{1e3 * w.sinkage_m:.1f}', f'{1e3 * w.sinkage_max_m:.1f}')))
-    return '\n'.join([*lines, ''])
+    return '\n'.join([
+        '# Terramechanics', '', '## Held to', '',
+        *markdown_table(('what', 'measured', 'bounds', 'holds', 'source'),
+                        map(_anchor_row, sorted(anchors, key=lambda anchor: not anchor.held))),
+        '', '## Walks', '',
+        'Slip: 1 - way / way that the loaded feet sweep, along the heading. Transport:'
+        ' electric energy / (weight × distance). Pull: backward, over the weight.', '',
+        *markdown_table(('ground', 'slope [°]', 'pull', 'outcome', 'speed [m/s]', 'slip [%]',
+                         'transport', 'power [W]', 'pitch RMS [°]', 'sinkage [mm]', 'max'),
+                        map(_walk_row, walks)), ''])
+
+
+def _anchor_row(a: Anchor) -> list[str]:
+    verdict = ('yes' if a.holds else '**no**') if a.held else (
+        'as there' if a.holds else 'differs')
+    high = '∞' if math.isinf(a.high) else f'{a.high:.4g}'
+    return [a.name, f'{a.measured:.4g} {a.unit}'.strip(), f'{a.low:.4g} to {high}', verdict,
+            a.source]
+
+
+def _walk_row(w: GroundWalk) -> list[str]:
+    transport = '–' if math.isinf(w.transport) else f'{w.transport:.2f}'
+    return [w.ground.name, f'{w.ground.slope_deg:g}', f'{w.ground.pull:g}', w.outcome,
+            f'{w.speed_mps:.3f}', f'{1e2 * w.slip:.1f}', transport, f'{w.power_w:.2f}',
+            f'{w.pitch_rms_deg:.2f}', f'{1e3 * w.sinkage_m:.1f}', f'{1e3 * w.sinkage_max_m:.1f}']
 
 
 def plot(walks: Sequence[GroundWalk], path: Path) -> None:
@@ -105,7 +110,3 @@ def plot_sandbot(path: Path) -> None:
     axes.legend(fontsize=7, title='width of a leg, dt', title_fontsize=7, loc='upper left')
     figure.axes[0].set_ylabel('speed [m/s]')
     save_figure(figure, path, StudyError)
-
-
-def _row(cells: Sequence[str]) -> str:
-    return '| ' + ' | '.join(cells) + ' |'

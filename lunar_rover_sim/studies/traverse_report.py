@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import csv
 import io
 from pathlib import Path
@@ -13,8 +13,11 @@ import numpy as np
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.wording import markdown_table
 from lunar_rover_sim.frames import distance_along
-from lunar_rover_sim.studies.traverse_result import DRIVEN, DUG_IN, STRANDED, TIPPED_OVER, Traverse
+from lunar_rover_sim.studies.ground_comparison import (compare, comparison_text, plot_comparison,
+                                                       Quantity)
+from lunar_rover_sim.studies.traverse import DRIVEN, DUG_IN, STRANDED, TIPPED_OVER, Traverse
 
 ALLOWED_SHARE = 0.05   # of drives that end tipped over or stranded: one in twenty
 
@@ -55,16 +58,17 @@ def report_text(results: Sequence[Traverse], scenario: str) -> str:
              'Slip: 1 - true distance / commanded distance of the feet in stance.'
              ' Transport: energy / (weight × distance), mechanical at the legs, electric from the'
              ' supply. Penetration: of a spoke tip into ground or rock, at 200 Hz.', '',
-             _row(('seed', 'outcome', 'time [s]', 'distance [m]', 'speed [m/s]', 'waypoints',
-                   'stuck', 'tilted', 'slip', 'transport mech.', 'electric', 'tilt mean [°]',
-                   '95 %', 'max', 'pitch RMS [°]', 'penetration max [mm]')), _row(['---'] * 16)]
-    for r in results:
-        lines.append(_row([str(r.seed), r.outcome, f'{r.driven_s:.0f}', f'{r.distance_m:.2f}',
-                           f'{r.speed_mps:.3f}', str(r.waypoints), str(r.stuck), str(r.tilted),
-                           f'{r.slip:.3f}', f'{r.transport_mechanical:.2f}',
-                           f'{r.transport_electric:.2f}', f'{r.tilt_mean_deg:.1f}',
-                           f'{r.tilt_p95_deg:.1f}', f'{r.tilt_max_deg:.1f}',
-                           f'{r.pitch_rms_deg:.2f}', f'{1000.0 * r.penetration_max_m:.1f}']))
+             *markdown_table(
+                 ('seed', 'outcome', 'time [s]', 'distance [m]', 'speed [m/s]', 'waypoints',
+                  'stuck', 'tilted', 'slip', 'transport mech.', 'electric', 'tilt mean [°]',
+                  '95 %', 'max', 'pitch RMS [°]', 'penetration max [mm]'),
+                 ([str(r.seed), r.outcome, f'{r.driven_s:.0f}', f'{r.distance_m:.2f}',
+                   f'{r.speed_mps:.3f}', str(r.waypoints), str(r.stuck), str(r.tilted),
+                   f'{r.slip:.3f}', f'{r.transport_mechanical:.2f}',
+                   f'{r.transport_electric:.2f}', f'{r.tilt_mean_deg:.1f}',
+                   f'{r.tilt_p95_deg:.1f}', f'{r.tilt_max_deg:.1f}',
+                   f'{r.pitch_rms_deg:.2f}', f'{1000.0 * r.penetration_max_m:.1f}']
+                  for r in results))]
     return '\n'.join(lines) + '\n'
 
 
@@ -115,5 +119,26 @@ def plot_paths(results: Sequence[Traverse], path: str | Path) -> None:
     save_figure(figure, path, StudyError)
 
 
-def _row(cells: Sequence[str]) -> str:
-    return '| ' + ' | '.join(cells) + ' |'
+QUANTITIES = (
+    Quantity('speed [m/s]', lambda r: r.speed_mps, 4),
+    Quantity('slip [%]', lambda r: 1e2 * r.slip, 1),
+    Quantity('electric cost of transport', lambda r: r.transport_electric, 2),
+    Quantity('mechanical cost of transport', lambda r: r.transport_mechanical, 2),
+    Quantity('pitch RMS [°]', lambda r: r.pitch_rms_deg, 2),
+    Quantity('stops per drive', lambda r: float(r.stuck + r.tilted), 2))
+
+
+def write_grounds(results: Mapping[str, Sequence[Traverse]], scenario: str, folder: Path) -> str:
+    """Write grounds.md and grounds.png, and a report of each ground; return the text."""
+    grounds = list(results)
+    text = (f'# Traverses of {scenario} on {", ".join(grounds)}\n\n'
+            + comparison_text(compare(results, QUANTITIES), grounds[0]) + '\n'
+            + '\n'.join(f'{name}: {len(each)} drives, {tipped(each)} tipped over,'
+                        f' {stranded(each)} stranded.\n'
+                        for name, each in results.items()))
+    atomic_write(folder / 'grounds.md', text, StudyError)
+    plot_comparison(results, QUANTITIES, folder / 'grounds.png')
+    for name, each in results.items():
+        (folder / name).mkdir(exist_ok=True)
+        write_all(each, f'{scenario} on {name}', folder / name)
+    return text

@@ -28,9 +28,9 @@ from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.usd.cameras import LEFT, RIGHT
 from lunar_rover_sim.usd.conventions import new_stage, quaternion, vector
-from lunar_rover_sim.usd.drive_motion import (continuous, DriveMotion, link_motion, read_motion,
-                                              Series)
-from lunar_rover_sim.usd.drive_tracks import can_hold_tracks, read_ground_changes, write_tracks
+from lunar_rover_sim.usd.drive_tracks import (can_hold_tracks, continuous, DriveMotion,
+                                              link_motion, read_ground_changes, read_motion,
+                                              Series, write_tracks)
 from lunar_rover_sim.usd.output import check_output, write_stage
 from lunar_rover_sim.usd.pixar import Gf, Sdf, Tf, Usd, UsdPhysics
 from lunar_rover_sim.usd.recorded_drive import recorded_drive, RecordedDrive

@@ -12,13 +12,12 @@ from lunar_rover_sim.illumination.config import ReflectanceConfig, SunConfig
 from lunar_rover_sim.illumination.hapke import parameter_set
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.relief_tiles import relief_heights
-from lunar_rover_sim.usd import ground, rocks
+from lunar_rover_sim.usd import ground
 from lunar_rover_sim.usd.conventions import add_gravity, label, new_stage, place
 from lunar_rover_sim.usd.material import (add_contact_material, add_material, bind, bind_contact,
-                                          Look, TWINS, write_twins)
+                                          fit_shading, Look, TWINS, write_twins)
 from lunar_rover_sim.usd.output import check_prim_name, write_stage
 from lunar_rover_sim.usd.pixar import Sdf, Usd, UsdGeom, UsdLux, UsdShade
-from lunar_rover_sim.usd.shading_fit import fit_shading
 from lunar_rover_sim.world.far_albedo import far_albedo
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World
@@ -143,13 +142,13 @@ class _WorldStage:
 
     def _add_rocks(self, contact: UsdShade.Material) -> None:
         """Add the rocks on the fine ground; they are one payload."""
-        rocks.write_rocks(self._parts / 'rocks.usdc', self._world.rocks, self._world.rock_shapes)
+        ground.write_rocks(self._parts / 'rocks.usdc', self._world.rocks, self._world.rock_shapes)
         path = self._path('rocks')
         UsdGeom.Xform.Define(self._stage, path)
         self._payload(path, 'rocks.usdc', '/rocks')
-        member, factors = rocks.brightness_classes(self._world.rocks, _ROCK_CLASSES)
+        member, factors = ground.brightness_classes(self._world.rocks, _ROCK_CLASSES)
         materials = [self._rock(f'rock_{k}', float(factor)) for k, factor in enumerate(factors)]
-        rocks.bind_rocks(self._stage, path, member, materials, contact)
+        ground.bind_rocks(self._stage, path, member, materials, contact)
 
     def _add_surroundings(self) -> None:
         """Add the coarse levels and their rocks, which nothing collides with."""
@@ -161,7 +160,7 @@ class _WorldStage:
                  self._regolith(k))
         distant = far_rocks(world, self._settings.detail.far_rocks_m)
         if len(distant):
-            rocks.write_far_rocks(self._parts / 'far_rocks.usdc', distant, world.rock_shapes)
+            ground.write_far_rocks(self._parts / 'far_rocks.usdc', distant, world.rock_shapes)
             bind(self._payload(self._path('surroundings', 'rocks'), 'far_rocks.usdc', '/rocks'),
                  self._rock('rock_far', 1.0))
 

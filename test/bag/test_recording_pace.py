@@ -14,7 +14,7 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recording_pace import recorded_factor, RecordingPace
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.inspection.film_panels import pace_caption
+from lunar_rover_sim.inspection.film import pace_caption
 
 
 class Wall:

@@ -19,12 +19,12 @@ import time
 
 import numpy as np
 
+from lunar_rover_sim.evaluation.statistics import Median
 from lunar_rover_sim.rendering.frame import FLOWS, RIGHT_TRUTH
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.slam.paired_drives import Median
 
 POSES = 12
 PAIR = ('left', 'right', 'depth')

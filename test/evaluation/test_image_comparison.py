@@ -14,7 +14,7 @@ import pytest
 
 from lunar_rover_sim.cli.main import main, parse
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation import bootstrap
+from lunar_rover_sim.evaluation import statistics
 from lunar_rover_sim.evaluation.image_comparison import compare_images, ImageComparison, MeasureRow
 from lunar_rover_sim.evaluation.image_plots import save_comparison
 from lunar_rover_sim.evaluation.image_statistics import MEASURES
@@ -159,10 +159,10 @@ def test_intervals_cover() -> None:
     held, small = 0, 0
     for _ in range(150):
         a, b = rng.normal(size=(2, 30))
-        one, means = bootstrap.estimate(a, rng)
-        other, others = bootstrap.estimate(b, rng)
+        one, means = statistics.estimate(a, rng)
+        other, others = statistics.estimate(b, rng)
         held += one.low <= 0.0 <= one.high
-        small += bootstrap.difference(other.value - one.value, others - means).p < 0.05
+        small += statistics.difference(other.value - one.value, others - means).p < 0.05
     assert 0.9 < held / 150 < 0.99 and small / 150 < 0.1
 
 
@@ -170,7 +170,7 @@ def test_blocks_widen_the_interval_of_a_slow_series() -> None:
     """Neighbours that resemble one another count for less."""
     rng = np.random.default_rng(4)
     slow = np.cumsum(rng.normal(size=64))
-    (one, _), (shuffled, _) = (bootstrap.estimate(values, np.random.default_rng(1))
+    (one, _), (shuffled, _) = (statistics.estimate(values, np.random.default_rng(1))
                                for values in (slow, rng.permutation(slow)))
     assert one.high - one.low > 1.4 * (shuffled.high - shuffled.low)
 

@@ -10,9 +10,9 @@ import pytest
 import synthetic_bag as synthetic
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.grey_images import chosen, GreyPair
 from lunar_rover_sim.evaluation.image_layouts import open_images
-from lunar_rover_sim.evaluation.image_statistics import image_statistics, MEASURES
+from lunar_rover_sim.evaluation.image_statistics import (chosen, GreyPair, image_statistics,
+                                                         MEASURES)
 from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.sequences.export import export
 

@@ -6,9 +6,8 @@ from evaluation.image_sets import HEIGHT, SHIFT_PX, texture, WIDTH
 import numpy as np
 import pytest
 
-from lunar_rover_sim.evaluation.grey_images import GreyPair
-from lunar_rover_sim.evaluation.image_statistics import (ground_mask, image_statistics, MEASURES,
-                                                         spectrum_slope)
+from lunar_rover_sim.evaluation.image_statistics import (GreyPair, ground_mask, image_statistics,
+                                                         MEASURES, spectrum_slope)
 
 
 def test_shadow_and_sky() -> None:

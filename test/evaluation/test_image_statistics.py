@@ -9,10 +9,11 @@ import pytest
 from scipy.stats import wasserstein_distance
 
 from lunar_rover_sim.errors import EvaluationError
-from lunar_rover_sim.evaluation.grey_images import check_sizes, chosen, GreyPair, levels_of
 from lunar_rover_sim.evaluation.image_comparison import compare_images
-from lunar_rover_sim.evaluation.image_statistics import (ground_mask, image_statistics, LOG_BINS,
-                                                         LOG_FLOOR, LOG_STEP, MEASURES, SKY_STEP)
+from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, GreyPair,
+                                                         ground_mask, image_statistics, levels_of,
+                                                         LOG_BINS, LOG_FLOOR, LOG_STEP, MEASURES,
+                                                         SKY_STEP)
 from lunar_rover_sim.files.images import write_png
 
 

@@ -43,7 +43,7 @@ from lunar_rover_sim.rover.visual import visual_parts
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.slam import euroc_reader
 from lunar_rover_sim.slam.table import read_paper
-from lunar_rover_sim.studies.pitch import read_curve
+from lunar_rover_sim.studies.locomotion import read_curve
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.model import World

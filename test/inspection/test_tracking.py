@@ -8,11 +8,11 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.camera.prediction import PredictionMiss
 from lunar_rover_sim.inspection import tracking
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
 from lunar_rover_sim.inspection.summary import summarise
+from lunar_rover_sim.inspection.tracking import PredictionMiss
 
 SCENARIO = 'rover:\n  ros__parameters: {legs: {spoke_length_m: 0.08}}\n'
 

@@ -17,9 +17,8 @@ from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
 from lunar_rover_sim.camera.lens import Glare, Lens
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel
-from lunar_rover_sim.evaluation import bootstrap
-from lunar_rover_sim.evaluation.grey_images import GreyPair
-from lunar_rover_sim.evaluation.image_statistics import image_statistics, MEASURES
+from lunar_rover_sim.evaluation import statistics
+from lunar_rover_sim.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
 from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
@@ -136,12 +135,12 @@ def test_statistics_of_images(unchanged: Unchanged) -> None:
 def test_intervals_of_a_series(unchanged: Unchanged) -> None:
     rng = np.random.default_rng(6)
     series = np.cumsum(rng.normal(size=50)) * 0.1 + 3.0
-    mean, resamples = bootstrap.estimate(series, np.random.default_rng(2))
+    mean, resamples = statistics.estimate(series, np.random.default_rng(2))
     first = rng.random((12, 20))
-    unchanged(DOUBLE, lengths=[bootstrap.block_length(n) for n in (1, 2, 5, 27, 40, 900)],
+    unchanged(DOUBLE, lengths=[statistics.block_length(n) for n in (1, 2, 5, 27, 40, 900)],
               mean=list(np.ravel([mean.value, mean.low, mean.high])), resamples=resamples,
-              chance=np.ravel(bootstrap.permutation_p(first, rng.random((9, 20)) ** 2,
-                                                      np.random.default_rng(3), 150)))
+              chance=np.ravel(statistics.permutation_p(first, rng.random((9, 20)) ** 2,
+                                                       np.random.default_rng(3), 150)))
 
 
 def drifting(count: int, period_ns: int, start_ns: int, error: float) -> Trajectory:

@@ -9,7 +9,7 @@ import pytest
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.slam import table
-from lunar_rover_sim.slam.benchmark_page import html_report
+from lunar_rover_sim.slam.benchmark_report import html_report
 from lunar_rover_sim.slam.drives import Drive, Judged
 from lunar_rover_sim.slam.run_on_bag import SlamResult
 

@@ -11,11 +11,11 @@ import pytest
 
 from lunar_rover_sim.cli.main import main, parse
 from lunar_rover_sim.errors import SlamError
-from lunar_rover_sim.slam.benchmark_page import curves
-from lunar_rover_sim.slam.drives import csv_of_drives, Drive, join, Judged, read_csv, read_folder
-from lunar_rover_sim.slam.paired_drives import Share
+from lunar_rover_sim.evaluation.statistics import Share
+from lunar_rover_sim.slam.benchmark_report import curves
+from lunar_rover_sim.slam.drives import (csv_of_drives, Drive, join, Judged, read_csv, read_folder,
+                                         seeds_of, text_of_seeds)
 from lunar_rover_sim.slam.run_on_bag import SlamResult
-from lunar_rover_sim.slam.seeds import seeds_of, text_of_seeds
 from lunar_rover_sim.slam.table import rows_of
 
 

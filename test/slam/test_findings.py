@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from lunar_rover_sim.evaluation.statistics import Comparison, Median
 from lunar_rover_sim.slam.drives import Drive, Judged
 from lunar_rover_sim.slam.findings import findings
-from lunar_rover_sim.slam.paired_drives import Comparison, Median
 from lunar_rover_sim.slam.run_on_bag import SlamResult
 
 LOST = None

@@ -8,13 +8,13 @@ import pytest
 
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.evaluation.statistics import Mean
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies import locomotion_grounds, traverse_grounds
-from lunar_rover_sim.studies.ground_comparison import (compare, comparison_text, estimate,
-                                                       plot_comparison, Quantity)
+from lunar_rover_sim.studies import locomotion_grounds, traverse_report
+from lunar_rover_sim.studies.ground_comparison import (compare, comparison_text, plot_comparison,
+                                                       Quantity)
 from lunar_rover_sim.studies.terramechanics import WalkSettings
-from lunar_rover_sim.studies.traverse_result import Traverse
-from lunar_rover_sim.studies.traverse_store import TraverseStore
+from lunar_rover_sim.studies.traverse import Traverse, TraverseStore
 
 VALUE = Quantity('value', lambda result: result, 1)
 
@@ -27,13 +27,13 @@ def drive(seed, speed_mps=0.1):
 
 def test_an_interval_holds_the_mean_and_shrinks_with_the_number():
     rng = np.random.default_rng(3)
-    few, many = (estimate(rng.normal(5.0, 1.0, n)) for n in (8, 200))
+    few, many = (Mean.of(rng.normal(5.0, 1.0, n)) for n in (8, 200))
     for each in (few, many):
-        assert each.low < each.mean < each.high and each.n in (8, 200)
+        assert each.low < each.value < each.high and each.count in (8, 200)
     # Normal theory: 1.96 / sqrt(n) on either side.
     assert 0.5 * (many.high - many.low) == pytest.approx(1.96 / 200 ** 0.5, rel=0.2)
     assert few.high - few.low > 3.0 * (many.high - many.low)
-    assert estimate(np.full(4, 2.0)).low == estimate(np.full(4, 2.0)).high == 2.0
+    assert Mean.of(np.full(4, 2.0)).low == Mean.of(np.full(4, 2.0)).high == 2.0
 
 
 def test_pairs_show_what_worlds_hide():
@@ -42,12 +42,12 @@ def test_pairs_show_what_worlds_hide():
     shifted = worlds + 1.0 + 0.01 * np.arange(12)
     shifted[5] = math.inf
     first, second = compare({'rigid': worlds, 'soft': shifted}, [VALUE])
-    assert first.difference is None and first.estimate.n == 12
-    assert second.difference.n == second.estimate.n == 11
+    assert first.difference is None and first.estimate.count == 12
+    assert second.difference.count == second.estimate.count == 11
     assert 1.0 < second.difference.low < second.difference.high < 1.12
     assert second.p == pytest.approx(2.0 / 2 ** 11)     # all of one sign: exact
     same = compare({'rigid': worlds, 'soft': worlds}, [VALUE])[1]
-    assert same.p == 1.0 and same.difference.mean == 0.0
+    assert same.p == 1.0 and same.difference.value == 0.0
     with pytest.raises(StudyError, match='are not pairs'):
         compare({'rigid': worlds, 'soft': worlds[1:]}, [VALUE])
 
@@ -90,7 +90,7 @@ def test_a_resumed_study_drives_only_what_is_missing(tmp_path, capsys):
     assert {path.name for path in (tmp_path / 'out').iterdir()} == {
         'drives', 'settings.yaml', 'grounds.md', 'grounds.png', 'rigid', 'highland'}
     text = (tmp_path / 'out' / 'grounds.md').read_text()
-    assert '| speed [m/s] | highland | 0.0915' in text and traverse_grounds.QUANTITIES
+    assert '| speed [m/s] | highland | 0.0915' in text and traverse_report.QUANTITIES
 
 
 def test_walks_on_several_grounds_are_pairs(tmp_path):

@@ -11,9 +11,9 @@ from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.rover.description import Chassis, RoverDescription
-from lunar_rover_sim.studies.locomotion import claims, study, velocity_interface
+from lunar_rover_sim.studies.locomotion import (analyse, claims, PitchCurve, read_curve, study,
+                                                velocity_interface)
 from lunar_rover_sim.studies.locomotion_report import plot_cases, report_text, write_curves
-from lunar_rover_sim.studies.pitch import analyse, PitchCurve, read_curve
 
 TIME = np.arange(0.0, 31.0, 0.005)
 

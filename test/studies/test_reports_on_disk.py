@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.studies.locomotion import PitchCurve
 from lunar_rover_sim.studies.locomotion_report import plot_cases, write_curves
-from lunar_rover_sim.studies.pitch import PitchCurve
+from lunar_rover_sim.studies.traverse import Traverse
 from lunar_rover_sim.studies.traverse_report import plot_paths, write_csv
-from lunar_rover_sim.studies.traverse_result import Traverse
 
 TIME_S = np.arange(0.0, 3.0, 0.1)
 CASE: Any = SimpleNamespace(

@@ -8,11 +8,10 @@ import pytest
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.path_following.config import DriveConfig
-from lunar_rover_sim.studies.traverse import traverse, TraverseSettings
+from lunar_rover_sim.studies.traverse import (CORRIDOR_M, is_stranded, obstacles, random_waypoints,
+                                              traverse, Traverse, TraverseSettings)
 from lunar_rover_sim.studies.traverse_report import acceptable, plot_paths, report_text, write_csv
-from lunar_rover_sim.studies.traverse_result import is_stranded, Traverse
 from lunar_rover_sim.studies.walking import flat_world
-from lunar_rover_sim.studies.waypoint_route import CORRIDOR_M, obstacles, random_waypoints
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.rocks import Rocks
 

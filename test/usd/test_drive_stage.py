@@ -20,8 +20,8 @@ from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.rover.mounts import optical_poses
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.usd.drive_motion import continuous
 from lunar_rover_sim.usd.drive_stage import write_drive
+from lunar_rover_sim.usd.drive_tracks import continuous
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import save_world
 

@@ -19,7 +19,7 @@ from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.relief_tiles import relief_heights
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.usd.ground import TEXTURE_SCALE, tile_cells
-from lunar_rover_sim.usd.shading_fit import fit_shading
+from lunar_rover_sim.usd.material import fit_shading
 from lunar_rover_sim.usd.world_stage import StageSettings, write_world
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.camera.prediction import LOST_PX, prediction_miss
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
+from lunar_rover_sim.inspection.tracking import LOST_PX, prediction_miss
 from lunar_rover_sim.rover.description import RoverDescription
 
 HEIGHT_M = 0.1

@@ -6,43 +6,43 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lunar_rover_sim.evaluation import bootstrap
+from lunar_rover_sim.evaluation import statistics
 
 
 @pytest.mark.parametrize('count,length', [(1, 1), (3, 1), (4, 2), (8, 2), (27, 3), (64, 4),
                                           (1000, 10)])
 def test_blocks_are_as_long_as_the_cube_root(count, length):
-    assert bootstrap.block_length(count) == length
+    assert statistics.block_length(count) == length
 
 
 @pytest.mark.parametrize('count', [3, 11, 30, 64])
 def test_resamples_are_runs_of_neighbours_around_the_circle(count):
     """Each block goes on by one, past the end to the start; all starts are as likely."""
-    places = bootstrap.resampled(count, np.random.default_rng(3))
-    assert places.shape == (bootstrap.RESAMPLES, count)
-    length = bootstrap.block_length(count)
+    places = statistics.resampled(count, np.random.default_rng(3))
+    assert places.shape == (statistics.RESAMPLES, count)
+    length = statistics.block_length(count)
     for k in range(1, count):
         if k % length:
             assert ((places[:, k] - places[:, k - 1]) % count == 1).all()
     drawn = np.bincount(places.ravel(), minlength=count) / places.size * count
     # Each of the places is drawn 2000 times in the mean, by draws of blocks.
-    assert np.abs(drawn - 1.0).max() < 5.0 * np.sqrt(length / bootstrap.RESAMPLES)
+    assert np.abs(drawn - 1.0).max() < 5.0 * np.sqrt(length / statistics.RESAMPLES)
 
 
 def test_an_estimate_is_the_mean_of_what_is_known():
     values = np.array([1.0, np.nan, 4.0, 2.0, np.inf, 6.0])
-    one, means = bootstrap.estimate(values, np.random.default_rng(1))
+    one, means = statistics.estimate(values, np.random.default_rng(1))
     assert (one.value, one.n) == (13.0 / 4.0, 4)
     assert one.low == pytest.approx(np.percentile(means, 2.5))
     assert one.high == pytest.approx(np.percentile(means, 97.5))
-    assert one.low < 3.25 < one.high and means.shape == (bootstrap.RESAMPLES,)
+    assert one.low < 3.25 < one.high and means.shape == (statistics.RESAMPLES,)
 
 
 @pytest.mark.parametrize('count', range(5))
 def test_three_values_have_an_interval_and_two_have_none(count):
     values = np.append(np.arange(1.0, count + 1.0)**2, np.nan)
-    one, means = bootstrap.estimate(values, np.random.default_rng(1))
-    assert one.n == count and means.shape == (bootstrap.RESAMPLES,)
+    one, means = statistics.estimate(values, np.random.default_rng(1))
+    assert one.n == count and means.shape == (statistics.RESAMPLES,)
     assert np.isnan(one.value) == (count == 0)
     known = count >= 3
     assert np.isfinite([one.low, one.high]).all() == known == np.isfinite(means).all()
@@ -59,7 +59,7 @@ def test_the_interval_of_independent_values_is_that_of_student(count):
     halves = []
     for _ in range(60):
         values = rng.normal(size=count)
-        one, _ = bootstrap.estimate(values, rng)
+        one, _ = statistics.estimate(values, rng)
         halves.append((one.high - one.low) / 2.0)
     blocks = count / round(count ** (1.0 / 3.0))
     expected = stats.t.ppf(0.975, 1.5 * blocks) / np.sqrt(count)
@@ -68,8 +68,8 @@ def test_the_interval_of_independent_values_is_that_of_student(count):
 
 def test_the_estimate_moves_and_grows_with_its_values():
     values = np.random.default_rng(7).normal(size=20)
-    one, _ = bootstrap.estimate(values, np.random.default_rng(1))
-    other, _ = bootstrap.estimate(5.0 - 3.0 * values, np.random.default_rng(1))
+    one, _ = statistics.estimate(values, np.random.default_rng(1))
+    other, _ = statistics.estimate(5.0 - 3.0 * values, np.random.default_rng(1))
     assert other.value == pytest.approx(5.0 - 3.0 * one.value)
     assert other.low == pytest.approx(5.0 - 3.0 * one.high)
     assert other.high == pytest.approx(5.0 - 3.0 * one.low)
@@ -82,13 +82,13 @@ def test_the_estimate_moves_and_grows_with_its_values():
     (np.arange(-95.0, 4.0), 2.0 * 5.0 / 100.0),
     (np.zeros(99), 1.0), (np.arange(-49.0, 50.0), 1.0)])
 def test_p_counts_the_resamples_on_the_other_side_of_nothing(resamples, p):
-    found = bootstrap.difference(2.5, resamples)
+    found = statistics.difference(2.5, resamples)
     assert found.value == 2.5 and found.p == pytest.approx(p)
     assert (found.low, found.high) == pytest.approx(np.percentile(resamples, [2.5, 97.5]))
 
 
 def test_a_difference_without_resamples_has_no_p():
-    found = bootstrap.difference(2.5, np.array([1.0, np.nan]))
+    found = statistics.difference(2.5, np.array([1.0, np.nan]))
     assert found.value == 2.5 and np.isnan([found.low, found.high, found.p]).all()
 
 
@@ -106,7 +106,7 @@ def test_p_by_permutation_is_that_of_all_permutations():
     # Of three rows blocks have one row each, and so they have of four beside three.
     all_of_them = [distance(chosen) for chosen in itertools.combinations(range(7), 3)]
     share = np.mean(np.array(all_of_them) >= distance((0, 1, 2)) - 1e-12)
-    p, chance = bootstrap.permutation_p(first, second, np.random.default_rng(1), 4000)
+    p, chance = statistics.permutation_p(first, second, np.random.default_rng(1), 4000)
     # Four standard deviations of a share of 4,000 draws.
     assert p == pytest.approx(share, abs=4.0 * np.sqrt(share * (1.0 - share) / 4000) + 1e-3)
     # 33 of 35 are 94 %, 34 are 97 %: a draw of 4,000 may take either for 95 %.
@@ -116,10 +116,10 @@ def test_p_by_permutation_is_that_of_all_permutations():
 def test_the_least_p_by_permutation_is_one_in_all():
     """Sets without anything in common: only shuffles that change nothing are as far apart."""
     first, second = np.tile([1.0, 0.0], (20, 1)), np.tile([0.0, 1.0], (20, 1))
-    p, chance = bootstrap.permutation_p(first, second, np.random.default_rng(1), 99)
+    p, chance = statistics.permutation_p(first, second, np.random.default_rng(1), 99)
     assert p == 1.0 / 100.0 and 0.0 < chance < 1.0
     same = np.tile([0.5, 0.5], (20, 1))
-    assert bootstrap.permutation_p(same, same, np.random.default_rng(1), 99) == (1.0, 0.0)
+    assert statistics.permutation_p(same, same, np.random.default_rng(1), 99) == (1.0, 0.0)
 
 
 def test_neighbours_change_sides_together():
@@ -131,6 +131,6 @@ def test_neighbours_change_sides_together():
     first, second = np.zeros((27, 2)), np.zeros((27, 2))
     first[:, 1] = second[:, 1] = 1.0
     first[9:12] = [1.0, 0.0]
-    p, _ = bootstrap.permutation_p(first, second, np.random.default_rng(1), 200)
+    p, _ = statistics.permutation_p(first, second, np.random.default_rng(1), 200)
     # The distance is 3 / 27 whichever side the block is on: all shuffles reach it.
     assert p == 1.0

@@ -1,0 +1,113 @@
+"""Every example runs, on a small world with small images, and does what it says."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from conftest import PLAIN, SMALL, SMALL_WORLD
+import cv2
+import matplotlib
+import numpy as np
+import pytest
+import synthetic_bag
+
+from lunar_rover_sim import Scenario, topics
+
+FOLDER = Path(__file__).parents[2] / 'examples'
+TESTED = {'step_and_draw', 'record_and_read', 'frames_as_numpy', 'own_scenario', 'own_controller',
+          'own_sensor', 'own_estimator', 'sweep_with_dask', 'live_view'}
+
+
+def example(name: str) -> ModuleType:
+    """Return an example as a module."""
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f'{name}.py')
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make every scenario a small one; its own settings stay."""
+    load = Scenario.load
+
+    def small(name: Any, overrides: Any = (), **options: Any) -> Scenario:
+        if Path(str(name)).is_file():
+            return load(name, overrides, **options)
+        own = ([f'{key}={value}' for key, value in overrides.items()]
+               if isinstance(overrides, dict) else list(overrides))
+        return load(name, [*SMALL, *PLAIN, *own], **options)
+
+    monkeypatch.setattr(Scenario, 'load', staticmethod(small))
+
+
+def test_all_are_tested_short_and_on_the_page() -> None:
+    page = (FOLDER.parent / 'docs' / 'examples.md').read_text(encoding='utf-8')
+    files = sorted(FOLDER.glob('*.py'))
+    assert {path.stem for path in files} == TESTED
+    for path in files:
+        text = path.read_text(encoding='utf-8')
+        assert len(text.splitlines()) < 60 and text.startswith('"""'), path.name
+        assert path.name in page, path.name
+
+
+def test_step_and_draw(tmp_path: Path) -> None:
+    example('step_and_draw').main(tmp_path / 'out')
+    left, depth_m = (cv2.imread(str(tmp_path / 'out' / 'left.png'), cv2.IMREAD_UNCHANGED),
+                     np.load(tmp_path / 'out' / 'depth_m.npy'))
+    assert left.shape == depth_m.shape == (240, 320) and left.std() > 10.0
+
+
+@pytest.mark.ros
+def test_record_and_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    example('record_and_read').main(tmp_path / 'run')
+    said = capsys.readouterr().out
+    assert '/stereo/left/image_raw' in said and 'mean specific force' in said
+
+
+def test_frames_as_numpy(tmp_path: Path) -> None:
+    bag = synthetic_bag.write(tmp_path / 'bag', synthetic_bag.drive(0.5))
+    frames = list(example('frames_as_numpy').frames(bag))
+    assert len(frames) == 5 and topics.LEFT_IMAGE.name in example('frames_as_numpy').STEREO
+    for frame in frames:
+        assert frame.left.shape == frame.right.shape == frame.depth_m.shape
+        true = synthetic_bag.pose_at(frame.stamp_ns * 1e-9)[:3, 3]
+        np.testing.assert_allclose(frame.position_m, true, atol=1e-6)
+
+
+def test_own_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    example('own_scenario').main(tmp_path / 'own.yaml')
+    scenario = Scenario.load(tmp_path / 'own.yaml')
+    assert scenario.render_node.sun.elevation_deg == 3.0 and scenario.run.duration_s == 30.0
+    assert 'refused: render_node.sun.elevation_deg: 120' in capsys.readouterr().out.replace(
+        'overrides: ', '')
+
+
+def test_own_controller() -> None:
+    assert example('own_controller').main(0.3, 0.1) <= 0.05
+
+
+def test_own_sensor() -> None:
+    readings = example('own_sensor').main(1.0)
+    assert readings.shape == (10, 2) and 0.05 < readings.std() < 10.0
+
+
+def test_own_estimator() -> None:
+    """It slips behind the command, by less than it drives."""
+    assert 0.0 < example('own_estimator').main(2.0) < 0.1
+
+
+def test_sweep_with_dask() -> None:
+    pytest.importorskip('distributed')
+    reached = example('sweep_with_dask').main(1.0, SMALL_WORLD)
+    speeds = list(reached.values())
+    assert speeds == sorted(speeds) and 0.0 < speeds[0] < speeds[-1] < 0.2
+
+
+def test_live_view() -> None:
+    matplotlib.use('Agg')
+    assert example('live_view').main(0.4) == 2
