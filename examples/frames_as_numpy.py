@@ -1,48 +1,27 @@
 """Go through the stereo frames of a bag as NumPy arrays: images, depth, and the true pose."""
 
-from collections.abc import Iterator
 from pathlib import Path
 import sys
-from typing import NamedTuple
 
 import numpy as np
 
-from lunar_rover_sim import open_bag, topics
-from lunar_rover_sim.bag.series import common_stamps, picture, read_odometry
-
-STEREO = (topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.TRUE_DEPTH.name)
+from lunar_rover_sim import open_bag
 
 
-class Frame(NamedTuple):
-    """One moment: grey images (h, w), depth (h, w) [m], position [m], orientation wxyz."""
-
-    stamp_ns: int
-    left: np.ndarray
-    right: np.ndarray
-    depth_m: np.ndarray
-    position_m: np.ndarray
-    orientation_wxyz: np.ndarray
-
-
-def frames(path: Path) -> Iterator[Frame]:
-    """Yield the frames that have both images and depth, one at a time."""
+def main(path: Path) -> int:
+    """Print a line on each frame; return how many there are."""
+    count = 0
     with open_bag(path) as bag:
-        odometry = read_odometry(bag)
-        topic_of = {bag.resolve(name): name for name in STEREO}
-        for stamp_ns in common_stamps(bag, STEREO):
-            found = {topic_of[topic]: picture(bag, message).pixels
-                     for topic, _, message in bag.messages(STEREO, stamp_ns, stamp_ns + 1)}
-            k = int(np.searchsorted(odometry.stamps_ns, stamp_ns))
-            yield Frame(stamp_ns, *(found[name] for name in STEREO), odometry.positions_m[k],
-                        odometry.orientations_wxyz[k])
-
-
-def main(path: Path) -> None:
-    """Print a line on each frame."""
-    for frame in frames(path):
-        near_m = np.nanmin(np.where(frame.depth_m > 0, frame.depth_m, np.nan))
-        print(f'{frame.stamp_ns * 1e-9:.3f} s: {frame.left.shape}, mean {frame.left.mean():.1f}, '
-              f'nearest {near_m:.2f} m, at {frame.position_m.round(3)}')
+        for frame in bag.frames():      # one at a time, however long the bag is
+            count += 1
+            said = f'{frame.stamp_ns * 1e-9:.3f} s: {frame.left.shape} of {frame.left.dtype}'
+            if frame.depth_m is not None:
+                seen = frame.depth_m[np.isfinite(frame.depth_m) & (frame.depth_m > 0)]
+                said += f', nearest {seen.min():.2f} m'
+            if frame.pose is not None:  # T_world_base (4, 4)
+                said += f', at {frame.pose[:3, 3].round(3)} m'
+            print(said)
+    return count
 
 
 if __name__ == '__main__':

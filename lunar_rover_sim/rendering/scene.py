@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.camera.image_geometry import ImageGeometry
-from lunar_rover_sim.camera.motion_blur import MovingBody, Movement
+from lunar_rover_sim.camera.motion_blur import Movement, MovingBody
 from lunar_rover_sim.camera.mount import Mount
 from lunar_rover_sim.camera.stray_light import ImagedSun
 from lunar_rover_sim.errors import RenderError

@@ -13,13 +13,18 @@ the same finer images as `--times 4`.
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+import sys
 
 import numpy as np
 
-from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies.brightness import DIRECTIONS_DEG, views
-from lunar_rover_sim.studies.resolution import against_finer, finer_camera
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from brightness import DIRECTIONS_DEG, views  # noqa: E402
+from resolution import against_finer, finer_camera  # noqa: E402
+
+from lunar_rover_sim.rendering.renderer import Renderer  # noqa: E402
+from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 EDGES_M = (0.4, 0.7, 1.2, 2.0, 3.5, 7.0, 20.0)
 

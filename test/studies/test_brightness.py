@@ -3,16 +3,16 @@
 import contextlib
 import dataclasses
 
+from brightness import brightness, DIRECTIONS_DEG, views
 import camera_scene as scene
 import numpy as np
 import pytest
+from resolution import against_finer, finer_camera
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies.brightness import brightness, DIRECTIONS_DEG, views
-from lunar_rover_sim.studies.resolution import against_finer, finer_camera
 
 SCENARIOS = ('baseline', 'feature_sparse')
 SUNS_DEG = (2.0, 6.0, 15.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
+from brightness import law_radiance
 import numpy as np
 
 from lunar_rover_sim.camera.config import FurtherCameraConfig
@@ -18,7 +19,6 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.labels import rover_links
 from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
 from lunar_rover_sim.rover.pose import Posed
-from lunar_rover_sim.studies.brightness import law_radiance
 
 _DARK = 0.25            # of sunlit level ground: a pixel below it counts as shadow
 _FEWEST = 200           # pixels of a band
