@@ -117,6 +117,22 @@ def rpy_from_wxyz(quat_wxyz: ArrayLike) -> Array:
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
+def tilt_deg(attitude: ArrayLike) -> Array:
+    """Return the angle between the z axes of a body and of the world [deg].
+
+    Args:
+        attitude: Rotations of the body in the world, shape (..., 3, 3), or quaternions wxyz,
+            shape (..., 4).
+
+    Returns:
+        Angles, shape (...); 180 where an attitude is not finite, so that it passes no bound.
+    """
+    given = np.asarray(attitude, dtype=float)
+    up = (given[..., 2, 2] if given.shape[-2:] == (3, 3)
+          else 1.0 - 2.0 * (given[..., 1]**2 + given[..., 2]**2))
+    return np.degrees(np.arccos(np.clip(np.where(np.isfinite(up), up, -1.0), -1.0, 1.0)))
+
+
 def distance_along(points_m: ArrayLike) -> Array:
     """Return the (n,) distance travelled [m] at each of (n, 2 or 3) points, 0 at the first."""
     points = np.asarray(points_m, dtype=float)

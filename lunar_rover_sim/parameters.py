@@ -20,6 +20,7 @@ from lunar_rover_sim.errors import ConfigError, nearest
 from lunar_rover_sim.named_sets import checked_name, NAME, Named
 
 T = TypeVar('T', bound='Parameters')
+D = TypeVar('D')
 
 _SCALARS = {'bool': bool, 'int': int, 'float': float, 'str': str}
 _ARRAYS = {'tuple[float, ...]': float, 'tuple[int, ...]': int, 'tuple[str, ...]': str}
@@ -198,6 +199,19 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
         else:
             result[key] = value
     return result
+
+
+def replaced(config: D, values: Mapping[str, Any]) -> D:
+    """Return a dataclass with some values replaced, which dotted names may seek in nested ones."""
+    changes = {name: value for name, value in values.items() if '.' not in name}
+    nested: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        head, dot, rest = name.partition('.')
+        if dot:
+            nested.setdefault(head, {})[rest] = value
+    for head, parts in nested.items():
+        changes[head] = replaced(getattr(config, head), parts)
+    return dataclasses.replace(config, **changes)   # type: ignore[type-var]
 
 
 def check(name: str, value: Any, kind: Any, info: ParamInfo) -> Any:

@@ -82,3 +82,15 @@ def test_the_length_of_a_path_is_the_sum_of_its_steps() -> None:
     assert frames.path_length(points[:, :2]) == pytest.approx(7.0)
     assert frames.path_length(points[:1]) == frames.path_length(points[:0]) == 0.0
     assert frames.distance_along(points[:0]).shape == (0,)
+
+
+def test_tilt_is_the_angle_of_the_axes_upward() -> None:
+    """Whatever the heading; what is not finite passes no bound."""
+    rolls = np.radians([0.0, 30.0, 89.0, 180.0])
+    quats = np.array([frames.wxyz_from_rpy(roll, 0.0, 1.0) for roll in rolls])
+    np.testing.assert_allclose(frames.tilt_deg(quats), np.degrees(rolls), atol=1e-6)
+    np.testing.assert_allclose(frames.tilt_deg(frames.matrix_from_wxyz(quats)),
+                               np.degrees(rolls), atol=1e-6)
+    assert frames.tilt_deg([1.0, 0.0, 0.0, 0.0]) == 0.0
+    for bad in (np.full(4, np.nan), np.full((3, 3), np.nan)):
+        assert frames.tilt_deg(bad) == 180.0

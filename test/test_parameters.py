@@ -10,7 +10,8 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.named_sets import Named
-from lunar_rover_sim.parameters import group, merge, named, nest, param, Parameters
+from lunar_rover_sim.parameters import group, merge, named, nest, param, Parameters, replaced
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,3 +118,16 @@ def test_numbers_and_arrays_of_numpy_are_taken() -> None:
         Outer(count=np.int64(11))
     with pytest.raises(ConfigError, match='size_m: nan is not a finite number'):
         Inner(size_m=np.float64('nan'))
+
+
+def test_dotted_names_replace_values_of_nested_sets() -> None:
+    """Values of one set are replaced together, so that what ties them is checked once."""
+    config = PhysicsNodeConfig()
+    changed = replaced(config, {'wait.topics': ('a',), 'wait.lags_s': (0.5,),
+                                'state_rate_hz': 100, 'contact.sliding_friction': 0.7})
+    assert changed.wait.lag_ns_by_topic() == {'a': 500_000_000}
+    assert (changed.state_rate_hz, changed.contact.sliding_friction) == (100, 0.7)
+    assert dataclasses.replace(changed, wait=config.wait, contact=config.contact,
+                               state_rate_hz=200) == config
+    with pytest.raises(ConfigError, match='lags_s: 0 elements given for 1'):
+        replaced(config, {'wait.topics': ('a',)})

@@ -90,12 +90,11 @@ def _path(bag: Bag) -> dict[str, float]:
         return {}
     steps = list(every_step(zip(odometry.stamps_ns.tolist(), odometry.positions_m.tolist())))
     distance = driven_distance_m(steps)
-    up = frames.matrix_from_wxyz(odometry.orientations_wxyz)[:, 2, 2]
     duration_s = float(odometry.stamps_ns[-1]) / 1e9
     return {'distance_m': distance,
             'mean_speed_mps': distance / duration_s if duration_s > 0.0 else 0.0,
             'climb_m': float(np.ptp([position[2] for _, position in steps])),
-            'largest_tilt_deg': float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))).max())}
+            'largest_tilt_deg': float(frames.tilt_deg(odometry.orientations_wxyz).max())}
 
 
 class _StereoSet(NamedTuple):

@@ -18,7 +18,7 @@ from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.inspection import checks, message_checks, tracking
 from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import (measured_period_ns, read_rover_data, RoverData,
-                                                   scenario_rate_hz)
+                                                   scenario_period_ns)
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
@@ -137,13 +137,14 @@ def _check(rover: RoverData, report: CheckReport) -> None:
 def rates(rover: RoverData, report: CheckReport) -> None:
     """The measured rates are those of the scenario."""
     for rate in (STATE, FRAME, DEPTH_FRAME):
-        meant_hz = scenario_rate_hz(rate, rover.scenario)
+        meant_ns = scenario_period_ns(rate, rover.scenario)
         measured_ns = measured_period_ns(rate, rover.scan)
-        if not meant_hz or not measured_ns:
+        if not meant_ns or not measured_ns:
             continue
-        if abs(measured_ns - round(NS_PER_S / meant_hz)) > _RATE_TOLERANCE_NS:
+        if abs(measured_ns - meant_ns) > _RATE_TOLERANCE_NS:
             report.add(f'{rate} rate', Status.WARN if rover.real_time else Status.FAIL,
-                       f'{NS_PER_S / measured_ns:g} Hz measured, {meant_hz:g} Hz in the scenario')
+                       f'{NS_PER_S / measured_ns:g} Hz measured, {NS_PER_S / meant_ns:g} Hz in '
+                       'the scenario')
 
 
 def duration(rover: RoverData, report: CheckReport) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+from typing import Any
 
 import numpy as np
 
@@ -15,15 +16,14 @@ from lunar_rover_sim.inspection.bag_scan import TopicScan
 from lunar_rover_sim.inspection.report import CheckReport, grouped, Status
 from lunar_rover_sim.inspection.rover_data import DEPTH_SET, IMAGE_SET, RoverData
 from lunar_rover_sim.regolith.config import REGOLITH
+from lunar_rover_sim.run.publication import is_recorded, MAY_BE_MISSING, unpublished
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import DEPTH_FRAME, EVENT, FRAME, LATCHED, STATE, Topic
 
-# tf2_msgs and vision_msgs may not be installed; velocity commands come at the pace of their
-# publisher; recordings of earlier versions lack the CameraInfo of the depth image; slam_node and
-# lidar_node take part on request.
-OPTIONAL = (topics.TF.name, topics.TF_STATIC.name, topics.CMD_VEL.name, topics.DEPTH_INFO.name,
-            topics.SLAM_STATUS.name, topics.LIDAR_SCANNED.name,
-            *(topic.name for topic in topics.OF_VISION))
+# Velocity commands come at the pace of their publisher; recordings of earlier versions lack the
+# CameraInfo of the depth image; slam_node and lidar_node take part on request.
+OPTIONAL = tuple(topic.name for topic in (
+    *MAY_BE_MISSING, topics.CMD_VEL, topics.DEPTH_INFO, topics.SLAM_STATUS, topics.LIDAR_SCANNED))
 _MAX_BYTES = 1 << 20     # of world.yaml
 _VOLUME_M = 1e-5    # sum over all samples that rounding to float32 may leave
 
@@ -33,13 +33,12 @@ def contract_topics(rover: RoverData, report: CheckReport) -> None:
     listed = rover.scenario.get('recorder_node', 'topics', ['all'])
     excluded = _names(rover, rover.scenario.get('recorder_node', 'exclude', []))
     nodes = rover.scenario.get('run', 'nodes')
-    unpublished = _unpublished(rover)
+    silent = _unpublished(rover)
     missing = []
     for topic in topics.CONTRACT:
-        if topic.rate == EVENT or topic.name in OPTIONAL or topic.name in unpublished:
+        if topic.rate == EVENT or topic.name in OPTIONAL or topic in silent:
             continue
-        in_all = 'all' in listed and topic.name not in excluded and not topic.on_request
-        if not in_all and topic.name not in _names(rover, listed):
+        if not is_recorded(topic, _names(rover, listed), excluded):
             continue
         if isinstance(nodes, list) and topic.node not in nodes:
             continue
@@ -177,15 +176,12 @@ def world_hash(rover: RoverData, report: CheckReport) -> None:
     report.verdict('world hash', problems, value)
 
 
-def _unpublished(rover: RoverData) -> set[str]:
-    """Return the topics that physics does not publish by its parameters."""
-    separate = rover.scenario.get('physics_node', 'separate_truth', False)
-    names = {(topics.ODOM if separate else topics.TRUE_ODOM).name}
-    if not rover.scenario.get('physics_node', 'publish_clock', True):
-        names.add(topics.CLOCK.name)
-    if rover.scenario.get('physics_node', 'ground.model') != REGOLITH:
-        names.update(topic.name for topic in topics.OF_SOFT_GROUND)
-    return names
+def _unpublished(rover: RoverData) -> tuple[Topic, ...]:
+    def value(name: str, default: Any = None) -> Any:
+        return rover.scenario.get('physics_node', name, default)
+
+    return unpublished(value('separate_truth', False), value('publish_clock', True),
+                       value('ground.model') == REGOLITH)
 
 
 def recorded_names(rover: RoverData) -> set[str]:

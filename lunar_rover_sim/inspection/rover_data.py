@@ -11,7 +11,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
 from lunar_rover_sim.inspection.bag_scan import BagScan, scan, TopicScan
-from lunar_rover_sim.seconds import NS_PER_S
+from lunar_rover_sim.run.publication import period_ns
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
 IMAGE_SET = (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.LEFT_INFO, topics.RIGHT_INFO)
@@ -63,14 +63,12 @@ def read_rover_data(bag: Bag, namespace: str, progress: Callable[[], None] | Non
     return dataclasses.replace(rover, end_ns=max(ends, default=0))
 
 
-def scenario_rate_hz(rate: str, scenario: RecordedScenario) -> float:
-    """Return the rate [Hz] of a rate class in the scenario; 0 where there is none."""
-    if rate == STATE:
-        return scenario.number('physics_node', 'state_rate_hz', 0.0)
-    frame_hz = scenario.number('render_node', 'frame_rate_hz', 0.0)
+def scenario_period_ns(rate: str, scenario: RecordedScenario) -> int:
+    """Return the period [ns] of a rate class in the scenario; 0 where there is none."""
     # Recordings of earlier versions have depth with every frame.
-    return frame_hz if rate == FRAME else frame_hz / max(
-        1.0, scenario.number('render_node', 'depth_every', 1.0))
+    return period_ns(rate, scenario.number('physics_node', 'state_rate_hz', 0.0),
+                     scenario.number('render_node', 'frame_rate_hz', 0.0),
+                     scenario.number('render_node', 'depth_every', 1.0))
 
 
 def measured_period_ns(rate: str, found: BagScan) -> int:
@@ -82,5 +80,4 @@ def measured_period_ns(rate: str, found: BagScan) -> int:
 
 
 def _period_ns(rate: str, scenario: RecordedScenario, found: BagScan) -> int:
-    rate_hz = scenario_rate_hz(rate, scenario)
-    return round(NS_PER_S / rate_hz) if rate_hz else measured_period_ns(rate, found)
+    return scenario_period_ns(rate, scenario) or measured_period_ns(rate, found)

@@ -25,6 +25,7 @@ from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
+from lunar_rover_sim.run.publication import unpublished
 from lunar_rover_sim.sensors.imu import Imu, ImuNoise
 from lunar_rover_sim.sensors.registry import mounted
 from lunar_rover_sim.sensors.sensor import Platform
@@ -53,8 +54,8 @@ class PhysicsNode(node_main.GraphNode):
         changes = [] if self._ground is None else [self._ground.changes]
         platform = Platform(self._simulation, world, config.sun, config.seed,
                             1e-9 * config.state_period_ns)
-        self._requested = RequestedSensors(self, mounted(config, platform),
-                                           () if config.ground.deforms else topics.OF_SOFT_GROUND)
+        self._requested = RequestedSensors(self, mounted(config, platform), unpublished(
+            config.separate_truth, config.publish_clock, config.ground.deforms))
         self._matching = ReaderDiscovery(
             self, [*self._publisher.publishers, *self._requested.publishers, *changes],
             tuple(dict.fromkeys([*config.wait.topics, *config.participants])))

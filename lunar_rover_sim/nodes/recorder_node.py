@@ -27,6 +27,7 @@ from lunar_rover_sim.nodes.time_jump import TimeJump
 from lunar_rover_sim.nodes.type_definitions import definition_of
 from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
+from lunar_rover_sim.run.publication import is_recorded
 from lunar_rover_sim.seconds import NS_PER_S
 
 _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
@@ -52,9 +53,6 @@ class RecorderNode(node_main.GraphNode):
         self._all = ALL in config.topics
         self._listed = {self._full(name) for name in config.topics if name != ALL}
         self._excluded = set(map(self._full, config.exclude))
-        # A subscription to a topic on request makes another node compute it.
-        self._not_in_all = {self._full(topics.RECORDED.name), *(
-            name for name, topic in self._contract.items() if topic.on_request)}
         self._written = WrittenStamps({self._full(name): ns for name, ns in
                                        config.period_ns_by_topic().items()})
         self._clock_name = self._full(topics.CLOCK.name)
@@ -113,13 +111,14 @@ class RecorderNode(node_main.GraphNode):
             return name in self._listed
         # In a namespace `all` means the topics of this rover.
         own = self.get_namespace().rstrip('/') + '/'
-        if not name.startswith(own) and name not in self._contract:
+        topic = self._contract.get(name)
+        if not name.startswith(own) and topic is None:
             return False
         if topics.of_hazard(name.removeprefix(own)) is not None:
             return False
         # With topics at wall time no two runs would give the same bag.
-        return (name not in self._excluded and name not in self._not_in_all
-                and not is_at_wall_time(name))
+        return (name not in self._excluded and not is_at_wall_time(name)
+                and (topic is None or is_recorded(topic, (ALL,))))
 
     def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
         self._subscribed.add(name)

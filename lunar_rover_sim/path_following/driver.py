@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.frames import matrix_from_wxyz, tilt_deg
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.path_following.profile import VelocityProfile
 from lunar_rover_sim.path_following.pursuit import PurePursuit
@@ -89,7 +89,7 @@ class Driver:
             return None
         if not (np.all(np.isfinite(position)) and np.all(np.isfinite(rotation))):
             return _stopped('the pose is not finite')
-        tilt = math.degrees(math.acos(min(1.0, max(-1.0, rotation[2, 2]))))
+        tilt = float(tilt_deg(rotation))
         if tilt > config.tilt_limit_deg:
             return _stopped(f'tilted by {tilt:.1f} deg at {_at(position)}, more than'
                             f' tilt_limit_deg {config.tilt_limit_deg:g}')

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from lunar_rover_sim.arguments import brief, check_scenario
 from lunar_rover_sim.errors import ConfigError, PhysicsError
-from lunar_rover_sim.frames import matrix_from_wxyz
+from lunar_rover_sim.frames import matrix_from_wxyz, tilt_deg
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.foot_motion import FootMotion, FootObserver
@@ -273,12 +273,11 @@ class Simulation:
         self.data.time = 0.0
         self._steps = 0
         self._state = dataclasses.replace(self._state, stamp_ns=0)
-        _, x, y, _ = self._state.orientation_wxyz
-        tilt_deg = float(np.degrees(np.arccos(1.0 - 2.0 * (x * x + y * y))))
-        if tilt_deg > MAX_START_TILT_DEG:
+        tilt = float(tilt_deg(self._state.orientation_wxyz))
+        if tilt > MAX_START_TILT_DEG:
             start = self.config.start
             raise ConfigError(f'start: the rover does not stand at x_m = {start.x_m:g}, y_m ='
-                              f' {start.y_m:g} (tilted {tilt_deg:.0f} deg once settled); choose'
+                              f' {start.y_m:g} (tilted {tilt:.0f} deg once settled); choose'
                               ' another place')
 
     def _is_full(self) -> bool:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-from lunar_rover_sim.frames import Array
+from lunar_rover_sim.frames import Array, tilt_deg
 
 # Beyond 90 deg the rover lies on its side or back. It counts as upright again below 45 deg: one
 # that rocks on its side has tipped over once.
@@ -24,9 +22,7 @@ class TipOver:
 
     def has_begun(self, orientation_wxyz: Array) -> bool:
         """Return whether the rover tips over with this pose, base in the world frame, (4,)."""
-        _, x, y, _ = orientation_wxyz
-        # The element (2, 2) of the rotation matrix.
-        self.tilt_deg = math.degrees(math.acos(min(1.0, max(-1.0, 1.0 - 2.0 * (x * x + y * y)))))
+        self.tilt_deg = float(tilt_deg(orientation_wxyz))
         lay = self.lies
         self.lies = self.tilt_deg > (_UPRIGHT_DEG if lay else _TIPPED_DEG)
         return self.lies and not lay

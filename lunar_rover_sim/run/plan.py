@@ -8,18 +8,19 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.config import ALL
-from lunar_rover_sim.camera.hazard import sides
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.gait.calibration import packaged_calibration
+from lunar_rover_sim.parameters import replaced
 from lunar_rover_sim.rover.rover_file import save_rover
-from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LIDAR_TOPICS, LidarNodeConfig,
-                                             NODE_CONFIGS)
+from lunar_rover_sim.run.node_config import FRAME_TOPICS, LIDAR_TOPICS, NODE_CONFIGS
+from lunar_rover_sim.run.publication import period_of, recorded_hazards, recorded_periodic
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import WaitConfig
 
@@ -32,6 +33,17 @@ LOG_FOLDER = 'logs'
 # The order in which nodes are stopped: the recorder last, since it records the others.
 STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node', 'lidar_node',
               'slam_node', 'recorder_node')
+
+# Parameter → the one of another node that it takes over.
+_FOLLOWS = {
+    'physics_node.ground_rate_hz': 'render_node.frame_rate_hz',
+    'physics_node.sun': 'render_node.sun',
+    'lidar_node.reflectance': 'render_node.reflectance',
+    'slam_node.camera': 'render_node.camera',
+    'slam_node.frame_rate_hz': 'render_node.frame_rate_hz',
+    'slam_node.imu': 'physics_node.imu',
+    'slam_node.imu_rate_hz': 'physics_node.state_rate_hz',
+    'slam_node.gravity_mps2': 'physics_node.gravity_mps2'}
 
 _RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
@@ -70,73 +82,68 @@ def resolve(scenario: Scenario) -> Scenario:
     its scans are recorded, and the recorder; the gait controller waits for drive_node, unless that
     publishes Twist, which has no stamp. Raises ConfigError if the scenario says where the bag is.
     """
-    nodes = scenario.run.nodes
     for name in ('output', 'scenario_file'):
         value = getattr(scenario.recorder_node, name)
         if value:
             raise ConfigError(f'recorder_node.{name}: {value!r} is not valid in a run, which '
                               'places the bag itself; leave it out')
-    frame_s = scenario.render_node.frame_period_ns / 1e9
-    step_s = frame_s
-    if _awaits_lidar(scenario):
-        step_s = 1e-9 * math.lcm(scenario.render_node.frame_period_ns,
-                                 scenario.lidar_node.period_ns)
-    duration_s = math.ceil(round(scenario.run.duration_s / step_s, 6)) * step_s
-    duration_s = round(duration_s, 9)
-    physics, gait = scenario.physics_node, scenario.gait_controller_node
-    # The gait controller does not know the ground.
-    gait = dataclasses.replace(gait, calibration=gait.calibration
-                               or packaged_calibration(physics.ground.name))
-    recorder, render = scenario.recorder_node, scenario.render_node
-    physics = dataclasses.replace(physics, ground_rate_hz=render.frame_rate_hz, sun=render.sun)
-    render = dataclasses.replace(render, await_ground=render.await_ground or (
-        physics.ground.deforms and 'physics_node' in nodes))
-    # In real time nothing is awaited, but time starts only when these topics have publishers.
-    physics = dataclasses.replace(
-        physics, wait=_extended(physics.wait, _answers(scenario, frame_s)))
-    if 'lidar_node' in nodes and not _awaits_lidar(scenario) and not _records_scans(scenario):
+    scenario = replaced(scenario, _following(scenario))
+    return replaced(scenario, _awaited(scenario)) if scenario.shared.lockstep else scenario
+
+
+def _following(scenario: Scenario) -> dict[str, Any]:
+    """Return the parameters that follow from those of other nodes, by their dotted names."""
+    nodes, physics = scenario.run.nodes, scenario.physics_node
+    gait, render, lidar = (scenario.gait_controller_node, scenario.render_node,
+                           scenario.lidar_node)
+    awaits_lidar = _awaits_lidar(scenario)
+    step_ns = render.frame_period_ns
+    if awaits_lidar:
+        step_ns = math.lcm(step_ns, lidar.period_ns)
+    step_s = step_ns / 1e9
+    duration_s = round(math.ceil(round(scenario.run.duration_s / step_s, 6)) * step_s, 9)
+    ground_gives = physics.ground.deforms and 'physics_node' in nodes
+    values = {name: attrgetter(other)(scenario) for name, other in _FOLLOWS.items()}
+    values |= {
+        'run.duration_s': duration_s, 'physics_node.duration_s': duration_s,
+        # In real time nothing is awaited, but time starts only when these have publishers.
+        'physics_node.wait': _extended(physics.wait,
+                                       _answers(scenario, render.frame_period_ns / 1e9)),
+        # The gait controller does not know the ground.
+        'gait_controller_node.calibration':
+            gait.calibration or packaged_calibration(physics.ground.name),
+        'render_node.await_ground': render.await_ground or ground_gives,
+        'lidar_node.await_ground': lidar.await_ground or ground_gives}
+    if awaits_lidar and not lidar.await_readers:
+        values['lidar_node.await_readers'] = tuple(
+            name for name in LIDAR_TOPICS
+            if name in scenario.recorder_node.topics and 'recorder_node' in nodes)
+    if 'lidar_node' in nodes and not awaits_lidar and not _records_scans(scenario):
         # lidar_node follows the rover only while somebody reads one of its topics.
-        recorder = dataclasses.replace(recorder, exclude=tuple(
-            dict.fromkeys((*recorder.exclude, topics.LIDAR_SCANNED.name))))
-        scenario = dataclasses.replace(scenario, recorder_node=recorder)
-    if scenario.shared.lockstep:
-        drive = scenario.drive_node
-        if 'drive_node' in nodes and drive.mode != 'none' and drive.enable_stamped_cmd_vel:
-            gait = dataclasses.replace(gait, wait=_extended(
-                gait.wait, {topics.CMD_VEL.name: 1.0 / scenario.drive_node.rate_hz}))
-        if gait.wait.topics:
-            gait = dataclasses.replace(gait, wait=dataclasses.replace(
-                gait.wait, silence_s=_share(gait.wait.silence_s, physics.wait.silence_s),
-                start_s=_share(gait.wait.start_s, physics.wait.start_s)))
-        if not recorder.acknowledge:
-            recorder = dataclasses.replace(recorder, acknowledge=_acknowledged(scenario))
-        recorder = dataclasses.replace(recorder, acknowledge_periods_s=tuple(
-            _period_s(scenario, name) for name in recorder.acknowledge))
-        if 'render_node' in nodes and not render.await_readers:
-            render = dataclasses.replace(render, await_readers=tuple(
-                name for name in recorder.acknowledge if name in FRAME_TOPICS))
-    return dataclasses.replace(
-        scenario, run=dataclasses.replace(scenario.run, duration_s=duration_s),
-        physics_node=dataclasses.replace(physics, duration_s=duration_s),
-        gait_controller_node=gait, recorder_node=recorder, render_node=render,
-        lidar_node=_resolved_lidar(scenario),
-        slam_node=dataclasses.replace(
-            scenario.slam_node, camera=render.camera, imu=physics.imu,
-            frame_rate_hz=render.frame_rate_hz, imu_rate_hz=physics.state_rate_hz,
-            gravity_mps2=physics.gravity_mps2))
+        values['recorder_node.exclude'] = tuple(dict.fromkeys(
+            (*scenario.recorder_node.exclude, topics.LIDAR_SCANNED.name)))
+    return values
 
 
-def _resolved_lidar(scenario: Scenario) -> LidarNodeConfig:
-    """Return the parameters of lidar_node that follow from those of others."""
-    lidar, ground = scenario.lidar_node, scenario.physics_node.ground
-    if not lidar.await_readers and _awaits_lidar(scenario):
-        lidar = dataclasses.replace(lidar, await_readers=tuple(
-            name for name in LIDAR_TOPICS if name in scenario.recorder_node.topics
-            and 'recorder_node' in scenario.run.nodes))
-    return dataclasses.replace(
-        lidar, reflectance=scenario.render_node.reflectance,
-        await_ground=lidar.await_ground or (ground.deforms
-                                            and 'physics_node' in scenario.run.nodes))
+def _awaited(scenario: Scenario) -> dict[str, Any]:
+    """Return the parameters by which the nodes of a run in lockstep wait for each other."""
+    nodes, physics, drive = scenario.run.nodes, scenario.physics_node, scenario.drive_node
+    wait = scenario.gait_controller_node.wait
+    if 'drive_node' in nodes and drive.mode != 'none' and drive.enable_stamped_cmd_vel:
+        wait = _extended(wait, {topics.CMD_VEL.name: 1.0 / drive.rate_hz})
+    if wait.topics:
+        wait = dataclasses.replace(wait, silence_s=_share(wait.silence_s, physics.wait.silence_s),
+                                   start_s=_share(wait.start_s, physics.wait.start_s))
+    acknowledge = scenario.recorder_node.acknowledge or _acknowledged(scenario)
+    periods_ns = {topic.graph_name: period_of(scenario, topic) for topic in topics.CONTRACT}
+    values: dict[str, Any] = {
+        'gait_controller_node.wait': wait, 'recorder_node.acknowledge': acknowledge,
+        'recorder_node.acknowledge_periods_s': tuple(
+            periods_ns.get(name, 0) / 1e9 for name in acknowledge)}
+    if 'render_node' in nodes and not scenario.render_node.await_readers:
+        values['render_node.await_readers'] = tuple(
+            name for name in acknowledge if name in FRAME_TOPICS)
+    return values
 
 
 def _awaits_lidar(scenario: Scenario) -> bool:
@@ -156,9 +163,7 @@ def _records_scans(scenario: Scenario) -> bool:
 def with_slam(scenario: Scenario, command: str) -> Scenario:
     """Return the scenario with slam_node, which starts `command`, among its nodes."""
     nodes = tuple(dict.fromkeys((*scenario.run.nodes, 'slam_node')))
-    return dataclasses.replace(
-        scenario, run=dataclasses.replace(scenario.run, nodes=nodes),
-        slam_node=dataclasses.replace(scenario.slam_node, command=command))
+    return replaced(scenario, {'run.nodes': nodes, 'slam_node.command': command})
 
 
 def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
@@ -205,42 +210,8 @@ def _share(limit_s: float, physics_s: float) -> float:
 
 
 def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
-    """Return the periodic topics of the contract that this run publishes and records."""
-    recorder = scenario.recorder_node
-    result = []
-    for topic in topics.CONTRACT:
-        periodic = topic.rate in (topics.STATE, topics.FRAME, topics.DEPTH_FRAME, topics.SCAN)
-        if topic.node not in scenario.run.nodes or not periodic:
-            continue
-        if topic in _unpublished(scenario) or topic.node in scenario.run.may_fail:
-            continue
-        # The same choice as in recorder_node.
-        in_all = (ALL in recorder.topics and topic.name not in recorder.exclude
-                  and not topic.on_request)
-        if in_all or topic.name in recorder.topics:
-            result.append(topic.graph_name)
-    return tuple(result)
-
-
-def _period_s(scenario: Scenario, name: str) -> float:
-    """Return the period [s] of a topic of the contract; 0 if it has none."""
-    render = scenario.render_node
-    period_ns = {topics.STATE: scenario.physics_node.state_period_ns,
-                 topics.FRAME: render.frame_period_ns,
-                 topics.DEPTH_FRAME: render.depth_period_ns,
-                 topics.SCAN: scenario.lidar_node.period_ns}
-    rates = [topic.rate for topic in topics.CONTRACT if topic.graph_name == name]
-    return period_ns.get(rates[0], 0) / 1e9 if rates else 0.0
-
-
-def _unpublished(scenario: Scenario) -> tuple[topics.Topic, ...]:
-    """Return the topics that are not published in this run, or perhaps not."""
-    separate = scenario.shared.separate_truth
-    clock = () if scenario.physics_node.publish_clock else (topics.CLOCK,)
-    ground = () if scenario.physics_node.ground.deforms else topics.OF_SOFT_GROUND
-    # tf2_msgs and vision_msgs may be missing.
-    odometry = topics.ODOM if separate else topics.TRUE_ODOM
-    return topics.TF, *topics.OF_VISION, odometry, *clock, *ground
+    """Return the names of the topics whose stamps make `recorder/written`."""
+    return tuple(topic.graph_name for topic in recorded_periodic(scenario))
 
 
 def awaits_others(scenario: Scenario) -> bool:
@@ -256,17 +227,8 @@ def _participants(scenario: Scenario) -> tuple[str, ...]:
     if 'drive_node' in scenario.run.nodes:
         awaited.append(topics.CMD_VEL.name)
     # Recorded ones are waited for, so that the bag has them from the first frame on.
-    awaited += _recorded_hazards(scenario)
+    awaited += recorded_hazards(scenario)
     return tuple(dict.fromkeys([*scenario.shared.participants, *awaited]))
-
-
-def _recorded_hazards(scenario: Scenario) -> list[str]:
-    """Return the topics of hazard cameras that are offered and recorded."""
-    if not {'render_node', 'recorder_node'} <= set(scenario.run.nodes):
-        return []
-    offered = [topic.name for name, hazard in scenario.render_node.hazard.items()
-               for camera in sides(name, hazard) for topic in topics.hazard(camera)]
-    return [name for name in offered if name in scenario.recorder_node.topics]
 
 
 def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:

@@ -24,9 +24,9 @@ from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.node_logs import NodeLogs
 from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.plan import BAG_FOLDER, prepare, resolve
+from lunar_rover_sim.run.publication import silent_topics
 from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.run.silent_topics import silent_topics
 from lunar_rover_sim.run.supervisor import Limits, supervise
 from lunar_rover_sim.world.world_folder import load_world
 

@@ -1,12 +1,13 @@
-"""Topics that a run is to record, and that nobody in it publishes."""
+"""What a run publishes and records, and what it is to record that nobody publishes."""
 
 from __future__ import annotations
 
 import pytest
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.run.plan import resolve
+from lunar_rover_sim.run.publication import is_recorded, period_ns, silent_topics, unpublished
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.run.silent_topics import silent_topics
 
 HAZARD = {'render_node.hazard.front.rate_hz': 5, 'render_node.hazard.rear.stereo_baseline_m': 0.1}
 
@@ -42,3 +43,43 @@ def test_what_is_published_or_unknown_is_not_named() -> None:
         'run.nodes': ['physics_node', 'recorder_node']})
     assert silent_topics(resolve(scenario)) == [
         'hazard/front/image_raw: run.nodes lacks render_node']
+
+
+def test_all_leaves_out_what_is_made_on_request_and_the_recorders_own_progress() -> None:
+    """A name that is listed is recorded in any case."""
+    for topic in topics.CONTRACT:
+        assert is_recorded(topic, ['all']) == (not topic.on_request
+                                               and topic is not topics.RECORDED)
+        assert is_recorded(topic, [topic.name], [topic.name])
+        assert not is_recorded(topic, ['all'], [topic.name])
+        assert not is_recorded(topic, [])
+
+
+@pytest.mark.parametrize('rate, expected', [
+    (topics.STATE, 5_000_000), (topics.FRAME, 50_000_000), (topics.DEPTH_FRAME, 150_000_000),
+    (topics.SCAN, 100_000_000), (topics.EVENT, 0), (topics.LATCHED, 0)])
+def test_periods(rate: str, expected: int) -> None:
+    assert period_ns(rate, 200, 20, 3, 10) == expected
+
+
+def test_periods_of_unknown_rates_are_zero() -> None:
+    """Recordings of earlier versions have depth with every frame."""
+    assert period_ns(topics.STATE, 0.0, 20.0, 1.0) == 0
+    assert period_ns(topics.DEPTH_FRAME, 0.0, 20.0, 0.0) == 50_000_000
+
+
+def test_what_physics_does_not_publish_by_its_parameters() -> None:
+    assert unpublished(False, True, True) == (topics.TRUE_ODOM,)
+    assert unpublished(True, False, False) == (topics.ODOM, topics.CLOCK, *topics.OF_SOFT_GROUND)
+
+
+def test_nodes_of_a_run_take_over_values_of_others() -> None:
+    scenario = resolve(Scenario.load('flat', {
+        'render_node.frame_rate_hz': 10, 'render_node.camera.width': 320,
+        'render_node.sun.elevation_deg': 7.0, 'render_node.reflectance.albedo_scale': 0.9,
+        'physics_node.gravity_mps2': 3.7, 'physics_node.imu.preset': 'bmi160'}))
+    slam, physics = scenario.slam_node, scenario.physics_node
+    assert (slam.camera.width, slam.frame_rate_hz, slam.imu_rate_hz) == (320, 10, 200)
+    assert (slam.imu.preset, slam.gravity_mps2) == ('bmi160', 3.7)
+    assert (physics.ground_rate_hz, physics.sun.elevation_deg) == (10, 7.0)
+    assert scenario.lidar_node.reflectance.albedo_scale == 0.9

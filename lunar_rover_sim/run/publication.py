@@ -1,0 +1,120 @@
+"""What a run publishes, and what its recorder takes of it.
+
+Plan, recorder, checks of a bag and warnings before a run all ask here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+import difflib
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.config import ALL
+from lunar_rover_sim.camera.hazard import sides
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.seconds import NS_PER_S
+from lunar_rover_sim.topics import Topic
+
+# Of packages that may not be installed.
+MAY_BE_MISSING = (topics.TF, topics.TF_STATIC, *topics.OF_VISION)
+_BY_NAME = {topic.name: topic for topic in topics.CONTRACT}
+_RENDERED_OR_SCANNED = 'lidar_node', 'render_node'
+_ALIKE = 0.85        # least similarity of names for a hint, from 0 to 1
+_OF_CHASE = topics.CHASE_IMAGE, topics.CHASE_INFO, topics.CHASE_POSE
+
+
+def is_recorded(topic: Topic, listed: Collection[str], excluded: Collection[str] = ()) -> bool:
+    """Return whether a recorder takes a topic of the contract.
+
+    `all` leaves out what is on request, since a subscription makes another node compute it, and
+    the recorder's own progress.
+
+    Args:
+        listed: `recorder_node.topics`, names without a leading slash.
+        excluded: `recorder_node.exclude`, likewise.
+    """
+    if topic.name in listed:
+        return True
+    return (ALL in listed and topic.name not in excluded and not topic.on_request
+            and topic is not topics.RECORDED)
+
+
+def unpublished(separate_truth: bool, publish_clock: bool, soft_ground: bool) -> tuple[Topic, ...]:
+    """Return the topics that physics does not publish by its parameters."""
+    return (topics.ODOM if separate_truth else topics.TRUE_ODOM,
+            *(() if publish_clock else (topics.CLOCK,)),
+            *(() if soft_ground else topics.OF_SOFT_GROUND))
+
+
+def period_ns(rate: str, state_hz: float, frame_hz: float, depth_every: float,
+              scan_hz: float = 0.0) -> int:
+    """Return the period of a rate class [ns]; 0 where it has none.
+
+    Args:
+        rate: One of the classes of `topics`.
+        state_hz, frame_hz, scan_hz: States, stereo pairs and scans per second [Hz]; 0: unknown.
+        depth_every: Frames from one frame with depth to the next.
+    """
+    rate_hz = {topics.STATE: state_hz, topics.FRAME: frame_hz, topics.SCAN: scan_hz,
+               topics.DEPTH_FRAME: frame_hz / max(1.0, depth_every)}.get(rate, 0.0)
+    return round(NS_PER_S / rate_hz) if rate_hz else 0
+
+
+def period_of(scenario: Scenario, topic: Topic) -> int:
+    """Return the period of a topic in a run [ns]; 0 where it has none."""
+    render = scenario.render_node
+    return period_ns(topic.rate, scenario.physics_node.state_rate_hz, render.frame_rate_hz,
+                     render.depth_every, scenario.lidar_node.rate_hz)
+
+
+def recorded_periodic(scenario: Scenario) -> list[Topic]:
+    """Return the topics with a period that a run publishes for certain, and records."""
+    physics, recorder = scenario.physics_node, scenario.recorder_node
+    never = (*MAY_BE_MISSING, *unpublished(scenario.shared.separate_truth, physics.publish_clock,
+                                           physics.ground.deforms))
+    nodes = set(scenario.run.nodes).difference(scenario.run.may_fail)
+    return [topic for topic in topics.CONTRACT
+            if topic.node in nodes and topic not in never and period_of(scenario, topic)
+            and is_recorded(topic, recorder.topics, recorder.exclude)]
+
+
+def recorded_hazards(scenario: Scenario) -> list[str]:
+    """Return the topics of hazard cameras that a run offers and records."""
+    if not {'render_node', 'recorder_node'} <= set(scenario.run.nodes):
+        return []
+    offered = [topic.name for name, hazard in scenario.render_node.hazard.items()
+               for camera in sides(name, hazard) for topic in topics.hazard(camera)]
+    return [name for name in offered if name in scenario.recorder_node.topics]
+
+
+def silent_topics(scenario: Scenario) -> list[str]:
+    """Return a line on each topic in `recorder_node.topics` that nobody will publish, with why.
+
+    A name outside the contract may be that of a user's own node; it is listed only if it
+    resembles a name of the contract.
+    """
+    return [f'{name}: {reason}' for name in scenario.recorder_node.topics
+            if name != ALL and (reason := _why_silent(scenario, name.lstrip('/')))]
+
+
+def _why_silent(scenario: Scenario, name: str) -> str:
+    """Return why nobody publishes a topic; '' where somebody does or may."""
+    found = topics.of_hazard(name)
+    topic = _BY_NAME.get(name) if found is None else found[0]
+    if topic is None:
+        near = difflib.get_close_matches(name, list(_BY_NAME), n=1, cutoff=_ALIKE)
+        return f'no topic of this package; did you mean {near[0]}?' if near else ''
+    # What is not on request may come from a program of the user instead.
+    if (topic.on_request and topic.node in _RENDERED_OR_SCANNED
+            and topic.node not in scenario.run.nodes):
+        return f'run.nodes lacks {topic.node}'
+    render, ground = scenario.render_node, scenario.physics_node.ground
+    if topic in _OF_CHASE and not render.chase.enabled:
+        return 'render_node.chase.enabled is false'
+    if topic in topics.OF_SOFT_GROUND and not ground.deforms:
+        return f'physics_node.ground.model is {ground.model}'
+    cameras = [camera for key, hazard in render.hazard.items() for camera in sides(key, hazard)]
+    if found is not None and found[1] not in cameras:
+        return ('render_node.hazard has no such camera; there '
+                + (f'are {", ".join(cameras)}' if cameras else 'is none'))
+    return ''
