@@ -86,6 +86,12 @@ class CampaignError(LunarRoverSimError):
     """A campaign cannot be planned, recorded or published."""
 
 
+def one_line(reason: object) -> str:
+    """Return a text, or the text of an error or else the name of its class, on one line."""
+    return ' '.join(str(reason).split()) or (
+        type(reason).__name__ if isinstance(reason, BaseException) else '')
+
+
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
     """Return a phrase that offers the valid names near to `name`; '' if none is near."""
     close = difflib.get_close_matches(name[:80], list(valid), n=3, cutoff=0.5)

@@ -7,6 +7,7 @@ import pkgutil
 import pytest
 
 import lunar_rover_sim
+from lunar_rover_sim.errors import one_line
 
 ROOMS = ('world', 'regolith', 'physics', 'gait', 'illumination', 'camera', 'stereo',
          'evaluation')
@@ -29,3 +30,10 @@ def test_is_frozen(kind):
 
 def test_rooms_exist():
     assert set(ROOMS) <= {m.name for m in pkgutil.iter_modules(lunar_rover_sim.__path__)}
+
+
+def test_reasons_are_one_line() -> None:
+    """An error without words gives the name of its class."""
+    assert one_line('a\n  b\tc ') == 'a b c'
+    assert one_line(ValueError('not\nthis')) == 'not this'
+    assert one_line(KeyError()) == 'KeyError' and one_line('') == ''

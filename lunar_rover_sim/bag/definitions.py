@@ -5,7 +5,7 @@ from __future__ import annotations
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
 
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import BagError, one_line
 
 
 def learn(typestore: Typestore, msgtype: str, definition: str) -> None:
@@ -25,6 +25,6 @@ def learn(typestore: Typestore, msgtype: str, definition: str) -> None:
         trial.register(types)
         trial.hash_rihs01(msgtype)
     except (TypesysError, KeyError) as error:
-        reason = ' '.join(str(error).split())
+        reason = one_line(error)
         raise BagError(f'the definition of {msgtype} cannot be read: {reason}') from None
     typestore.register(types)

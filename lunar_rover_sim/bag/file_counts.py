@@ -9,7 +9,7 @@ import yaml
 
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import BagError, one_line
 
 # The parser in C, where PyYAML has it, takes a tenth of the time.
 _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
@@ -41,7 +41,7 @@ def file_counts(bag: Path) -> dict[str, int | None]:
     # Whatever is in the file instead of them; its reader has let it pass.
     except (OSError, yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError,
             AttributeError) as error:
-        reason = ' '.join(str(error).split())
+        reason = one_line(error)
         raise BagError(f'{where}: the list of files cannot be read: {reason[:200]}') from None
     for name, count in entries:
         if not is_count(count):

@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 import yaml
 
+from lunar_rover_sim.errors import one_line
 from lunar_rover_sim.files.paths import lock as lock_file
 
 MARKER_NAME = 'incomplete.yaml'
@@ -25,7 +26,7 @@ _SIZE = 512
 
 def mark(bag: Path, reason: str = UNFINISHED) -> None:
     """Mark the bag folder as incomplete; a reason is cut to one line of 400 characters."""
-    line = ' '.join(reason.split())[:400]
+    line = one_line(reason)[:400]
     text = '# This bag has no clean end. Make it readable with: lunar_rover_sim bag recover\n'
     text += f'reason: {yaml.safe_dump(line, width=1000, default_style=chr(34)).strip()}\n'
     path = bag / MARKER_NAME

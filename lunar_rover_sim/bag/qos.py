@@ -8,7 +8,7 @@ from rosbags.interfaces import (Qos, QosDurability, QosHistory, QosLiveliness, Q
                                 QosTime)
 import yaml
 
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import CONTRACT, LATCHED
 
@@ -71,7 +71,7 @@ def qos_of_text(text: str) -> list[Qos]:
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, OverflowError,
             RecursionError) as error:
         raise BagError('offered QoS profiles cannot be read: '
-                       + ' '.join(str(error).split())) from None
+                       + one_line(error)) from None
 
 
 def _member(kind: Any, value: Any, otherwise: Any) -> Any:

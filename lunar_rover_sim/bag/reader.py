@@ -24,7 +24,7 @@ from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.bag.typestores import typestore_of
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.files.paths import check_regular
 from lunar_rover_sim.parameters import nearest
 
@@ -381,4 +381,4 @@ def storage_file(path: Path) -> Path:
 def _words(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return 'it names a length that no memory holds'
-    return ' '.join(str(error).split()) or type(error).__name__
+    return one_line(error)

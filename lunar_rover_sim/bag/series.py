@@ -13,8 +13,8 @@ from lunar_rover_sim.bag import message_validity
 from lunar_rover_sim.bag.messages import header_ns, imu_row, odometry_row
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.frames import Array
 
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 

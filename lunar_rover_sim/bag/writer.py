@@ -29,7 +29,7 @@ from lunar_rover_sim.bag.definitions import learn
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.recording_pace import REAL_TIME_FACTOR
 from lunar_rover_sim.bag.stamps import StampTable
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
 from lunar_rover_sim.seconds import NS_PER_S
 
@@ -256,7 +256,7 @@ def in_words(error: BaseException) -> str:
     """Return the error on one line, without a path that the caller names anyway."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
-    return ' '.join(str(error).split()) or type(error).__name__
+    return one_line(error)
 
 
 def _sync(path: Path) -> None:

@@ -23,7 +23,7 @@ from lunar_rover_sim.campaign.manifest import (file_table, FORMAT, MANIFEST, rea
                                                why_unfinished, write_json)
 from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.errors import (CampaignError, ConfigError, GraphError, LunarRoverSimError,
-                                    WorldError)
+                                    one_line, WorldError)
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.run.plan import BAG_FOLDER, resolve
 from lunar_rover_sim.run.resumable import record_once
@@ -85,7 +85,7 @@ def main() -> int:
     try:
         make(Path(sys.argv[1]), Path(sys.argv[2]))
     except (LunarRoverSimError, OSError) as error:
-        print(' '.join(str(error).split()), file=sys.stderr)
+        print(one_line(error), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.errors import CampaignError
+from lunar_rover_sim.errors import CampaignError, one_line
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
 from lunar_rover_sim.files.paths import file_hash
 from lunar_rover_sim.files.yaml_text import read_text
@@ -41,7 +41,7 @@ def read_json(path: Path, most_bytes: int = _MOST_BYTES) -> dict[str, Any]:
     try:
         document = json.loads(read_text(path, most_bytes, CampaignError))
     except (ValueError, RecursionError) as error:
-        reason = ' '.join(str(error).split())[:200]
+        reason = one_line(error)[:200]
         raise CampaignError(f'{path}: cannot be read: {reason}') from None
     if not isinstance(document, dict):
         raise CampaignError(f'{path}: not an object')

@@ -16,7 +16,7 @@ import threading
 
 from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
 from lunar_rover_sim.campaign.layout import STOP_FILE
-from lunar_rover_sim.errors import CampaignError
+from lunar_rover_sim.errors import CampaignError, one_line
 
 _CONNECT_S = 5
 
@@ -58,7 +58,7 @@ def run_on_cluster(tasks: Sequence[EpisodeTask], dataset: Path, address: str,
     try:
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        reason = ' '.join(str(error).split())[:200]
+        reason = one_line(error)[:200]
         raise CampaignError(f'--scheduler {address}: no Dask scheduler answers: '
                             f'{reason}') from None
     with client:

@@ -12,7 +12,7 @@ from typing import NamedTuple, NoReturn
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.cli.help_format import HelpFormatter
-from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError
+from lunar_rover_sim.errors import ConfigError, did_you_mean, LunarRoverSimError, one_line
 from lunar_rover_sim.files.paths import check_open_files
 
 logger = logging.getLogger('lunar_rover_sim.cli')
@@ -192,7 +192,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _in_words(error: OSError | MemoryError) -> str:
     if isinstance(error, MemoryError):
         return 'the memory of this machine is not enough'
-    reason = error.strerror or ' '.join(str(error).split())
+    reason = error.strerror or one_line(error)
     return f'{error.filename}: {reason}' if error.filename else reason
 
 

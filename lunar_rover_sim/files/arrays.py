@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.errors import LunarRoverSimError, one_line
 from lunar_rover_sim.files.paths import check_regular
 
 
@@ -17,7 +17,7 @@ def map_array(path: Path, error: type[LunarRoverSimError]) -> NDArray:
     try:
         return np.lib.format.open_memmap(path, mode='r')
     except Exception as reason:  # whatever NumPy makes of a damaged file
-        raise error(f'{path}: {_words(reason)}') from None
+        raise error(f'{path}: {one_line(reason)}') from None
 
 
 def read_archive(path: Path, error: type[LunarRoverSimError],
@@ -38,13 +38,9 @@ def read_archive(path: Path, error: type[LunarRoverSimError],
     except error:
         raise
     except Exception as reason:  # whatever NumPy and zipfile make of a damaged file
-        raise error(f'{path}: {_words(reason)}') from None
+        raise error(f'{path}: {one_line(reason)}') from None
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):
             raise error(f'{path}: {name}: not an array')
         array.setflags(write=False)
     return arrays
-
-
-def _words(reason: Exception) -> str:
-    return ' '.join(str(reason).split()) or type(reason).__name__

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from lunar_rover_sim.errors import LunarRoverSimError
+from lunar_rover_sim.errors import LunarRoverSimError, one_line
 from lunar_rover_sim.files.paths import check_regular
 
 
@@ -50,7 +50,7 @@ def _read(path: Path, error: type[LunarRoverSimError], mode: str) -> NDArray[Any
                 return np.asarray(picture).astype(np.uint16)
             return np.asarray(picture.convert(mode), dtype=np.uint8)
     except Exception as reason:  # Pillow's readers raise errors of many classes on a damaged file
-        words = ' '.join(str(reason).split()) or type(reason).__name__
+        words = one_line(reason)
         raise error(f'{path}: cannot be read as a picture: {words}') from None
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
+from lunar_rover_sim.errors import ConfigError, LunarRoverSimError, one_line
 from lunar_rover_sim.files.paths import check_regular
 
 _MAX_DEPTH = 32
@@ -122,6 +122,6 @@ def read_text(path: Path, most_bytes: int, error: type[LunarRoverSimError] = Con
 
 def _line(error: BaseException) -> str:
     # PyYAML's name of a text that has no file; the caller names the file.
-    text = ' '.join(str(error).split()).replace('"<unicode string>", ', '')
+    text = one_line(error).replace('"<unicode string>", ', '')
     text = ''.join(c if c.isprintable() else '?' for c in text)
     return text if len(text) <= 300 else text[:300] + ' ...'

@@ -9,19 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import find_file, packaged_names
 from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.regolith.config import RIGID
-
-Array = NDArray[np.float64]
 
 _KIND = 'gait_calibration'
 _MOST_BYTES = 1 << 20

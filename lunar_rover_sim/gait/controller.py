@@ -7,10 +7,11 @@ import math
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lunar_rover_sim.arguments import brief, check_scenario
 from lunar_rover_sim.errors import ConfigError, GaitError
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.phases import LegPhases
@@ -18,8 +19,6 @@ from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
-
-Array = NDArray[np.float64]
 
 _SIDES = (0, 1, 0, 1)  # left or right, of front_left, front_right, rear_left, rear_right
 _MIN_DUTY, _MAX_DUTY = 0.1, 0.9

@@ -6,11 +6,10 @@ from collections.abc import Callable
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lunar_rover_sim.errors import ConfigError
-
-Array = NDArray[np.float64]
+from lunar_rover_sim.frames import Array
 
 
 class ShapingFunction:

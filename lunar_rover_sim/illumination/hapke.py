@@ -14,12 +14,11 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.frames import distance_along
+from lunar_rover_sim.frames import Array, distance_along
 from lunar_rover_sim.path_following.config import DriveConfig
-
-Array = NDArray[np.float64]
 
 SAMPLE_M = 0.02
 

@@ -13,6 +13,8 @@ import re
 import mujoco
 import numpy as np
 
+from lunar_rover_sim.errors import one_line
+
 logger = logging.getLogger(__name__)
 
 _texts: collections.deque[str] = collections.deque(maxlen=16)
@@ -45,6 +47,6 @@ def diagnosis(model: mujoco.MjModel, data: mujoco.MjData, time_s: float) -> str:
 
 
 def _take(text: str) -> None:
-    line = ' '.join(text.split())
+    line = one_line(text)
     _texts.append(line)
     logger.debug('MuJoCo: %s', line)

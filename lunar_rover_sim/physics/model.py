@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from lunar_rover_sim.errors import PhysicsError
+from lunar_rover_sim.errors import one_line, PhysicsError
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.contact import set_contact
 from lunar_rover_sim.physics.soil_contact import add_soil
@@ -51,7 +51,7 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     try:
         model = spec.compile()
     except ValueError as error:     # of MuJoCo: a mass or an inertia below 1e-15, for instance
-        reason = ' '.join(str(error).removeprefix('Error:').split())
+        reason = one_line(str(error).removeprefix('Error:'))
         raise PhysicsError(f'the rover cannot be simulated: {reason}; are its masses in kg and '
                            'its lengths in m?') from None
     _fill_ground(model, world.ground)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.errors import UsdError
+from lunar_rover_sim.errors import one_line, UsdError
 from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.usd.pixar import Sdf, Tf, UsdUtils
 from lunar_rover_sim.usd.suffixes import is_package, is_stage, parts_name, SUFFIXES
@@ -79,7 +79,7 @@ def write_stage(path: Path, compose: Callable[[Path, Path], None],
                 _replace(parts, path.with_name(parts.name), work)
                 root.replace(path)
     except Tf.ErrorException as error:
-        raise UsdError(f'{path}: cannot be written: {" ".join(str(error).split())}') from None
+        raise UsdError(f'{path}: cannot be written: {one_line(error)}') from None
     return path
 
 

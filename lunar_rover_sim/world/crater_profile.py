@@ -6,13 +6,11 @@ import dataclasses
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.config import CraterConfig
 from lunar_rover_sim.world.lattice import on_lattice
-
-Array = NDArray[np.float64]
 
 RADII = np.linspace(0.0, 5.0, 401)  # of the profile table, in crater radii
 REACH = 2.6                         # radii beyond which a crater is not drawn

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from lunar_rover_sim.frames import Array
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,13 +7,11 @@ the coarser levels. They are not stored: the recipe and the catalogue of craters
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world import ejecta, rockfield
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
-
-Array = NDArray[np.float64]
 
 LEAST_DIAMETER_M = 0.3      # of rocks at any distance
 # Nearer to the fine ground there are smaller ones too, so that they do not end at its edge: as

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 import trimesh
 
-from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.errors import one_line, WorldError
 from lunar_rover_sim.files.paths import check_regular, user_path
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.fill import harmonic_fill
@@ -181,7 +181,7 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
             if isinstance(loaded, trimesh.Scene):
                 loaded = loaded.to_mesh()
     except Exception as error:  # the parsers raise errors of any class on a damaged file
-        text = ' '.join(str(error).split()) or type(error).__name__
+        text = one_line(error)
         raise WorldError(f'{path}: cannot be read as a mesh: {text}') from None
     faces = getattr(loaded, 'faces', None)
     if faces is None or len(faces) == 0:

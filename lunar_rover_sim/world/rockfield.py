@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from lunar_rover_sim.frames import matrix_from_wxyz, product_wxyz
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.world.config import RockConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
@@ -18,7 +18,6 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 from lunar_rover_sim.world.window import window_of
 
 logger = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 
 _POSITION_STEP_M, _ORIENTATION_STEP = 2.0**-20, 2.0**-24
 
