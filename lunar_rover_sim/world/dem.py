@@ -15,7 +15,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.errors import WorldError
+from lunar_rover_sim.errors import one_line, WorldError
 from lunar_rover_sim.files.arrays import map_array
 from lunar_rover_sim.files.library_output import stderr_to_log
 from lunar_rover_sim.files.paths import user_path
@@ -147,7 +147,7 @@ class GeoRaster(Raster):
         except (RasterioError, ValueError) as error:     # CRSError, UnicodeDecodeError
             self.close()
             raise WorldError(f'{path}: not a raster that can be read: '
-                             f'{" ".join(str(error).split())}') from None
+                             f'{one_line(error)}') from None
         except BaseException:
             self.close()
             raise
@@ -259,7 +259,7 @@ class GeoRaster(Raster):
                 values = self._data.read(band, window=window, out_shape=shape, masked=True,
                                          resampling=Resampling.average)
         except RasterioError as error:
-            reason = ' '.join(str(error.__cause__ or error).split())
+            reason = one_line(error.__cause__ or error)
             raise WorldError(f'{self.path}: cannot be read, it may be cut short: '
                              f'{reason}') from None
         known = ~np.ma.getmaskarray(values)
