@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from lunar_rover_sim.errors import PhysicsError, StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import make_new_folder
-from lunar_rover_sim.frames import Array, path_length
+from lunar_rover_sim.frames import Array, path_length, tilt_deg
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
@@ -321,9 +321,7 @@ def _pitch_deg(state: RoverState) -> float:
 
 
 def _tilt_deg(state: RoverState) -> float:
-    """Return the angle between base z and the vertical [deg]."""
-    _, x, y, _ = state.orientation_wxyz.tolist()
-    return math.degrees(math.acos(max(-1.0, 1.0 - 2.0 * (x * x + y * y))))
+    return float(tilt_deg(state.orientation_wxyz))
 
 
 SETTINGS_FILE, DRIVES_FOLDER = 'settings.yaml', 'drives'
