@@ -26,6 +26,8 @@ from lunar_rover_sim.slam.run_on_bag import ESTIMATE, run_on_bag
 from lunar_rover_sim.slam.table import Paper, read_paper
 from lunar_rover_sim.slam.vocabulary import descriptors, open_sets, train
 
+_DESCRIPTORS_PER_WORD = 3      # fewer, and most leaves of the tree hold one
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the commands."""
@@ -168,8 +170,11 @@ def _train(args: argparse.Namespace) -> int:
         vocabulary = train(images, args.branching, args.levels, args.seed, progress)
     options.refuse_existing(args.output, option=False)
     atomic_write(args.output, vocabulary.text(), SlamError)
-    say(f'{args.output}: {vocabulary.is_word.sum()} words of '
-        f'{sum(map(len, images))} descriptors of {len(images)} images')
+    words, count = int(vocabulary.is_word.sum()), sum(map(len, images))
+    say(f'{args.output}: {words} words of {count} descriptors of {len(images)} images')
+    if count < _DESCRIPTORS_PER_WORD * words:
+        say('note: a word needs a few descriptors to mean something; give more images, or fewer '
+            f'--levels than {args.levels}')
     return 0
 
 

@@ -97,7 +97,7 @@ class Progress:
             # A pipe behind stdout gets what is printed, and the terminal does not.
             self._bar = rich_progress.Progress(
                 rich_progress.TextColumn('{task.description}', markup=False),
-                rich_progress.BarColumn(), _Told(self), console=to, transient=True,
+                rich_progress.BarColumn(bar_width=20), _Told(self), console=to, transient=True,
                 redirect_stdout=sys.stdout.isatty())
         self._task: rich_progress.TaskID | None = None
         self._ended = threading.Event()
@@ -173,7 +173,7 @@ class _Told(rich_progress.ProgressColumn):
         self._told = told
 
     def render(self, task: rich_progress.Task) -> Text:
-        return Text(self._told.told())
+        return Text(self._told.told(), no_wrap=True, overflow='ellipsis')
 
 
 def _clock(seconds: float) -> str:

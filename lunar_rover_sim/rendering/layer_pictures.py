@@ -153,7 +153,7 @@ def contact_sheet(frame: StereoFrame, disparity_px: NDArray[np.floating],
         error = np.abs(sgm_depth_m - frame.depth_m) / frame.depth_m
     rows = [[('left', gray8(frame.left)), ('right', gray8(frame.right)),
              ('ideal radiance, gamma', tone_mapped(frame.radiance)),
-             ('sun green, shadow of the rover red', shadow_picture(frame.shadow))],
+             ('sun green, in part blue, rover red', shadow_picture(frame.shadow))],
             [(f'true depth, {_NEAR_M:g} to {_FAR_M:g} m', depth_picture(frame.depth_m)),
              ('normals', normal_picture(frame.normal)),
              ('labels', label_picture(frame.label)),
