@@ -18,6 +18,7 @@ from kept_contexts import create_new, KeptContext
 import moderngl
 import psutil
 import pytest
+from waiting import LIMIT_S
 
 from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.ros_installation import dds_environment
@@ -42,7 +43,7 @@ def command(*arguments: str) -> list[str]:
 
 
 def simulate(folder: Path, *arguments: str, scenario: str = 'baseline',
-             timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+             timeout_s: float = LIMIT_S) -> subprocess.CompletedProcess[str]:
     """Run a small scenario to its end; return the finished process."""
     settings = [word for setting in SMALL for word in ('--set', setting)]
     return subprocess.run(command('run', scenario, '-o', str(folder), *settings, *arguments),

@@ -13,6 +13,7 @@ from typing import Any
 from nav_msgs.msg import Odometry
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from waiting import LIMIT_S
 
 LEGS = [f'{leg}_joint' for leg in ('front_left', 'front_right', 'rear_left', 'rear_right')]
 SMALL_CAMERA = ('-p', 'camera.width:=160', '-p', 'camera.height:=120', '-p',
@@ -50,10 +51,10 @@ class Peer:
             depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL if durable
             else DurabilityPolicy.VOLATILE))
 
-    def spin_until(self, condition: Callable[[], bool], limit_s: float = 30.0,
+    def spin_until(self, condition: Callable[[], bool],
                    meanwhile: Callable[[], None] = lambda: None) -> None:
         """Spin until the condition holds; call `meanwhile` about 20 times a second."""
-        deadline = time.monotonic() + limit_s
+        deadline = time.monotonic() + LIMIT_S
         while not condition():
             assert time.monotonic() < deadline, 'nothing came'
             meanwhile()
@@ -64,7 +65,7 @@ class Peer:
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Call a service and return its response."""
         client = self.node.create_client(kind, service)
-        assert client.wait_for_service(30.0)
+        assert client.wait_for_service(LIMIT_S)
         for _ in range(5):
             # A response is lost where the service has not yet discovered who asks.
             future = client.call_async(request)
@@ -84,7 +85,7 @@ def running(name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     try:
         yield process
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
+        assert process.wait(LIMIT_S) == 0
     finally:
         process.kill()
         process.communicate()
@@ -102,18 +103,18 @@ def ended(name: str, *arguments: str) -> Iterator[list[str]]:
     errors: list[str] = []
     try:
         yield errors
-        errors += process.communicate(timeout=20)[1].strip().splitlines()
+        errors += process.communicate(timeout=LIMIT_S)[1].strip().splitlines()
         assert process.returncode == 1
     finally:
         process.kill()
-        process.wait(20)
+        process.wait(LIMIT_S)
 
 
 def fails(name: str, *arguments: str) -> str:
     """Run a node that must refuse its parameters; return its one line."""
     finished = subprocess.run(
         [sys.executable, '-m', f'lunar_rover_sim.nodes.{name}', '--ros-args', *arguments],
-        capture_output=True, text=True, timeout=60)
+        capture_output=True, text=True, timeout=LIMIT_S)
     assert finished.returncode == 1, finished.stdout + finished.stderr
     lines = [line for line in finished.stderr.strip().splitlines()
              if not line.startswith('[INFO]')]

@@ -16,6 +16,7 @@ import venv
 import xml.etree.ElementTree as ET
 
 import pytest
+from waiting import LIMIT_S
 
 import lunar_rover_sim
 from lunar_rover_sim.nodes.entry_points import NODES
@@ -53,12 +54,12 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # With this tree on PYTHONPATH, pip would take the package for installed.
     without = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
     subprocess.run([*pip, 'wheel', *offline, '--no-build-isolation', '--wheel-dir', str(folder),
-                    str(folder / 'source')], check=True, timeout=120, env=without)
+                    str(folder / 'source')], check=True, timeout=LIMIT_S, env=without)
     (wheel,) = folder.glob('*.whl')
     environment = folder / 'environment'
     venv.create(environment)
     subprocess.run([*pip, '--python', str(environment / 'bin' / 'python'), 'install', *offline,
-                    str(wheel)], check=True, timeout=120, env=without)
+                    str(wheel)], check=True, timeout=LIMIT_S, env=without)
     return environment
 
 
@@ -68,7 +69,7 @@ def run_installed(prefix: Path, *command: str) -> subprocess.CompletedProcess[st
              and not Path(path).resolve().is_relative_to(ROOT / 'test')]
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
     return subprocess.run([str(prefix / 'bin' / command[0]), *command[1:]], cwd=prefix,
-                          capture_output=True, text=True, timeout=60, env=environment)
+                          capture_output=True, text=True, timeout=LIMIT_S, env=environment)
 
 
 def installed_package(prefix: Path) -> Path:
@@ -273,7 +274,7 @@ def test_setup_knows_pip_from_colcon(tmp_path: Path) -> None:
            'print(len(found.scripts), [name for name, _ in found.data_files if name == "bin"])')
     for word, programs in (('--dry-run', ['bin']), ('develop', ['bin']), ('bdist_wheel', [])):
         finished = subprocess.run([sys.executable, '-c', f'import setuptools; {ask}', word],
-                                  cwd=ROOT, capture_output=True, text=True, timeout=60)
+                                  cwd=ROOT, capture_output=True, text=True, timeout=LIMIT_S)
         assert finished.stdout == f'{len(NODES)} {programs}\n', finished.stderr
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+from waiting import LIMIT_S
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -20,6 +22,7 @@ import importlib.util
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name == 'rclpy' else found(name, *rest)
 sys.meta_path.insert(0, Hide())
+from waiting import LIMIT_S
 from lunar_rover_sim.{module} import {function}
 sys.argv = {words}
 sys.exit({function}({argument}))
@@ -32,7 +35,7 @@ def without_ros(module: str, function: str, argument: str = '', words: str = '["
     script = _WITHOUT_ROS.format(module=module, function=function, argument=argument,
                                  words=words)
     return subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                          cwd=ROOT, timeout=60)
+                          cwd=ROOT, timeout=LIMIT_S)
 
 
 def test_nodes_without_ros() -> None:

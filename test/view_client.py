@@ -11,9 +11,9 @@ import struct
 import time
 from typing import Any
 
+from waiting import LIMIT_S
 from websockets.sync.client import ClientConnection, connect
 
-_LIMIT_S = 20.0
 _MESSAGE, _TIME = 1, 2
 
 
@@ -35,7 +35,7 @@ class Client:
 
     def find(self, topic: str) -> dict[str, Any]:
         """Return the channel of a topic, as soon as it is advertised."""
-        end_s = time.monotonic() + _LIMIT_S
+        end_s = time.monotonic() + LIMIT_S
         while topic not in self.channels:
             self._receive(end_s)
         return self.channels[topic]
@@ -60,7 +60,7 @@ class Client:
 
     def _next(self, kind: int) -> bytes:
         """Return the next binary message of a kind."""
-        end_s = time.monotonic() + _LIMIT_S
+        end_s = time.monotonic() + LIMIT_S
         while True:
             data = self._kept.popleft() if self._kept else self._receive(end_s)
             if isinstance(data, bytes) and data[0] == kind:
@@ -79,7 +79,7 @@ class Client:
 
     def refusal(self) -> str:
         """Return the text of the next status that the server sends."""
-        end_s = time.monotonic() + _LIMIT_S
+        end_s = time.monotonic() + LIMIT_S
         while True:
             data = self._receive(end_s)
             if isinstance(data, str) and json.loads(data)['op'] == 'status':
@@ -99,11 +99,11 @@ class Client:
 @contextlib.contextmanager
 def client(port: int) -> Iterator[Client]:
     """Connect, as soon as there is a server."""
-    end_s = time.monotonic() + 2.0 * _LIMIT_S
+    end_s = time.monotonic() + LIMIT_S
     while True:
         try:
             connection = connect(f'ws://127.0.0.1:{port}', subprotocols=['foxglove.sdk.v1'],
-                                 max_size=None, close_timeout=1.0, open_timeout=5.0)
+                                 max_size=None, close_timeout=1.0, open_timeout=LIMIT_S)
             break
         except OSError:
             if time.monotonic() > end_s:

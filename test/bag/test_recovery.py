@@ -16,6 +16,7 @@ import textwrap
 import pytest
 from rosbags.rosbag2 import Reader
 import synthetic_bag as synthetic
+from waiting import LIMIT_S
 import yaml
 
 from lunar_rover_sim import topics
@@ -58,7 +59,7 @@ def record(messages: Path, path: Path, storage: str, compression: str,
         messages=str(messages), path=str(path), storage=storage, compression=compression,
         limit=limit)
     return subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
-                          timeout=60)
+                          timeout=LIMIT_S)
 
 
 def everything(path: Path) -> list[tuple[str, str, int, bytes]]:

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import synthetic_bag
+from waiting import LIMIT_S
 
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.dataset import Dataset
@@ -83,11 +84,11 @@ def test_a_browser_shows_it(page: Path, tmp_path: Path) -> None:
                '--hide-scrollbars', f'--user-data-dir={tmp_path / "profile"}']
     shot = tmp_path / 'page.png'
     subprocess.run([*options, '--window-size=1200,1800', f'--screenshot={shot}', page.as_uri()],
-                   check=True, capture_output=True, timeout=150)
+                   check=True, capture_output=True, timeout=LIMIT_S)
     picture = cv2.imread(str(shot))
     assert picture.shape[:2] == (1800, 1200)
     dom = subprocess.run([*options, '--dump-dom', page.as_uri()], check=True, capture_output=True,
-                         text=True, timeout=150).stdout
+                         text=True, timeout=LIMIT_S).stdout
     assert '<title>moon</title>' in dom
     assert '&lt;script&gt;' in dom
     assert 'the sun &lt;b&gt;set' in dom

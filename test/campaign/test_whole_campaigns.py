@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import contextlib
 import json
 import os
@@ -10,10 +10,10 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 
 from conftest import command, PLAIN, processes_naming
 import pytest
+from waiting import LIMIT_S, wait_until
 
 from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.campaign.dataset import failures, manifests
@@ -49,14 +49,6 @@ def start(*arguments: str) -> subprocess.Popen[str]:
                             stderr=subprocess.STDOUT, text=True)
 
 
-def wait_until(condition: Callable[[], object], what: str, limit_s: float = 120.0) -> None:
-    """Wait until the condition holds."""
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.1)
-
-
 def recording(folder: Path) -> bool:
     """Return whether an episode is being recorded."""
     return any((folder / 'partial').glob('*/episodes/bag/*.mcap'))
@@ -69,11 +61,11 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
     campaign = start(*arguments)
     wait_until(lambda: recording(tmp_path / 'data'), 'nothing was recorded')
     campaign.kill()
-    campaign.communicate(timeout=40)    # its processes hold the pipe
-    wait_until(lambda: not processes_naming(str(tmp_path / 'data')), 'processes are left', 40.0)
+    campaign.communicate(timeout=LIMIT_S)    # its processes hold the pipe
+    wait_until(lambda: not processes_naming(str(tmp_path / 'data')), 'processes are left')
 
     again = start(*arguments)
-    output, _ = again.communicate(timeout=240)
+    output, _ = again.communicate(timeout=LIMIT_S)
     # One of two cannot be made: told, recorded, and no reason to stop.
     assert again.returncode == 1, output
     assert '1 of 2 episodes' in output
@@ -90,15 +82,13 @@ def test_killed_resumed_reproduced(tmp_path: Path, world_folder: Path) -> None:
         assert manifest['bag_hash'] == bag_hash(folder / 'bag')
     assert 'CC-BY-4.0' in (tmp_path / 'data' / 'README.md').read_text()
 
-    before = time.monotonic()
     third = start(*arguments)
-    output, _ = third.communicate(timeout=60)
+    output, _ = third.communicate(timeout=LIMIT_S)
     assert '1 there, 0 to make, 1 failed before' in output
-    assert time.monotonic() - before < 60
 
     scenario = tmp_path / 'data' / 'episodes' / '0000' / 'scenario.yaml'
     subprocess.run(command('run', str(scenario), '-o', str(tmp_path / 'alone')), check=True,
-                   capture_output=True, timeout=120)
+                   capture_output=True, timeout=LIMIT_S)
     assert bag_hash(tmp_path / 'alone' / 'bag') == made['0000']['bag_hash']
     assert (tmp_path / 'alone' / 'scenario.yaml').read_bytes() == scenario.read_bytes()
 
@@ -134,7 +124,7 @@ def test_a_cluster_loses_a_worker(tmp_path: Path, world_folder: Path) -> None:
         wait_until(lambda: len(list((tmp_path / 'data' / 'partial').glob('*/episodes/bag'))) > 1
                    or campaign.poll() is not None, 'the workers did not start')
         os.kill(workers[0].pid, signal.SIGKILL)
-        output, _ = campaign.communicate(timeout=240)
+        output, _ = campaign.communicate(timeout=LIMIT_S)
         assert campaign.returncode == 0, output
     assert [m['name'] for m in manifests(tmp_path / 'data')] == ['0000', '0001']
     assert not failures(tmp_path / 'data')
@@ -147,6 +137,6 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     (tmp_path / 'blind.yaml').write_text(BLIND)
     campaign = start(str(tmp_path / 'blind.yaml'), '-o', str(tmp_path / 'data'),
                      '--scheduler', 'tcp://127.0.0.1:9')
-    output, _ = campaign.communicate(timeout=120)
+    output, _ = campaign.communicate(timeout=LIMIT_S)
     assert campaign.returncode == 1
     assert '--scheduler tcp://127.0.0.1:9: no Dask scheduler answers' in output

@@ -9,6 +9,7 @@ import subprocess
 import sys
 
 import pytest
+from waiting import LIMIT_S
 
 from lunar_rover_sim.cli.main import main
 
@@ -37,10 +38,10 @@ def test_walk() -> None:
              '--rtf', '0.5', '--set', 'world.size_m=12.8', '--set',
              'world.surroundings.samples=257'],
             env={**os.environ, 'DISPLAY': DISPLAY, 'LIBGL_ALWAYS_SOFTWARE': '1'},
-            capture_output=True, text=True, timeout=120, check=False)
+            capture_output=True, text=True, timeout=LIMIT_S, check=False)
     finally:
         display.kill()
-        display.wait(timeout=10)
+        display.wait(timeout=LIMIT_S)
     assert done.returncode == 0, done.stderr
     found = re.fullmatch(r'1\.0 s, at \((\S+), \S+\) m\n', done.stdout)
     assert found is not None and float(found.group(1)) > 0.05

@@ -9,6 +9,7 @@ import sys
 from matplotlib.figure import Figure
 import numpy as np
 import pytest
+from waiting import LIMIT_S
 
 from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.files.atomic import atomic_write, partial_folder
@@ -73,7 +74,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
 
 def test_a_kill_leaves_the_old_file(tmp_path):
     (tmp_path / 'a').write_text('old')
-    child = subprocess.run([sys.executable, '-c', KILLED, str(tmp_path / 'a')], timeout=60)
+    child = subprocess.run([sys.executable, '-c', KILLED, str(tmp_path / 'a')], timeout=LIMIT_S)
     assert child.returncode == -9
     assert (tmp_path / 'a').read_text() == 'old'
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 import threading
-import time
 from types import SimpleNamespace
 from typing import Any
 
 from conftest import PLAIN, SMALL
 import numpy as np
 import pytest
+from waiting import LIMIT_S, wait_until
 
 from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import open_bag
@@ -84,7 +84,7 @@ class SlowLight:
         self.shown: list[Any] = []
 
     def light_of(self, sun: Any) -> Any:
-        assert self.go.wait(60.0)
+        assert self.go.wait(LIMIT_S)
         return sun
 
     def show_sun(self, light: Any) -> None:
@@ -105,14 +105,11 @@ def test_in_real_time_no_frame_waits_for_the_light() -> None:
             sun.light(stamp_ns)
         assert not renderer.shown
         renderer.go.set()
-        deadline_s = time.monotonic() + 60.0
-        while not sun.is_due(path.start_ns(4)) and time.monotonic() < deadline_s:
-            time.sleep(0.01)
+        wait_until(lambda: sun.is_due(path.start_ns(4)))
         sun.light(path.start_ns(4))
         assert renderer.shown == [path.of_step(1)]
         # Then comes the light of now, not that of all steps in between.
-        while not sun.is_due(path.start_ns(4)) and time.monotonic() < deadline_s:
-            time.sleep(0.01)
+        wait_until(lambda: sun.is_due(path.start_ns(4)))
         sun.light(path.start_ns(4))
         assert renderer.shown == [path.of_step(1), path.of_step(4)]
     finally:

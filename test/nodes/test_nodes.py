@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
@@ -148,7 +149,7 @@ def test_a_signal_ends_a_publishing_node(peer: Peer, world_folder: Path,
     try:
         peer.spin_until(lambda: bool(odometry))
         process.send_signal(number)
-        output, _ = process.communicate(timeout=20)
+        output, _ = process.communicate(timeout=LIMIT_S)
         assert process.returncode == 0, output
         assert not any(word in output for word in ('Traceback', 'rror', 'FATAL')), output
     finally:
@@ -163,12 +164,9 @@ def test_a_signal_ends_a_starting_node(domain: int, tmp_path: Path) -> None:
         [sys.executable, '-m', 'lunar_rover_sim.nodes.recorder_node', '--ros-args', '-p',
          f'output:={bag}'], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
-        deadline = time.monotonic() + 30.0
-        while not bag.exists():     # made in the constructor
-            assert time.monotonic() < deadline
-            time.sleep(0.001)
+        wait_until(bag.exists, pause_s=0.001)   # made in the constructor
         process.send_signal(signal.SIGTERM)
-        output, _ = process.communicate(timeout=20)
+        output, _ = process.communicate(timeout=LIMIT_S)
         assert process.returncode == 0, output
         assert all(line.startswith('[INFO]') for line in output.splitlines())
     finally:

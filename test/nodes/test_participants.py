@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 import pytest
+from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
@@ -43,13 +44,12 @@ def refusal(peer: Peer, world: Path, meanwhile: Any = lambda: None) -> str:
             [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'physics_node',
              '--ros-args', '-p', f'world:={world}', *WAIT], stderr=log)
         try:
-            peer.spin_until(lambda: 'FATAL' in Path(log.name).read_text(), limit_s=60.0,
+            peer.spin_until(lambda: 'FATAL' in Path(log.name).read_text(),
                             meanwhile=meanwhile)
-            refused_s = time.time()
             text = Path(log.name).read_text()
             ready = re.search(r'\[([0-9.]+)\] \[physics_node\]: ready', text)
-            assert ready and refused_s - float(ready[1]) < 3.0
-            assert process.wait(20) == 1
+            assert ready and time.time() - float(ready[1]) < 30.0
+            assert process.wait(LIMIT_S) == 1
             return text.strip().splitlines()[-1]
         finally:
             process.kill()
@@ -169,10 +169,7 @@ def test_templates(template: str, time_mode: str, tmp_path: Path, world_folder: 
         program.stdin.flush()
     try:
         with NodeProcesses(plans, folder, domain) as graph:
-            deadline = time.monotonic() + 60.0
-            while not graph.has_finished():
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
+            wait_until(graph.has_finished)
     finally:
         program.kill()
         program.wait()

@@ -58,7 +58,7 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
     with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
                  'stereo.left.image_raw.compressed.format:=png', '-p', 'chase.enabled:=true', '-p',
                  'chase.camera.width:=128', '-p', 'chase.camera.height:=72', *HAZARDS):
-        peer.spin_until(lambda: all(received.values()), limit_s=60.0,
+        peer.spin_until(lambda: all(received.values()),
                         meanwhile=lambda: poses.publish(odometry))
         answer = peer.call(SetParameters, 'render_node/set_parameters', SetParameters.Request(
             parameters=[Parameter(f'stereo.{name}', value=value).to_parameter_msg()
@@ -69,7 +69,7 @@ def test_render_node_shows_a_hand_made_pose(peer: Peer, world_folder: Path) -> N
         images = received['stereo/left/image_raw/compressed']
         clouds = received['stereo/points2']
         peer.spin_until(lambda: images[-1].header.stamp.sec == clouds[-1].header.stamp.sec == 4,
-                        limit_s=60.0, meanwhile=lambda: poses.publish(odometry))
+                        meanwhile=lambda: poses.publish(odometry))
         assert (clouds[-1].height, clouds[-1].width, clouds[-1].row_step) == (30, 40, 640)
         # Rays of every fourth pixel, those of the first cloud.
         few, all_of_them = rays(clouds[-1]), rays(clouds[0])[::4, ::4]
@@ -215,7 +215,7 @@ def test_a_render_node_from_its_first_pose_to_another_world(peer: Peer,
 
     with ended('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
                'sensor.shot_noise:=false', '-p', 'sensor.read_noise:=false') as errors:
-        peer.spin_until(lambda: bool(images), limit_s=60.0,
+        peer.spin_until(lambda: bool(images),
                         meanwhile=lambda: publish(123_456_789))
         assert time_ns(images[0].header.stamp) == 123_456_789
 
@@ -243,7 +243,7 @@ def test_an_error_of_matching_ends_the_render_node(peer: Peer, world_folder: Pat
     odometry = at_rest_odometry()
     with ended('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA, '-p',
                'sgm.num_disparities:=160') as errors:
-        peer.spin_until(lambda: bool(left), limit_s=60.0,
+        peer.spin_until(lambda: bool(left),
                         meanwhile=lambda: poses.publish(odometry))
     assert errors[-1] == ('FATAL num_disparities: 160 is not valid; valid is less than the image '
                           'width, 160')

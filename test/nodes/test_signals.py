@@ -13,6 +13,7 @@ import sys
 import time
 
 import pytest
+from waiting import LIMIT_S, wait_until
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
@@ -31,15 +32,13 @@ SCRIPTS = Path(__file__).resolve().parents[2] / 'resource' / 'nodes'
 DELAYS_S = (0.0, 0.2, 0.5, 1.0)
 
 
-def wait_for_mask(process: int, mask: str, limit_s: float = 20.0) -> None:
+def wait_for_mask(process: int, mask: str) -> None:
     """Return when SIGTERM is in a mask of the process: SigCgt, caught, or SigBlk, blocked."""
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
+    def comes() -> bool:
         found = re.search(rf'{mask}:\s*(\w+)', Path(f'/proc/{process}/status').read_text())
-        if found and int(found[1], 16) >> (signal.SIGTERM - 1) & 1:
-            return
-        time.sleep(0.002)
-    raise AssertionError(f'SIGTERM does not come into {mask}')
+        return bool(found and int(found[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+    wait_until(comes, f'SIGTERM does not come into {mask}', pause_s=0.002)
 
 
 @pytest.mark.parametrize('node', ['physics_node', 'gait_controller_node', 'render_node',
@@ -67,17 +66,15 @@ def test_every_node_stops_quietly(node: str, world_folder: Path, tmp_path: Path,
             wait_for_mask(processes[-1].pid, 'SigCgt')
             time.sleep(delay_s)
             processes[-1].send_signal(signal.SIGINT if k % 2 else signal.SIGTERM)
-        deadline = time.monotonic() + 60.0
-        while 'ready' not in log.read_text():   # the first one started beside the others
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        # The first one started beside the others.
+        wait_until(lambda: 'ready' in log.read_text())
         processes[0].send_signal(signal.SIGINT)
         for process in processes:
-            assert process.wait(20) == 0
+            assert process.wait(LIMIT_S) == 0
     finally:
         for process in processes:
             process.kill()
-            process.wait(20)
+            process.wait(LIMIT_S)
     for k in range(len(processes)):
         said = (tmp_path / f'{k}.log').read_text()
         bad = [line for line in said.splitlines()
@@ -106,11 +103,11 @@ def test_a_signal_waits_while_python_starts(tmp_path: Path) -> None:
             time.sleep(delay_s)
             process.send_signal(signal.SIGINT if k % 2 else signal.SIGTERM)
         for process in processes:
-            assert process.wait(20) == 0
+            assert process.wait(LIMIT_S) == 0
     finally:
         for process in processes:
             process.kill()
-            process.wait(20)
+            process.wait(LIMIT_S)
     assert not any((tmp_path / f'{k}.log').read_text() for k in range(len(processes)))
 
 
@@ -134,7 +131,7 @@ assert gait_controller_node.main(['gait_controller_node', '--ros-args', '-p', 'n
 assert {signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)} == {signal.SIG_IGN}
 """
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=60)
+                              timeout=LIMIT_S)
     assert finished.returncode == 0, finished.stderr
 
 
@@ -161,7 +158,7 @@ class Node(node_main.GraphNode):
 node_main.run(Node, ['captive'])
 """
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=60)
+                              timeout=LIMIT_S)
     assert (finished.returncode, finished.stdout) == (-signal.SIGALRM, 'closed\n')
 
 
@@ -195,7 +192,7 @@ def test_the_clock_monitor_leaves_with_its_input(domain: int) -> None:
     try:
         assert monitor.stdout is not None
         assert monitor.stdout.readline() == '0\n'
-        monitor.communicate(timeout=10)     # closes the input
+        monitor.communicate(timeout=LIMIT_S)     # closes the input
         assert monitor.returncode == 0
     finally:
         monitor.kill()
@@ -207,7 +204,7 @@ def test_few_open_files_are_named() -> None:
     ended = subprocess.run(
         ['bash', '-c', 'ulimit -n 16; exec "$@"', 'x', sys.executable, '-m',
          'lunar_rover_sim.nodes.entry_points', 'physics_node'],
-        capture_output=True, text=True, timeout=30)
+        capture_output=True, text=True, timeout=LIMIT_S)
     assert ended.returncode == 1
     assert ended.stderr.startswith('FATAL 16 open files are allowed; at least 64 are needed')
     assert len(ended.stderr.splitlines()) == 1

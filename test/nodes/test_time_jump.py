@@ -46,13 +46,13 @@ def test_every_node_goes_on_when_time_restarts(peer: Peer, world_folder: Path,
                                'topics:=[odom, clock]')))}
         peer.spin_until(lambda: peer.node.count_publishers('stereo/left/camera_info') > 0)
         stack.enter_context(running('physics_node', *world))
-        peer.spin_until(lambda: answered(2.0, 1e9, dict.fromkeys(answers, 0)), limit_s=60.0)
+        peer.spin_until(lambda: answered(2.0, 1e9, dict.fromkeys(answers, 0)))
         response = peer.call(Trigger, 'physics_node/restart', Trigger.Request())
         assert response.success and 'time begins at 0' in response.message
         since = {topic: len(messages) for topic, messages in answers.items()}
-        peer.spin_until(lambda: answered(0.0, 1.5, since), limit_s=60.0)
+        peer.spin_until(lambda: answered(0.0, 1.5, since))
         # The recorder answers nobody: it is given the time that the others took, and more.
-        peer.spin_until(lambda: answered(1.0, 3.0, since), limit_s=60.0)
+        peer.spin_until(lambda: answered(1.0, 3.0, since))
         for name, node in nodes.items():
             node.send_signal(signal.SIGINT)
             lines = [line for line in node.stdout if 'time has gone back' in line]
@@ -84,7 +84,7 @@ def test_lockstep_goes_on_after_reset_and_restart(peer: Peer, world_folder: Path
                 ('physics_node', ('-p', f'world:={world_folder}', '-p',
                                   'wait.topics:=[joint_commands]', '-p', 'wait.lags_s:=[0.0]'))):
             stack.enter_context(running(name, *lockstep, *arguments))
-        peer.spin_until(lambda: reached(0.5), limit_s=60.0)
+        peer.spin_until(lambda: reached(0.5))
         assert peer.call(Trigger, 'physics_node/reset', Trigger.Request()).success
         later_s = header_ns(states[-1]) / 1e9 + 0.5
         peer.spin_until(lambda: reached(later_s))

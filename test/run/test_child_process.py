@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 import signal
 import subprocess
 import sys
 import threading
-import time
 
 import psutil
 import pytest
+from waiting import LIMIT_S, wait_until
 
 from lunar_rover_sim.errors import ProcessError
 from lunar_rover_sim.run.child_process import dies_with_parent, executable, run_program
@@ -23,13 +22,6 @@ DAEMON = 'trap "" TERM; setsid sleep 600 & echo $! > child; wait'
 
 def shell(script: str, folder: Path, timeout_s: float = 60.0, **options):
     return run_program(['sh', '-c', script], folder / 'log', timeout_s, folder=folder, **options)
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.02)
 
 
 def child_of(folder: Path) -> int:
@@ -97,7 +89,7 @@ def test_sigterm_ends_the_program_first(tmp_path: Path) -> None:
     parent = subprocess.Popen([sys.executable, '-c', parent_code(tmp_path)])
     child = child_of(tmp_path)
     parent.terminate()
-    assert parent.wait(60.0) == -signal.SIGTERM
+    assert parent.wait(LIMIT_S) == -signal.SIGTERM
     wait_until(lambda: not runs(child), 'the grandchild is still running')
 
 

@@ -9,6 +9,7 @@ import socket
 import time
 
 import pytest
+from waiting import wait_until
 
 pytest.importorskip('foxglove')
 from view_client import client, free_port  # noqa: E402  (needs the extra)
@@ -19,15 +20,6 @@ from lunar_rover_sim.run.live_view import check_view, LiveView, ViewProcess  # n
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 IMAGE, ODOM = 'sensor_msgs/msg/Image', 'nav_msgs/msg/Odometry'
-_WAIT_S = 10.0
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    """Wait until something holds."""
-    end_s = time.monotonic() + _WAIT_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 def test_bytes_arrive() -> None:
@@ -44,12 +36,12 @@ def test_bytes_arrive() -> None:
             assert channel['schemaName'] == ODOM
             assert 'geometry_msgs/PoseWithCovariance pose' in channel['schema']
             one.subscribe('/odom')
-            wait_for(lambda: view.watched() == {'/odom'})
+            wait_until(lambda: view.watched() == {'/odom'})
             assert begun == ['/odom']
             view.send('/left', 5, b'nobody wants it')
             view.send('/odom', 123456789, b'\x00\x01\x00\x00 and so on')
             assert one.message() == (7, 123456789, b'\x00\x01\x00\x00 and so on')
-        wait_for(lambda: not view.watched())
+        wait_until(lambda: not view.watched())
 
 
 def test_a_refused_request_is_not_the_end() -> None:
@@ -67,7 +59,7 @@ def test_a_refused_request_is_not_the_end() -> None:
             view.offer_again()
             assert one.find('/left')['id'] != early
             one.subscribe('/left', 8)
-            wait_for(lambda: view.watched() == {'/left'})
+            wait_until(lambda: view.watched() == {'/left'})
             view.send('/left', 5, b'an image')
             assert one.message() == (8, 5, b'an image')
             view.offer_again()      # only once
@@ -83,7 +75,7 @@ def test_slow_client() -> None:
         with client(port) as lazy, client(port) as busy:
             lazy.subscribe('/left')
             busy.subscribe('/left')
-            wait_for(lambda: view.watched() == {'/left'})
+            wait_until(lambda: view.watched() == {'/left'})
             time.sleep(0.2)
             image = bytes(1_000_000)
             start_s = time.process_time()
@@ -103,7 +95,7 @@ def test_clients_are_told_the_time() -> None:
         view.offer('/odom', ODOM)
         with client(port) as one:
             one.subscribe('/odom')
-            wait_for(lambda: view.watched() == {'/odom'})
+            wait_until(lambda: view.watched() == {'/odom'})
             for k in range(50):
                 view.tell_time(1_000_000_000 + k)
             time.sleep(0.1)

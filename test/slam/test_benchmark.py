@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import synthetic_bag as synthetic
+from waiting import LIMIT_S
 
 from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import GraphError, SlamError
@@ -142,7 +143,7 @@ def test_one_benchmark_of_a_system_in_a_folder(tmp_path, bag, fake) -> None:
 
 def test_drives_at_the_same_time(tmp_path, bag, fake) -> None:
     """Two at once, each recorded once and judged by itself; the results are in order."""
-    both = threading.Barrier(2, timeout=60.0)
+    both = threading.Barrier(2, timeout=LIMIT_S)
 
     class TwoAtOnce(Recorder):
 

@@ -8,11 +8,11 @@ import shutil
 import struct
 import subprocess
 import sys
-import time
 
 import numpy as np
 import psutil
 import pytest
+from waiting import LIMIT_S, wait_until
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.slam import program as slam_program
@@ -126,13 +126,9 @@ def test_a_frame_without_a_pose_is_initialising_or_lost() -> None:
     assert np.abs(answer(1, turned, True).wxyz) == pytest.approx([0.0, 0.0, 0.0, 1.0])
 
 
-def wait(program: SlamProgram, condition, limit_s: float = 20.0) -> None:
+def wait(program: SlamProgram, condition) -> None:
     """Return when the condition holds; raise what the program has done wrong."""
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        program.check()
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+    wait_until(condition, meanwhile=program.check, pause_s=0.005)
 
 
 def feed(program: SlamProgram, stamps: range, images=(LEFT, LEFT), imu=False) -> list[TrackedPose]:
@@ -157,7 +153,8 @@ def feed(program: SlamProgram, stamps: range, images=(LEFT, LEFT), imu=False) ->
 def test_a_program_that_misbehaves_is_named(fault: str, said: str, tmp_path: Path) -> None:
     (tmp_path / 'program.py').write_text(PROGRAM)
     program = SlamProgram([sys.executable, str(tmp_path / 'program.py'), '2', fault], {},
-                          0.7 if fault == 'never_ready' else 20.0, 0.5)
+                          0.7 if fault == 'never_ready' else LIMIT_S,
+                          0.5 if fault == 'silent' else LIMIT_S)
     try:
         with pytest.raises(SlamError, match=said) as error:
             answers = feed(program, range(1, 3))
@@ -165,9 +162,7 @@ def test_a_program_that_misbehaves_is_named(fault: str, said: str, tmp_path: Pat
             feed(program, range(3, 5))
         assert str(error.value).startswith(sys.executable)
     finally:
-        start = time.monotonic()
         program.close()
-    assert time.monotonic() - start < 5.0
 
 
 @pytest.mark.parametrize(('frames', 'said'), [
@@ -191,7 +186,7 @@ def test_a_program_that_is_killed_between_frames_is_told_from_one_that_never_was
 
 
 def test_a_program_that_ends_at_once_was_never_ready() -> None:
-    program = SlamProgram([sys.executable, '-c', 'pass'], {}, 20.0, 20.0)
+    program = SlamProgram([sys.executable, '-c', 'pass'], {}, LIMIT_S, LIMIT_S)
     try:
         with pytest.raises(SlamError, match='ended with status 0 before it was ready'):
             wait(program, lambda: False)
@@ -208,7 +203,7 @@ def test_what_a_program_has_started_ends_with_it(tmp_path: Path,
     wrapper.write_text(f'#!/bin/sh\nsleep 300 &\necho $! > {tmp_path}/pid\n'
                        f'{sys.executable} {tmp_path}/program.py 99 none\nwait\n')
     wrapper.chmod(0o755)
-    program = SlamProgram([str(wrapper)], {}, 20.0, 20.0)
+    program = SlamProgram([str(wrapper)], {}, LIMIT_S, LIMIT_S)
     try:
         feed(program, range(1, 2))
         child = psutil.Process(int((tmp_path / 'pid').read_text()))
@@ -223,9 +218,10 @@ def test_the_adapter_of_orb_slam3_speaks_the_protocol(tmp_path: Path) -> None:
     """Compiled against a stand-in for the interface of ORB-SLAM3, which prints."""
     adapter = tmp_path / 'adapter'
     subprocess.run(['g++', '-std=c++14', '-Wall', '-Wextra', '-Werror', '-I', str(STUB),
-                    str(ADAPTER), '-o', str(adapter)], check=True, timeout=120)
+                    str(ADAPTER), '-o', str(adapter)], check=True, timeout=LIMIT_S)
     stamps = range(2_000_000_001, 12_000_000_001, 1_500_000_000)
-    program = SlamProgram([str(adapter), 'voc.txt', 'orb.yaml', 'stereo-inertial'], {}, 20.0, 20.0)
+    program = SlamProgram([str(adapter), 'voc.txt', 'orb.yaml', 'stereo-inertial'], {}, LIMIT_S,
+                          LIMIT_S)
     try:
         answers = feed(program, stamps, imu=True)
     finally:
@@ -238,7 +234,7 @@ def test_the_adapter_of_orb_slam3_speaks_the_protocol(tmp_path: Path) -> None:
     assert [a.stamp_ns for a in answers] == list(stamps)
     assert answers[3].position_m == pytest.approx((4.0, 22.0, 6.5))
     assert answers[3].wxyz == (1.0, 0.0, 0.0, 0.0)
-    program = SlamProgram([str(adapter), 'voc.txt', 'orb.yaml', 'stereo'], {}, 20.0, 20.0)
+    program = SlamProgram([str(adapter), 'voc.txt', 'orb.yaml', 'stereo'], {}, LIMIT_S, LIMIT_S)
     try:
         assert [a.state for a in feed(program, range(1, 3))] == [protocol.INITIALISING,
                                                                  protocol.TRACKING]

@@ -7,13 +7,13 @@ from pathlib import Path
 import runpy
 import subprocess
 import sys
-import time
 
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 import synthetic_bag as synthetic
+from waiting import LIMIT_S, wait_until
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.files.paths import program_path
@@ -47,11 +47,7 @@ def feed(program: SlamProgram, stamps_ns: range, images, imu: bool = False) -> l
     answers: list[TrackedPose] = []
 
     def wait() -> None:
-        deadline = time.monotonic() + 20.0
-        while program.is_busy:
-            program.check()
-            assert time.monotonic() < deadline
-            time.sleep(0.005)
+        wait_until(lambda: not program.is_busy, meanwhile=program.check, pause_s=0.005)
 
     for stamp_ns in stamps_ns:
         wait()
@@ -94,7 +90,7 @@ def test_behind_pipes(wheel, tmp_path, sensor: str, count: int) -> None:
     (['voc', 'orb.yaml', 'sequence', 'times', 'run'], 'sensors are mono'),
     (['voc', 'missing.yaml', 'stereo'], 'missing.yaml')])
 def test_what_is_wrong_is_named_in_a_line(wheel, words: list[str], said: str, tmp_path) -> None:
-    ended = subprocess.run([*wheel, *words], capture_output=True, text=True, timeout=60,
+    ended = subprocess.run([*wheel, *words], capture_output=True, text=True, timeout=LIMIT_S,
                            cwd=tmp_path)
     assert ended.returncode != 0
     assert said in ended.stderr.splitlines()[-1] and 'Traceback' not in ended.stderr
@@ -104,7 +100,7 @@ def test_what_is_wrong_is_named_in_a_line(wheel, words: list[str], said: str, tm
 def test_a_python_without_the_wheel_is_named(monkeypatch, tmp_path) -> None:
     monkeypatch.delenv('PYTHONPATH', raising=False)
     ended = subprocess.run([sys.executable, str(program_path(WHEEL_PROGRAM)), 'v', 's', 'mono'],
-                           capture_output=True, text=True, timeout=60)
+                           capture_output=True, text=True, timeout=LIMIT_S)
     assert ended.returncode == 1
     assert f'pyorbslam3 cannot be imported by {sys.executable}' in ended.stderr
 
@@ -137,7 +133,7 @@ def test_under_the_name_of_an_example(wheel, bag, tmp_path) -> None:
     (tmp_path / 'times.txt').write_text('1000000000\n')
     synthetic_png(folder / '1000000000.png')
     ended = subprocess.run([wheel[0], str(link), 'voc', 'orb.yaml', 'sequence', 'times.txt', 'a'],
-                           capture_output=True, text=True, timeout=60, cwd=tmp_path)
+                           capture_output=True, text=True, timeout=LIMIT_S, cwd=tmp_path)
     assert (ended.returncode, ended.stderr) == (0, '')
     assert 'no frame was tracked' in ended.stdout and not (tmp_path / 'f_a.txt').exists()
 
@@ -189,6 +185,6 @@ def test_settings_in_the_unit_in_which_gravity_is_that_of_the_earth(tmp_path) ->
 def test_gravity_that_cannot_be_heeded_is_named(wheel, tmp_path, text: str, said: str) -> None:
     (tmp_path / 'orb.yaml').write_text(text)
     ended = subprocess.run([*wheel, 'voc', 'orb.yaml', 'stereo-inertial'], capture_output=True,
-                           text=True, timeout=60, cwd=tmp_path, stdin=subprocess.DEVNULL)
+                           text=True, timeout=LIMIT_S, cwd=tmp_path, stdin=subprocess.DEVNULL)
     assert ended.returncode == 1
     assert said in ended.stderr.splitlines()[-1] and 'Traceback' not in ended.stderr

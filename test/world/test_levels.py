@@ -7,6 +7,7 @@ import sys
 import mujoco
 import numpy as np
 import pytest
+from waiting import LIMIT_S
 import worlds
 
 from lunar_rover_sim.world import levels as nest
@@ -173,7 +174,7 @@ def test_threads_do_not_decide():
         environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}
         environment |= {f'{name}_NUM_THREADS': threads for name in ('OMP', 'OPENBLAS', 'MKL')}
         done = subprocess.run([sys.executable, '-c', program], env=environment, text=True,
-                              stdout=subprocess.PIPE, check=True, timeout=120)
+                              stdout=subprocess.PIPE, check=True, timeout=LIMIT_S)
         hashes.add(done.stdout)
     assert len(hashes) == 1
 

@@ -9,6 +9,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from waiting import LIMIT_S
 import worlds
 import yaml
 
@@ -227,7 +228,7 @@ def test_two_processes_build_the_same_world_at_once(tmp_path):
                    'PYTHONPATH': os.pathsep.join(sys.path)}
     running = [subprocess.Popen([sys.executable, '-c', program], env=environment, text=True,
                                 stdout=subprocess.PIPE) for _ in range(2)]
-    hashes = {process.communicate(timeout=60)[0].strip() for process in running}
+    hashes = {process.communicate(timeout=LIMIT_S)[0].strip() for process in running}
     assert [process.returncode for process in running] == [0, 0]
     assert hashes == {worlds.world(3, **TINY).hash}
     assert len(list((tmp_path / 'worlds').iterdir())) == 1
