@@ -2,8 +2,11 @@
 
     python test/benchmarks/bench_render.py [--width 640 --height 480] [--pairs 20] [--skip-mujoco]
         [--area]
+    python test/benchmarks/bench_render.py --against CLONE [--rounds 5] [--scenario baseline]
 
-Prints a table; asserts nothing. MuJoCo draws height field, rocks and a 4096 x 4096 shadow map
+Prints a table; asserts nothing. With --against, it prints what the passes of a pair of a scenario
+take on a walk, the driver waiting for each, and the ratio to another checkout: both draw the same
+states, frame by frame in turn. MuJoCo draws height field, rocks and a 4096 x 4096 shadow map
 through EGL, without noise, and reads both images back. CPU time counts all threads: on a machine
 that is busy with other things it tells more than the wall clock.
 """
@@ -11,10 +14,16 @@ that is busy with other things it tells more than the wall clock.
 from __future__ import annotations
 
 import argparse
+import collections
+import contextlib
 import dataclasses
+import importlib
 import os
+from pathlib import Path
 import resource
+import subprocess
 import sys
+import tempfile
 import time
 
 import numpy as np
@@ -27,6 +36,7 @@ from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.config import RockConfig, WorldConfig
 
@@ -129,6 +139,132 @@ def theirs(world, camera, sun, track):
     return 1e3 * wall / len(track), 1e3 * cpu / len(track)
 
 
+# Module, class ('' for none), function: what belongs to a pass.
+PASSES = {
+    'choices: chunks, rocks': (('ground_pass', 'GroundPass', 'choose'),
+                               ('ground_pass', 'GroundPass', 'rows'),
+                               ('rock_pass', 'RockPass', 'choose')),
+    "rover's shadow map": (('rover_shadow', 'RoverShadow', 'cast'),
+                           ('rover_shadow', 'RoverShadow', 'may_shade')),
+    'mesh depth': (('ground_pass', 'GroundPass', 'draw_depth'),),
+    'ground light': (('ground_pass', 'GroundPass', 'draw'),),
+    'rocks and rover': (('rock_pass', 'RockPass', 'draw'), ('rover_pass', 'RoverPass', 'draw')),
+    'reading': (('scene_passes', 'ScenePasses', 'read'),),
+    'outlines': (('scene_passes', '', 'smooth_outlines'),),
+    'motion': (('camera.motion_blur', 'MotionBlur', 'mean'),),
+    'lens': (('camera.stray_light', 'StrayLight', 'passed_on'),),
+    'sensor': (('camera.sensor', 'ImageSensor', 'pixels'),)}
+
+
+def walk(scenario, count=40):
+    """Return states of a rover that walks, 0.05 s apart."""
+    from lunar_rover_sim import GaitController, Simulation
+    gait, states = GaitController.from_scenario(scenario), []
+    gait.set_velocity(0.12, 0.0)
+    with Simulation.from_scenario(scenario) as simulation:
+        state = simulation.state
+        for k in range(200 + 10 * count):
+            legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
+            simulation.command(legs.velocity_radps)
+            state = simulation.advance(5)
+            if k >= 200 and k % 10 == 9:
+                states.append(RoverPose(*(np.array(getattr(state, field.name))
+                                          for field in dataclasses.fields(RoverPose))))
+    return states
+
+
+@contextlib.contextmanager
+def timed(renderer, spent):
+    """Add the CPU time of each pass to `spent` [s]; the driver has finished before and after."""
+    stack = [0.0]
+
+    def wrapped(name, function):
+        def call(*args, **kwargs):
+            renderer._context.finish()
+            stack.append(0.0)
+            start = time.process_time()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                renderer._context.finish()
+                took = time.process_time() - start
+                spent[name] += took - stack.pop()   # less what passes within have taken
+                stack[-1] += took
+        return call
+    with contextlib.ExitStack() as restored:
+        for name, functions in PASSES.items():
+            for module, owner, function in functions:
+                room = '' if '.' in module else 'rendering.'
+                place = importlib.import_module(f'lunar_rover_sim.{room}{module}')
+                place = getattr(place, owner) if owner else place
+                before = getattr(place, function)
+                restored.callback(setattr, place, function, before)
+                setattr(place, function, wrapped(name, before))
+        yield
+
+
+def serve(scenario):
+    """Draw the states that numbers in lines of stdin name; print ms of CPU for each."""
+    states = np.load(sys.stdin.readline().strip())
+    with Renderer.from_scenario(Scenario.load(scenario)) as renderer:
+        def draw(k):
+            state = RoverPose(*(states[field.name][k] for field in dataclasses.fields(RoverPose)))
+            renderer.render(state, k)
+        for k in range(4):      # programs are compiled
+            draw(k)
+        print('ready', flush=True)
+        for line in sys.stdin:
+            start = time.process_time()
+            draw(int(line))
+            print(1e3 * (time.process_time() - start), flush=True)
+
+
+def compare(scenario, clones, rounds):
+    """Print what passes take in this checkout, and a pair's CPU over that of another one."""
+    states = walk(Scenario.load(scenario))
+    with Renderer.from_scenario(Scenario.load(scenario)) as renderer:
+        for k, state in enumerate(states[:4]):
+            renderer.render(state, k)
+        spent = collections.Counter()
+        with timed(renderer, spent):
+            start = time.process_time()
+            for k, state in enumerate(states):
+                renderer.render(state, k)
+            spent['rest'] = time.process_time() - start - sum(spent.values())
+        print(f'{renderer.device}, {scenario}, a pair with depth, pass by pass')
+    for name, seconds in spent.most_common():
+        print(f'{name:28s} {1e3 * seconds / len(states):6.1f} ms CPU')
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'states.npz')
+        np.savez(path, **{field.name: [getattr(state, field.name) for state in states]
+                          for field in dataclasses.fields(RoverPose)})
+        workers = []
+        for clone in clones:
+            workers.append(subprocess.Popen(
+                [sys.executable, __file__, '--serve', '--scenario', scenario], text=True,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                env={**os.environ, 'PYTHONPATH': str(clone)}))
+            workers[-1].stdin.write(f'{path}\n')
+            workers[-1].stdin.flush()
+            if workers[-1].stdout.readline().strip() != 'ready':
+                raise SystemExit(f'{clone} draws nothing')
+        ms = np.zeros((len(clones), rounds, len(states)))
+        for r in range(rounds):
+            for k in range(len(states)):
+                for i in sorted(range(len(clones)), reverse=bool((r + k) % 2)):
+                    workers[i].stdin.write(f'{k}\n')
+                    workers[i].stdin.flush()
+                    ms[i, r, k] = float(workers[i].stdout.readline())
+        for worker in workers:
+            worker.stdin.close()
+            worker.wait()
+    for clone, times in zip(clones, ms):
+        print(f'{clone.name:28s} {np.median(times):6.1f} ms CPU a pair')
+    ratios = np.median(ms[1] / ms[0], axis=1)
+    print(f'ratio {np.median(ms[1] / ms[0]):.3f}, of rounds {ratios.min():.3f} to '
+          f'{ratios.max():.3f}; load {os.getloadavg()[0]:.0f}')
+
+
 def main():
     if os.environ.get('MUJOCO_GL') != 'egl':
         # MuJoCo chooses its GL when it is imported.
@@ -140,7 +276,18 @@ def main():
     parser.add_argument('--skip-mujoco', action='store_true')
     parser.add_argument('--area', action='store_true',
                         help='a world of 16 times the area too: minutes, and 8 GiB of memory')
+    parser.add_argument('--against', type=Path, help='folder of another clone, the one before')
+    parser.add_argument('--rounds', type=int, default=5)
+    parser.add_argument('--scenario', default='baseline')
+    parser.add_argument('--serve', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
+    if args.serve:
+        serve(args.scenario)
+        return
+    if args.against is not None:
+        compare(args.scenario, [args.against.resolve(), Path(__file__).resolve().parents[2]],
+                args.rounds)
+        return
     camera = CameraConfig(width=args.width, height=args.height)
     config = RenderConfig(camera=camera, sun=SunConfig(azimuth_deg=60.0, elevation_deg=6.0))
     world = build_world(WorldConfig(), 1)
