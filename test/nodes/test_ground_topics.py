@@ -1,9 +1,8 @@
-"""Topics of the ground without a graph: changes, restart, frames, sinkage and slip on request."""
+"""Topics of the ground without a graph: changes, restart, frames."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-import math
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ pytest.importorskip('rclpy')
 from rclpy.serialization import serialize_message  # noqa: E402  (needs rclpy)
 
 from lunar_rover_sim import topics  # noqa: E402
-from lunar_rover_sim.nodes.foot_publisher import FootPublisher  # noqa: E402
 from lunar_rover_sim.nodes.ground_listener import GroundListener  # noqa: E402
 from lunar_rover_sim.nodes.ground_publisher import GroundPublisher  # noqa: E402
 from lunar_rover_sim.regolith.config import GroundConfig  # noqa: E402
@@ -107,33 +105,3 @@ def test_the_frames_of_what_is_true_stay_apart_from_an_estimator() -> None:
     for topic in (topics.GROUND_CHANGES, topics.GROUND_SNAPSHOT, topics.SUN):
         assert (topic.frame(False), topic.frame(True)) == ('odom', 'ground_truth/odom')
     assert topics.ODOM.frame(True) == 'odom' and topics.IMU_RAW.frame(True) == 'imu_link'
-
-
-def test_sinkage_and_slip_are_made_for_readers_only() -> None:
-    """Slip over sweep is the slip ratio; on rigid ground nothing sinks."""
-    bus = Bus()
-    with simulate(ground=SOFT) as simulation:
-        feet = FootPublisher(bus, simulation, 0.005)  # type: ignore[arg-type]
-        trot(simulation, 0.1, observe=lambda state: feet.publish(state.stamp_ns))
-        assert bus.sent == {'ground_truth/slip': [], 'ground_truth/sinkage': []}
-        for topic in bus.sent:
-            bus.create_subscription(None, topic, lambda raw: None, None, raw=True)
-        trot(simulation, 3.0, observe=lambda state: feet.publish(state.stamp_ns))
-        sinkage, slip = bus.sent['ground_truth/sinkage'][-1], bus.sent['ground_truth/slip'][-1]
-        contact = simulation.ground_contact
-        assert contact is not None and list(sinkage.position) == contact.sinkage_m.tolist()
-        assert list(sinkage.name) == list(topics.LEGS)
-        assert slip.header.stamp == sinkage.header.stamp and slip.header.stamp.sec == 3
-        assert list(slip.name) == [*topics.LEGS, *(f'{leg}_sweep' for leg in topics.LEGS)]
-        slipped, swept = np.array(slip.position).reshape(2, 4)
-        # Each foot is on the ground in a good half of the time, as the rover goes on above it.
-        went = math.hypot(*simulation.state.position_m[:2])
-        assert 0.4 * went < np.mean(swept - slipped) < went
-        assert np.all(np.abs(slipped / swept) < 0.5)
-        feet.restart()
-        feet.publish(0)
-        assert max(np.abs(bus.sent['ground_truth/slip'][-1].position)) < 0.005
-    with simulate() as simulation:
-        bus = Bus()
-        FootPublisher(bus, simulation, 0.005)  # type: ignore[arg-type]
-        assert list(bus.sent) == ['ground_truth/slip']
