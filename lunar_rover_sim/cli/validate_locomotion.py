@@ -12,8 +12,8 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies import (locomotion, locomotion_grounds, locomotion_report,
                                      terramechanics)
-from lunar_rover_sim.studies.command_tracking import COMMANDS, CommandTracking, measure_commands
-from lunar_rover_sim.studies.gait_measurement import MeasurementSettings
+from lunar_rover_sim.studies.gait_measurement import (COMMANDS, CommandTracking, measure_commands,
+                                                      MeasurementSettings)
 from lunar_rover_sim.studies.locomotion import read_curve, STEADY_FROM_S
 from lunar_rover_sim.studies.terramechanics import Ground
 

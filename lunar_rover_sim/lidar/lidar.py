@@ -13,14 +13,12 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.config import ReflectanceConfig
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.lidar.config import DROP, LidarConfig
-from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
 from lunar_rover_sim.lidar.motion import ScanMotion
 from lunar_rover_sim.lidar.own_body import OwnBody
+from lunar_rover_sim.lidar.ray_arrays import HeightPyramid, RockHulls, SoftCells
 from lunar_rover_sim.lidar.ray_caster import NOTHING, RayCaster, RayHits, ROVER
 from lunar_rover_sim.lidar.returns import ReturnModel
-from lunar_rover_sim.lidar.rock_hulls import RockHulls
 from lunar_rover_sim.lidar.scan import Scan
-from lunar_rover_sim.lidar.soft_cells import SoftCells
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import lidar_pose

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.lidar import ray_march
 from lunar_rover_sim.lidar.free_sight import box_around, free_distances
-from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
+from lunar_rover_sim.lidar.ray_arrays import HeightPyramid, RockHulls, SoftCells
 from lunar_rover_sim.lidar.ray_march import GROUND, NOTHING
-from lunar_rover_sim.lidar.rock_hulls import RockHulls
-from lunar_rover_sim.lidar.soft_cells import SoftCells
 
 I32 = NDArray[np.int32]
 Index = NDArray[np.int64]

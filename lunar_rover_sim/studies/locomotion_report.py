@@ -14,7 +14,7 @@ from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.files.wording import markdown_table
 from lunar_rover_sim.inspection.tracking import LOST_PX
-from lunar_rover_sim.studies.command_tracking import CommandTracking
+from lunar_rover_sim.studies.gait_measurement import CommandTracking
 from lunar_rover_sim.studies.locomotion import (analyse, claims, LocomotionCase, PitchCurve,
                                                 PitchReport, STAND_S, STEADY_FROM_S)
 

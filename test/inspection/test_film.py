@@ -20,8 +20,7 @@ from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.files.film_file import U8, write_film
-from lunar_rover_sim.inspection.drive_series import read_drive
-from lunar_rover_sim.inspection.film import Film, FilmOptions
+from lunar_rover_sim.inspection.film import Film, FilmOptions, read_drive
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.grid import HeightGrid

@@ -10,10 +10,8 @@ import worlds
 
 from lunar_rover_sim.frames import matrix_from_wxyz
 from lunar_rover_sim.lidar import ray_march
-from lunar_rover_sim.lidar.height_pyramid import HeightPyramid
+from lunar_rover_sim.lidar.ray_arrays import HeightPyramid, RockHulls, SoftCells
 from lunar_rover_sim.lidar.ray_caster import GROUND, NOTHING, RayCaster
-from lunar_rover_sim.lidar.rock_hulls import RockHulls
-from lunar_rover_sim.lidar.soft_cells import SoftCells
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay, TILE

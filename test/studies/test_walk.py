@@ -13,9 +13,9 @@ from lunar_rover_sim.gait.stride import Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.studies import command_tracking
-from lunar_rover_sim.studies.command_tracking import CommandTracking, measure_commands
-from lunar_rover_sim.studies.gait_measurement import measure, measure_stride, MeasurementSettings
+from lunar_rover_sim.studies import gait_measurement
+from lunar_rover_sim.studies.gait_measurement import (CommandTracking, measure, measure_commands,
+                                                      measure_stride, MeasurementSettings)
 from lunar_rover_sim.studies.walking import flat_world, walk
 
 
@@ -32,7 +32,7 @@ def simulation():
 
 def test_commands_are_followed(table, monkeypatch):
     # A sparse grid and short walks; `lunar_rover_sim validate locomotion` walks the whole one.
-    monkeypatch.setattr(command_tracking, 'MEASURE_S', 15.0)
+    monkeypatch.setattr(gait_measurement, 'TRACKING_S', 15.0)
     asked = [(0.10, 0.15), (0.25, 0.0)]
     for each in measure_commands(asked, table):
         assert abs(each.forward_error) <= 0.10, each
