@@ -21,6 +21,7 @@ from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
 
 _SIDES = (0, 1, 0, 1)  # left or right, of front_left, front_right, rear_left, rear_right
+MAX_COMMAND = 10.0      # [m/s] or [rad/s], far beyond any walk: a mistake of units
 _MIN_DUTY, _MAX_DUTY = 0.1, 0.9
 _MIN_SWEEP = 0.05      # least share of the foot width that a stance sweeps: hardly any motion
 _SHAPE_FIELDS = ('duty_factor', 'foot_width_deg', 'stance_smoothing', 'flight_smoothing')
@@ -139,15 +140,15 @@ class GaitController:
         velocity beyond reach is scaled down with its curvature kept, and reported once.
 
         Raises:
-            GaitError: If a value is not a finite number; the command in force is kept.
+            GaitError: If a value is no number, or beyond any walk; the command in force is kept.
         """
         try:
-            finite = math.isfinite(forward_mps) and math.isfinite(yaw_rate_radps)
-        except (TypeError, OverflowError):
-            finite = False
-        if not finite:
+            valid = abs(forward_mps) <= MAX_COMMAND and abs(yaw_rate_radps) <= MAX_COMMAND
+        except TypeError:
+            valid = False
+        if not valid:
             raise GaitError(f'velocity: {forward_mps} m/s and {yaw_rate_radps} rad/s is not valid;'
-                            ' valid is finite')
+                            f' valid is -{MAX_COMMAND:g} to {MAX_COMMAND:g}')
         self._command_ns = math.inf if stamp_ns is None else stamp_ns
         if (forward_mps, yaw_rate_radps) != self._velocity:
             self._velocity = (forward_mps, yaw_rate_radps)

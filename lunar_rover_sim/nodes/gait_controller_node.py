@@ -12,7 +12,7 @@ from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.errors import GaitError
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, rover_conditions
-from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.gait.controller import GaitController, MAX_COMMAND
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.parameters import declare, on_change
@@ -123,7 +123,8 @@ class GaitControllerNode(node_main.GraphNode):
             self._controller.set_velocity(forward_mps, yaw_rate_radps, command_ns)
         except GaitError:
             self.warnings.add('velocity', f'cmd_vel: linear.x = {forward_mps}, angular.z = '
-                              f'{yaw_rate_radps} refused', '; valid is finite')
+                              f'{yaw_rate_radps} refused',
+                              f'; valid is -{MAX_COMMAND:g} to {MAX_COMMAND:g}')
         for report in self._controller.take_reports():
             self.get_logger().warning(report)
 
