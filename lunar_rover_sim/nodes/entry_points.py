@@ -46,6 +46,7 @@ def main() -> int:
 
     from lunar_rover_sim.errors import LunarRoverSimError
     from lunar_rover_sim.files.paths import check_open_files
+    from lunar_rover_sim.run.node_state import fail
     from lunar_rover_sim.run.ros_installation import dds_environment, require_ros
     try:
         check_open_files()
@@ -54,7 +55,7 @@ def main() -> int:
             os.environ.setdefault(variable, value)
         module = importlib.import_module(f'lunar_rover_sim.nodes.{name}')
     except LunarRoverSimError as error:
-        print(f'FATAL {error}', file=sys.stderr)
+        fail(error)
         return 1
     return module.main(arguments)
 

@@ -17,6 +17,8 @@ from lunar_rover_sim.nodes.diagnostics import Drops
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.run.lockstep import StampGate, STARTED_NS
+from lunar_rover_sim.run.node_state import (ANSWERS, is_supervised, NodeState, PUBLISHERS, tell,
+                                            WAITING)
 from lunar_rover_sim.run.shared_config import WaitConfig
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import Topic
@@ -93,8 +95,10 @@ class LockstepListener:
         """Raise GraphError, naming the topics, if publishers are overdue [wall time]."""
         overdue = time.monotonic() - self._last_progress_s > self._wait.start_s
         if self._without_publisher and overdue:
-            raise GraphError(f'no publisher for {self._wait.start_s:g} s on '
-                             + ', '.join(self._without_publisher))
+            text = (f'no publisher for {self._wait.start_s:g} s on '
+                    + ', '.join(self._without_publisher))
+            tell(NodeState(WAITING, text, PUBLISHERS, tuple(self._without_publisher)))
+            raise GraphError(text)
 
     def note_progress(self) -> None:
         """Restart the wait: time advanced, an answer came, or no answer is due."""
@@ -120,8 +124,10 @@ class LockstepListener:
             raise GraphError(self._describe_silence(limit_s, now_ns, missing))
         if started and waited_s >= _NOTICE_S and not self._told:
             self._told = True
-            text = (f'{self._describe_silence(_NOTICE_S, now_ns, missing)}; waits for up to '
-                    f'{limit_s:g} s')
+            text = self._describe_silence(_NOTICE_S, now_ns, missing)
+            tell(NodeState(WAITING, text, ANSWERS, tuple(missing), now_ns))
+            if not is_supervised():     # a run decides itself, by whether its nodes work
+                text += f'; waits for up to {limit_s:g} s'
             # A slow machine would repeat it at every frame.
             if self._has_warned:
                 self._node.get_logger().info(text)

@@ -26,6 +26,7 @@ from lunar_rover_sim.nodes import qos_overrides
 from lunar_rover_sim.nodes.counted_warnings import CountedWarnings
 from lunar_rover_sim.nodes.leaving import bound_leaving
 from lunar_rover_sim.nodes.type_watch import TypeWatch
+from lunar_rover_sim.run.node_state import fail, NodeState, READY, tell
 from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.shared_config import NodeConfig
 
@@ -66,6 +67,7 @@ class GraphNode(Node):
                  f'seed {config.seed}', config.time_mode,
                  f'waits for {", ".join(waits)}' if waits else 'waits for nobody']
         self.get_logger().info('ready: ' + ', '.join(parts))
+        tell(NodeState(READY, topics=tuple(waits)))
         for doubt in doubts:
             self.get_logger().warning(doubt)
 
@@ -195,14 +197,14 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
         failure = error
     if failure is not None:
         # Before the clean-up, which may take long.
-        print(f'FATAL {failure}', file=sys.stderr, flush=True)
+        fail(failure)
     if node is not None:
         try:
             node.close()
         except LunarRoverSimError as error:
             if failure is None:
                 failure = error
-                print(f'FATAL {failure}', file=sys.stderr, flush=True)
+                fail(failure)
         bound_leaving()
         node.destroy_node()
     rclpy.try_shutdown()

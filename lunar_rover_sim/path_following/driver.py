@@ -26,7 +26,7 @@ _METRES_PER_RADIAN = 0.3    # weight of progress in heading, for turns in place
 class DriveCommand:
     """The commanded velocity and the status of the drive.
 
-    status: waiting, driving, done or stopped; reason: one line when done or stopped, else ''.
+    status: waiting, driving, done or stopped; reason: one line, '' when driving.
     """
 
     forward_mps: float
@@ -103,8 +103,11 @@ class Driver:
         if self._start_ns is None:
             self._start_ns = stamp_ns
         time_s = (stamp_ns - self._start_ns) * 1e-9 - config.start_delay_s
-        if config.mode == 'none' or time_s < 0.0:
-            return DriveCommand(0.0, 0.0, WAITING)
+        if config.mode == 'none':
+            return DriveCommand(0.0, 0.0, WAITING, 'mode is none: it drives nowhere')
+        if time_s < 0.0:
+            return DriveCommand(0.0, 0.0, WAITING,
+                                f'until start_delay_s {config.start_delay_s:g} is over')
         if config.mode == 'profile':
             forward, yaw_rate = self._profile.at(time_s)
             if self._profile.done(time_s):

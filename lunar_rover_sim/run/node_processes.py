@@ -16,7 +16,9 @@ import psutil
 
 from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
 from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.run import node_state
 from lunar_rover_sim.run.child_process import dies_with_parent, signal_name
+from lunar_rover_sim.run.node_state import NodeState, StateReader
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.run.ros_installation import dds_environment
 from lunar_rover_sim.run.thread_states import is_at_work, Looks
@@ -72,6 +74,7 @@ class NodeProcesses:
         self._folder = folder
         self.cpu_s: dict[str, float] = {}
         self._processes: dict[str, psutil.Popen] = {}
+        self._states: dict[str, StateReader] = {}
         (folder / LOG_FOLDER).mkdir(exist_ok=True)
         environment = ros_environment(domain)
         try:
@@ -84,6 +87,8 @@ class NodeProcesses:
     def _start(self, plan: NodePlan, environment: dict[str, str]) -> psutil.Popen:
         command = [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', plan.name,
                    *plan.ros_arguments(self._folder / SCENARIO_FILE)]
+        states = self._states[plan.name] = StateReader()
+        environment = {**environment, node_state.VARIABLE: str(states.writer)}
         with self.log(plan.name).open('wb') as log:
             # A session of its own: Ctrl-C reaches the caller only, which stops the nodes in order.
             # Signals wait until the node handles them: Python prints a traceback while it starts.
@@ -91,8 +96,10 @@ class NodeProcesses:
             try:
                 return psutil.Popen(dies_with_parent(command), env=environment,
                                     stdin=subprocess.DEVNULL, stdout=log,
-                                    stderr=subprocess.STDOUT, start_new_session=True)
+                                    stderr=subprocess.STDOUT, start_new_session=True,
+                                    pass_fds=(states.writer,))
             finally:
+                states.started()
                 signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def logs(self) -> dict[str, Path]:
@@ -113,7 +120,8 @@ class NodeProcesses:
                 return True
             end = self._describe_end(name)
             if not self._goes_on_without(name, end):
-                late = self.unstarted() if ': no publisher for' in end else ''
+                lacks = any(s.awaits == node_state.PUBLISHERS for s in self._told(name))
+                late = self.unstarted() if lacks else ''
                 # It waited for a topic whose publisher is still starting.
                 raise GraphError(f'{end}; not started yet: {late}' if late else end)
         return False
@@ -124,7 +132,7 @@ class NodeProcesses:
         SIGALRM ends a node that DDS keeps from leaving (`nodes.leaving`).
         """
         status = self._processes[name].returncode
-        return status == 0 or (status == -signal.SIGALRM and not self._fatal_line(name))
+        return status == 0 or (status == -signal.SIGALRM and not self._fatal_reason(name))
 
     def _goes_on_without(self, name: str, end: str) -> bool:
         """Return whether the run goes on without a node; its first end is noted."""
@@ -144,19 +152,17 @@ class NodeProcesses:
         """Return which nodes that the run needs have not said that they are ready; '' if none."""
         return ', '.join(f'{name} (log: {self.log(name)})' for name in self._processes
                          if name not in self._may_fail
-                         and not any(': ready: ' in line for line in self._log_lines(name)))
+                         and not any(s.state == node_state.READY for s in self._told(name)))
 
     def silent_participant(self, now_ns: int) -> str:
-        """Return the log line of a node that misses an answer at a simulated time; '' if none.
+        """Return what a node says that misses an answer at a simulated time; '' if none does.
 
         The gait controller comes first: physics misses its answer in consequence.
         """
-        at = f'at {now_ns / 1e9:.3f} s of simulated time'
         for name in ('gait_controller_node', 'physics_node'):
-            if name in self._processes:
-                for line in self._log_lines(name):
-                    if ': no answer for' in line and at in line:
-                        return f'{name}: {line.partition("]: ")[2].rpartition(";")[0]}'
+            for state in self._told(name):
+                if state.awaits == node_state.ANSWERS and state.at_ns == now_ns:
+                    return f'{name}: {state.text}'
         return ''
 
     def measure(self) -> None:
@@ -167,9 +173,9 @@ class NodeProcesses:
                 self.cpu_s[name] = times.user + times.system
 
     def fatal_error(self) -> str | None:
-        """Return the first node's FATAL line with its log, or None if no node has written one."""
+        """Return why the first node that has failed ends, with its log; None if none has."""
         for name in self._processes:
-            reason = self._fatal_line(name)
+            reason = self._fatal_reason(name)
             if reason:
                 return f'{name}: {reason} (log: {self.log(name)})'
         return None
@@ -230,6 +236,9 @@ class NodeProcesses:
                 process.kill()
         for process in self._processes.values():
             process.wait()
+        for states in self._states.values():
+            states.close()
+        self._states.clear()
 
     def __enter__(self) -> NodeProcesses:
         return self
@@ -253,22 +262,23 @@ class NodeProcesses:
         """Return how a node ended, with the reason that it gave, and its log."""
         status = self._processes[name].returncode
         how = f'status {status}' if status >= 0 else signal_name(-status)
-        # Lines of level INFO are no reason.
-        lines = [line.strip() for line in self._log_lines(name)
+        # A process that crashes has said nothing: its last words, but for what it logged of its
+        # work.
+        lines = [line.strip() for line in self.log(name).read_text(errors='replace').splitlines()
                  if line.strip() and not line.startswith('[INFO]')]
-        reason = self._fatal_line(name) or (lines[-1] if lines else '')
+        reason = self._fatal_reason(name) or (lines[-1] if lines else '')
         if not reason and name == 'recorder_node':
             # A full disk has no room for its log, but the mark of the bag has reserved some.
             reason = why_incomplete(self._folder / BAG_FOLDER) or ''
         return f'{name} ended with {how}: {reason or "it gave no reason"} (log: {self.log(name)})'
 
-    def _fatal_line(self, name: str) -> str:
+    def _fatal_reason(self, name: str) -> str:
         """Return the reason that a node gave for its end; '' if it gave none."""
-        lines = (line for line in self._log_lines(name) if line.startswith('FATAL '))
-        return next(lines, '').removeprefix('FATAL ')
+        return next((s.text for s in self._told(name) if s.state == node_state.FATAL), '')
 
-    def _log_lines(self, name: str) -> list[str]:
-        return self.log(name).read_text(errors='replace').splitlines()
+    def _told(self, name: str) -> list[NodeState]:
+        """Return what a node has told of its state; nothing of one that is not in the run."""
+        return self._states[name].read() if name in self._states else []
 
 
 def _has_ended(process: psutil.Popen, limit_s: float) -> bool:

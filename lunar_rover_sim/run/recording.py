@@ -152,7 +152,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
             logs = NodeLogs(nodes.logs())
             try:
                 finished = supervise(nodes, clock, Limits.of(scenario, timeout_s), progress,
-                                     should_stop)
+                                     should_stop, on_warning)
             finally:
                 report(logs)
         wall_s = time.monotonic() - start

@@ -68,14 +68,16 @@ class Limits:
 
 
 def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
-              on_progress: Callable[[int], None], should_stop: Callable[[], bool]) -> bool:
+              on_progress: Callable[[int], None], should_stop: Callable[[], bool],
+              on_warning: Callable[[str], None] = lambda _text: None) -> bool:
     """Return True when physics has finished, False when `should_stop` says so.
 
     on_progress: called about ten times a second with the simulated time [ns]
+    on_warning: called with a line where a node is suspended, which says when the run ends
     Raises GraphError when a node dies, time stands still, or the run takes too long.
     """
     start = last_progress = time.monotonic()
-    last_ns, suspended = 0, nodes.suspended()
+    last_ns, suspended = 0, list[str]()
     looks = Looks()     # since time stands still
     while True:
         if nodes.has_finished():
@@ -86,6 +88,10 @@ def supervise(nodes: NodeProcesses, clock: ClockReader, limits: Limits,
         clock.check()
         now_ns, now_suspended = clock.now_ns(), nodes.suspended()
         # A node that is suspended gets the same time as one that is silent.
+        new = [name for name in now_suspended if name not in suspended]
+        if new and limits.silence_s is not None:
+            on_warning(f'{new[0]} is stopped (SIGSTOP): the run ends in {limits.idle_s:g} s '
+                       'unless it goes on')
         if now_ns != last_ns or now_suspended != suspended:
             last_ns, suspended, last_progress = now_ns, now_suspended, time.monotonic()
             looks = Looks()

@@ -71,6 +71,7 @@ def test_profile_begins_each_velocity_at_its_time():
     assert speeds == [0.0] * 20 + [0.1] * 40 + [0.2] * 40 + [0.0]
     assert [c.yaw_rate_radps for c in rover.commands[60:100]] == [-0.1] * 40
     assert rover.commands[0].status == WAITING and rover.commands[20].status == DRIVING
+    assert rover.commands[0].reason.startswith('until start_delay_s ')
 
 
 def test_profile_ramps_where_asked():

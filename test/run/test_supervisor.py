@@ -120,11 +120,13 @@ def start_all(folder: Path, monkeypatch: pytest.MonkeyPatch, scripts: dict[str, 
 
 @pytest.mark.parametrize('physics', [
     'time.sleep(60.0)',
-    'print("FATAL no publisher for 60 s on lidar/scanned", flush=True)\nexit(1)'])
+    'tell(NodeState(WAITING, awaits=PUBLISHERS, topics=("lidar/scanned",)))\n'
+    'fail("no publisher for 60 s on lidar/scanned")\nexit(1)'])
 def test_who_has_not_started_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                       physics: str) -> None:
     """Not physics, which waits for it, whether or not physics has given up."""
-    ready = 'import time\nprint("[INFO] [1.5] [physics_node]: ready: seed 1", flush=True)\n'
+    ready = ('import time\nfrom lunar_rover_sim.run.node_state import *\n'
+             'tell(NodeState(READY))\nprint("ready", flush=True)\n')
     nodes = start_all(tmp_path, monkeypatch, {'physics_node': ready + physics,
                                               'lidar_node': 'import time\ntime.sleep(60.0)'})
     while 'ready' not in nodes.log('physics_node').read_text():
@@ -160,12 +162,13 @@ def test_what_a_killed_node_logged_of_its_work_is_no_reason(
     nodes.kill()
 
 
-@pytest.mark.parametrize('words,done', [('[INFO] all written', True),
-                                        ('FATAL the disk is full', False)])
+@pytest.mark.parametrize('words,done', [('print("[INFO] all written")', True),
+                                        ('fail("the disk is full")', False)])
 def test_who_cannot_leave_the_graph_has_done_its_work(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, done: bool) -> None:
     """SIGALRM ends such a node; an error that it had before stays one."""
-    script = f'print({words!r}, flush=True)\nimport os\nos.kill(os.getpid(), 14)'
+    script = (f'from lunar_rover_sim.run.node_state import fail\n{words}\n'
+              'import os\nos.kill(os.getpid(), 14)')
     monkeypatch.setattr(node_processes, 'dies_with_parent',
                         lambda _: [sys.executable, '-c', script])
     nodes = NodeProcesses([NodePlan('physics_node', {})], tmp_path, 77)
@@ -228,3 +231,21 @@ def test_work_of_a_process(tmp_path: Path, code: str, works: bool) -> None:
         process.kill()
     assert (sum(looks) > 10) == works
     assert not is_at_work(process.pid)
+
+
+def test_a_node_that_is_stopped_is_named_with_the_time_that_it_has(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The warning's number is the time after which the run ends."""
+    nodes = start_all(tmp_path, monkeypatch, {
+        'render_node': 'import os, signal\nos.kill(os.getpid(), signal.SIGSTOP)'})
+    warnings: list[str] = []
+    limits = Limits(silence_s=20.0, start_s=20.0, end_ns=0, idle_s=1.0)
+    start = time.monotonic()
+    try:
+        with pytest.raises(GraphError, match='^render_node is stopped .SIGSTOP. at 3.000 s'):
+            supervise(nodes, Clock(), limits, lambda _: None, lambda: False,  # type: ignore
+                      warnings.append)
+    finally:
+        nodes.kill()
+    assert warnings == ['render_node is stopped (SIGSTOP): the run ends in 1 s unless it goes on']
+    assert 1.0 <= time.monotonic() - start < 5.0
