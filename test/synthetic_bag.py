@@ -12,10 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag.qos import contract_qos
+from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.rover.description import JOINT_NAMES, StereoMount
 
@@ -276,3 +279,23 @@ def write(path: Path, items: list[Item], namespace: str = '', **options: str) ->
             writer.write(f'{namespace}/{item.topic}', item.msgtype, serialise(item),
                          item.fallback_ns)
     return path
+
+
+def write_sqlite(path: Path, items: list[Item], namespace: str = '',
+                 compression: str = 'none') -> Path:
+    """Write the items as other recorders do: SQLite, by rosbags."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        if compression == 'zstd':
+            writer.compression_mode, writer.compression_format = CompressionMode.MESSAGE, 'zstd'
+        known = {}
+        for item in items:
+            topic, raw = f'{namespace}/{item.topic}', serialise(item)
+            if topic not in known:
+                known[topic] = writer.add_connection(
+                    topic, item.msgtype, typestore=STORE,
+                    offered_qos_profiles=[contract_qos(topic)])
+            writer.write(known[topic], stamp_ns(item.msgtype, raw) or item.fallback_ns, raw)
+    return path
+
+
+WRITERS = {'mcap': write, 'sqlite3': write_sqlite}      # by storage

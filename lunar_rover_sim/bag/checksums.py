@@ -1,7 +1,6 @@
-"""Checksums of MCAP files: written at the end of a recording, verified by `bag check`.
+"""Checksums of MCAP files, verified by `bag check`; 0 means: none.
 
-rosbags verifies the checksums of chunks when it reads them, but writes none (0 means: none). An
-MCAP file (https://mcap.dev/spec) has three kinds, all CRC-32: of the uncompressed records of each
+An MCAP file (https://mcap.dev/spec) has three kinds, all CRC-32: of the uncompressed records of each
 chunk, of the data section (in the record Data End) and of the summary section (in the Footer).
 """
 
@@ -37,13 +36,10 @@ def has_end(path: Path) -> bool:
         return size >= 2 * len(MAGIC) and file.read() == MAGIC
 
 
-def write_checksums(path: Path) -> None:
-    """Write all checksums into a finished MCAP file that has none.
-
-    Raises BagError if it is not such a file, OSError if it cannot be written.
-    """
-    with path.open('r+b') as file:
-        _visit(path, file, fill=True)
+def has_beginning(path: Path) -> bool:
+    """Return whether a file begins as an MCAP file does."""
+    with path.open('rb') as file:
+        return file.read(len(MAGIC)) == MAGIC
 
 
 def damage(path: Path) -> str | None:
@@ -52,11 +48,10 @@ def damage(path: Path) -> str | None:
     Raises BagError if the file is not a finished MCAP file.
     """
     with path.open('rb') as file:
-        return _visit(path, file, fill=False)
+        return _damage(path, file)
 
 
-def _visit(path: Path, file: BinaryIO, *, fill: bool) -> str | None:
-    """Compute every checksum; write it, or compare it with that of the file."""
+def _damage(path: Path, file: BinaryIO) -> str | None:
     if not has_end(path) or file.read(len(MAGIC)) != MAGIC:
         raise BagError(f'{path}: is not a finished MCAP file')
     section = crc32(MAGIC)          # of the bytes of the section so far
@@ -78,15 +73,9 @@ def _visit(path: Path, file: BinaryIO, *, fill: bool) -> str | None:
                 place, value = 0, section
             else:           # start of the summary and of its offsets, then the checksum
                 place, value = 16, crc32(head + content[:16], section)
-            if fill:
-                content = content[:place] + _CRC.pack(value) + content[place + _CRC.size:]
-                file.seek(at + len(head) + place)
-                file.write(_CRC.pack(value))
-                file.seek(at + len(head) + length)
-            else:
-                stored, = _CRC.unpack_from(content, place)
-                if stored not in (0, value):
-                    return f'{_NAMES[opcode]} at byte {at} does not fit its checksum'
+            stored, = _CRC.unpack_from(content, place)
+            if stored not in (0, value):
+                return f'{_NAMES[opcode]} at byte {at} does not fit its checksum'
         if opcode == _FOOTER:
             return None
         # The summary section begins after the record Data End.

@@ -17,5 +17,5 @@ class RecorderConfig(Parameters):
     topics: tuple[str, ...] = param((ALL,), 'topics to record; all: every topic but those on '
                                     'request, which may be named beside it')
     exclude: tuple[str, ...] = param((), 'topics to leave out')
-    storage: str = param('mcap', 'file format', choices=('mcap', 'sqlite3'))
+    storage: str = param('mcap', 'file format; bags of SQLite are read only', choices=('mcap',))
     compression: str = param('none', 'compression of the storage', choices=('none', 'zstd'))

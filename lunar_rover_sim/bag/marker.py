@@ -19,6 +19,7 @@ from lunar_rover_sim.files.paths import lock as lock_file
 MARKER_NAME = 'incomplete.yaml'
 METADATA_NAME = 'metadata.yaml'
 UNFINISHED = 'the recording was not finished'
+_EARLY = 'the recording ended at '
 
 # The mark is written at its full size at once: a reason fits in later, also on a full disk.
 _SIZE = 512
@@ -37,10 +38,25 @@ def mark(bag: Path, reason: str = UNFINISHED) -> None:
 def mark_failed(bag: Path, reason: str) -> None:
     """Mark a bag whose run failed, also where its recorder could finish it.
 
-    A reason that has been written before stays.
+    A reason that has been written before stays, unless it is only that the recording is short.
     """
-    if bag.is_dir() and why_incomplete(bag) in (None, UNFINISHED):
-        mark(bag, reason)
+    if bag.is_dir():
+        known = why_incomplete(bag)
+        if known in (None, UNFINISHED) or str(known).startswith(_EARLY):
+            mark(bag, reason)
+
+
+def why_short(end_ns: int, duration_s: float, tolerance_s: float) -> str:
+    """Return why a recording is incomplete that should have lasted longer; '' if it is not.
+
+    Args:
+        end_ns: Simulated time at which it ended [ns].
+        duration_s: Simulated time of the run [s]; 0 for no end.
+        tolerance_s: Time before the end that may be without messages [s].
+    """
+    if not duration_s > 0.0 or end_ns * 1e-9 >= duration_s - tolerance_s:
+        return ''
+    return f'{_EARLY}{end_ns * 1e-9:.3f} s of {duration_s:g} s'
 
 
 def lock(bag: Path) -> BinaryIO:

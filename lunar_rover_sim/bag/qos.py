@@ -53,6 +53,19 @@ def as_recorded(profile: Any, topic: str) -> Qos:
                bool(profile.avoid_ros_namespace_conventions))
 
 
+def qos_values(profile: Qos) -> dict[str, Any]:
+    """Return a profile as metadata.yaml of version 9 has it."""
+    return {'history': profile.history.name.lower(), 'depth': profile.depth,
+            'reliability': profile.reliability.name.lower(),
+            'durability': profile.durability.name.lower(),
+            **{name: {'sec': time.sec, 'nsec': time.nsec} for name, time in (
+                ('deadline', profile.deadline), ('lifespan', profile.lifespan))},
+            'liveliness': profile.liveliness.name.lower(),
+            'liveliness_lease_duration': {'sec': profile.liveliness_lease_duration.sec,
+                                          'nsec': profile.liveliness_lease_duration.nsec},
+            'avoid_ros_namespace_conventions': profile.avoid_ros_namespace_conventions}
+
+
 def qos_of_text(text: str) -> list[Qos]:
     """Return the profiles in the YAML text that a storage file holds for a topic.
 

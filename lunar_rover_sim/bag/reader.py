@@ -18,7 +18,7 @@ from rosbags.typesys.store import Typestore
 from lunar_rover_sim import topics as contract
 from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.checksums import has_end
+from lunar_rover_sim.bag.checksums import has_beginning, has_end
 from lunar_rover_sim.bag.file_counts import file_counts, is_count
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
@@ -90,7 +90,10 @@ class Bag:
             self._typestore = typestore_of(self._reader.connections)
         except Exception as error:  # whatever the parsers make of a file that is no bag
             self.close()
-            raise BagError(f'{self.path}: cannot be read as a bag: {_words(error)}') from None
+            cut = self._files_without_end()
+            raise BagError(f'{self.path}: {cut[0]} has no end; make it readable with: '
+                           f'lunar_rover_sim bag recover {self.path}' if cut else
+                           f'{self.path}: cannot be read as a bag: {_words(error)}') from None
         try:
             self._check_counts()
             self.file_counts: dict[Path, int | None] = {self.path: None}
@@ -119,6 +122,11 @@ class Bag:
         if self._reader is not None and self.count(contract.LEFT_IMAGE.name):
             pixels = picture(self, self.first(contract.LEFT_IMAGE.name)).pixels
         return notebook_html(repr(self), pixels)
+
+    def _files_without_end(self) -> list[str]:
+        """Return the MCAP files of the folder that are cut short but begin as MCAP files do."""
+        files = sorted(self.path.glob('*.mcap')) if self.path.is_dir() else ()
+        return [file.name for file in files if has_beginning(file) and not has_end(file)]
 
     def _check_counts(self) -> None:
         """Raise BagError if a count, time or name is not one; rosbags takes them all."""

@@ -53,9 +53,16 @@ def recorded_scenario(bag: Bag, namespace: str | None = None) -> RecordedScenari
     if not bag.has(topic):
         return RecordedScenario({})
     try:
-        text = str(bag.first(topic).data)
+        return scenario_of_text(str(bag.first(topic).data))
+    except (BagError, AttributeError):
+        return RecordedScenario({})
+
+
+def scenario_of_text(text: str) -> RecordedScenario:
+    """Return the scenario of a YAML text; an empty one where it cannot be read."""
+    try:
         document = yaml.safe_load(text) if len(text) <= _MAX_CHARACTERS else None
-    except (BagError, yaml.YAMLError, AttributeError, RecursionError, ValueError):
+    except (yaml.YAMLError, RecursionError, ValueError):
         return RecordedScenario({})
     if not isinstance(document, Mapping):
         return RecordedScenario({})

@@ -20,11 +20,14 @@ from mcap.stream_reader import breakup_chunk, StreamReader
 import yaml
 
 from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.checksums import has_end
 from lunar_rover_sim.bag.qos import qos_of_text
 from lunar_rover_sim.bag.reader import check_files, open_bag, storage_file
-from lunar_rover_sim.bag.writer import BagWriter, DISK_ERRORS, in_words, VERSION
+from lunar_rover_sim.bag.writer import (bag_information, BagWriter, in_words, VERSION,
+                                        write_metadata)
 from lunar_rover_sim.errors import BagError
-from lunar_rover_sim.files.atomic import atomic_write
+
+DISK_ERRORS = (OSError, sqlite3.Error)
 
 logger = logging.getLogger(__name__)
 
@@ -36,19 +39,24 @@ _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'     # RFC 8878, 3.1.1; CDR begins with a zero 
 def recover(path: Path | str, output: Path | str | None = None) -> int:
     """Make a cut-off bag readable and return its number of messages.
 
-    path: the bag folder. Its storage file is replaced when the new one is complete.
-    output: new folder for the readable bag, on another disk for instance; `path` stays as it is.
-
     What lies behind the last complete chunk (MCAP) or the last commit (SQLite) is dropped. The
-    bag stays marked incomplete, since its recording was not finished. Raises BagError where there
-    is nothing to read or nothing to recover, where the bag is still being recorded, or where the
-    disk has no space for the new file.
+    bag stays marked incomplete, since its recording was not finished or its end is lost.
+
+    Args:
+        path: The bag folder. Its storage file is replaced when the new one is complete.
+        output: New folder for the readable bag, on another disk for instance; `path` stays as it
+            is but for its mark.
+
+    Raises:
+        BagError: There is nothing to read or nothing to recover, the bag is still being recorded,
+            or the disk has no space for the new file.
     """
     path = Path(path)
     if not path.is_dir():
         raise BagError(f'{path}: is not a bag folder')
     check_files(path)
-    reason = marker.why_incomplete(path)
+    cut = [file for file in sorted(path.glob('*.mcap')) if not has_end(file)]
+    reason = marker.why_incomplete(path) or (f'{cut[0].name} has no end' if cut else None)
     if reason is None:
         raise BagError(f'{path}: is complete; there is nothing to recover')
     if output is not None and Path(output).exists():
@@ -57,7 +65,7 @@ def recover(path: Path | str, output: Path | str | None = None) -> int:
     try:
         marker.mark(path, reason)
         with marker.lock(path):
-            if (path / marker.METADATA_NAME).is_file() and output is None:
+            if (path / marker.METADATA_NAME).is_file() and output is None and not cut:
                 return _count(path)     # its index was written before the recording failed
             if file.suffix == '.mcap':
                 return _recover_mcap(file, None if output is None else Path(output), reason)
@@ -114,7 +122,7 @@ def _rewrite(file: Path, bag: Path, reason: str) -> int:
         with file.open('rb') as stream:
             for record, compressed in _complete_records(stream):
                 if writer is None:
-                    writer = BagWriter(bag, 'mcap', 'zstd' if compressed else 'none')
+                    writer = BagWriter(bag, 'zstd' if compressed else 'none')
                 if isinstance(record, Message) and record.channel_id in topics:
                     writer.write_at(topics[record.channel_id], record.log_time, record.data)
                 elif isinstance(record, Schema):
@@ -179,8 +187,7 @@ def _recover_sqlite(file: Path, reason: str) -> int:
         with database:
             database.execute('INSERT INTO metadata(metadata_version, metadata) VALUES(?, ?)',
                              (VERSION, yaml.safe_dump(information)))
-    atomic_write(file.parent / marker.METADATA_NAME,
-                 yaml.safe_dump({'rosbag2_bagfile_information': information}), BagError)
+    write_metadata(file.parent, information)
     return count
 
 
@@ -204,19 +211,13 @@ def _information(database: sqlite3.Connection, name: str,
         'SELECT min(timestamp), max(timestamp) FROM messages').fetchone()
     if not isinstance(start_ns, int) or not isinstance(end_ns, int):     # SQLite stores any type
         raise BagError(f'{name}: is damaged: the time of a message is not a whole number')
-    span: dict[str, Any] = {'starting_time': {'nanoseconds_since_epoch': start_ns},
-                            'duration': {'nanoseconds': end_ns - start_ns},
-                            'message_count': sum(counts.values())}
-    topics = [{'topic_metadata': {'name': topic, 'type': msgtype, 'serialization_format': encoding,
-                                  'offered_qos_profiles': _profiles(qos),
-                                  'type_description_hash': type_hash},
-               'message_count': counts.get(key, 0)}
+    topics = [({'name': topic, 'type': msgtype, 'serialization_format': encoding,
+                'offered_qos_profiles': _profiles(qos), 'type_description_hash': type_hash},
+               counts.get(key, 0))
               for key, topic, msgtype, encoding, qos, type_hash in database.execute(
                   'SELECT id, name, type, serialization_format, offered_qos_profiles, '
                   'type_description_hash FROM topics ORDER BY id')]
-    return {'version': VERSION, 'storage_identifier': 'sqlite3', 'relative_file_paths': [name],
-            **span, 'topics_with_message_count': topics,
-            'compression_format': 'zstd' if compressed else '',
-            'compression_mode': 'message' if compressed else '',
-            'files': [{'path': name, **span}],
-            'custom_data': {'incomplete': reason}, 'ros_distro': 'jazzy'}, sum(counts.values())
+    information = bag_information(name, 'sqlite3', start_ns, end_ns - start_ns,
+                                  {'incomplete': reason}, 'jazzy', topics,
+                                  'zstd' if compressed else '')
+    return information, sum(counts.values())

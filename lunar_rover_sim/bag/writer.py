@@ -1,12 +1,13 @@
 """Recording to rosbag2 with message stamps as bag time.
 
-A bag is a folder `NAME` with `NAME.mcap` (or `NAME.db3`), `metadata.yaml` and, until its clean
-end, `incomplete.yaml`. A recording that is killed has neither index nor `metadata.yaml`;
-`recovery.recover` makes it readable. What a kill loses:
+A bag is a folder `NAME` with `NAME.mcap`, `metadata.yaml` and, until its clean end,
+`incomplete.yaml`. A recording that is killed has neither index nor `metadata.yaml`;
+`recovery.recover` makes it readable. A kill loses what is in memory: at most the last chunk (1 MiB
+before compression), and the chunk before it where its last bytes were still in the buffer of the
+file.
 
-- MCAP: what rosbags holds in memory, that is at most the last chunk (1 MiB before compression),
-  and the chunk before it where its last bytes were still in the buffer of the file;
-- SQLite: what was written since the last commit, at most one second ago.
+MCAP is written by `mcap.writer`, with checksums of chunks, data and summary
+(https://mcap.dev/spec), laid out as rosbag2 lays it out.
 """
 
 from __future__ import annotations
@@ -14,78 +15,82 @@ from __future__ import annotations
 from contextlib import suppress
 import os
 from pathlib import Path
-import sqlite3
-import time
 from types import TracebackType
 from typing import Any, BinaryIO
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
-from rosbags.typesys import get_typestore, Stores
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.interfaces import Qos
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
+from rosbags.typesys.store import Typestore
+import yaml
 
 from lunar_rover_sim.bag import marker
-from lunar_rover_sim.bag.checksums import write_checksums
-from lunar_rover_sim.bag.definitions import learn
-from lunar_rover_sim.bag.qos import as_recorded, contract_qos
+from lunar_rover_sim.bag.qos import as_recorded, contract_qos, qos_values
 from lunar_rover_sim.bag.recording_pace import REAL_TIME_FACTOR
 from lunar_rover_sim.bag.stamps import StampTable
 from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
-from lunar_rover_sim.seconds import NS_PER_S
 
-STORAGES = ('mcap', 'sqlite3')
-COMPRESSIONS = ('none', 'zstd')
-DISK_ERRORS = (OSError, sqlite3.Error)
+COMPRESSIONS = {'none': CompressionType.NONE, 'zstd': CompressionType.ZSTD}
+VERSION = 9             # of the metadata, as ROS 2 Jazzy writes it
 
-VERSION: Any = 9  # of the metadata, as ROS 2 Jazzy writes it
-_PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-_SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
-_MODES = {'mcap': CompressionMode.STORAGE, 'sqlite3': CompressionMode.MESSAGE}
-_COMMIT_PERIOD_NS = NS_PER_S
+_NEVER_NS = 2**63 - 1   # start of a bag without messages, as rosbag2 writes it
+_SYNC_BYTES = 64 << 20  # written before the disk is asked to begin with them
+_LIBRARY = 'lunar_rover_sim'
 
 
 class BagWriter:
     """A bag that is being written.
 
-    path: folder to make; it must not exist, its parents are made.
-    storage: 'mcap' or 'sqlite3'; compression: 'none' or 'zstd' (per chunk in MCAP, per message in
-        SQLite). distribution: of ROS 2, for the metadata.
+    After a failed write the bag is closed and marked incomplete; `recover` makes it readable.
 
-    Raises BagError where the folder exists, cannot be made, or the disk is full. After a failed
-    write the bag is closed and marked incomplete; `recover` makes it readable.
+    Args:
+        path: Folder to make; it must not exist, its parents are made.
+        compression: none, or zstd for each chunk.
+        distribution: Of ROS 2, for the metadata.
+
+    Attributes:
+        counts: Topic → messages written so far.
+        of_another_clock: Topics with stamps after the latest valid one.
+
+    Raises:
+        BagError: The folder exists, cannot be made, or the disk is full.
     """
 
-    def __init__(self, path: Path, storage: str = 'mcap', compression: str = 'none',
+    def __init__(self, path: Path, compression: str = 'none',
                  distribution: str = 'jazzy') -> None:
-        if storage not in STORAGES:
-            raise BagError(f'storage: {storage!r} is not valid; valid are {", ".join(STORAGES)}')
         if compression not in COMPRESSIONS:
             valid = ', '.join(COMPRESSIONS)
             raise BagError(f'compression: {compression!r} is not valid; valid are {valid}')
         self.path = Path(path)
         self.counts: dict[str, int] = {}
+        self.of_another_clock: set[str] = set()
         self._distribution = distribution
-        self._file = self.path / (self.path.name + _SUFFIXES[storage])
+        self._file = self.path / f'{self.path.name}.mcap'
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(self._typestore)
-        self._connections: dict[str, Connection] = {}
-        self._newest_ns = 0
+        self._types: dict[str, str] = {}
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}      # by type
+        self._profiles: dict[str, list[dict[str, Any]]] = {}
+        self._oldest_ns, self._newest_ns = _NEVER_NS, 0
+        self._unsynced_bytes = self._synced_to = 0
         self._failure = ''
+        self._writer: McapWriter | None = None
         if self.path.exists():
             raise BagError(f'{self.path}: exists already and is not overwritten; name another bag')
-        self._writer: Writer | None = None
         try:
-            writer = Writer(self.path, version=VERSION, storage_plugin=_PLUGINS[storage])
-            if compression == 'zstd':
-                writer.set_compression(_MODES[storage], CompressionFormat.ZSTD)
-            writer.open()
+            self.path.mkdir(parents=True)
             marker.mark(self.path)
             self._lock: BinaryIO = marker.lock(self.path)
-        except (WriterError, *DISK_ERRORS) as error:
+            self._stream: BinaryIO = self._file.open('xb')
+            writer = McapWriter(self._stream, compression=COMPRESSIONS[compression],
+                                enable_crcs=True, enable_data_crcs=True)
+            writer.start('ros2', _LIBRARY)
+        except OSError as error:
             raise BagError(f'{self.path}: cannot be made: {in_words(error)}') from None
         self._writer = writer
-        self._transaction = _Transaction(writer) if storage == 'sqlite3' else None
-        self.of_another_clock: set[str] = set()
 
     @property
     def newest_ns(self) -> int:
@@ -94,43 +99,59 @@ class BagWriter:
 
     def add_topic(self, topic: str, msgtype: str, qos: Any = None,
                   definition: str | None = None) -> None:
-        """Register a topic before its first message.
+        """Register a topic before its first message; a repeated call does nothing.
 
-        qos: offered profile of rosbags or of rclpy; by default that of the topic contract.
-        definition: the `.msg` text of a type that is not part of ROS 2 Jazzy; the types it uses
-            follow in sections `===…` + `MSG: package/Type`, as MCAP and `ros2bag` lay it out.
+        Args:
+            topic: Its full name.
+            msgtype: Its type, `package/msg/Name`.
+            qos: Offered profile of rosbags or of rclpy; by default that of the topic contract.
+            definition: The `.msg` text of a type that is not part of ROS 2 Jazzy; the types it
+                uses follow in sections `===…` + `MSG: package/Type`, as MCAP and `ros2bag` lay it
+                out.
 
-        Raises BagError where the type is unknown and no definition is given, where the definition
-        cannot be read, or where the topic is there with another type. Otherwise a repeated call
-        does nothing.
+        Raises:
+            BagError: The type is unknown and no definition is given, the definition cannot be
+                read, or the topic is there with another type.
         """
-        known = self._connections.get(topic)
+        known = self._types.get(topic)
         if known is not None:
-            if known.msgtype != msgtype:
-                raise BagError(f'{topic}: has type {known.msgtype} in this bag; {msgtype} cannot '
+            if known != msgtype:
+                raise BagError(f'{topic}: has type {known} in this bag; {msgtype} cannot '
                                'be recorded on the same topic')
             return
         if msgtype not in self._typestore.fielddefs:
             self._learn(topic, msgtype, definition)
-        profile = contract_qos(topic) if qos is None else as_recorded(qos, topic)
+        profile: Qos = contract_qos(topic) if qos is None else as_recorded(qos, topic)
+        profiles = [qos_values(profile)]
         writer = self._open_writer()
         try:
-            self._connections[topic] = writer.add_connection(
-                topic, msgtype, typestore=self._typestore, offered_qos_profiles=[profile])
-        except DISK_ERRORS as error:
+            if msgtype not in self._schemas:
+                text, _ = self._typestore.generate_msgdef(msgtype, ros_version=2)
+                self._schemas[msgtype] = writer.register_schema(msgtype, 'ros2msg', text.encode())
+            self._channels[topic] = writer.register_channel(
+                topic, 'cdr', self._schemas[msgtype],
+                {'offered_qos_profiles': _yaml(profiles).strip()})
+        except OSError as error:
             raise self._fail(error) from None
-        self.counts[topic] = 0
+        self._types[topic], self._profiles[topic], self.counts[topic] = msgtype, profiles, 0
 
     def write(self, topic: str, msgtype: str, raw: bytes, fallback_ns: int,
               latest_ns: int | None = None) -> int:
         """Write one message and return its bag time [ns].
 
-        raw: the CDR bytes with their 4 bytes of encapsulation, as a raw subscription gives them.
-        fallback_ns: bag time of a message that has no stamp, or the stamp 0, or one after
-            latest_ns, whose topic then belongs to `of_another_clock`.
+        Args:
+            topic: Its full name.
+            msgtype: Its type.
+            raw: The CDR bytes with their 4 bytes of encapsulation, as a raw subscription gives
+                them.
+            fallback_ns: Bag time of a message that has no stamp, or the stamp 0, or one after
+                latest_ns, whose topic then belongs to `of_another_clock`.
+            latest_ns: Latest valid stamp [ns].
+
+        Raises:
+            BagError: The topic cannot be added, the disk is full, or the bag is closed.
         """
-        connection = self._connections.get(topic)
-        if connection is None or connection.msgtype != msgtype:
+        if self._types.get(topic) != msgtype:
             self.add_topic(topic, msgtype)
         stamp_ns = self._stamps.stamp_ns(msgtype, raw)
         if stamp_ns is not None and latest_ns is not None and stamp_ns > latest_ns:
@@ -144,39 +165,52 @@ class BagWriter:
         """Write one message of a registered topic at a bag time [ns], whatever its stamp is."""
         writer = self._open_writer()
         try:
-            writer.write(self._connections[topic], bag_ns, raw)
-            if self._transaction is not None:
-                self._transaction.commit_if_due(bag_ns)
-        except DISK_ERRORS as error:
+            writer.add_message(self._channels[topic], bag_ns, raw, bag_ns)
+            self._unsynced_bytes += len(raw)
+            if self._unsynced_bytes > _SYNC_BYTES:
+                self._start_sync()
+        except OSError as error:
             raise self._fail(error) from None
         self.counts[topic] += 1
+        self._oldest_ns = min(self._oldest_ns, bag_ns)
         self._newest_ns = max(self._newest_ns, bag_ns)
 
     def close(self, incomplete: str = '', real_time_factor: float | None = None) -> None:
         """Finish the bag: index, metadata, everything on the disk. Repeating it does nothing.
 
-        incomplete: why the recording is not complete; the bag stays marked with that.
-        real_time_factor: of the recording, for the metadata.
+        Args:
+            incomplete: Why the recording is not complete; the bag stays marked with that.
+            real_time_factor: Of the recording, for the metadata.
+
+        Raises:
+            BagError: The disk is full.
         """
         writer = self._writer
         if writer is None:
             return
+        custom = {**({'incomplete': incomplete} if incomplete else {}),
+                  **({} if real_time_factor is None
+                     else {REAL_TIME_FACTOR: f'{real_time_factor:.3g}'})}
+        information = bag_information(
+            self._file.name, 'mcap', self._oldest_ns,
+            max(0, self._newest_ns - self._oldest_ns), custom, self._distribution,
+            [({'name': topic, 'type': msgtype, 'serialization_format': 'cdr',
+               'offered_qos_profiles': self._profiles[topic],
+               'type_description_hash': self._typestore.hash_rihs01(msgtype)},
+              self.counts[topic]) for topic, msgtype in self._types.items()])
         try:
             if incomplete:
                 marker.mark(self.path, incomplete)
-                writer.set_custom_data('incomplete', incomplete)
-            if real_time_factor is not None:
-                writer.set_custom_data(REAL_TIME_FACTOR, f'{real_time_factor:.3g}')
-            writer.close()
-            self._name_distribution()
-            if self._file.suffix == '.mcap':
-                write_checksums(self._file)
-            for path in (self._file, self.path / marker.METADATA_NAME):
-                _sync(path)
+            writer.add_metadata('rosbag2', {'serialized_metadata': _yaml(information).strip()})
+            writer.finish()
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+            self._stream.close()
+            write_metadata(self.path, information)
             if not incomplete:
                 marker.unmark(self.path)
             sync_folder(self.path)
-        except DISK_ERRORS as error:
+        except OSError as error:
             raise self._fail(error) from None
         self._writer = None
         self._failure = incomplete
@@ -193,29 +227,31 @@ class BagWriter:
         with suppress(BagError):  # the bag is marked, and `error` goes on
             self.close(incomplete=in_words(error))
 
-    def _name_distribution(self) -> None:
-        """Name the ROS distribution in the metadata, where rosbags writes its own name."""
-        path = self.path / marker.METADATA_NAME
-        text = path.read_text(encoding='utf-8')
-        atomic_write(path, text.replace('ros_distro: rosbags',
-                                        f'ros_distro: {self._distribution}'))
+    def _start_sync(self) -> None:
+        """Have the system begin to write what is new in the file; it does not wait for the disk.
 
-    def _open_writer(self) -> Writer:
+        Otherwise it may hold some GB when the recording ends, which then waits for all of them.
+        """
+        start, self._synced_to, self._unsynced_bytes = self._synced_to, self._stream.tell(), 0
+        if hasattr(os, 'posix_fadvise'):
+            os.posix_fadvise(self._stream.fileno(), start, self._synced_to - start,
+                             os.POSIX_FADV_DONTNEED)
+
+    def _open_writer(self) -> McapWriter:
         if self._writer is None:
             reason = f': {self._failure}' if self._failure else ''
             raise BagError(f'{self.path}: the bag is closed{reason}')
         return self._writer
 
     def _fail(self, error: BaseException) -> BagError:
-        """Close the files after a failed write; return the error to raise."""
+        """Close the file after a failed write; return the error to raise."""
         self._failure = in_words(error)
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            with suppress(*DISK_ERRORS):  # the disk refused a write already, and is the reason
-                writer.abort()
-            with suppress(OSError):
-                marker.mark(self.path, self._failure)
-            self._lock.close()
+        self._writer = None
+        with suppress(OSError):  # the disk refused a write already, and is the reason
+            self._stream.close()
+        with suppress(OSError):
+            marker.mark(self.path, self._failure)
+        self._lock.close()
         return BagError(f'{self.path}: cannot be written: {self._failure}; the bag is marked '
                         'incomplete; make it readable with: lunar_rover_sim bag recover '
                         f'{self.path}')
@@ -225,31 +261,70 @@ class BagWriter:
             raise BagError(f'{topic}: type {msgtype} is not known and no definition of it is '
                            'given; leave the topic out or give its .msg text')
         try:
-            learn(self._typestore, msgtype, definition)
-        except BagError as error:
-            raise BagError(f'{topic}: {error}') from None
+            _register(self._typestore, msgtype, definition)
+        except (TypesysError, KeyError) as error:
+            raise BagError(f'{topic}: the definition of {msgtype} cannot be read: '
+                           f'{in_words(error)}') from None
         self._stamps.forget(msgtype)
 
 
-class _Transaction:
-    """Commits what is written to SQLite about once a second, of bag time or of wall time.
+def _register(typestore: Typestore, msgtype: str, definition: str) -> None:
+    """Register a type and those it is made of; known ones stay as they are.
 
-    rosbags (0.11.9) commits only at the end, and a kill would lose the whole recording. It has no
-    documented way to commit earlier, and no other connection can commit what this one has written:
-    hence its `storage.conn`.
+    Raises TypesysError or KeyError where the definition cannot be read.
     """
+    known = typestore.fielddefs
+    types = {name: fields for name, fields in get_types_from_msg(definition, msgtype).items()
+             if name not in known}
+    trial = get_typestore(Stores.EMPTY)
+    trial.fielddefs.update(known)
+    trial.register(types)
+    trial.hash_rihs01(msgtype)
+    typestore.register(types)
 
-    def __init__(self, writer: Writer) -> None:
-        self._connection: sqlite3.Connection = writer.storage.conn  # type: ignore[union-attr]
-        self._wall_ns = time.monotonic_ns()
-        self._bag_ns = -_COMMIT_PERIOD_NS
 
-    def commit_if_due(self, bag_ns: int) -> None:
-        now_ns = time.monotonic_ns()
-        if bag_ns - self._bag_ns >= _COMMIT_PERIOD_NS or now_ns - self._wall_ns >= \
-                _COMMIT_PERIOD_NS:
-            self._connection.commit()
-            self._wall_ns, self._bag_ns = now_ns, max(bag_ns, self._bag_ns)
+def bag_information(file: str, storage: str, start_ns: int, duration_ns: int,
+                    custom: dict[str, str], distribution: str,
+                    topics: list[tuple[dict[str, Any], int]],
+                    compression: str = '') -> dict[str, Any]:
+    """Return what metadata.yaml says of a bag of one file.
+
+    Args:
+        file: Name of the storage file.
+        storage: mcap or sqlite3.
+        start_ns: Bag time of the first message [ns].
+        duration_ns: Time from there to the last message [ns].
+        custom: Custom data.
+        distribution: Of ROS 2.
+        topics: Metadata of each topic, and the number of its messages.
+        compression: Format of the compression of each message; empty for none.
+    """
+    count = sum(number for _, number in topics)
+    span: dict[str, Any] = {'starting_time': {'nanoseconds_since_epoch': start_ns},
+                            'duration': {'nanoseconds': duration_ns}, 'message_count': count}
+    return {'version': VERSION, 'storage_identifier': storage, 'relative_file_paths': [file],
+            **span, 'topics_with_message_count': [
+                {'topic_metadata': metadata, 'message_count': number}
+                for metadata, number in topics],
+            'compression_format': compression, 'compression_mode': 'message' if compression else '',
+            'files': [{'path': file, **span}], 'custom_data': custom or None,
+            'ros_distro': distribution}
+
+
+def write_metadata(bag: Path, information: dict[str, Any]) -> None:
+    """Write metadata.yaml of a bag; raise OSError where the disk is full."""
+    atomic_write(bag / marker.METADATA_NAME, _yaml({'rosbag2_bagfile_information': information}))
+
+
+def _yaml(document: Any) -> str:
+    return str(yaml.dump(document, Dumper=_Dumper, sort_keys=False))
+
+
+class _Dumper(yaml.SafeDumper):
+    """Without anchors: rosbag2's reader need not know them."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
 
 
 def in_words(error: BaseException) -> str:
@@ -257,8 +332,3 @@ def in_words(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return one_line(error)
-
-
-def _sync(path: Path) -> None:
-    with path.open('rb') as file:
-        os.fsync(file.fileno())

@@ -15,6 +15,8 @@ from std_msgs.msg import Header, String
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
+from lunar_rover_sim.bag.marker import why_short
+from lunar_rover_sim.bag.recorded_scenario import scenario_of_text
 from lunar_rover_sim.bag.recording_pace import RecordingPace
 from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.bag.writer import BagWriter
@@ -36,6 +38,8 @@ _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 _DISCOVERY_S, _SETTLED_S, _SETTLED_DISCOVERY_S = 0.05, 5.0, 0.5
 # Stamps after simulated time by more than this are of another clock, as in the check of bags.
 _LATEST_NS = 5 * NS_PER_S
+# A bag that ends so long before its run is incomplete; without the clock, images may be the newest.
+_CLOCK_S, _FRAMES_S = 0.1, 2.0
 
 
 class RecorderNode(node_main.GraphNode):
@@ -63,12 +67,17 @@ class RecorderNode(node_main.GraphNode):
         self._clock_ns = 0     # the latest, also of the time before a restart
         self._warned: set[str] = set()
 
-        self._writer = BagWriter(Path(config.output), config.storage, config.compression,
+        self._writer = BagWriter(Path(config.output), config.compression,
                                  os.environ.get('ROS_DISTRO') or 'jazzy')
+        self._duration_s = 0.0      # of the run, if there is one; and its process
+        self._runner: int | None = None
         if config.scenario_file:
+            self._runner = os.getppid()
+            text = _read(config.scenario_file)
+            self._duration_s = scenario_of_text(text).number('physics_node', 'duration_s', 0.0)
             self._scenario_publisher = self.create_publisher(
                 String, topics.SCENARIO.name, qos.offered(topics.SCENARIO))
-            self._scenario_publisher.publish(String(data=_read(config.scenario_file)))
+            self._scenario_publisher.publish(String(data=text))
         # Others take this publisher for a sign that the recorder is there. So it is made when all
         # that is to be acknowledged, and what the participants publish, has been subscribed.
         self._publisher: Publisher | None = None
@@ -82,8 +91,16 @@ class RecorderNode(node_main.GraphNode):
         self.report_ready(config, waits=config.topics)
 
     def close(self) -> None:
-        """Finish the bag, which holds every message received."""
-        self._writer.close(real_time_factor=self._pace.real_time_factor)
+        """Finish the bag, which holds every message received.
+
+        It stays marked where a run ended before its time: by Ctrl-C, or since it was killed.
+        """
+        end_ns = max(self._clock_ns, self._newest_ns)
+        incomplete = why_short(end_ns, self._duration_s,
+                               _CLOCK_S if self._clock_ns else _FRAMES_S)
+        if self._runner is not None and os.getppid() != self._runner:
+            incomplete = 'the run was killed'
+        self._writer.close(incomplete, self._pace.real_time_factor)
 
     def _discover(self) -> None:
         self._publish_written()

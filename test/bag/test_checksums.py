@@ -9,7 +9,7 @@ from mcap.stream_reader import StreamReader
 import pytest
 import synthetic_bag as synthetic
 
-from lunar_rover_sim.bag.checksums import damage, has_end, write_checksums
+from lunar_rover_sim.bag.checksums import damage, has_end
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import BagError
@@ -78,12 +78,12 @@ def test_a_file_without_its_end_is_incomplete(bag, tmp_path):
     (copy / 'bag.mcap').write_bytes((bag / 'bag.mcap').read_bytes()[:-8])
     assert not has_end(copy / 'bag.mcap')
     with pytest.raises(BagError, match='not a finished MCAP file'):
-        write_checksums(copy / 'bag.mcap')
+        damage(copy / 'bag.mcap')
     try:
         with open_bag(copy) as opened:
             assert 'has no end' in opened.incomplete
     except BagError as error:
-        assert 'cannot be read' in str(error)
+        assert 'has no end; make it readable' in str(error)
 
 
 @pytest.mark.parametrize(('count', 'message'), [

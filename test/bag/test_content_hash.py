@@ -37,7 +37,7 @@ def changed(items, change):
 
 
 def test_the_same_messages_have_the_same_hash_in_any_container(items, original, tmp_path):
-    other = synthetic.write(tmp_path / 'other', items, storage='sqlite3')
+    other = synthetic.write_sqlite(tmp_path / 'other', items)
     assert bag_hash(other) == bag_hash(original)
     assert topic_hashes(other) == topic_hashes(original)
 

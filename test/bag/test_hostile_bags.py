@@ -17,7 +17,6 @@ from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.recovery import recover
-from lunar_rover_sim.bag.writer import STORAGES
 from lunar_rover_sim.errors import BagError
 
 
@@ -30,8 +29,8 @@ def items() -> list[synthetic.Item]:
 def written(items, tmp_path_factory) -> dict[str, Path]:
     """Return a small bag in each storage."""
     folder = tmp_path_factory.mktemp('bags')
-    return {storage: synthetic.write(folder / storage / 'bag', items, storage=storage)
-            for storage in STORAGES}
+    return {storage: write(folder / storage / 'bag', items)
+            for storage, write in synthetic.WRITERS.items()}
 
 
 @pytest.fixture

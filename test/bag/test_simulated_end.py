@@ -10,7 +10,7 @@ import synthetic_bag as synthetic
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
-from lunar_rover_sim.bag.writer import BagWriter, STORAGES
+from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.inspection.check import check
@@ -33,7 +33,7 @@ def at_wall_time(topic: str) -> synthetic.Item:
     return synthetic.Item(topic, 'std_msgs/msg/Header', synthetic.header(WALL_NS, ''))
 
 
-@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('storage', synthetic.WRITERS)
 @pytest.mark.parametrize('namespace', ['', '/rover1'])
 @pytest.mark.parametrize(('recorded', 'end_ns'), [
     ((*STATES, *IMAGES), 550_000_000), (STATES, 550_000_000), (IMAGES, 500_000_000)])
@@ -43,7 +43,7 @@ def test_the_last_state_or_frame_ends_it(
     """Whatever else is in the bag, and in whichever order."""
     items = synthetic.drive(0.55, state_hz=100, only=recorded)
     for name, others in (('alone', []), ('others', [diagnostics(), at_wall_time('my/status')])):
-        bag_path = synthetic.write(tmp_path / name, [*others, *items], namespace, storage=storage)
+        bag_path = synthetic.WRITERS[storage](tmp_path / name, [*others, *items], namespace)
         with open_bag(bag_path) as bag:
             assert simulated_end_ns(bag) == end_ns
 

@@ -7,18 +7,21 @@ import random
 import types
 
 import pytest
+from rosbags.rosbag2 import Reader
 import synthetic_bag as synthetic
+import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
+from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.stamps import stamp_ns
-from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS, STORAGES
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS
+from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.inspection.check import check
 
-VARIANTS = [(storage, compression) for storage in STORAGES for compression in COMPRESSIONS]
+VARIANTS = [(storage, compression) for storage in synthetic.WRITERS for compression in COMPRESSIONS]
 
 
 def everything(path: Path) -> list[tuple[str, str, int, bytes]]:
@@ -35,7 +38,7 @@ def items() -> list[synthetic.Item]:
 
 @pytest.mark.parametrize(('storage', 'compression'), VARIANTS)
 def test_what_is_written_is_read(tmp_path, items, storage, compression):
-    path = synthetic.write(tmp_path / 'bag', items, storage=storage, compression=compression)
+    path = synthetic.WRITERS[storage](tmp_path / 'bag', items, compression=compression)
     written = [(f'/{i.topic}', i.msgtype, bytes(synthetic.serialise(i))) for i in items]
     with open_bag(path) as bag:
         read = [(m.topic, m.msgtype, m.data) for m in bag.raw()]
@@ -136,6 +139,25 @@ def test_what_else_a_profile_says_is_recorded():
     assert unknown._replace(deadline=None) == contract_qos('/world_hash')._replace(deadline=None)
 
 
+def test_rosbags_describes_a_bag_as_it_would_its_own(tmp_path, items):
+    """The metadata of a bag is that of rosbags' own writer but for the storage."""
+    ours, theirs = (yaml.safe_load((path / 'metadata.yaml').read_text())[
+        'rosbag2_bagfile_information'] for path in (
+            synthetic.write(tmp_path / 'bag', items), synthetic.write_sqlite(tmp_path / 'other',
+                                                                             items)))
+    assert ours.pop('storage_identifier') == 'mcap' and ours.pop('ros_distro') == 'jazzy'
+    del theirs['storage_identifier'], theirs['ros_distro']
+    for of_one in (ours, theirs):
+        assert len(of_one.pop('relative_file_paths')) == 1 and of_one['files'][0].pop('path')
+    assert ours == theirs
+    with Reader(tmp_path / 'bag') as reader:
+        assert len(list(reader.messages())) == reader.message_count == len(items)
+        assert {c.topic: (c.digest, c.ext.offered_qos_profiles) for c in reader.connections} == {
+            t['topic_metadata']['name']: (t['topic_metadata']['type_description_hash'],
+                                          [contract_qos(t['topic_metadata']['name'])])
+            for t in ours['topics_with_message_count']}
+
+
 def test_own_types_come_with_their_definition(tmp_path):
     definition = 'std_msgs/Header header\nfloat64 slip\n'
     raw = synthetic.STORE.serialize_cdr(synthetic.header(3, 'base'), 'std_msgs/msg/Header')
@@ -157,17 +179,18 @@ def test_nothing_is_overwritten(tmp_path):
     (tmp_path / 'bag').mkdir()
     with pytest.raises(BagError, match='exists already'):
         BagWriter(tmp_path / 'bag')
-    with pytest.raises(BagError, match='valid are mcap, sqlite3'):
-        BagWriter(tmp_path / 'other', storage='rosbag1')
+    with pytest.raises(BagError, match="compression: 'lz4' is not valid; valid are none, zstd"):
+        BagWriter(tmp_path / 'other', 'lz4')
+    with pytest.raises(ConfigError, match="storage: 'sqlite3' is not valid; valid .* mcap"):
+        RecorderConfig.from_mapping({'storage': 'sqlite3'})
     (tmp_path / 'file').touch()
     with pytest.raises(BagError, match='cannot be made: Not a directory'):
         BagWriter(tmp_path / 'file' / 'bag')
 
 
-@pytest.mark.parametrize('storage', STORAGES)
-def test_an_exception_leaves_a_marked_readable_bag(tmp_path, items, storage):
+def test_an_exception_leaves_a_marked_readable_bag(tmp_path, items):
     with pytest.raises(ZeroDivisionError):
-        with BagWriter(tmp_path / 'bag', storage=storage) as writer:
+        with BagWriter(tmp_path / 'bag') as writer:
             for item in items:
                 writer.write('/' + item.topic, item.msgtype, synthetic.serialise(item), 0)
             1 / 0
@@ -208,10 +231,10 @@ def test_a_damaged_file_is_named(tmp_path):
         open_bag(path / 'bag.mcap')
 
 
-@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('storage', synthetic.WRITERS)
 def test_damaged_bytes_are_one_error(tmp_path, storage):
     """Bags with random bytes changed are checked, or refused in one line; 24 seeded ones."""
-    path = synthetic.write(tmp_path / 'bag', synthetic.drive(0.1), storage=storage)
+    path = synthetic.WRITERS[storage](tmp_path / 'bag', synthetic.drive(0.1))
     originals = {p: p.read_bytes() for p in path.iterdir()}
     data = next(p for p in originals if p.suffix != '.yaml')
     rng = random.Random(1)
@@ -234,13 +257,25 @@ def test_damaged_bytes_are_one_error(tmp_path, storage):
             assert '\n' not in str(error)
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_the_metadata_name_the_distribution(tmp_path, items, storage):
+def test_the_metadata_name_the_distribution(tmp_path, items):
     odom = next(i for i in items if i.topic == 'odom')
-    with BagWriter(tmp_path / 'bag', storage, distribution='kilted') as writer:
+    with BagWriter(tmp_path / 'bag', distribution='kilted') as writer:
         writer.write('/odom', odom.msgtype, synthetic.serialise(odom), 0)
     text = (tmp_path / 'bag' / 'metadata.yaml').read_text()
     assert text.count('ros_distro: kilted') == text.count('ros_distro') == 1
+
+
+@pytest.mark.parametrize(('end_ns', 'duration_s', 'expected'), [
+    (0, 30.0, 'the recording ended at 0.000 s of 30 s'),
+    (29_899_999_999, 30.0, 'the recording ended at 29.900 s of 30 s'),
+    (29_900_000_000, 30.0, ''), (31_000_000_000, 30.0, ''), (5, 0.0, ''), (0, 0.0, '')])
+def test_a_recording_is_short_if_it_ends_before_its_run(tmp_path, end_ns, duration_s, expected):
+    assert marker.why_short(end_ns, duration_s, 0.1) == expected
+    if expected:
+        marker.mark(tmp_path, expected)
+        marker.mark_failed(tmp_path, 'a node died')     # says more
+        marker.mark_failed(tmp_path, 'time is up')
+        assert marker.why_incomplete(tmp_path) == 'a node died'
 
 
 def test_unknown_topics_offer_the_nearest(tmp_path, items):

@@ -49,6 +49,29 @@ def read_bag(folder: Path, valid: Path, _file: Path, _rng: random.Random) -> Non
               'the bag check passes another content')
 
 
+def read_cut_end(folder: Path, valid: Path, _file: Path, _rng: random.Random) -> None:
+    """A cut bag is recovered, or holds no complete chunk; it is never taken for complete."""
+    path = folder / 'bag'
+    try:
+        with open_bag(path) as bag:
+            claim(bag.incomplete, 'a bag without its end is taken for complete')
+    except LunarRoverSimError as error:
+        one_line(error)
+    count = recover(path)
+    with open_bag(path) as bag:
+        claim(bag.incomplete, 'a recovered bag is not marked')
+        read = [(m.topic, m.time_ns, m.data) for m in bag.raw()]
+    claim(len(read) == count, f'{count} messages are told, {len(read)} are read')
+    claim(set(read) <= _messages_of(valid / 'bag'), 'a message was not there')
+    claim(not check(path).ok, 'the bag check passes a recovered bag')
+
+
+@functools.lru_cache(maxsize=2)
+def _messages_of(path: Path) -> frozenset[tuple[str, int, bytes]]:
+    with open_bag(path) as bag:
+        return frozenset((m.topic, m.time_ns, m.data) for m in bag.raw())
+
+
 def read_cut_bag(folder: Path, valid: Path, _file: Path, _rng: random.Random) -> None:
     """What is recovered can be read, stays marked, and has no message that was not there."""
     path = folder / 'bag'

@@ -53,6 +53,18 @@ def any_bytes(rng: random.Random, content: bytes) -> bytes:
     return content
 
 
+def none(rng: random.Random, content: bytes) -> bytes:
+    """Leave the file to its reader, which changes what it knows."""
+    return content
+
+
+def cut(rng: random.Random, content: bytes) -> bytes:
+    """Cut off the end: up to some kB of it, or anything but the beginning."""
+    lost = rng.choice((rng.randrange(1, 10), rng.randrange(1, 6000),
+                       rng.randrange(1, len(content))))
+    return content[:-min(lost, len(content) - 1)]
+
+
 def any_text(rng: random.Random, content: bytes) -> bytes:
     """Mutate text: numbers, lines, snippets of other syntax, encodings; sometimes its bytes."""
     if rng.random() < 0.2:

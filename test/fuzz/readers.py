@@ -15,12 +15,12 @@ import math
 from pathlib import Path
 import random
 
-from bag_readers import read_bag, read_cut_bag
+from bag_readers import read_bag, read_cut_bag, read_cut_end
 from claims import claim, one_line, within_bounds
 import mutations
 import numpy as np
 import samples
-from world_readers import read_dem, read_mesh, read_world
+from world_readers import read_dem, read_marked, read_mesh, read_world
 
 from lunar_rover_sim.campaign.campaign_file import parse_campaign
 from lunar_rover_sim.campaign.card import write_card
@@ -196,6 +196,7 @@ READERS: dict[str, Reader] = {
     'geotiff': Reader(samples.geotiff, {'*.tif': mutations.any_bytes}, read_dem, 8),
     'dem_folder': Reader(samples.dem_folder, {'*.npy': mutations.any_npy,
                                               '*.yaml': mutations.any_yaml}, read_dem),
+    'marked': Reader(samples.marked, {'dem.npy': mutations.none}, read_marked, 4),
     'mesh': Reader(samples.mesh, {'*.obj': mutations.any_text, 'text.*': mutations.any_text,
                                   '*.off': mutations.any_text, 'surface.stl': mutations.any_bytes,
                                   'surface.ply': mutations.any_bytes,
@@ -207,6 +208,7 @@ READERS: dict[str, Reader] = {
     'mcap_zstd': Reader(samples.mcap_zstd, _BAG, read_bag),
     'sqlite': Reader(samples.sqlite, _BAG, read_bag, 8),
     'cut_mcap': Reader(samples.cut_mcap, _BAG, read_cut_bag),
+    'cut_end': Reader(samples.cut_end, {'bag/*.mcap': mutations.cut}, read_cut_end, 4),
     'cut_sqlite': Reader(samples.cut_sqlite, _BAG, read_cut_bag, 3),
     'sequence': Reader(samples.sequence, {'euroc/mav0/cam*/*.yaml': mutations.any_yaml,
                                           'euroc/times.txt': mutations.any_text,
@@ -237,6 +239,7 @@ COMMANDS = {
     'mcap_zstd': 'bag hash {folder}/bag',
     'sqlite': 'bag info {folder}/bag',
     'cut_mcap': 'bag recover {folder}/bag',
+    'cut_end': 'bag recover {folder}/bag',
     'cut_sqlite': 'bag recover {folder}/bag',
     'images': 'evaluate images {folder}/set {folder}/set',
     'polar': 'evaluate images {folder}/set {folder}/set',

@@ -104,6 +104,13 @@ def dem_folder(folder: Path) -> None:
                                      'center_coordinates: [0.0, -90.0]\n')
 
 
+def marked(folder: Path) -> None:
+    """Elevation models larger than the window, into which blocks of markers are written."""
+    heights = np.tile(_heights(100), (2, 2))[:160, :160]
+    np.save(folder / 'dem.npy', heights)
+    (folder / 'dem.yaml').write_text('size: [160, 160]\npixel_size: [0.1, -0.1]\n')
+
+
 def mesh(folder: Path) -> None:
     """One surface in all formats of meshes."""
     heights = _heights(16)
@@ -126,9 +133,9 @@ def world(folder: Path) -> None:
     save_world(build_world(WorldConfig.from_mapping(WORLD), 1), folder / 'world')
 
 
-def _bag(folder: Path, **options: str) -> None:
+def _bag(folder: Path, storage: str = 'mcap', **options: str) -> None:
     items = synthetic_bag.drive(0.2, state_hz=50)
-    synthetic_bag.write(folder / 'bag', items, **options)
+    synthetic_bag.WRITERS[storage](folder / 'bag', items, **options)
 
 
 def mcap(folder: Path) -> None:
@@ -158,6 +165,11 @@ def cut_sqlite(folder: Path) -> None:
     """A bag in SQLite whose recording was killed."""
     _bag(folder, storage='sqlite3')
     (folder / 'bag' / 'metadata.yaml').unlink()
+
+
+def cut_end(folder: Path) -> None:
+    """A finished bag, of which the end of the file is lost: its metadata are intact."""
+    _bag(folder)
 
 
 def sequence(folder: Path) -> None:

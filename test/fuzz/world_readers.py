@@ -41,6 +41,27 @@ def read_dem(folder: Path, _valid: Path, file: Path, _rng: random.Random) -> Non
     _ground(open_dem(_config(source='dem', path=str(path), dem={'nodata': 'fill'})))
 
 
+MARKERS = (-9999.0, -32768.0, 32767.0, 65535.0, 99999.0, 9999.0, -1e4, 3.4e38, -3.4028227e38, 1e20)
+
+
+def read_marked(folder: Path, _valid: Path, _file: Path, rng: random.Random) -> None:
+    """No marker of missing data becomes ground, wherever it stands; else it is refused."""
+    heights = np.load(folder / 'dem.npy', allow_pickle=False)
+    claim(heights.shape == (160, 160), 'the sample is another one')
+    row, column = rng.randrange(160), rng.randrange(160)
+    high, wide = (rng.choice((1, 2, 7, 40, 160)) for _ in 'xy')
+    heights[row:row + high, column:column + wide] = rng.choice(MARKERS)
+    np.save(folder / 'dem.npy', heights)
+    source = open_dem(_config(source='dem', path=str(folder), dem={'nodata': 'fill'}))
+    try:
+        for half_m, cell_m in ((0.5 * samples.WINDOW_M, samples.CELL_M), (8.0, 0.2), (8.0, 0.8)):
+            tile = source.tile(half_m, cell_m)
+            claim(tile is None or np.abs(tile.heights_m).max() < 50.0,
+                  'a marker of missing data is ground')
+    finally:
+        source.close()
+
+
 def read_mesh(_folder: Path, _valid: Path, file: Path, _rng: random.Random) -> None:
     """A mesh of any format."""
     _ground(MeshSource(_config(source='mesh', path=str(file), mesh={'holes': 'fill'})))

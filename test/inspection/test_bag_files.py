@@ -14,7 +14,6 @@ import yaml
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.writer import STORAGES
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
@@ -36,8 +35,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Give a bag of one file in each storage."""
     folder = tmp_path_factory.mktemp('whole')
     items = synthetic.drive(0.2, state_hz=50, only=(topics.ODOM, topics.TF))
-    return {storage: synthetic.write(folder / storage / 'bag', items, storage=storage)
-            for storage in STORAGES}
+    return {storage: write(folder / storage / 'bag', items)
+            for storage, write in synthetic.WRITERS.items()}
 
 
 @pytest.fixture(scope='module')
@@ -49,8 +48,9 @@ def split(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp('split')
     items = synthetic.drive(0.2, state_hz=50, only=(topics.ODOM, topics.TF))
     return {storage: _join(folder / storage, [
-        synthetic.write(folder / storage / name, part, storage=storage)
-        for name, part in (('bag_0', items[:12]), ('bag_1', items[12:]))]) for storage in STORAGES}
+        write(folder / storage / name, part)
+        for name, part in (('bag_0', items[:12]), ('bag_1', items[12:]))])
+            for storage, write in synthetic.WRITERS.items()}
 
 
 def _join(folder: Path, bags: list[Path]) -> Path:
@@ -85,7 +85,7 @@ def found(bag: Path, name: str) -> tuple[Status, str]:
     return finding.status, finding.detail
 
 
-@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('storage', synthetic.WRITERS)
 def test_a_wrong_number_of_the_only_file(whole: dict[str, Path], tmp_path: Path,
                                          storage: str) -> None:
     bag = Path(shutil.copytree(whole[storage], tmp_path / 'bag'))
@@ -95,7 +95,7 @@ def test_a_wrong_number_of_the_only_file(whole: dict[str, Path], tmp_path: Path,
         Status.FAIL, f'bag.{SUFFIX[storage]}: 7 messages by metadata.yaml, 20 are found')
 
 
-@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('storage', synthetic.WRITERS)
 def test_wrong_numbers_of_several_files(split: dict[str, Path], tmp_path: Path,
                                         storage: str) -> None:
     """Also where their sum is right."""
@@ -156,7 +156,7 @@ def test_every_file_fits_its_checksums_and_has_an_end(split: dict[str, Path],
     assert found(bag, 'checksums')[0] is Status.PASS
     file = bag / 'bag_1.mcap'
     content = bytearray(file.read_bytes())
-    profile = content.index(b'rosbags-')        # in the header, which no chunk's checksum covers
+    profile = content.index(b'lunar_rover_sim')        # in the header, which no chunk's checksum covers
     content[profile] ^= 1
     file.write_bytes(content)
     status, detail = found(bag, 'checksums')
@@ -173,7 +173,7 @@ def test_every_file_fits_its_checksums_and_has_an_end(split: dict[str, Path],
     ({'starting_time': {'nanoseconds_since_epoch': 1}}, 'begins at 0.000000001 s: there is no'),
     ({'duration': {'nanoseconds': 10**17}}, 's: there is no message'),
     ({'duration': {'nanoseconds': 1}}, 's: there are later messages')])
-@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('storage', synthetic.WRITERS)
 def test_times_that_the_messages_do_not_have(whole: dict[str, Path], tmp_path: Path, storage: str,
                                              change: dict[str, Any], detail: str) -> None:
     bag = Path(shutil.copytree(whole[storage], tmp_path / 'bag'))

@@ -154,7 +154,7 @@ def test_the_hash_is_that_of_the_content(tmp_path, good):
     rng = np.random.default_rng(0)
     order = sorted(range(len(good)), key=lambda i: (good[i].topic, i))
     shuffled = [good[i] for i in order]
-    other = synthetic.write(tmp_path / 'b', shuffled, storage='sqlite3', compression='zstd')
+    other = synthetic.write_sqlite(tmp_path / 'b', shuffled, compression='zstd')
     assert bag_hash(plain) == bag_hash(other)
     assert rng is not None
     changed = edited(good, 'odom', setter('pose.pose.position.x', lambda x: x + 1e-15), 0.5)

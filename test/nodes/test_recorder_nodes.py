@@ -41,6 +41,21 @@ def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None
         assert recorded.counts['/stereo/left/image_raw/compressed'] == 1
 
 
+def test_a_recording_that_ends_before_its_run_stays_marked(tmp_path: Path) -> None:
+    """As after Ctrl-C, or where the run was killed; without a run it is as long as it is."""
+    from lunar_rover_sim.bag.reader import open_bag
+    scenario = tmp_path / 'scenario.yaml'
+    scenario.write_text('physics_node: {ros__parameters: {duration_s: 30.0}}\n')
+    for name, arguments, expected in (
+            ('run', ('-p', f'scenario_file:={scenario}'),
+             'the recording ended at 0.000 s of 30 s'), ('alone', (), None)):
+        with running('recorder_node', '-p', f'output:={tmp_path / name}', *arguments) as node:
+            assert any('ready' in line for line in node.stdout)
+            time.sleep(0.5)
+        with open_bag(tmp_path / name) as bag:
+            assert bag.incomplete == expected
+
+
 def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path) -> None:
     """An estimator's poses become a file that `evaluate` reads; a Path repeats itself, once."""
     from nav_msgs.msg import Path as PathMsg
