@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
 
@@ -281,13 +281,13 @@ def write(path: Path, items: list[Item], namespace: str = '', **options: str) ->
     return path
 
 
-def write_sqlite(path: Path, items: list[Item], namespace: str = '',
-                 compression: str = 'none') -> Path:
+def write_sqlite(path: Path, items: list[Item], namespace: str = '', **options: str) -> Path:
     """Write the items as other recorders do: SQLite, by rosbags."""
-    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        if compression == 'zstd':
-            writer.compression_mode, writer.compression_format = CompressionMode.MESSAGE, 'zstd'
-        known = {}
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    if options.get('compression') == 'zstd':
+        writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    known: dict[str, Any] = {}
+    with writer:
         for item in items:
             topic, raw = f'{namespace}/{item.topic}', serialise(item)
             if topic not in known:

@@ -7,7 +7,7 @@ that is missing is made from its tables, as `ros2 bag reindex` does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 import logging
 from pathlib import Path
@@ -68,9 +68,10 @@ def recover(path: Path | str, output: Path | str | None = None) -> int:
             if (path / marker.METADATA_NAME).is_file() and output is None and not cut:
                 return _count(path)     # its index was written before the recording failed
             if file.suffix == '.mcap':
-                return _recover_mcap(file, None if output is None else Path(output), reason)
+                return _recover_mcap(sorted(path.glob('*.mcap')),
+                                     None if output is None else Path(output), reason)
             if output is not None:
-                _need_space(Path(output).parent, file)
+                _need_space(Path(output).parent, file.stat().st_size)
                 shutil.copytree(path, output)
             return _recover_sqlite(Path(output or path) / file.name, reason)
     except BlockingIOError:
@@ -84,20 +85,24 @@ def _count(path: Path) -> int:
         return bag.message_count
 
 
-def _recover_mcap(file: Path, output: Path | None, reason: str) -> int:
-    """Write a new bag from a cut-off file, in its place if there is no output."""
+def _recover_mcap(files: Sequence[Path], output: Path | None, reason: str) -> int:
+    """Write a new bag from cut-off files, in the place of one if there is no output."""
+    file, size = files[0], sum(file.stat().st_size for file in files)
     if output is not None:
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise BagError(f'{output}: cannot be made: {error.strerror}') from None
-        _need_space(output.parent, file)
-        return _rewrite(file, output, reason)
-    _need_space(file.parent, file)
+        _need_space(output.parent, size)
+        return _rewrite(files, output, reason)
+    if len(files) > 1:
+        raise BagError(f'{file.parent}: holds {len(files)} files; name a folder for one of all '
+                       'with --output')
+    _need_space(file.parent, size)
     partial = file.parent / _PARTIAL
     shutil.rmtree(partial, ignore_errors=True)
     try:
-        count = _rewrite(file, partial / file.stem, reason)
+        count = _rewrite(files, partial / file.stem, reason)
         for name in (file.name, marker.METADATA_NAME):
             (partial / file.stem / name).replace(file.parent / name)
     finally:
@@ -105,38 +110,40 @@ def _recover_mcap(file: Path, output: Path | None, reason: str) -> int:
     return count
 
 
-def _need_space(folder: Path, file: Path) -> None:
-    needed, free = file.stat().st_size, shutil.disk_usage(folder).free
+def _need_space(folder: Path, needed: int) -> None:
+    free = shutil.disk_usage(folder).free
     if needed > free:
         raise BagError(f'{folder}: {needed / 1e6:.0f} MB are needed, {free / 1e6:.0f} MB are '
                        'free; make space, or name a folder on another disk with --output')
 
 
-def _rewrite(file: Path, bag: Path, reason: str) -> int:
-    """Write what can be read of an MCAP file to a new bag; return the number of messages."""
-    schemas: dict[int, Schema] = {}
-    topics: dict[int, str] = {}
+def _rewrite(files: Sequence[Path], bag: Path, reason: str) -> int:
+    """Write what can be read of MCAP files to a new bag; return the number of messages."""
     left_out = set()
     writer = None
+    folder = files[0].parent
     try:
-        with file.open('rb') as stream:
-            for record, compressed in _complete_records(stream):
-                if writer is None:
-                    writer = BagWriter(bag, 'zstd' if compressed else 'none')
-                if isinstance(record, Message) and record.channel_id in topics:
-                    writer.write_at(topics[record.channel_id], record.log_time, record.data)
-                elif isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    try:
-                        _add_topic(writer, record, schemas)
-                        topics[record.id] = record.topic
-                    except (BagError, KeyError, UnicodeDecodeError):
-                        left_out.add(record.topic)
+        for file in files:
+            schemas: dict[int, Schema] = {}
+            topics: dict[int, str] = {}
+            with file.open('rb') as stream:
+                for record, compressed in _complete_records(stream):
+                    if writer is None:
+                        writer = BagWriter(bag, 'zstd' if compressed else 'none')
+                    if isinstance(record, Message) and record.channel_id in topics:
+                        writer.write_at(topics[record.channel_id], record.log_time, record.data)
+                    elif isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        try:
+                            _add_topic(writer, record, schemas)
+                            topics[record.id] = record.topic
+                        except (BagError, KeyError, UnicodeDecodeError):
+                            left_out.add(record.topic)
         if writer is None or not any(writer.counts.values()):
-            raise BagError(f'{file.parent}: holds no complete chunk; there is nothing to recover')
+            raise BagError(f'{folder}: holds no complete chunk; there is nothing to recover')
         for topic in sorted(left_out):
-            logger.warning('%s: %s is left out: the description of its type is damaged', file,
+            logger.warning('%s: %s is left out: the description of its type is damaged', folder,
                            topic)
     finally:
         if writer is not None:

@@ -24,10 +24,9 @@ from lunar_rover_sim.run.ros_installation import dds_environment
 from lunar_rover_sim.run.thread_states import is_at_work, Looks
 
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
-# left to add to it. A process that still works then is given more: a recorder reads a large bag
-# again for its checksums.
+# left to add to it. A process that still works then, on a busy machine, is given more.
 _STOP_S = 15.0
-_STOP_AT_WORK_S = 600.0
+_STOP_AT_WORK_S = 60.0
 _POLL_S = 0.05
 _STOP_AFTER_FAILURE_S = 2.0
 

@@ -14,6 +14,7 @@ import yaml
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.report import Status
@@ -156,7 +157,8 @@ def test_every_file_fits_its_checksums_and_has_an_end(split: dict[str, Path],
     assert found(bag, 'checksums')[0] is Status.PASS
     file = bag / 'bag_1.mcap'
     content = bytearray(file.read_bytes())
-    profile = content.index(b'lunar_rover_sim')        # in the header, which no chunk's checksum covers
+    # In the header, which no chunk's checksum covers.
+    profile = content.index(b'lunar_rover_sim')
     content[profile] ^= 1
     file.write_bytes(content)
     status, detail = found(bag, 'checksums')
@@ -166,7 +168,13 @@ def test_every_file_fits_its_checksums_and_has_an_end(split: dict[str, Path],
         with open_bag(bag) as opened:
             assert opened.incomplete == 'bag_1.mcap has no end'
     except BagError as error:
-        assert 'cannot be read' in str(error)
+        assert 'bag_1.mcap has no end; make it readable with' in str(error)
+    with pytest.raises(BagError, match='holds 2 files; name a folder for one of all with'):
+        recover(bag)
+    count = recover(bag, tmp_path / 'one')
+    with open_bag(tmp_path / 'one') as opened:
+        assert opened.incomplete == 'bag_1.mcap has no end'
+        assert len(list(opened.raw())) == count == 20
 
 
 @pytest.mark.parametrize(('change', 'detail'), [
