@@ -27,7 +27,9 @@ def sortable_seconds(time_ns: int) -> str:
 def from_seconds(text: str) -> int:
     """Return the integer ns of seconds as text; decimals beyond the ninth are cut off.
 
-    Raises ValueError if the text is no number, OverflowError if it is infinite.
+    Raises:
+        ValueError: If the text is no number.
+        OverflowError: If it is infinite.
     """
     whole, _, part = text.partition('.')
     digits = whole.lstrip('+-')

@@ -58,7 +58,9 @@ class ImageSet(NamedTuple):
 def open_images(path: Path | str) -> ImageSet:
     """Return the set of images at a path: a bag, the folder of a run or of a data set.
 
-    Raises EvaluationError where there are no images, BagError where a bag cannot be read.
+    Raises:
+        EvaluationError: If there are no images.
+        BagError: If a bag cannot be read.
     """
     path = Path(path)
     if not path.exists():

@@ -29,8 +29,9 @@ T = TypeVar('T')
 class GreyPair(NamedTuple):
     """A rectified pair, or a single image: (h, w) grey from 0 to 1, the root of the signal.
 
-    right: None of a single camera
-    truth_px: true disparity of the left image, 0 for the sky, NaN where unknown; None without
+    Attributes:
+        right: None of a single camera.
+        truth_px: True disparity of the left image, 0 for the sky, NaN where unknown; None without.
     """
 
     name: str
@@ -70,9 +71,11 @@ def check_sizes(pair: GreyPair, path: Path) -> None:
 def levels_of(pixels: NDArray[Any], linear: bool, black: float = 0.0, full: float = 0.0) -> F32:
     """Return (h, w) or (h, w, 3) pixels as the root of the signal, 0 to 1.
 
-    linear: whether the pixels are proportional to the signal; else they are its root already,
-        which the curve of most 8-bit cameras comes near to
-    black, full: levels of no light and of full scale; by default those of the type
+    Args:
+        linear: Whether the pixels are proportional to the signal; else they are its root already,
+            which the curve of most 8-bit cameras comes near to.
+        black: Level of no light.
+        full: Level of full scale; by default that of the type.
     """
     grey = pixels[..., :3].mean(axis=-1) if pixels.ndim == 3 else pixels
     full = full or float(np.iinfo(pixels.dtype).max)

@@ -116,12 +116,13 @@ class Share:
 class Comparison:
     """How much larger the first of two paired sets of errors is.
 
-    pairs: number of pairs
-    difference: median of first minus second, of the pairs in which both have a value
-    p: two-sided, of no difference: the share of all ways to swap the two of a pair that give as
-        extreme a sum of signed ranks (Wilcoxon, Biometrics Bulletin 1, 1945)
-    effect: rank-biserial correlation of pairs (Kerby, Comprehensive Psychology 3, 2014): 1 if the
-        first is larger in all pairs, -1 if smaller
+    Attributes:
+        pairs: Number of pairs.
+        difference: Median of first minus second, of the pairs in which both have a value.
+        p: Two-sided, of no difference: the share of all ways to swap the two of a pair that give
+            as extreme a sum of signed ranks (Wilcoxon, Biometrics Bulletin 1, 1945).
+        effect: Rank-biserial correlation of pairs (Kerby, Comprehensive Psychology 3, 2014): 1 if
+            the first is larger in all pairs, -1 if smaller.
     """
 
     pairs: int

@@ -21,9 +21,11 @@ TOP_VIEW = 'top_view.png'
 def save_plots(result: Evaluation, output: Path, bag: Path | None = None) -> list[Path]:
     """Write top_view.png, error.png and scale.png into `output` and return their paths.
 
-    bag: its world is drawn below the top view, if the world's folder still exists
+    Args:
+        bag: Its world is drawn below the top view, if the world's folder still exists.
 
-    Raises EvaluationError if the files cannot be written.
+    Raises:
+        EvaluationError: If the files cannot be written.
     """
     figures = {TOP_VIEW: _top_view(result, bag), 'error.png': _error(result),
                'scale.png': _scale(result)}

@@ -57,7 +57,9 @@ def trajectory_of_topic(bag: Bag, topic: str = '') -> Trajectory:
 
     Of a Path the last message counts, since it holds all.
 
-    Raises BagError where there is no such topic, EvaluationError where its type has no pose.
+    Raises:
+        BagError: If there is no such topic.
+        EvaluationError: If its type has no pose.
     """
     name = bag.resolve(topic or bag.truth)
     msgtype = bag.types[name]
@@ -86,8 +88,12 @@ def load(source: Source, times: str | Path | None = None,
          default_topic: str = '') -> Trajectory:
     """Return a Trajectory as it is, or load `FILE`, `BAG` or `BAG:TOPIC`.
 
-    times: file with the stamps of a KITTI file. Raises EvaluationError or BagError that names the
-    file and the reason.
+    Args:
+        times: File with the stamps of a KITTI file.
+
+    Raises:
+        EvaluationError: If the file cannot be read, with the reason.
+        BagError: If the bag cannot be read.
     """
     if isinstance(source, Trajectory):
         return source
@@ -120,8 +126,12 @@ def bag_of(source: Source) -> Path | None:
 def frame_on_rover(source: Source, frame: str) -> Array:
     """Return T_base_frame (4, 4): of the recorded rover if `source` is a bag, else the packaged.
 
-    frame: base, imu, left or right (camera). Raises ConfigError on another name, BagError where
-    the bag does not say where the frame is.
+    Args:
+        frame: One of base, imu, left, right (the cameras), lidar.
+
+    Raises:
+        ConfigError: If it is none of them.
+        BagError: If the bag does not say where the frame is.
     """
     path = bag_of(source)
     if path is not None:

@@ -19,8 +19,11 @@ VALID = '1972-01-01 to 2100-01-01 [UTC]'
 def parse_date(name: str, text: str) -> np.datetime64:
     """Return the date in UTC that a text in ISO 8601 states, `2026-11-22T06:00:00Z`.
 
-    Without a zone it is UTC. Raises ConfigError, in which `name` is the parameter, if the text is
-    no date or the date is out of range.
+    Without a zone it is UTC.
+
+    Raises:
+        ConfigError: If the text is no date or the date is out of range; it calls the parameter
+            `name`.
     """
     try:
         date = datetime.datetime.fromisoformat(

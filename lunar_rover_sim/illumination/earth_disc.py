@@ -28,8 +28,11 @@ _LEAST_LIT = 1e-4       # of a Lambert sphere: thinner crescents keep their radi
 class EarthDisc:
     """The Earth over a site.
 
-    direction, sun_direction: (3,) unit vectors, world axes: to it, and from it to the sun
-    radius_rad: apparent; irradiance: normal, of all that is lit of it [W/m2]
+    Attributes:
+        direction: (3,) unit vector to it, world axes.
+        sun_direction: (3,) unit vector from it to the sun, world axes.
+        radius_rad: Apparent radius.
+        irradiance: Normal irradiance by all that is lit of it [W/m2].
     """
 
     direction: Array

@@ -16,7 +16,9 @@ from lunar_rover_sim.illumination.earth_disc import earth_disc
 def earth_as_sun(sun: SunConfig, earth: EarthConfig) -> SunConfig:
     """Return the sun that would light the ground as the Earth does at the date of a sun.
 
-    sun: as for `earth_disc`. The irradiance is 0 while none of the disc is above the horizontal.
+    Args:
+        sun: As for `earth_disc`. The irradiance is 0 while none of the disc is above the
+            horizontal.
     """
     disc = earth_disc(sun, earth)
     if disc is None:

@@ -34,7 +34,9 @@ _LIGHT_AU_PER_DAY = 173.1446326846693
 class SunAndEarth:
     """Apparent positions, in axes fixed to the Moon (x: longitude 0, latitude 0; z: north).
 
-    sun_km, earth_km: (..., 3), from the centre of the Moon
+    Attributes:
+        sun_km: (..., 3) position of the sun, from the centre of the Moon.
+        earth_km: (..., 3) position of the Earth, from the centre of the Moon.
     """
 
     sun_km: Array
@@ -72,8 +74,12 @@ def _terrestrial_days(dates: Dates) -> Array:
 def _apparent(position: Array, body_velocity: Array, observer_velocity: Array) -> Array:
     """Return (..., 3) positions [au] as an observer sees them: light time, then aberration.
 
-    position: now, from the observer [au]; velocities: barycentric [au/d]. Both are of first order
-    in v/c: what is left out is 1e-8 rad.
+    Both are of first order in v/c: what is left out is 1e-8 rad.
+
+    Args:
+        position: Now, from the observer [au].
+        body_velocity: Barycentric [au/d].
+        observer_velocity: Barycentric [au/d].
     """
     distance = np.linalg.norm(position, axis=-1, keepdims=True)
     delayed = position - body_velocity * (distance / _LIGHT_AU_PER_DAY)

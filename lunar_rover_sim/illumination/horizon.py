@@ -65,8 +65,9 @@ class SunGeometry:
 class ShadowLevel:
     """Shadow boundaries of one height grid.
 
-    shadow_m: (3, n, n) float32, for each sweep the height down to which the shadow of the relief
-        towards the sun reaches at each sample; the sample itself casts none [m]
+    Attributes:
+        shadow_m: (3, n, n) float32, for each sweep the height down to which the shadow of the
+            relief towards the sun reaches at each sample; the sample itself casts none [m].
     """
 
     def __init__(self, grid: HeightGrid, sun: SunGeometry, outer: ShadowLevel | None,

@@ -29,8 +29,12 @@ def indirect_light(heights_m: F32, cell_m: float, lit: F32, direction: NDArray[n
     irradiance: what other ground sends to each point of the grid; surroundings: exitance of the
     ground around it, of which upright faces see one half
 
-    heights_m: (n, n); cell_m: its pitch; lit: (n, n) share of the sun's disc that is seen
-    direction: (3,) unit vector to the sun; albedo: diffuse albedo of the ground
+    Args:
+        heights_m: (n, n).
+        cell_m: Its pitch.
+        lit: (n, n) share of the sun's disc that is seen.
+        direction: (3,) unit vector to the sun.
+        albedo: Diffuse albedo of the ground.
     """
     gradient = np.asarray(np.gradient(heights_m, np.float32(cell_m)), np.float32)
     gy, gx = gradient[0], gradient[1]

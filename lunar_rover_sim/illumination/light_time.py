@@ -20,11 +20,13 @@ _MASK_STEP_DEG = 0.5
 class SkyOverTime:
     """Sun, Earth and light at equal steps of time.
 
-    dates_utc: (n,)
-    sky: fields of (n,)
-    mask_azimuth_deg, mask_deg: (m,) the horizon all around, azimuth from x towards y
-    horizon_deg: (n,) its elevation below the sun
-    lit: (n,) share of the sun's disc above it
+    Attributes:
+        dates_utc: (n,).
+        sky: Fields of (n,).
+        mask_azimuth_deg: (m,) directions all around, from x towards y.
+        mask_deg: (m,) elevation of the horizon there.
+        horizon_deg: (n,) its elevation below the sun.
+        lit: (n,) share of the sun's disc above it.
     """
 
     dates_utc: Dates
@@ -51,8 +53,9 @@ class SkyOverTime:
 def sky_over_time(site: Site, dates_utc: Dates, world: World | None = None) -> SkyOverTime:
     """Return the sky over a site at (n,) dates, n > 1, in equal steps.
 
-    world: its horizon hides the sun, seen from 0.3 m above the origin, as far as its levels reach;
-        without one the horizon is level
+    Args:
+        world: Its horizon hides the sun, seen from 0.3 m above the origin, as far as its levels
+            reach; without one the horizon is level.
     """
     seen = sky(site, dates_utc)
     azimuth = np.arange(0.0, 360.0 + _MASK_STEP_DEG, _MASK_STEP_DEG)

@@ -37,7 +37,9 @@ def rotation_moon_icrf(days_tdb: ArrayLike) -> Array:
     """Return the (..., 3, 3) rotation from the axes of the ICRF to those of the Moon.
 
     The Moon's x points to longitude 0 and latitude 0, its z to the north pole.
-    days_tdb: (...) days since J2000.0, barycentric dynamical time
+
+    Args:
+        days_tdb: (...) days since J2000.0, barycentric dynamical time.
     """
     days = np.asarray(days_tdb, float)
     angle = np.radians(_SERIES[:, 0] + _SERIES[:, 1] * days[..., None])

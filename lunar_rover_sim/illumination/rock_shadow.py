@@ -36,9 +36,12 @@ _LEAST_WIDTH_CELLS = 0.4    # rocks narrower than this cast no shadow on a coars
 class Silhouettes:
     """Convex outlines in the plane perpendicular to the sun rays [m]; see `axes`, rows 0 and 1.
 
-    edges: (m, k, 3) unit outward normal and offset; unused ones repeat another
-    centre: (m, 3) in all three axes; half_width: (m,); top: (m,) largest second coordinate
-    axes: (3, 3) rows: lateral, upward in the sun's plane, towards the sun
+    Attributes:
+        edges: (m, k, 3) unit outward normal and offset; unused ones repeat another.
+        centre: (m, 3) in all three axes.
+        half_width: (m,) in the first axis.
+        top: (m,) largest second coordinate.
+        axes: (3, 3) rows: lateral, upward in the sun's plane, towards the sun.
     """
 
     edges: F32
@@ -165,11 +168,12 @@ def share(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry,
           inner_half_m: float) -> NDArray[np.uint8]:
     """Return (n, n) shares of the grid's cells that lie in the shadow of rocks, 255 for all of it.
 
-    Coarse cells are as large as the shadows, which have no edges to keep there: what counts is
-    how much of a cell is dark. An outline counts as a rectangle of about its area. Penumbrae are
+    Coarse cells are as large as the shadows, which have no edges to keep there: what counts is how
+    much of a cell is dark. An outline counts as a rectangle of about its area. Penumbrae are
     narrower than a cell and left out.
 
-    inner_half_m: half extent of the finer grid within, where the share does not matter
+    Args:
+        inner_half_m: Half extent of the finer grid within, where the share does not matter.
     """
     dark = np.zeros(grid.heights_m.size, np.float32)
     cells_of, shares = [], []
@@ -228,7 +232,9 @@ def _pairs(grid: HeightGrid, rocks: Silhouettes, sun: SunGeometry, chosen: NDArr
            margin_cells: int) -> Iterator[Near]:
     """Yield cells near each shadow: (cell, rock, distance along the ray, a, b), see Silhouettes.
 
-    chosen: the rocks that count; margin_cells: beside a shadow, how many cells count as near
+    Args:
+        chosen: The rocks that count.
+        margin_cells: Beside a shadow, how many cells count as near.
     """
     n, cell, heights = grid.n, grid.cell_m, np.asarray(grid.heights_m)
     heading = sun.direction_xy

@@ -33,7 +33,8 @@ def central_radiance(sun: SunConfig) -> float:
 def limb_darkening(distance: ArrayLike) -> Array:
     """Return radiance over that of the middle; 0 beyond the limb.
 
-    distance: from the middle of the disc, over its radius
+    Args:
+        distance: From the middle of the disc, over its radius.
     """
     square = np.asarray(distance, dtype=float)**2
     return np.where(square < 1.0, np.maximum(1.0 - square, 0.0)**(0.5 * LIMB_EXPONENT), 0.0)
@@ -42,7 +43,8 @@ def limb_darkening(distance: ArrayLike) -> Array:
 def disc_radiance(rays: ArrayLike, direction: ArrayLike, sun: SunConfig) -> Array:
     """Return the radiance (...,) that comes along (..., 3) rays of any length [W m-2 sr-1].
 
-    direction: (3,) unit vector to the sun in the same axes
+    Args:
+        direction: (3,) unit vector to the sun in the same axes.
     """
     rays = np.asarray(rays, dtype=float)
     across = np.cross(rays, np.asarray(direction, dtype=float))

@@ -29,9 +29,15 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
     """Return the sun with azimuth and elevation of its date, and its site spelled out.
 
     Without a date it is returned as it is. A second call changes nothing.
-    of_world: where the world lies, if it says so; used unless a site is given
-    Raises ConfigError if there is no site, or if the sun is below what is valid. With
-    `sun.allow_night` it is returned at the lowest valid elevation then, where it lights nothing.
+
+    With `sun.allow_night` it is returned at the lowest valid elevation then, where it lights
+    nothing.
+
+    Args:
+        of_world: Where the world lies, if it says so; used unless a site is given.
+
+    Raises:
+        ConfigError: If there is no site, or if the sun is below what is valid.
     """
     if not sun.date:
         return sun
@@ -56,10 +62,14 @@ def sun_of_date(sun: SunConfig, of_world: Site | None) -> SunConfig:
 def sun_after(sun: SunConfig, seconds: float) -> SunConfig:
     """Return the sun `seconds` later, with its date.
 
-    sun: as `sun_of_date` returned it, with a date
-    seconds: of the date, not of simulated time
     A sun below what is valid, where it lights nothing, is returned at the lowest valid elevation.
-    Raises ConfigError if the series do not cover the date.
+
+    Args:
+        sun: As `sun_of_date` returned it, with a date.
+        seconds: Of the date, not of simulated time.
+
+    Raises:
+        ConfigError: If the series do not cover the date.
     """
     site = given_site(sun.site)
     assert site is not None
@@ -74,7 +84,9 @@ def sun_after(sun: SunConfig, seconds: float) -> SunConfig:
 def earth_of_date(sun: SunConfig) -> Array | None:
     """Return the (3,) unit vector to the middle of the Earth, world frame.
 
-    sun: as `sun_of_date` returned it. None without a date, or if the Earth is below the horizontal
+    Args:
+        sun: As `sun_of_date` returned it. None without a date, or if the Earth is below the
+            horizontal.
     """
     site = given_site(sun.site)
     if not sun.date or site is None:

@@ -23,7 +23,8 @@ _NS_PER_H = 3600 * NS_PER_S
 class SunPath:
     """The sun at each time of a run.
 
-    moves: whether it moves at all
+    Attributes:
+        moves: Whether it moves at all.
     """
 
     def __init__(self, sun: SunConfig) -> None:
@@ -45,8 +46,10 @@ class SunPath:
     def of_step(self, step: int) -> SunConfig:
         """Return the sun of a step; its date is that of the start of the step.
 
-        A sun below -1 deg, where it lights nothing, is returned at -1 deg. Raises ConfigError
-        after the last date of the series.
+        A sun below -1 deg, where it lights nothing, is returned at -1 deg.
+
+        Raises:
+            ConfigError: After the last date of the series.
         """
         if step == 0:
             return self._sun

@@ -24,8 +24,9 @@ _NEAREST_M = 0.5
 class SeenSun:
     """What of the sun a place sees.
 
-    direction: (3,) unit vector to the middle of what is seen, world axes
-    share: of the area of the disc, above 0 and up to 1
+    Attributes:
+        direction: (3,) unit vector to the middle of what is seen, world axes.
+        share: Of the area of the disc, above 0 and up to 1.
     """
 
     direction: Array
@@ -53,8 +54,9 @@ class SunView:
     def seen_from(self, point_m: Array, clear: Clear) -> SeenSun | None:
         """Return what a (3,) place in the world sees of the sun, None if nothing.
 
-        clear: whether rays pass what stands on the fine ground, and that ground; the relief beyond
-            it is looked at here
+        Args:
+            clear: Whether rays pass what stands on the fine ground, and that ground; the relief
+                beyond it is looked at here.
         """
         if not self._shines:
             return None

@@ -28,10 +28,11 @@ log = logging.getLogger(__name__)
 class Sunlight:
     """The light of the sun on all levels and on the rocks.
 
-    rocks: those of the world, and the far ones behind them
-    rock_share: per level but the first, (n, n) uint8 share in the shadow of rocks; 255 is all
-    clearance: per level (clearance_m, occluder_m), each (n, n) float32; see `horizon`
-    scattered: per level indirect irradiance and lit surroundings; see `indirect_light`
+    Attributes:
+        rocks: Those of the world, and the far ones behind them.
+        rock_share: Per level but the first, (n, n) uint8 share in the shadow of rocks; 255 is all.
+        clearance: Per level (clearance_m, occluder_m), each (n, n) float32; see `horizon`.
+        scattered: Per level indirect irradiance and lit surroundings; see `indirect_light`.
     """
 
     def __init__(self, world: World, sun: SunConfig, reflectance: ReflectanceConfig,

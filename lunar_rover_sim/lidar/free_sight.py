@@ -53,7 +53,10 @@ def box_around(which, place_m):
 def _bounds(level, inner_m, low_m, high_m, ring_m):
     """Return (sectors, rings) greatest slopes at which a level is seen up to the end of rings.
 
-    low_m, high_m: (3,) corners of the box in which the eye is; ring_m: (rings + 1,)
+    Args:
+        low_m: (3,) low corner of the box in which the eye is.
+        high_m: (3,) its high corner.
+        ring_m: (rings + 1,).
     """
     tops, first, side = level.tops_m, level.first, level.side
     half_m, rings = 0.5 * (len(level.heights_m) - 1) * level.cell_m, len(ring_m) - 1

@@ -18,9 +18,13 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 class LevelArrays(NamedTuple):
     """One level of the world.
 
-    heights_m: (n, n) samples; cell_m: between them; tops_m: greatest heights of ground and rocks
-        over all blocks; first, side: where the blocks of a size begin, and how many make a row;
-    rock_first: (blocks + 1,) where the rocks of the smallest blocks begin in rock_list
+    Attributes:
+        heights_m: (n, n) samples.
+        cell_m: Between them.
+        tops_m: Greatest heights of ground and rocks over all blocks.
+        first: Where the blocks of a size begin.
+        side: How many blocks of a size make a row.
+        rock_first: (blocks + 1,) where the rocks of the smallest blocks begin in rock_list.
     """
 
     heights_m: NDArray[np.float32]
@@ -35,8 +39,14 @@ class LevelArrays(NamedTuple):
 class RockArrays(NamedTuple):
     """Rocks as convex hulls.
 
-    position_m: (m, 3); radius_m: (m,) of balls around them; R_world_rock: (m, 3, 3); diameter_m,
-    shape: (m,); planes: (p, 4) n . x = d of all shapes, of diameter 1; plane_first: (shapes + 1,)
+    Attributes:
+        position_m: (m, 3).
+        radius_m: (m,) of balls around them.
+        R_world_rock: (m, 3, 3).
+        diameter_m: (m,).
+        shape: (m,).
+        planes: (p, 4) n . x = d of all shapes, of diameter 1.
+        plane_first: (shapes + 1,).
     """
 
     position_m: NDArray[np.float64]
@@ -51,11 +61,13 @@ class RockArrays(NamedTuple):
 class SoftArrays(NamedTuple):
     """Changes of the heights of the finest level, in square tiles of samples.
 
-    rise_m: (side, side) more than a smallest block has risen anywhere [m], 0 where it does not
-        differ; (0, 0) where nothing does
-    slot: (tiles, tiles) number of a tile in change_m; corner: tile of slot[0, 0]
-    change_m: (k, tile + 1, tile + 1) [m], with the first samples of the next tiles; sample_m:
-        between samples, the first one at the origin
+    Attributes:
+        rise_m: (side, side) more than a smallest block has risen anywhere [m], 0 where it does not
+            differ; (0, 0) where nothing does.
+        slot: (tiles, tiles) number of a tile in change_m.
+        corner: Tile of slot[0, 0].
+        change_m: (k, tile + 1, tile + 1) [m], with the first samples of the next tiles.
+        sample_m: Between samples, the first one at the origin.
     """
 
     rise_m: NDArray[np.float64]

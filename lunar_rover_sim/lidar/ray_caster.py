@@ -26,9 +26,10 @@ ROVER = -3                  # a target, besides GROUND, NOTHING and the numbers 
 class RayHits:
     """Where n rays meet the world.
 
-    distance_m: (n,) inf where nothing is met; target: (n,) GROUND, NOTHING, a rock, or of
-        a `Lidar` the ROVER
-    normal: (n, 3) outward unit normals, world frame, 0 where nothing is met
+    Attributes:
+        distance_m: (n,) inf where nothing is met.
+        target: (n,) GROUND, NOTHING, a rock, or of a `Lidar` the ROVER.
+        normal: (n, 3) outward unit normals, world frame, 0 where nothing is met.
     """
 
     distance_m: Array
@@ -39,7 +40,11 @@ class RayHits:
 class RayCaster:
     """Casts rays on a world.
 
-    pyramids: of its levels, the finest first; soft: changed ground on the finest one
+    Args:
+        pyramids: Of its levels, the finest first.
+
+    Attributes:
+        soft: Changed ground on the finest one.
     """
 
     def __init__(self, pyramids: Sequence[HeightPyramid], hulls: RockHulls) -> None:
@@ -53,8 +58,10 @@ class RayCaster:
              which: Index | None = None) -> RayHits:
         """Return the first hits of (n, 3) rays within a range [m].
 
-        origin_m: (n, 3) world frame, on the finest level and above the ground; direction: (n, 3)
-        unit length; which: (m,) rays to cast, all by default
+        Args:
+            origin_m: (n, 3) world frame, on the finest level and above the ground.
+            direction: (n, 3) unit length.
+            which: (m,) rays to cast, all by default.
         """
         count = len(direction)
         hits = RayHits(np.full(count, np.inf), np.full(count, NOTHING, np.int32),

@@ -33,8 +33,14 @@ def cast(level, inner_m, rocks, soft, which, free_m, origin_m, direction, range_
          target, normal):
     """Look for nearer hits of rays on a level, beyond the square of half side inner_m [m].
 
-    which: (m,) rays; free_m: (n,) within which they meet nothing of it; origin_m, direction:
-    (n, 3); distance_m, target, normal: nearest hits so far
+    Args:
+        which: (m,) rays.
+        free_m: (n,) within which they meet nothing of it.
+        origin_m: (n, 3).
+        direction: (n, 3).
+        distance_m: Of the nearest hits so far.
+        target: What they meet.
+        normal: Its normal there.
     """
     z, cell, tops, first, side, rock_first, rock_list = level
     rise_m, n, highest = soft.rise_m, len(z) - 1, tops[first[len(first) - 1]]
@@ -156,8 +162,10 @@ def _meet_cells(z, low_x, low_y, ox, oy, oz, dx, dy, dz, per_x, per_y, t):
 def _meet_triangles(z, ix, iy, u, v, oz, dx, dy, dz, enter, leave):
     """Test a ray between two distances against both triangles of a cell.
 
-    u, v: origin from the corner of the cell. The lower triangle, u >= v, has the corner
-    south-east, the upper one that north-west.
+    Args:
+        u: Origin from the corner of the cell, eastward. The lower triangle, u >= v, has the corner
+            south-east, the upper one that north-west.
+        v: The same, northward.
     """
     z00, z10 = float(z[iy, ix]), float(z[iy, ix + 1])
     z01, z11 = float(z[iy + 1, ix]), float(z[iy + 1, ix + 1])
@@ -232,7 +240,8 @@ def _turned_back(R, x, y, z):
 def _meet_soft_ground(z, cell, soft, rise, x, y, oz, dx, dy, dz, begin, end, at):
     """Look every half sample for a hit on changed ground; return distance or inf, and slopes.
 
-    at: where a ray from above meets ground that has risen by `rise`, as it has nowhere more
+    Args:
+        at: Where a ray from above meets ground that has risen by `rise`, as it has nowhere more.
     """
     step_m = 0.5 * soft.sample_m
     count, first = int(math.ceil((end - begin) * math.hypot(dx, dy) / step_m)) + 1, 0

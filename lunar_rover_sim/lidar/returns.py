@@ -44,8 +44,10 @@ _OF_ROVER = 0.4             # foil, cells, aluminium: a choice
 class Returns:
     """What is measured of n beams.
 
-    range_m: (n,) float32, NaN where nothing returns; intensity: (n,) float32, the reflectance of a
-    diffuse surface at right angles that would return as much [%], at most 255
+    Attributes:
+        range_m: (n,) float32, NaN where nothing returns.
+        intensity: (n,) float32, the reflectance of a diffuse surface at right angles that would
+            return as much [%], at most 255.
     """
 
     range_m: NDArray[np.float32]
@@ -69,7 +71,9 @@ class _Ranging(NamedTuple):
 class ReturnModel:
     """Measures ranges to ground and rocks.
 
-    ground_albedo: (n, n) factors around the origin, cell_m apart; rock_albedo: (m,) factors
+    Args:
+        ground_albedo: (n, n) factors around the origin, `cell_m` apart.
+        rock_albedo: (m,) factors.
     """
 
     def __init__(self, config: LidarConfig, ground_albedo: NDArray[np.float32], cell_m: float,

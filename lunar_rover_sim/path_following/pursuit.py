@@ -16,9 +16,11 @@ from lunar_rover_sim.path_following.route import Route
 class Steering:
     """The commanded velocity, and the position of the rover relative to the route.
 
-    along_m: arc length of the nearest point of the route; across_m: distance from it;
-    heading_error_rad: angle from the rover's heading to the point that it steers towards;
-    done: whether the end of the route is reached.
+    Attributes:
+        along_m: Arc length of the nearest point of the route.
+        across_m: Distance from it.
+        heading_error_rad: Angle from the rover's heading to the point that it steers towards.
+        done: Whether the end of the route is reached.
     """
 
     forward_mps: float

@@ -14,8 +14,11 @@ from lunar_rover_sim.frames import Array
 def points_from_depth(depth_m: NDArray[np.float32], K: Array) -> NDArray[np.float32]:
     """Return the (h, w, 3) float32 points of an image [m], optical frame: x right, y down.
 
-    depth_m: (h, w) along the optical axis; K: (3, 3) intrinsics of the rectified image [px]
     Pixels without a finite depth are NaN in all three coordinates.
+
+    Args:
+        depth_m: (h, w) along the optical axis.
+        K: (3, 3) intrinsics of the rectified image [px].
     """
     depth = np.where(np.isfinite(depth_m), depth_m, np.float32(np.nan))
     height, width = depth.shape

@@ -31,8 +31,11 @@ def refined(disparity_px: F32, valid: NDArray[np.bool_], left: NDArray[np.uint8]
             right: NDArray[np.uint8]) -> F32:
     """Return (h, w) float32 disparity, refined where it is valid; meaningless elsewhere [px].
 
-    disparity_px: (h, w) left column minus right column; valid: (h, w); left, right: the rectified
-    pair, (h, w).
+    Args:
+        disparity_px: (h, w) left column minus right column.
+        valid: (h, w).
+        left: (h, w) left image of the rectified pair.
+        right: (h, w) right image of the rectified pair.
     """
     height, width = disparity_px.shape
     weight = valid.astype(np.float32)

@@ -60,7 +60,13 @@ def cached(config: WorldConfig, seed: int = 0, progress: Any = None) -> pathlib.
     """Return the folder of the world, which is built if the cache lacks it.
 
     Two processes may build the same world at once; the first to finish puts it in place.
-    progress: as for `build_world`. Raises ConfigError or WorldError if it cannot be built.
+
+    Args:
+        progress: As for `build_world`.
+
+    Raises:
+        ConfigError: If it cannot be built.
+        WorldError: If it cannot be built.
     """
     folder = cache_folder() / cache_key(config, seed)
     if (folder / 'world.yaml').is_file():

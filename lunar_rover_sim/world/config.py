@@ -214,7 +214,8 @@ class WorldConfig(Parameters):
     def with_seed(self, seed: int) -> WorldConfig:
         """Return these parameters with `seed` where their own is -1.
 
-        Raises ConfigError if `seed` is not a whole number >= 0.
+        Raises:
+            ConfigError: If `seed` is not a whole number >= 0.
         """
         seed = check('seed', seed, int, ParamInfo('seed of everything random', low=0))
         return self if self.seed >= 0 else dataclasses.replace(self, seed=seed)

@@ -28,7 +28,10 @@ def populate(config: CraterConfig, half_extent_m: float, low_m: float, high_m: f
     """Return craters with diameters in [low, high) whose centres lie in [-h, h]^2.
 
     In equilibrium, where formation balances erasure at every size, ages are uniform from 0 to the
-    end of the lifetime. Raises WorldError if there would be too many craters.
+    end of the lifetime.
+
+    Raises:
+        WorldError: If there would be too many craters.
     """
     low_m, high_m = max(low_m, config.min_diameter_m), min(high_m, config.max_diameter_m)
     if low_m >= high_m or config.density == 0.0:

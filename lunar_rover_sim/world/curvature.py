@@ -20,7 +20,8 @@ _STRIP = 64                     # rows bent at once
 def drop_m(square_m2: ArrayLike, level_radius_m: float) -> NDArray[np.float64]:
     """Return how far the sphere lies below the plane, for squares of distances [m^2].
 
-    level_radius_m: ground nearer than that to the origin is level.
+    Args:
+        level_radius_m: Ground nearer than that to the origin is level.
     """
     beyond = np.maximum(np.asarray(square_m2, np.float64) - level_radius_m * level_radius_m, 0.0)
     return beyond / (2.0 * MOON_RADIUS_M)

@@ -26,8 +26,10 @@ _HEADINGS = 512
 def add_rays(field: NDArray[np.floating], cell_m: float, craters: Craters, amount: float) -> None:
     """Add the rays of all craters to an (n, n) field centred on the origin, in place.
 
-    cell_m: distance of its samples; amount: what is added at the rim of a fresh crater, where a
-    ray begins. The rays depend on the crater alone, so that all fields show the same ones.
+    Args:
+        cell_m: Distance of its samples.
+        amount: What is added at the rim of a fresh crater, where a ray begins. The rays depend on
+            the crater alone, so that all fields show the same ones.
     """
     n = len(field)
     for i in np.flatnonzero((craters.age < FRESH) & (craters.diameter_m > _LEAST_M)):

@@ -28,7 +28,10 @@ _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0
 class FinePart:
     """A part of the ground on a finer grid, which takes the place of the ground there.
 
-    x_m: (nx,), y_m: (ny,) positions, in equal steps; height_m: (ny, nx) [m]
+    Attributes:
+        x_m: (nx,) positions, in equal steps.
+        y_m: (ny,) positions, in equal steps.
+        height_m: (ny, nx) [m].
     """
 
     x_m: NDArray[np.float64]
@@ -40,11 +43,15 @@ def write(world: World, path: str | pathlib.Path, stride: int = 0, rocks: bool =
           surroundings: bool = False, fine: FinePart | None = None) -> pathlib.Path:
     """Write the ground and, as geometry of their own, rocks and surroundings to a mesh file.
 
-    fine: a part of the ground that is geometry of its own, `fine`, such as tracks
-    stride: keep every `stride`-th sample of the ground; 0 chooses one that keeps at most 513 along
-    a side. Vertices have the albedo as a grey colour. A PLY file holds only one mesh, in which all
-    parts are joined. Raises WorldError on an unknown format, a stride that does not divide the
-    ground, or a file that cannot be written.
+    Args:
+        fine: A part of the ground that is geometry of its own, `fine`, such as tracks.
+        stride: Keep every `stride`-th sample of the ground; 0 chooses one that keeps at most 513
+            along a side. Vertices have the albedo as a grey colour. A PLY file holds only one
+            mesh, in which all parts are joined.
+
+    Raises:
+        WorldError: On an unknown format, a stride that does not divide the ground, or a file that
+            cannot be written.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()

@@ -26,9 +26,12 @@ _SALIENCE_TEXELS = 5    # over which salience is smoothed
 class TileRecipe:
     """The recipe of a tile.
 
-    n: texels along a side; period_m: side length [m]; rms_slope: of its fractal relief, between
-    wavelengths of two texels and `longest_m`; pits and pebbles: share of the area under craters
-    and under stones, with their diameters [m].
+    Attributes:
+        n: Texels along a side.
+        period_m: Side length [m].
+        rms_slope: Of its fractal relief, between wavelengths of two texels and `longest_m`.
+        pits: Share of the area under craters, with their diameters [m].
+        pebbles: Share of the area under stones, with their diameters [m].
     """
 
     n: int
@@ -117,10 +120,11 @@ def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[n
 class TileLevels:
     """The mip levels of a tile, the finest first.
 
-    codes: RGBA8 of each level, (n, n, 4): slope / scale + 1/2, horizon in its range, salience
-    slope_variance: (levels,) of both slopes together
-    spread: (levels,) half width of the edge of shadows, as a tangent: `SPREAD` times the RMS of
-        the tangent of the horizon within a texel
+    Attributes:
+        codes: RGBA8 of each level, (n, n, 4): slope / scale + 1/2, horizon in its range, salience.
+        slope_variance: (levels,) of both slopes together.
+        spread: (levels,) half width of the edge of shadows, as a tangent: `SPREAD` times the RMS
+            of the tangent of the horizon within a texel.
     """
 
     codes: list[NDArray[np.uint8]]
@@ -132,10 +136,12 @@ def mip_levels(slope: F32, tangent: F32, slope_scale: float, centre: float,
                half_range: float) -> TileLevels:
     """Return the levels of a tile, for (n, n, 2) slopes and (n, n) tangents of the horizon.
 
-    centre: tangent of the sun's elevation; half_range: of the horizon around it. The horizon of a
-    coarser level is its mean, moved so that as much of level ground is lit as on the finest one,
-    by half a spread at most: few shadows would move it to just below the sun, and slopes that turn
-    away from the sun would be dark.
+    Args:
+        centre: Tangent of the sun's elevation.
+        half_range: Of the horizon around it. The horizon of a coarser level is its mean, moved so
+            that as much of level ground is lit as on the finest one, by half a spread at most: few
+            shadows would move it to just below the sun, and slopes that turn away from the sun
+            would be dark.
     """
     channels = [slope, tangent, salience(slope, tangent)]
     square, lit = float(np.mean(tangent * tangent)), float(np.mean(tangent < centre))

@@ -20,9 +20,11 @@ logger = logging.getLogger(__name__)
 def kept(name: str, recipe: Any, make: Callable[[], NDArray[Any]]) -> NDArray[Any]:
     """Return what `make` returns, from the file that an earlier call with this recipe left.
 
-    name: of the kind of array; recipe: all that the array follows from, as JSON can write it,
-    with a number that rises when the computation changes. A file that cannot be read is written
-    again; one that cannot be written is logged and left out.
+    Args:
+        name: Of the kind of array.
+        recipe: All that the array follows from, as JSON can write it, with a number that rises
+            when the computation changes. A file that cannot be read is written again; one that
+            cannot be written is logged and left out.
     """
     text = json.dumps([name, recipe], sort_keys=True)
     key = hashlib.blake2b(text.encode(), digest_size=12).hexdigest()

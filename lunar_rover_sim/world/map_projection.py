@@ -56,8 +56,10 @@ def site_of(crs: CRS, x: float, y: float) -> Site | None:
 def site_in_world(world: World, lon_deg: float, lat_deg: float) -> Site | None:
     """Return a place with the direction of the world's grid there.
 
-    None if the report does not say where the world is, as that of a generated one. Raises
-    WorldError if the place is outside the world, or if the report holds no projection.
+    None if the report does not say where the world is, as that of a generated one.
+
+    Raises:
+        WorldError: If the place is outside the world, or if the report holds no projection.
     """
     origin = reported_site(world.report)
     if origin is None:

@@ -19,8 +19,8 @@ logger = logging.getLogger(__name__)
 
 MAX_HEIGHT_M = 1e5  # beyond any height on the Moon: a marker for missing data
 _PAD_PIXELS = 3
-# Neighbouring pixels of any ground differ by less: 84 deg up to 30 m of distance and 45 deg beyond,
-# or a step of 30 m in a fine model.
+# Neighbouring pixels of any ground differ by less: 84 deg up to 30 m of distance and 45 deg
+# beyond, or a step of 30 m in a fine model.
 _MAX_SLOPE, _MAX_FAR_SLOPE, _NEAR_M, _MAX_STEP_M = 10.0, 1.0, 30.0, 30.0
 _CHECKED_PIXELS = 1 << 22       # at once
 _MOST_CHECKED = 1 << 26         # at full resolution; larger areas are checked as they are averaged

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 class RockShape:
     """A convex, closed triangle mesh of unit size (its largest horizontal diameter is 1).
 
-    vertices: (v, 3) float32, centred on its centroid; faces: (f, 3) int32, counter-clockwise
-    seen from outside.
+    Attributes:
+        vertices: (v, 3) float32, centred on its centroid.
+        faces: (f, 3) int32, counter-clockwise seen from outside.
     """
 
     name: str
@@ -25,13 +26,14 @@ class RockShape:
 class Rocks:
     """Instances of the shapes; arrays of equal length m, read-only.
 
-    shape: (m,) int32 index into the shape library
-    size: (m,) int32 index into `size_classes_m`
-    position_m: (m, 3) float64 centroid, world frame
-    orientation_wxyz: (m, 4) float64
-    albedo: (m,) float32 factor on the single-scattering albedo of the rock parameter set
-    size_classes_m: (k,) diameters [m]; sizes come in classes so that physics and camera can share
-        one mesh among many rocks
+    Attributes:
+        shape: (m,) int32 index into the shape library.
+        size: (m,) int32 index into `size_classes_m`.
+        position_m: (m, 3) float64 centroid, world frame.
+        orientation_wxyz: (m, 4) float64.
+        albedo: (m,) float32 factor on the single-scattering albedo of the rock parameter set.
+        size_classes_m: (k,) diameters [m]; sizes come in classes so that physics and camera can
+            share one mesh among many rocks.
     """
 
     shape: NDArray[np.int32]

@@ -27,8 +27,11 @@ REFINED_BELOW = 1.0 / 3.0
 class Tile:
     """Heights on a rectangle of pixels, without gaps.
 
-    heights_m: (ny, nx) float32 over the source's reference height, row 0 south; x_m: (nx,) and
-    y_m: (ny,) ascending pixel centres, world frame; pixel_m: the larger side of a pixel.
+    Attributes:
+        heights_m: (ny, nx) float32 over the source's reference height, row 0 south.
+        x_m: (nx,) ascending pixel centres, world frame.
+        y_m: (ny,) ascending pixel centres, world frame.
+        pixel_m: The larger side of a pixel.
     """
 
     heights_m: NDArray[np.float32]
@@ -40,7 +43,9 @@ class Tile:
 class Source(Protocol):
     """A source of measured heights.
 
-    reference_m: the height that is zero in the tiles; report: facts for the report of the world.
+    Attributes:
+        reference_m: The height that is zero in the tiles.
+        report: Facts for the report of the world.
     """
 
     reference_m: float
@@ -57,7 +62,8 @@ class Source(Protocol):
     def tile(self, half_extent_m: float, cell_m: float) -> Tile | None:
         """Return the heights in [-h, h]^2, averaged to about a cell; None if there are none.
 
-        Raises WorldError if it cannot be read.
+        Raises:
+            WorldError: If it cannot be read.
         """
 
     def close(self) -> None:
