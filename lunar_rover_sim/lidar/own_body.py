@@ -27,8 +27,11 @@ _COLLIDES, _DRAWN, _LEGS = 1, 2, 3      # groups of geoms
 class _Leg:
     """A leg and the beams that may meet it.
 
-    number: in LEG_NAMES; beam: (m,); origin: (3,) of the beams from the axle, base axes;
-    direction: (m, 3)
+    Attributes:
+        number: In LEG_NAMES.
+        beam: (m,).
+        origin: (3,) of the beams from the axle, base axes.
+        direction: (m, 3).
     """
 
     number: int
@@ -40,16 +43,18 @@ class _Leg:
 class OwnBody:
     """The rover as the beams of its sensor meet it.
 
-    body_m: (n,) distances at which beams meet the body, inf for none; body_normal: (n, 3) outward
-        unit normals there, base axes
-    free: (m,) beams that do not meet the body
-    legs_met: whether any beam may meet a leg
+    Attributes:
+        body_m: (n,) distances at which beams meet the body, inf for none.
+        body_normal: (n, 3) outward unit normals there, base axes.
+        free: (m,) beams that do not meet the body.
+        legs_met: Whether any beam may meet a leg.
     """
 
     def __init__(self, rover: RoverDescription, pattern: BeamPattern) -> None:
         """Look where the n beams of a pattern meet the body.
 
-        Raises ConfigError for a mount from which every beam meets it, as within the chassis.
+        Raises:
+            ConfigError: For a mount from which every beam meets it, as within the chassis.
         """
         T_base_lidar = lidar_pose(rover)
         origin = T_base_lidar[:3, 3]
@@ -80,7 +85,8 @@ class OwnBody:
     def legs(self, joint_angle_rad: Array) -> tuple[NDArray[np.int64], Array, Array]:
         """Return which beams meet a leg: (m,) beams, distances [m], and (m, 3) normals, base axes.
 
-        joint_angle_rad: (columns, 4) leg angles at each column
+        Args:
+            joint_angle_rad: (columns, 4) leg angles at each column.
         """
         beams, distances, normals = [np.zeros(0, np.int64)], [np.zeros(0)], [np.zeros((0, 3))]
         for leg in self._legs:
@@ -97,7 +103,9 @@ class OwnBody:
     def _spokes(self, o: Array, d: Array) -> tuple[Array, Array]:
         """Return (m,) distances at which rays meet a leg, inf for none, and (m, 3) normals there.
 
-        o, d: (m, 3) origins and directions in axes of the leg, at its axle
+        Args:
+            o: (m, 3) origins in axes of the leg, at its axle.
+            d: (m, 3) directions in the same axes.
         """
         rod_m, tip_m = self._radii
         nearest, normal = np.full(len(d), np.inf), np.zeros((len(d), 3))
@@ -131,7 +139,11 @@ def _rod(o_axis: Array, d_axis: Array, across_o: Array, across_d: Array, length:
          radius: float) -> Array:
     """Return where rays enter the side of a cylinder that begins at the origin, else inf.
 
-    o_axis, d_axis: (m,) origins and directions along the axis; across_o, across_d: (m, 3) across
+    Args:
+        o_axis: (m,) origins along the axis.
+        d_axis: (m,) directions along the axis.
+        across_o: (m, 3) origins across it.
+        across_d: (m, 3) directions across it.
     """
     a = np.maximum(np.einsum('ij,ij->i', across_d, across_d), 1e-18)
     b = np.einsum('ij,ij->i', across_o, across_d)

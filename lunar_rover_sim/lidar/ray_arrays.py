@@ -86,7 +86,8 @@ _WIDTH = 1 << SMALL         # of a smallest block in cells, and of others in tho
 class HeightPyramid:
     """The blocks of one grid with the rocks on it.
 
-    arrays: for rays; its tops may rise
+    Attributes:
+        arrays: For rays; its tops may rise.
     """
 
     def __init__(self, grid: HeightGrid, hulls: RockHulls) -> None:
@@ -173,7 +174,12 @@ _MERGED = 1e-5              # normals and offsets of faces that count as one pla
 class RockHulls:
     """The planes of all rocks.
 
-    rocks: as given; radius_m: (m,) of balls around their centroids; arrays: for rays
+    Args:
+        rocks: The rocks of a world.
+
+    Attributes:
+        radius_m: (m,) of balls around their centroids.
+        arrays: For rays.
     """
 
     NOWHERE_M = -1e6        # height of what is not there
@@ -196,7 +202,10 @@ class RockHulls:
     def tops(self, rock: int, x_m: Array, y_m: Array, half_m: float) -> Array:
         """Return an upper bound of a rock's height [m] over square cells, NOWHERE_M beside it.
 
-        x_m: (c,), y_m: (r,) centres of the cells; half_m: half their side; the result is (r, c)
+        Args:
+            x_m: (c,) centres of the cells.
+            y_m: (r,) centres of the cells.
+            half_m: Half their side; the result is (r, c).
         """
         rocks, kind = self.rocks, self.rocks.shape[rock]
         N = self._planes[kind][:, :3] @ self._R[rock].T
