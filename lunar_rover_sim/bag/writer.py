@@ -309,7 +309,8 @@ def bag_information(file: str, storage: str, start_ns: int, duration_ns: int,
             **span(), 'topics_with_message_count': [
                 {'topic_metadata': metadata, 'message_count': number}
                 for metadata, number in topics],
-            'compression_format': compression, 'compression_mode': 'message' if compression else '',
+            'compression_format': compression,
+            'compression_mode': 'message' if compression else '',
             'files': [{'path': file, **span()}], 'custom_data': custom or None,
             'ros_distro': distribution}
 

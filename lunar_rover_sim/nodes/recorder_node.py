@@ -36,6 +36,7 @@ _GRAPH_NAMES = {topic.name: topic.graph_name for topic in topics.CONTRACT}
 # A timer: rclpy has no event for a new topic. Listing the topics takes some milliseconds, so it is
 # done often while topics appear, and seldom when none has appeared for a while.
 _DISCOVERY_S, _SETTLED_S, _SETTLED_DISCOVERY_S = 0.05, 5.0, 0.5
+_VELOCITIES = ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')
 # Stamps after simulated time by more than this are of another clock, as in the check of bags.
 _LATEST_NS = 5 * NS_PER_S
 # A bag that ends so long before its run is incomplete; without the clock, images may be the newest.
@@ -66,6 +67,7 @@ class RecorderNode(node_main.GraphNode):
         self._newest_ns, self._pace = 0, RecordingPace()
         self._clock_ns = 0     # the latest, also of the time before a restart
         self._warned: set[str] = set()
+        self._velocities: dict[str, str] = {}   # topic → type
 
         self._writer = BagWriter(Path(config.output), config.compression,
                                  os.environ.get('ROS_DISTRO') or 'jazzy')
@@ -104,6 +106,7 @@ class RecorderNode(node_main.GraphNode):
 
     def _discover(self) -> None:
         self._publish_written()
+        self._name_other_types()
         now_s = time.monotonic()
         if (now_s - self._last_new_topic_s > _SETTLED_S
                 and now_s - self._last_discovery_s < _SETTLED_DISCOVERY_S):
@@ -118,6 +121,23 @@ class RecorderNode(node_main.GraphNode):
         if self._publisher is None and self._needed <= self._subscribed:
             self._publisher = self.create_publisher(Header, topics.RECORDED.name,
                                                     qos.offered(topics.RECORDED))
+
+    def _name_other_types(self) -> None:
+        """Warn of velocities of another type than the recorded one as soon as they are offered.
+
+        The gait controller reads both types, and a publisher may live for a second only. A
+        subscription of each type would need a participant of its own.
+        """
+        for name, recorded in self._velocities.items():
+            for info in self.get_publishers_info_by_topic(name):
+                key = f'{name} {info.topic_type}'
+                if info.topic_type != recorded and key not in self._warned:
+                    self._warned.add(key)
+                    self.type_watch.ignore(name, info.topic_type)
+                    self.get_logger().warning(
+                        f'{name}: {info.topic_type} is not recorded: the bag has {recorded} on '
+                        'this topic; publish one type only, or the bag lacks commands that moved '
+                        'the rover')
 
     def _full(self, name: str) -> str:
         """Return the full name of a topic, which may be one of the contract."""
@@ -151,6 +171,8 @@ class RecorderNode(node_main.GraphNode):
         except GraphError as error:
             self.get_logger().warning(f'{name} is not recorded: {error}')
             return
+        if type_name in _VELOCITIES:
+            self._velocities[name] = type_name
         self._writer.add_topic(name, type_name, qos=profiles[0],
                                definition=definition_of(type_name))
         is_clock = name == self._clock_name

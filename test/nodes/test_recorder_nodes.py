@@ -12,9 +12,11 @@ import pytest
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import PoseStamped, Twist  # noqa: E402
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import Peer, running  # noqa: E402
+import rclpy  # noqa: E402
+from rclpy.context import Context  # noqa: E402
 from sensor_msgs.msg import CompressedImage  # noqa: E402
 
 
@@ -39,6 +41,26 @@ def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None
         assert not recorded.incomplete
         assert recorded.counts['/somebody/elses_topic'] == 20
         assert recorded.counts['/stereo/left/image_raw/compressed'] == 1
+
+
+def test_velocities_of_another_type_are_named_at_once(peer: Peer, tmp_path: Path) -> None:
+    """Even if their publisher lives for half a second only."""
+    context = Context()         # a DDS participant knows one type per topic
+    rclpy.init(context=context)
+    other = rclpy.create_node('other', context=context)
+    publisher = peer.node.create_publisher(Twist, 'cmd_vel', 10)
+    try:
+        with running('recorder_node', '-p', f'output:={tmp_path / "bag"}') as node:
+            peer.spin_until(lambda: publisher.get_subscription_count() > 0)
+            stamped = other.create_publisher(TwistStamped, 'cmd_vel', 10)
+            time.sleep(0.5)
+            other.destroy_publisher(stamped)
+            told = next((line for line in node.stdout if 'is not recorded' in line), '')
+        assert '/cmd_vel: geometry_msgs/msg/TwistStamped is not recorded: the bag has ' \
+            'geometry_msgs/msg/Twist on this topic' in told
+    finally:
+        other.destroy_node()
+        context.try_shutdown()
 
 
 def test_a_recording_that_ends_before_its_run_stays_marked(tmp_path: Path) -> None:
