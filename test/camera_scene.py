@@ -5,10 +5,8 @@ import numpy as np
 from lunar_rover_sim.camera.config import SensorConfig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.illumination.config import SunConfig
-from lunar_rover_sim.regolith.fine_ground import FineGround
-from lunar_rover_sim.regolith.footprint import press
 from lunar_rover_sim.regolith.overlay import Overlay
-from lunar_rover_sim.regolith.repose import relax
+from lunar_rover_sim.regolith.tracks import press, relax
 from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.config import WorldConfig
@@ -85,10 +83,9 @@ def hills(n=513, cell_m=0.025, rms_m=0.03, seed=0):
 def trodden(world, prints=8, x=0.45, seed=3):
     """Return an overlay with prints of 2 cm in front of the camera."""
     overlay, rng = Overlay(), np.random.default_rng(seed)
-    ground = FineGround(world.ground)
     for _ in range(prints):
         at = x + rng.uniform(-0.1, 0.3), rng.uniform(-0.15, 0.15)
         z = world.ground.height_at_point(*at)
-        window = press(overlay, ground, (*at, z + 0.012), (*at, z - 0.008), 0.012, 0.5)
-        relax(overlay, ground, *window, 38.0)
+        window = press(overlay, world.ground, (*at, z + 0.012), (*at, z - 0.008), 0.012, 0.5)
+        relax(overlay, world.ground, window, 38.0)
     return overlay

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.optimize import brentq
 
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.sun_view import SeenSun, SunView
@@ -13,6 +14,7 @@ from lunar_rover_sim.physics.ray_cast import reaches_sky
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.regolith.config import GroundConfig
+from lunar_rover_sim.regolith.law import bearing_n
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
@@ -87,6 +89,12 @@ def trot(simulation: Simulation, duration_s: float, frequency_hz: float = 1.0, d
         observe(state)
         phase = phase + rate * STATE_S
     return state
+
+
+def depth_m(force_n: float, zeta_npm3: float) -> float:
+    """Return the depth at which the tip of the rover's spokes bears a force [m]."""
+    radius = ROVER.legs.tip_radius_m
+    return float(brentq(lambda z: bearing_n(z, radius, zeta_npm3) - force_n, 0.0, 1.0))
 
 
 def simulate(world: World | None = None, rover: RoverDescription = ROVER,

@@ -9,9 +9,8 @@ from synthetic_bag import header, Item, msg
 
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.ground_points import FLOAT32, POINT, points_of
-from lunar_rover_sim.regolith.fine_ground import FineGround
-from lunar_rover_sim.regolith.footprint import press
 from lunar_rover_sim.regolith.overlay import Overlay
+from lunar_rover_sim.regolith.tracks import press
 from lunar_rover_sim.world.grid import HeightGrid
 
 
@@ -22,11 +21,11 @@ def ground_items(duration_s: float, overlay: Overlay | None = None,
     seen: called with each stamp when the overlay is as its message says
     """
     ground = HeightGrid(np.zeros((81, 81), np.float32), 0.025)
-    overlay, fine = Overlay() if overlay is None else overlay, FineGround(ground)
+    overlay = Overlay() if overlay is None else overlay
     items = []
     for k in range(1, round(duration_s * 10.0) + 1):
         x = 0.02 * k - 0.1
-        press(overlay, fine, (x, 0.03, 0.008), (x, 0.03, -0.012), 0.008, 0.6)
+        press(overlay, ground, (x, 0.03, 0.008), (x, 0.03, -0.012), 0.008, 0.6)
         points = points_of(overlay.take_changes(), ground)
         fields = [msg('sensor_msgs/PointField', name=name, offset=4 * i, datatype=FLOAT32, count=1)
                   for i, name in enumerate(POINT.names)]

@@ -35,6 +35,7 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     option.timestep = config.step_ns * 1e-9
     option.gravity = [0.0, 0.0, -config.gravity_mps2]
     option.integrator = _INTEGRATORS[config.integrator]
+    option.tolerance = 1e-14
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     # With this flag MuJoCo computes the poses of static geoms, thousands of rocks, only once. The

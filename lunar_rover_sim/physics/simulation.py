@@ -17,12 +17,11 @@ from lunar_rover_sim.frames import matrix_from_wxyz, tilt_deg
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.divergence import catch_warnings, diagnosis
 from lunar_rover_sim.physics.foot_motion import FootMotion, FootObserver
-from lunar_rover_sim.physics.ground_contact import GroundContact
 from lunar_rover_sim.physics.model import build_model
 from lunar_rover_sim.physics.observation import Observer
 from lunar_rover_sim.physics.placement import place
 from lunar_rover_sim.physics.relocation import relocate
-from lunar_rover_sim.physics.soft_ground import SoftGround
+from lunar_rover_sim.physics.soft_ground import GroundContact, SoftGround
 from lunar_rover_sim.physics.soil_contact import set_soil
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.regolith.looseness import soil_map
@@ -213,12 +212,13 @@ class Simulation:
         step_wrench, step_torque = observer.leg_wrench, observer.motor_torque
         wrench, torque = np.zeros((4, 6)), np.zeros(4)
         soft_ground = self._soft_ground
-        for _ in range(n_steps):
-            if soft_ground is not None:
-                soft_ground.before_step()
-            step(model, data)
-            wrench += step_wrench
-            torque += step_torque
+        if soft_ground is not None:
+            soft_ground.advance(int(n_steps), wrench, torque)
+        else:
+            for _ in range(n_steps):
+                step(model, data)
+                wrench += step_wrench
+                torque += step_torque
         self._steps += n_steps
         self._check()
         if soft_ground is not None:

@@ -1,7 +1,7 @@
 """The model of soft ground in MuJoCo: for each spoke tip a small plane of its own, that can sink.
 
-MuJoCo's contact of tip and plane is the elastic part of the soil. `physics/soft_ground.py` moves
-the plane, which is the plastic part. Tips no longer touch the height field; they touch rocks as
+MuJoCo's contact of tip and plane is the elastic part of the soil. `regolith/law.py` moves the
+plane, which is the plastic part. Tips no longer touch the height field; they touch rocks as
 before. The chassis touches rocks as a box, and the ground with balls along its bottom and at its
 upper corners: a box that hangs low over a height field costs as much as the rest of a step, also
 where it touches nothing, since MuJoCo looks at each prism below it.
@@ -24,7 +24,6 @@ from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
 from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM, GROUND_BIT, ROCK_BIT, ROVER_PRIORITY, tip_geom
 
 IMPEDANCE = 0.5
-YIELDING_DAMPING = 0.01   # of the damping: what is left while the soil yields, which dissipates
 PARKED_M = -1e4           # height of the plane of a tip that is in the air
 # Of the chassis. A ball whose centre is in the ground is pushed sideways, as in `contact.py`. Its
 # contact becomes nearly rigid one tip radius deep, well before that.
@@ -36,15 +35,14 @@ class SoilRows:
     """Where the soil of each tip is in the model, in the order of legs and spokes.
 
     first_tip, tips: geoms of the tips are first_tip, first_tip + 2, ... in MuJoCo's order
-    solref_held, solref_yielding: (n, 2) parameters of the pairs
+    solref: (n, 2) parameters of the pairs while the soil holds
     """
 
     first_tip: int
     tips: int
     mocap: tuple[int, ...]
     pairs: tuple[int, ...]
-    solref_held: np.ndarray
-    solref_yielding: np.ndarray
+    solref: np.ndarray
 
 
 def add_soil(spec: mujoco.MjSpec, rover: RoverDescription) -> None:
@@ -113,7 +111,7 @@ def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,
         model.pair_friction[pair] = (soil.friction, soil.friction, contact.torsional_friction_m,
                                      contact.rolling_friction_m, contact.rolling_friction_m)
     return SoilRows(tips[0], len(tips), tuple(int(model.body_mocapid[body]) for body in bodies),
-                    tuple(pairs), held, held * [1.0, YIELDING_DAMPING])
+                    tuple(pairs), held)
 
 
 def _soil(tip: str) -> str:

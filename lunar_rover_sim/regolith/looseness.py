@@ -28,6 +28,9 @@ AT_CENTRE = 0.3               # looseness at the centre of a crater over that of
 SLOPES = math.tan(math.radians(10.0)), math.tan(math.radians(30.0))   # not loose, and loosest
 SLOPE_OVER_M = 0.5
 _LOOSE, _FIRM = PRESETS['highland_loose'], PRESETS['highland']
+# What full looseness leaves of bearing and friction.
+BEARING_RATIO = _LOOSE.zeta_npm3 / _FIRM.zeta_npm3
+FRICTION_RATIO = _LOOSE.friction / _FIRM.friction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,8 +49,7 @@ class SoilMap:
         if math.isnan(loose):
             return 1.0, 1.0
         power = self.variation * loose
-        return ((_LOOSE.zeta_npm3 / _FIRM.zeta_npm3) ** power,
-                (_LOOSE.friction / _FIRM.friction) ** power)
+        return BEARING_RATIO ** power, FRICTION_RATIO ** power
 
 
 def soil_map(world: World, variation: float) -> SoilMap:

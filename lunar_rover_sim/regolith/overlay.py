@@ -1,7 +1,7 @@
 """What the rover has changed of the ground: height and compaction on a sparse fine grid.
 
 The sample (ix, iy) lies at x = 5 mm ix, y = 5 mm iy; whole numbers, 0 at the origin of the world.
-Samples exist in tiles of 40 x 40 (20 cm) around what was touched; elsewhere both values are 0.
+Samples exist in tiles of 20 x 20 (10 cm) around what was touched; elsewhere both values are 0.
 Larger tiles would hold more of what is not touched: a track is 2 to 4 cm wide.
 
 Height change [m] is added to the height of the untouched world. Compaction [m] is the height that
@@ -11,7 +11,7 @@ whole overlay, but for the rounding to float32, which `residue_m` carries on to 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import dataclasses
 import math
 
@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 CELL_M = 0.005
-TILE = 40
+TILE = 20
 TileKey = tuple[int, int]
-_HEIGHT, _COMPACTION = 0, TILE * TILE   # where the samples of a tile begin
+_MARGIN = 16    # tiles by which the index grows beyond what was touched
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,41 +42,60 @@ class GroundChanges:
         return len(self.index)
 
 
+@dataclasses.dataclass
 class _Tile:
-    __slots__ = ('height', 'compaction', 'changed', 'samples')
+    """Views of the samples of a tile in the pool, (TILE, TILE) each."""
 
-    def __init__(self) -> None:
-        both = np.zeros((2, TILE, TILE), np.float32)
-        self.height, self.compaction = both
-        # For one sample: a view of memory takes a third of the time of an array.
-        self.samples = both.reshape(-1).data
-        self.changed = np.zeros((TILE, TILE), bool)
+    height: NDArray[np.float32]
+    compaction: NDArray[np.float32]
+    changed: NDArray[np.bool_]
 
 
 class Overlay:
-    """The changes of the ground; arrays are indexed [iy, ix] as those of a HeightGrid."""
+    """The changes of the ground; arrays are indexed [iy, ix] as those of a HeightGrid.
+
+    Attributes:
+        index: (rows, columns) int32, which tile of `samples` lies where; -1: none. Its first one
+            is the tile `origin`.
+        origin: (2,) tx and ty.
+        samples: (tiles, 2, TILE, TILE) float32, height change and compaction [m].
+        changed: (tiles, TILE, TILE) which samples have changed since `take_changes`.
+        writes: number of writes.
+        residue_m: what rounding to float32 has left of all changes [m].
+
+    Compiled code reads and writes these arrays; a new tile may replace them.
+    """
 
     def __init__(self) -> None:
-        self._tiles: dict[TileKey, _Tile] = {}
+        self.index = np.full((1, 1), -1, np.int32)
+        self.origin = np.zeros(2, np.int64)
+        self.samples = np.zeros((0, 2, TILE, TILE), np.float32)
+        self.changed = np.zeros((0, TILE, TILE), bool)
+        self._tiles: dict[TileKey, int] = {}
         self._dirty: set[TileKey] = set()
         # Tile → number of its last write, in the order of these.
         self._written: dict[TileKey, int] = {}
-        self.writes = 0     # number of writes
+        self.writes = 0
         self.residue_m = 0.0
 
     # Reading
 
-    def tiles_since(self, writes: int) -> list[TileKey]:
+    def tiles_since(self, writes: int, side: int = TILE) -> list[TileKey]:
         """Return the tiles written since `self.writes` had a value; 0: all.
 
-        The tile (tx, ty) holds the samples from (TILE tx, TILE ty) on.
+        Args:
+            writes: that value.
+            side: samples of a tile along one side, a multiple of TILE.
+
+        Returns:
+            Tiles (tx, ty), each once: the samples from (side tx, side ty) on.
         """
-        tiles = []
-        for key, number in reversed(self._written.items()):
+        tiles: dict[TileKey, None] = {}
+        for (tx, ty), number in reversed(self._written.items()):
             if number <= writes:
                 break
-            tiles.append(key)
-        return tiles
+            tiles[tx * TILE // side, ty * TILE // side] = None
+        return list(tiles)
 
     def height_change(self, xy_m: ArrayLike) -> NDArray[np.float64]:
         """Return the height change [m] at (..., 2) positions [m], bilinear between samples."""
@@ -87,19 +106,16 @@ class Overlay:
         return self._interpolate(xy_m, 'compaction')
 
     def at(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return height change and compaction [m] at one position, bilinear; a fast path."""
-        return self._at(x_m, y_m, _HEIGHT), self._at(x_m, y_m, _COMPACTION)
-
-    def height_at_point(self, x_m: float, y_m: float) -> float:
-        """Return the height change [m] at one position, bilinear; a fast path."""
-        return self._at(x_m, y_m, _HEIGHT)
+        """Return height change and compaction [m] at one position, bilinear."""
+        xy = (x_m, y_m)
+        return float(self.height_change(xy)), float(self.compaction(xy))
 
     def window(self, ix: int, iy: int, nx: int,
                ny: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return copies of height change and compaction, (ny, nx), from the sample (ix, iy) on."""
         height, compaction = np.zeros((ny, nx)), np.zeros((ny, nx))
         for key, there, here in pieces(ix, iy, nx, ny):
-            tile = self._tiles.get(key)
+            tile = self._tile(key)
             if tile is not None:
                 height[here] = tile.height[there]
                 compaction[here] = tile.compaction[there]
@@ -112,7 +128,7 @@ class Overlay:
 
     def sums_m(self) -> tuple[float, float]:
         """Return the sums of height change and of compaction over all samples [m]."""
-        tiles = [self._tiles[key] for key in sorted(self._tiles)]
+        tiles = [self._tile_at(self._tiles[key]) for key in sorted(self._tiles)]
         return (math.fsum(v for t in tiles for v in t.height[t.height != 0.0].tolist()),
                 math.fsum(v for t in tiles for v in t.compaction[t.compaction != 0.0].tolist()))
 
@@ -125,15 +141,29 @@ class Overlay:
         self.residue_m += float((height_m - height).sum() + (compaction_m - compaction).sum())
         ny, nx = height.shape
         for key, there, here in pieces(ix, iy, nx, ny):
-            tile = self._tiles.get(key)
+            tile = self._tile(key)
             if tile is None:
                 if not (height[here].any() or compaction[here].any()):
                     continue
-                tile = self._tiles[key] = _Tile()
+                tile = self._make(key)
             tile.changed[there] |= ((tile.height[there] != height[here])
                                     | (tile.compaction[there] != compaction[here]))
             tile.height[there] = height[here]
             tile.compaction[there] = compaction[here]
+            self._note_write(key)
+
+    def reserve(self, ix: int, iy: int, nx: int, ny: int) -> list[TileKey]:
+        """Make all tiles of a window, and return them: for compiled code that writes to them."""
+        keys = [(tx, ty) for ty in range(iy // TILE, (iy + ny - 1) // TILE + 1)
+                for tx in range(ix // TILE, (ix + nx - 1) // TILE + 1)]
+        for key in keys:
+            if key not in self._tiles:
+                self._make(key)
+        return keys
+
+    def note_writes(self, keys: Iterable[TileKey]) -> None:
+        """Take down that compiled code has written to tiles."""
+        for key in keys:
             self._note_write(key)
 
     def apply(self, changes: GroundChanges) -> None:
@@ -145,7 +175,7 @@ class Overlay:
             if not len(chosen):
                 continue
             key = int(tiles[chosen[0], 0]), int(tiles[chosen[0], 1])
-            tile = self._tiles.setdefault(key, _Tile())
+            tile = self._make(key)
             there = inside[chosen, 1], inside[chosen, 0]
             tile.height[there] = changes.height_m[chosen]
             tile.compaction[there] = changes.compaction_m[chosen]
@@ -162,7 +192,7 @@ class Overlay:
         """Return the samples that have changed since the last call, and forget that they did."""
         changes = self._collect(sorted(self._dirty), only_changed=True)
         for key in self._dirty:
-            self._tiles[key].changed[:] = False
+            self.changed[self._tiles[key]] = False
         self._dirty.clear()
         return changes
 
@@ -173,26 +203,26 @@ class Overlay:
     def copy(self) -> Overlay:
         """Return an independent overlay of the same values, with nothing changed since."""
         other = Overlay()
-        other.apply(self.snapshot())
+        other.restore(self)
         other.take_changes()
-        other.residue_m = self.residue_m
         return other
 
     def restore(self, other: Overlay) -> None:
         """Take over all values of another overlay; what differs counts as changed."""
         for key in sorted(self._tiles.keys() | other._tiles.keys()):
-            tile, source = self._tiles.setdefault(key, _Tile()), other._tiles.get(key) or _Tile()
-            tile.changed |= ((tile.height != source.height)
-                             | (tile.compaction != source.compaction))
-            tile.height[:] = source.height
-            tile.compaction[:] = source.compaction
+            tile, source = self._make(key), other._tile(key)
+            height, compaction = (0.0, 0.0) if source is None else (source.height,
+                                                                    source.compaction)
+            tile.changed |= (tile.height != height) | (tile.compaction != compaction)
+            tile.height[:] = height
+            tile.compaction[:] = compaction
             self._note_write(key)
         self.residue_m = other.residue_m
 
     def _collect(self, keys: list[TileKey], only_changed: bool) -> GroundChanges:
         index, heights, compactions = [], [], []
         for key in keys:
-            tile = self._tiles[key]
+            tile = self._tile_at(self._tiles[key])
             chosen = tile.changed if only_changed else (
                 (tile.height != 0.0) | (tile.compaction != 0.0))
             jy, jx = np.nonzero(chosen)
@@ -205,25 +235,39 @@ class Overlay:
         return GroundChanges(np.concatenate(index).astype(np.int32), np.concatenate(heights),
                              np.concatenate(compactions))
 
-    def _at(self, x_m: float, y_m: float, first: int) -> float:
-        """Return a value at one position, bilinear; first: its first sample in a tile."""
-        gx, gy = x_m / CELL_M, y_m / CELL_M
-        ix, iy = math.floor(gx), math.floor(gy)
-        tx, jx = divmod(ix, TILE)
-        ty, jy = divmod(iy, TILE)
-        u, v = gx - ix, gy - iy
-        if jx < TILE - 1 and jy < TILE - 1:
-            tile = self._tiles.get((tx, ty))
-            if tile is None:
-                return 0.0
-            k, samples = first + jy * TILE + jx, tile.samples
-            south = samples[k] * (1.0 - u) + samples[k + 1] * u
-            north = samples[k + TILE] * (1.0 - u) + samples[k + TILE + 1] * u
-        else:
-            (sw, se), (nw, ne) = self.window(ix, iy, 2, 2)[first > 0].tolist()
-            south, north = sw * (1.0 - u) + se * u, nw * (1.0 - u) + ne * u
-        value: float = south * (1.0 - v) + north * v
-        return value
+    def _tile(self, key: TileKey) -> _Tile | None:
+        number = self._tiles.get(key)
+        return None if number is None else self._tile_at(number)
+
+    def _tile_at(self, number: int) -> _Tile:
+        return _Tile(self.samples[number, 0], self.samples[number, 1], self.changed[number])
+
+    def _make(self, key: TileKey) -> _Tile:
+        """Return a tile, which is made if there is none."""
+        number = self._tiles.get(key)
+        if number is None:
+            number = self._tiles[key] = len(self._tiles)
+            if number == len(self.samples):
+                more = max(8, number // 4)
+                self.samples = np.concatenate(
+                    [self.samples, np.zeros((more, 2, TILE, TILE), np.float32)])
+                self.changed = np.concatenate([self.changed, np.zeros((more, TILE, TILE), bool)])
+            self._enter(key, number)
+        return self._tile_at(number)
+
+    def _enter(self, key: TileKey, number: int) -> None:
+        """Enter a tile into the index, which grows where the tile lies beyond it."""
+        corner = np.array(key) - self.origin
+        size = self.index.shape[::-1]
+        if np.any(corner < 0) or np.any(corner >= size):
+            low = np.minimum(self.origin, np.array(key) - _MARGIN)
+            high = np.maximum(self.origin + size, np.array(key) + _MARGIN + 1)
+            index = np.full((high - low)[::-1], -1, np.int32)
+            x, y = self.origin - low
+            index[y:y + size[1], x:x + size[0]] = self.index
+            self.index, self.origin = index, low
+            corner = np.array(key) - low
+        self.index[corner[1], corner[0]] = number
 
     def _interpolate(self, xy_m: ArrayLike, name: str) -> NDArray[np.float64]:
         grid = np.asarray(xy_m, dtype=float) / CELL_M
@@ -241,7 +285,7 @@ class Overlay:
         values = np.zeros(np.shape(ix))
         tx, ty = ix // TILE, iy // TILE
         for key in sorted(set(zip(np.ravel(tx).tolist(), np.ravel(ty).tolist()))):
-            tile = self._tiles.get(key)
+            tile = self._tile(key)
             if tile is not None:
                 chosen = (tx == key[0]) & (ty == key[1])
                 values[chosen] = getattr(tile, name)[iy[chosen] % TILE, ix[chosen] % TILE]

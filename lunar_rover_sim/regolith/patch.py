@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.regolith.fine_ground import base_heights
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.world.export import FinePart
 from lunar_rover_sim.world.grid import HeightGrid
@@ -49,10 +48,9 @@ def changed_patch(ground: HeightGrid, overlay: Overlay) -> GroundPatch:
     stride = math.ceil(math.sqrt(max(nx * ny / _MOST_SAMPLES, 1.0)))
     change, compaction = (values[::stride, ::stride]
                           for values in overlay.window(int(low[0]), int(low[1]), nx, ny))
-    base = base_heights(ground, int(low[0]), int(low[1]), nx, ny)[::stride, ::stride]
-    return GroundPatch(np.arange(low[0], high[0], stride) * CELL_M,
-                       np.arange(low[1], high[1], stride) * CELL_M, base + change, change,
-                       compaction)
+    x, y = (np.arange(low[k], high[k], stride) * CELL_M for k in (0, 1))
+    base = ground.height_at(np.stack(np.meshgrid(x, y), axis=-1))
+    return GroundPatch(x, y, base + change, change, compaction)
 
 
 def save_patch(patch: GroundPatch, path: Path) -> None:

@@ -71,12 +71,6 @@ class Soil:
             elastic_npm=self.elastic_npm * ratio,
             damping_nspm=self.damping_nspm * math.sqrt(ratio))
 
-    def former_depth_m(self, change_m: float, compaction_m: float) -> float:
-        """Return the depth of an earlier print whose soil still bears its load [m]."""
-        if compaction_m <= 0.0 or change_m >= 0.0:
-            return 0.0
-        return min(-change_m, compaction_m / max(self.compacted, 1e-3))
-
     def bearing_on_slope(self, tangent: float) -> float:
         """Return the bearing on a slope over that on level ground: (1 - tan b)^2.
 

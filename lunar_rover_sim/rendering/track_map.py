@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.regolith.overlay import CELL_M, Overlay, TILE
+from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.context import release_all, set_uniform
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.track_texels import (FAR_TEXELS, LEVELS, REACH_M, Surroundings,
-                                                    track_texels, TrackSun, TrackTexels)
+                                                    TILE, track_texels, TrackSun, TrackTexels)
 from lunar_rover_sim.world.grid import HeightGrid
 
 TILE_M = TILE * CELL_M
@@ -79,7 +79,7 @@ class TrackMap:
     def update(self, volume: ViewVolume) -> None:
         """Bring what a view shows up to date with the overlay."""
         if self._overlay.writes > self._seen:
-            for key in self._overlay.tiles_since(self._seen):
+            for key in self._overlay.tiles_since(self._seen, TILE):
                 self._add_around(key)
             self._seen = self._overlay.writes
         self.centre_m = np.round(volume.centre_m[:2] / TILE_M) * TILE_M

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.regolith.overlay import TILE
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.chunk_tree import Selection
 from lunar_rover_sim.rendering.context import load_program, release_all, set_uniform
 from lunar_rover_sim.rendering.ground_mesh import GridTexture
 from lunar_rover_sim.rendering.projection import ViewVolume
 from lunar_rover_sim.rendering.track_map import DEFINES, NEAR_TILES, TILE_M, TrackMap
-from lunar_rover_sim.rendering.track_texels import BLOCK
+from lunar_rover_sim.rendering.track_texels import BLOCK, TILE
 
 _FINE_M = 1.3               # blocks have the resolution of the overlay up to this distance
 _STRIDES = (1, 2)           # beyond it every second sample is left out

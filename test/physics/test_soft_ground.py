@@ -1,15 +1,12 @@
 """Feet in soil: they sink as far as it bears, hold on slopes, leave prints, and stand in them."""
 
 import numpy as np
-from physics_scene import make_world, plane_heights, ROVER, simulate, soft, trot, WEIGHT_N
+from physics_scene import depth_m, make_world, plane_heights, ROVER, simulate, soft, trot, WEIGHT_N
 import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import StartPose
-from lunar_rover_sim.physics.soft_ground import NEAR_M
-from lunar_rover_sim.physics.soft_tip import SoftTip
-from lunar_rover_sim.physics.soil_contact import PARKED_M
-from lunar_rover_sim.regolith.ball import bearing_n, depth_m
+from lunar_rover_sim.regolith.law import bearing_n
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.world.grid import HeightGrid
 
@@ -47,7 +44,7 @@ def test_sinkage_at_rest_lies_between_that_of_a_load_laid_down_and_one_let_go():
     with simulate(ground=soft()) as simulation:
         sinkage = simulation.ground_contact.sinkage_m
         assert simulation.state.contact_force_n[:, 2] == pytest.approx(WEIGHT_N / 4, rel=0.01)
-    least = depth_m(WEIGHT_N / 4, R, PRESETS['highland'].zeta_npm3)
+    least = depth_m(WEIGHT_N / 4, PRESETS['highland'].zeta_npm3)
     assert np.all(sinkage >= least)
     assert np.all(sinkage < 2.5 * least)
 
@@ -72,12 +69,17 @@ def test_static_sinkage_does_not_depend_on_gravity(gravity):
 
 
 def slide_m(preset, slope_deg):
+    """Return how far a rover across a slope slides in a second; infinity if it tumbles."""
     world = make_world(plane_heights(slope_deg, 11, 1.0), 1.0)
     start = StartPose(yaw_deg=90.0, settle_s=3.0)
     ground = soft(preset, weak_slopes=False)
-    with simulate(world, ground=ground, start=start) as simulation:
-        before = simulation.state.position_m
-        return np.linalg.norm(simulation.advance(1000).position_m - before)
+    try:
+        with simulate(world, ground=ground, start=start) as simulation:
+            before = simulation.state.position_m
+            return np.linalg.norm(simulation.advance(1000).position_m - before)
+    except ConfigError as error:
+        assert 'tilted' in str(error)
+        return np.inf
 
 
 @pytest.mark.parametrize('preset', ['highland_loose', 'highland', 'highland_dense'])
@@ -124,20 +126,6 @@ def test_a_leg_stands_higher_in_its_own_print_than_it_would_sink_anew():
         simulation.data.qvel[:] = 0.0
         simulation.advance(1000)
         assert simulation.state.position_m[2] == pytest.approx(first, abs=0.0015)
-
-
-def test_a_rod_leans_by_the_angle_to_the_normal_of_the_ground():
-    row = np.zeros(4)
-    tip = SoftTip(0, 0, row, row, row, row)
-    for slope_deg, rod_deg in ((0.0, 0.0), (0.0, 30.0), (20.0, 30.0), (20.0, -15.0)):
-        slope, rod = np.radians([slope_deg, rod_deg])
-        tip.nx, tip.nz = float(np.sin(slope)), float(np.cos(slope))
-        centre = np.array([3.0, -2.0, -7.0])
-        axle = centre + 0.08 * np.array([np.sin(rod), 0.0, np.cos(rod)])
-        assert tip.lean(tuple(axle), tuple(centre)) == pytest.approx(
-            np.tan(abs(rod - slope)), abs=1e-6)
-    tip.nx, tip.nz = 0.0, 1.0
-    assert tip.lean((1.0, 0.0, 0.1), (0.0, 0.0, 0.0)) == 2.0     # all but flat
 
 
 def test_cohesion_bears():
@@ -189,24 +177,9 @@ def test_a_step_too_long_for_the_soil_is_refused():
         simulate(ground=soft(), gravity_mps2=0.0)
 
 
-def test_a_tip_slips_with_the_speed_of_its_lowest_point_along_the_surface():
-    """Velocity about the centre of mass and turn of the leg, less the part along the normal."""
-    rng = np.random.default_rng(6)
-    for _ in range(5):
-        tip = SoftTip(0, 0, np.zeros(3), np.zeros(4), np.zeros(5), np.zeros(2))
-        normal = rng.normal(size=3)
-        normal /= np.linalg.norm(normal)
-        tip.nx, tip.ny, tip.nz = normal.tolist()
-        centre, com, turn, speed = rng.normal(size=(4, 3))
-        lowest = speed + np.cross(turn, centre - R * normal - com)
-        along = lowest - normal * (normal @ lowest)
-        assert tip.slip_mps(R, tuple(centre), [*turn, *speed], tuple(com)) == pytest.approx(
-            np.linalg.norm(along))
-
-
 @pytest.mark.parametrize('slope_deg, height_m, speed_mps', [(0.0, 0.35, 1.6), (25.0, 0.5, 1.0)])
 def test_no_tip_gets_into_the_ground_before_soil_carries_it(slope_deg, height_m, speed_mps):
-    """A tip that falls is looked at in time, before it is deeper than NEAR_M and two steps."""
+    """A tip that falls is seen before it is deeper than it falls in two steps."""
     heights = plane_heights(slope_deg)
     ground = HeightGrid(np.asarray(heights, np.float32), 0.025)
     start = StartPose(settle_s=0.0)
@@ -224,24 +197,5 @@ def test_no_tip_gets_into_the_ground_before_soil_carries_it(slope_deg, height_m,
             depth = R - (before[:, 2] - ground.height_at(before[:, :2])) * cosine
             fall = np.abs(data.geom_xpos[tips] - before).max()
             touched |= np.linalg.norm(state.contact_force_n, axis=1) > 0.0
-            assert np.all(touched | (depth.reshape(4, -1).max(axis=1) < NEAR_M + 2.0 * fall))
+            assert np.all(touched | (depth.reshape(4, -1).max(axis=1) < 2.0 * fall))
         assert touched.any()
-
-
-def test_soil_that_a_tip_has_left_is_damped_again():
-    """The damping goes while soil yields; a tip that is torn out comes back to soil that holds."""
-    start = StartPose(settle_s=0.0)
-    with simulate(ground=soft('highland_loose'), start=start) as simulation:
-        model, data = simulation.model, simulation.data
-        damping = model.pair_solref[:, 1]
-        held = damping.copy()
-        data.qvel[2] = -1.0
-        for _ in range(200):
-            simulation.advance(1)
-            if np.count_nonzero(damping > held) == 4:
-                break
-        assert np.count_nonzero(damping > held) == 4
-        data.qvel[2] = 4.0
-        simulation.advance(3)
-        assert np.all(data.mocap_pos[:, 2] == PARKED_M)
-        assert np.array_equal(damping, held)

@@ -5,10 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.regolith.fine_ground import base_heights, FineGround
-from lunar_rover_sim.regolith.footprint import press
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay, TILE
-from lunar_rover_sim.regolith.repose import relax
+from lunar_rover_sim.regolith.tracks import heights, press, relax
 from lunar_rover_sim.world.grid import HeightGrid
 
 R = 0.008
@@ -21,19 +19,19 @@ def flat(n: int = 81, slope: float = 0.0) -> HeightGrid:
 
 def trample(overlay: Overlay, ground: HeightGrid, prints: int = 60, seed: int = 1,
             repose_deg: float = 38.0) -> None:
-    rng, fine = np.random.default_rng(seed), FineGround(ground)
+    rng = np.random.default_rng(seed)
     for _ in range(prints):
         x, y = rng.uniform(-0.25, 0.25, 2)
         z = ground.height_at_point(x, y) + R
         low = z - rng.uniform(0.001, 0.03)
-        press(overlay, fine, (x, y, z), (x, y, low), R, 0.6)
-        window = press(overlay, fine, (x, y, low), (x - 0.004, y + 0.002, low), R, 0.6)
-        relax(overlay, fine, *window, repose_deg)
+        press(overlay, ground, (x, y, z), (x, y, low), R, 0.6)
+        window = press(overlay, ground, (x, y, low), (x - 0.004, y + 0.002, low), R, 0.6)
+        relax(overlay, ground, window, repose_deg)
 
 
 def steepest_deg(overlay: Overlay, ground: HeightGrid, n: int = 160) -> float:
     window = -n // 2, -n // 2, n, n
-    total = overlay.window(*window)[0] + base_heights(ground, *window)
+    total = overlay.window(*window)[0] + heights(ground, *window)
     rises = [np.abs(total[:, 1:] - total[:, :-1]), np.abs(total[1:] - total[:-1]),
              np.abs(total[1:, 1:] - total[:-1, :-1]) / math.sqrt(2.0),
              np.abs(total[1:, :-1] - total[:-1, 1:]) / math.sqrt(2.0)]
@@ -61,7 +59,7 @@ def test_no_slope_is_steeper_than_the_angle_of_repose(repose_deg):
 
 def test_ground_that_is_steep_by_itself_stays():
     overlay, ground = Overlay(), flat(slope=1.0)
-    relax(overlay, FineGround(ground), -20, -20, 40, 40, 35.0)
+    relax(overlay, ground, (-20, -20, 40, 40), 35.0)
     assert len(overlay.snapshot()) == 0
     trample(overlay, ground, prints=3)
     assert overlay.memory_bytes < 20 * TILE * TILE * 9
@@ -69,16 +67,16 @@ def test_ground_that_is_steep_by_itself_stays():
 
 def test_calm_soil_is_not_written_again():
     """Gentle slopes stay as they are, and nobody is told of a change."""
-    overlay, fine = Overlay(), FineGround(flat(slope=0.1))
+    overlay, ground = Overlay(), flat(slope=0.1)
     overlay.put(-2, -2, np.full((5, 5), 0.001), np.zeros((5, 5)))
     writes = overlay.writes
-    relax(overlay, fine, -10, -10, 20, 20, 38.0)
+    relax(overlay, ground, (-10, -10, 20, 20), 38.0)
     assert overlay.writes == writes and overlay.residue_m == pytest.approx(0.0, abs=1e-7)
 
 
 def test_a_print_is_the_ball():
     overlay, ground = Overlay(), flat()
-    press(overlay, FineGround(ground), (0.0, 0.0, R - 0.004), (0.0, 0.0, R - 0.004), R, 1.0)
+    press(overlay, ground, (0.0, 0.0, R - 0.004), (0.0, 0.0, R - 0.004), R, 1.0)
     for x, depth in ((0.0, 0.004), (CELL_M, 0.004 - R + math.sqrt(R ** 2 - CELL_M ** 2))):
         assert overlay.height_change([x, 0.0]) == pytest.approx(-depth, abs=1e-9)
         assert overlay.compaction([x, 0.0]) == pytest.approx(depth, abs=1e-9)
@@ -89,7 +87,7 @@ def test_a_print_is_the_ball():
 
 def test_more_soil_goes_where_the_tip_moves_to():
     overlay, ground = Overlay(), flat()
-    press(overlay, FineGround(ground), (0.0, 0.0, R - 0.004), (-0.02, 0.0, R - 0.004), R, 0.0)
+    press(overlay, ground, (0.0, 0.0, R - 0.004), (-0.02, 0.0, R - 0.004), R, 0.0)
     behind, ahead = overlay.height_change([[0.01, 0.0], [-0.03, 0.0]])
     assert ahead > 2.0 * behind >= 0.0
 
@@ -123,7 +121,7 @@ def test_changes_rebuild_the_ground_elsewhere():
 
 def test_indices_are_samples_of_5_mm_and_sorted_by_tile():
     overlay, ground = Overlay(), flat()
-    press(overlay, FineGround(ground), (-0.3, 0.2, R - 0.003), (-0.3, 0.2, R - 0.003), R, 1.0)
+    press(overlay, ground, (-0.3, 0.2, R - 0.003), (-0.3, 0.2, R - 0.003), R, 1.0)
     changes = overlay.take_changes()
     deepest = changes.index[np.argmin(changes.height_m)]
     assert deepest.tolist() == [-60, 40]
@@ -135,7 +133,7 @@ def test_going_back_tells_what_changed():
     trample(overlay, ground, prints=5)
     kept = overlay.copy()
     overlay.take_changes()
-    press(overlay, FineGround(ground), (0.4, 0.4, R - 0.003), (0.4, 0.4, R - 0.003), R, 0.5)
+    press(overlay, ground, (0.4, 0.4, R - 0.003), (0.4, 0.4, R - 0.003), R, 0.5)
     pressed = overlay.take_changes()
     overlay.restore(kept)
     back = overlay.take_changes()
@@ -155,7 +153,7 @@ def test_the_same_steps_give_the_same_bits():
 def test_beyond_the_world_there_is_nothing_to_press():
     overlay, ground = Overlay(), flat(n=11)
     edge = ground.half_extent_m
-    press(overlay, FineGround(ground), (edge, 0.0, R), (edge, 0.0, R - 0.005), R, 0.5)
+    press(overlay, ground, (edge, 0.0, R), (edge, 0.0, R - 0.005), R, 0.5)
     snapshot = overlay.snapshot()
     assert len(snapshot) > 0
     assert (snapshot.index[:, 0] * CELL_M <= edge + 1e-9).all()
@@ -167,7 +165,7 @@ def test_soil_slides_as_steep_along_the_diagonals_as_along_the_axes():
     """A deep hole becomes a cone: neighbours in all eight directions are as steep."""
     overlay, ground = Overlay(), flat()
     overlay.put(0, 0, np.full((1, 1), -1.0), np.zeros((1, 1)))
-    relax(overlay, FineGround(ground), -3, -3, 7, 7, 38.0)
+    relax(overlay, ground, (-3, -3, 7, 7), 38.0)
     height = overlay.window(-30, -30, 61, 61)[0]
     steepest = math.tan(math.radians(38.8)) + 1e-6
     for rise, way in ((height[:, 1:] - height[:, :-1], 1.0), (height[1:] - height[:-1], 1.0),

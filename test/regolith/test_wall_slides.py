@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.physics.wall_slides import SLIDE_S, WallSlides, WIDEST
-from lunar_rover_sim.regolith.fine_ground import FineGround
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
+from lunar_rover_sim.regolith.tracks import SLIDE_S, WallSlides, WIDEST
 from lunar_rover_sim.world.grid import HeightGrid
 
 STEP_S = 0.002
@@ -16,7 +15,7 @@ DEPTH_M = 0.03  # of a pit of one sample: its walls are far too steep
 
 
 def ground():
-    return FineGround(HeightGrid(np.zeros((81, 81), np.float32), 0.025))
+    return HeightGrid(np.zeros((81, 81), np.float32), 0.025)
 
 
 def dug(*places):
@@ -40,7 +39,7 @@ def test_the_delay_is_a_tenth_of_a_second():
 
 
 def test_a_wall_slides_when_its_time_has_come():
-    slides, overlay = WallSlides(ground(), 38.0, STEP_S), dug((0, 0))
+    slides, overlay = WallSlides(ground(), 38.0, STEP_S, 4), dug((0, 0))
     assert slides.next_step == math.inf
     slides.add(overlay, 2, around(0, 0), 7)
     assert slides.next_step == 7 + DELAY
@@ -55,7 +54,7 @@ def test_a_wall_slides_when_its_time_has_come():
 
 
 def test_prints_of_one_leg_slide_together_and_others_at_their_own_time():
-    slides, overlay = WallSlides(ground(), 38.0, STEP_S), dug((0, 0), (12, 3), (-60, 0))
+    slides, overlay = WallSlides(ground(), 38.0, STEP_S, 4), dug((0, 0), (12, 3), (-60, 0))
     slides.add(overlay, 0, around(0, 0), 0)
     slides.add(overlay, 0, around(12, 3), 30)
     slides.add(overlay, 3, around(-60, 0), 40)
@@ -72,7 +71,7 @@ def test_prints_of_one_leg_slide_together_and_others_at_their_own_time():
 def test_what_lies_too_far_apart_does_not_wait_for_one_another(apart, together, along_y):
     """Windows of 5 samples: from one end to the other 40 samples, or 41."""
     second = (0, apart) if along_y else (apart, 0)
-    slides, overlay = WallSlides(ground(), 38.0, STEP_S), dug((0, 0), second)
+    slides, overlay = WallSlides(ground(), 38.0, STEP_S, 4), dug((0, 0), second)
     slides.add(overlay, 1, around(0, 0), 0)
     slides.add(overlay, 1, around(*second), 20)
     assert (depth_m(overlay, 0, 0) == pytest.approx(DEPTH_M)) == together
@@ -84,7 +83,7 @@ def test_what_lies_too_far_apart_does_not_wait_for_one_another(apart, together, 
 
 
 def test_all_walls_can_slide_at_once_or_never():
-    slides, places = WallSlides(ground(), 38.0, STEP_S), [(0, 0), (60, 0), (0, 60), (60, 60)]
+    slides, places = WallSlides(ground(), 38.0, STEP_S, 4), [(0, 0), (60, 0), (0, 60), (60, 60)]
     overlay = dug(*places)
     for leg, place in enumerate(places):
         slides.add(overlay, leg, around(*place), leg)

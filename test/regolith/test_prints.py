@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.regolith.fine_ground import FineGround
-from lunar_rover_sim.regolith.footprint import hull, press, RIM_RADII
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
+from lunar_rover_sim.regolith.tracks import CLEAR_M, heights, hull, press, RIM_RADII
 from lunar_rover_sim.world.grid import HeightGrid
 
 R = 0.0087
@@ -25,7 +24,8 @@ def by_definition(base, change, start, end, compacted):
     """Return (change, compaction) after a press, by loops over the samples of WIDE."""
     ix, iy, nx, ny = WIDE
     length = math.hypot(end[0] - start[0], end[1] - start[1])
-    taken, away, ahead = np.zeros((ny, nx)), np.full((ny, nx), np.inf), np.zeros((ny, nx))
+    taken, clear = np.zeros((ny, nx)), np.ones((ny, nx))
+    away, ahead = np.full((ny, nx), np.inf), np.zeros((ny, nx))
     for j in range(ny):
         for i in range(nx):
             x, y = (ix + i) * CELL_M, (iy + j) * CELL_M
@@ -42,11 +42,10 @@ def by_definition(base, change, start, end, compacted):
             if away[j, i] < R:
                 centre = start[2] + part * (end[2] - start[2])
                 below = centre - math.sqrt(R**2 - away[j, i]**2)
-                taken[j, i] = max(0.0, base[j, i] + change[j, i] - below)
-    pressed = taken > 0.0
-    width = RIM_RADII * R
-    weight = np.maximum(0.0, 1.0 + (away[pressed].max() - away) / width)
-    weight[pressed] = 0.0
+                into = base[j, i] + change[j, i] - below
+                taken[j, i] = max(0.0, into)
+                clear[j, i] = min(max(-into / CLEAR_M, 0.0), 1.0)
+    weight = np.maximum(0.0, 1.0 - away / ((1.0 + RIM_RADII) * R)) * clear
     weight *= 1.0 + ahead * min(1.0, length / CELL_M)
     rim = (1.0 - compacted) * taken.sum() * weight / weight.sum()
     return change - taken + rim, compacted * taken
@@ -63,13 +62,13 @@ WAYS = [((0.013, -0.021, R - 0.004), (0.013, -0.021, R - 0.004)),        # strai
 def test_a_print_is_that_of_the_definition(start, end, compacted):
     """On a slope, over the rim of an earlier print."""
     plane = ground(0.05, -0.08)
-    fine, overlay = FineGround(plane), Overlay()
-    press(overlay, fine, (0.02, -0.005, R - 0.003), (0.02, -0.005, R - 0.003), R, 0.2)
+    overlay = Overlay()
+    press(overlay, plane, (0.02, -0.005, R - 0.003), (0.02, -0.005, R - 0.003), R, 0.2)
     ix, iy, nx, ny = WIDE
-    base = fine.heights(*WIDE)
+    base = heights(plane, *WIDE)
     before, compaction = overlay.window(*WIDE)
     residue = overlay.residue_m
-    window = press(overlay, fine, start, end, R, compacted)
+    window = press(overlay, plane, start, end, R, compacted)
     after, more = overlay.window(*WIDE)
     expected, added = by_definition(base, before, start, end, compacted)
     # The rest that earlier rounding left is laid on the rim, 1e-9 m of it.
@@ -91,15 +90,28 @@ def test_a_print_is_that_of_the_definition(start, end, compacted):
 
 def test_the_rim_spares_what_is_pressed_and_ends_at_its_width():
     overlay = Overlay()
-    press(overlay, FineGround(ground()), (0.0, 0.0, R - 0.004), (0.0, 0.0, R - 0.004), R, 0.0)
+    press(overlay, ground(), (0.0, 0.0, R - 0.004), (0.0, 0.0, R - 0.004), R, 0.0)
     change = overlay.window(*WIDE)[0]
     x, y = np.meshgrid((WIDE[0] + np.arange(WIDE[2])) * CELL_M,
                        (WIDE[1] + np.arange(WIDE[3])) * CELL_M)
     away = np.hypot(x, y)
-    inner = away[change < 0.0].max()
-    assert inner < R
-    assert (change[(away > inner) & (away < inner + RIM_RADII * R - 1e-4)] > 0.0).all()
-    assert not change[away > inner + RIM_RADII * R].any()
+    print_m = math.sqrt(0.004 * (2.0 * R - 0.004))      # radius of the ball at the surface
+    assert (change[away < print_m] < 0.0).all()
+    outer = (1.0 + RIM_RADII) * R
+    assert (change[(away > print_m) & (away < outer)] > 0.0).all()
+    assert not change[away > outer].any()
+
+
+def test_a_print_pressed_again_hardly_changes():
+    """Samples at which the ball just arrives are no switch: rounding does not move soil."""
+    start, end = WAYS[1]
+    overlay, ways = Overlay(), []
+    press(overlay, ground(), start, end, R, 0.4)
+    for lift in (1e-12, -1e-12):
+        again = overlay.copy()
+        press(again, ground(), end, (end[0] + 0.001, end[1], end[2] - 0.0005 + lift), R, 0.4)
+        ways.append(again.window(*WIDE)[0])
+    np.testing.assert_allclose(ways[0], ways[1], rtol=0.0, atol=4e-9)
 
 
 @pytest.mark.parametrize('turn', [lambda p: (-p[1], p[0], p[2]), lambda p: (p[0], -p[1], p[2]),
@@ -107,8 +119,8 @@ def test_the_rim_spares_what_is_pressed_and_ends_at_its_width():
 def test_a_turned_or_mirrored_way_leaves_a_turned_or_mirrored_print(turn):
     start, end = WAYS[1]
     plain, turned = Overlay(), Overlay()
-    press(plain, FineGround(ground()), start, end, R, 0.4)
-    press(turned, FineGround(ground()), turn(start), turn(end), R, 0.4)
+    press(plain, ground(), start, end, R, 0.4)
+    press(turned, ground(), turn(start), turn(end), R, 0.4)
     found = plain.snapshot()
     for (ix, iy), height, compaction in zip(found.index, found.height_m, found.compaction_m):
         x, y, _ = turn((ix * CELL_M, iy * CELL_M, 0.0))
@@ -120,10 +132,10 @@ def test_a_print_moves_with_the_ball_and_with_the_ground():
     """By whole cells across the borders of tiles, and up with a higher ground."""
     start, end = WAYS[1]
     plain, moved = Overlay(), Overlay()
-    press(plain, FineGround(ground()), start, end, R, 0.4)
+    press(plain, ground(), start, end, R, 0.4)
     higher = HeightGrid(ground().heights_m + np.float32(0.25), CELL_M)
     shift = (-23 * CELL_M, 31 * CELL_M, 0.25)
-    press(moved, FineGround(higher), tuple(np.add(start, shift)), tuple(np.add(end, shift)), R,
+    press(moved, higher, tuple(np.add(start, shift)), tuple(np.add(end, shift)), R,
           0.4)
     one = plain.window(-20, -20, 60, 60)
     other = moved.window(-43, 11, 60, 60)
@@ -134,13 +146,13 @@ def test_a_print_moves_with_the_ball_and_with_the_ground():
 
 def test_a_ball_that_touches_nothing_leaves_nothing():
     overlay = Overlay()
-    window = press(overlay, FineGround(ground()), (0.0, 0.0, R + 1e-6), (0.01, 0.0, R + 1e-6), R,
+    window = press(overlay, ground(), (0.0, 0.0, R + 1e-6), (0.01, 0.0, R + 1e-6), R,
                    0.5)
     assert len(overlay.snapshot()) == 0 and overlay.writes == 0 and window[2] > window[3]
 
 
 def test_the_rest_of_rounding_is_laid_on_the_next_rim():
-    overlay, fine = Overlay(), FineGround(ground())
+    overlay, fine = Overlay(), ground()
     overlay.residue_m = 1e-4
     press(overlay, fine, (0.0, 0.0, R - 0.003), (0.0, 0.0, R - 0.003), R, 0.5)
     height, compaction = overlay.sums_m()
