@@ -15,7 +15,7 @@ from rosbags.typesys import get_typestore, Stores  # noqa: E402  (needs rclpy)
 from std_msgs.msg import Header  # noqa: E402
 
 from lunar_rover_sim import topics  # noqa: E402
-from lunar_rover_sim.bag.definitions import learn  # noqa: E402
+from lunar_rover_sim.bag..py import learn  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import vision_conversions  # noqa: E402
 from lunar_rover_sim.nodes.type_definitions import definition_of  # noqa: E402
