@@ -11,11 +11,11 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from rosbags.typesys import get_typestore, Stores  # noqa: E402  (needs rclpy)
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores  # noqa: E402  (needs rclpy)
+from rosbags.typesys.store import Typestore  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
 from lunar_rover_sim import topics  # noqa: E402
-from lunar_rover_sim.bag..py import learn  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import vision_conversions  # noqa: E402
 from lunar_rover_sim.nodes.type_definitions import definition_of  # noqa: E402
@@ -92,6 +92,12 @@ def test_names_and_method() -> None:
     assert {c.class_id: c.class_name for c in found.class_map} == names
     told = vision_conversions.vision_info(MSG, 'abc', Header())
     assert (told.database_location, told.database_version) == ('abc', 0) and told.method
+
+
+def learn(store: Typestore, name: str, definition: str) -> None:
+    """Register a type and those it is made of."""
+    store.register({part: fields for part, fields in get_types_from_msg(definition, name).items()
+                    if part not in store.fielddefs})
 
 
 def test_without_the_package_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
