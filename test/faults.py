@@ -30,7 +30,7 @@ from faulty_run import (ALL, BLIND, END_S, Fault, LIMIT_S, must_end, opens, Run,
 import numpy as np
 
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.ros_domain import OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
 

@@ -27,8 +27,8 @@ import numpy as np
 import psutil
 
 from lunar_rover_sim.nodes.clock_monitor import ClockMonitor
-from lunar_rover_sim.run.domain import OwnDomain
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, STOP_ORDER
+from lunar_rover_sim.run.ros_domain import OwnDomain
 
 LIMIT_MIB = 50.0
 WARM_UP_S = 60.0

@@ -13,7 +13,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.several_rovers import overrides
+from lunar_rover_sim.run.plan import rover_overrides
 
 _ARGUMENTS = {
     'rovers': ('rover1 rover2', 'namespaces of the rovers'),
@@ -42,7 +42,8 @@ def _start(context):
     groups = []
     for k, rover in enumerate(rovers):
         start_m = (k - (len(rovers) - 1) / 2) * spacing_m
-        settings = [*overrides(rovers, rover), f'physics_node.start.y_m={start_m}', values['set']]
+        settings = [*rover_overrides(rovers, rover), f'physics_node.start.y_m={start_m}',
+                    values['set']]
         groups.append(GroupAction([IncludeLaunchDescription(
             PythonLaunchDescriptionSource(str(Path(__file__).with_name('sim.launch.py'))),
             launch_arguments=[('namespace', rover), ('output', str(folder / rover)),

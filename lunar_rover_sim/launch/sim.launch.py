@@ -20,7 +20,7 @@ from launch_ros.actions import Node
 from lunar_rover_sim.bag.marker import mark_failed
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import check_new_folder
-from lunar_rover_sim.run.ending import Ending
+from lunar_rover_sim.run.node_processes import Ending
 from lunar_rover_sim.run.plan import (BAG_FOLDER, LOG_FOLDER, prepare, resolve, SCENARIO_FILE,
                                       with_slam)
 from lunar_rover_sim.run.scenario import Scenario

@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.nodes import qos
-from lunar_rover_sim.nodes.leaving import bound_leaving
+from lunar_rover_sim.nodes.node_main import bound_leaving
 
 _PERIOD_S = 0.1
 

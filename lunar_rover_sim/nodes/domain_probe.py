@@ -13,7 +13,7 @@ import time
 
 import rclpy
 
-from lunar_rover_sim.nodes.leaving import bound_leaving
+from lunar_rover_sim.nodes.node_main import bound_leaving
 from lunar_rover_sim.nodes.reader_discovery import UNKNOWN_NAME
 
 # Usually 0.1 to 0.4 s, at times 3.4 s.

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import functools
+import math
 import os
 from pathlib import Path
 import re
 import signal
 import sys
 from tempfile import TemporaryDirectory
+import time
 from types import FrameType
 from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -23,9 +26,7 @@ from rclpy.task import Future
 from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
 from lunar_rover_sim.nodes import qos_overrides
-from lunar_rover_sim.nodes.counted_warnings import CountedWarnings
-from lunar_rover_sim.nodes.leaving import bound_leaving
-from lunar_rover_sim.nodes.type_watch import TypeWatch
+from lunar_rover_sim.nodes.message_types import name_of
 from lunar_rover_sim.run.node_state import fail, NodeState, READY, tell
 from lunar_rover_sim.run.params_files import arguments_of_program
 from lunar_rover_sim.run.shared_config import NodeConfig
@@ -213,3 +214,106 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     return 0 if failure is None else 1
+
+
+_WARNINGS_S = 1.0
+
+
+class CountedWarnings:
+    """Counts warnings by kind and logs the count with the newest one.
+
+    The first warning of a kind is logged at once, later ones at most once a second [wall time].
+    """
+
+    def __init__(self, logger: RcutilsLogger) -> None:
+        self._logger = logger
+        self._counts: dict[str, int] = {}
+        self._told_s: dict[str, float] = {}
+        self._untold: dict[str, str] = {}
+
+    def add(self, kind: str, what: str, rest: str = '') -> None:
+        """Count a warning; it reads `WHAT (N so far)REST`."""
+        count = self._counts[kind] = self._counts.get(kind, 0) + 1
+        self._untold[kind] = f'{what} ({count} so far){rest}'
+        if time.monotonic() - self._told_s.get(kind, -math.inf) >= _WARNINGS_S:
+            self._tell(kind)
+
+    def tell_rest(self) -> None:
+        """Log the last warning of each kind with its count, where it was held back."""
+        for kind in list(self._untold):
+            self._tell(kind)
+
+    def _tell(self, kind: str) -> None:
+        self._told_s[kind] = time.monotonic()
+        self._logger.warning(self._untold.pop(kind))
+
+
+_TYPES_S = 2.0
+
+
+class TypeWatch:
+    """Compares the types of a node's topics with those of others every 2 s; warns once of each.
+
+    It warns of what it sees twice in a row: another node may still be about to subscribe.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._told: set[tuple[str, str, str]] = set()
+        self._seen: set[tuple[str, str, str]] = set()
+        self._ignored: set[tuple[str, str]] = set()
+        node.create_timer(_TYPES_S, self._look)
+
+    def ignore(self, topic: str, type_name: str) -> None:
+        """Let others use a type on a topic, given by its full name."""
+        self._ignored.add((topic, type_name))
+
+    def _look(self) -> None:
+        several = {name for name, types in self._node.get_topic_names_and_types()
+                   if len(types) > 1}
+        own = [(p.topic_name, name_of(p.msg_type), 'publishes', 'read')
+               for p in self._node.publishers if p.topic_name in several]
+        own += [(s.topic_name, name_of(s.msg_type), 'reads', 'published')
+                for s in self._node.subscriptions if s.topic_name in several]
+        before, self._seen = self._seen, set()
+        for topic, type_name, does, is_done in own:
+            infos = self._node.get_subscriptions_info_by_topic(topic) if does == 'publishes' \
+                else self._node.get_publishers_info_by_topic(topic)
+            served = [info.node_name for info in infos if info.topic_type == type_name]
+            for info in infos:
+                key = topic, info.node_name, info.topic_type
+                if (info.topic_type == type_name or key in self._told
+                        or (topic, info.topic_type) in self._ignored
+                        or _belongs_to(info.node_name, served)):
+                    continue
+                self._seen.add(key)
+                if key not in before:
+                    continue
+                self._told.add(key)
+                self._node.get_logger().warning(
+                    f'{topic}: {self._node.get_name()} {does} {type_name}, but {info.topic_type} '
+                    f'is {is_done} by {info.node_name}: no message gets through')
+
+
+def _belongs_to(name: str, served: list[str]) -> bool:
+    """Return whether a node, or a hidden part `_NAME_…` of it, is among those of the right type.
+
+    A hidden node itself is part of another, which may read two types.
+    """
+    return name.startswith('_') or any(other == name or other.startswith(f'_{name}_')
+                                       for other in served)
+
+
+_LIMIT_S = 10
+
+
+def bound_leaving() -> None:
+    """End this process by SIGALRM if it has not ended in 10 s.
+
+    Call it before the last participant leaves, when nothing else is left to do. Fast DDS 2.14 may
+    lock up where the others of a graph leave at the same time (one of 186 killed runs):
+    `DomainParticipant::set_listener` waits, at full load, for a callback that waits for its lock.
+    No Python code runs meanwhile.
+    """
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(_LIMIT_S)

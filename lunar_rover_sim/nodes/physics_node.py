@@ -13,13 +13,12 @@ from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_servic
 from lunar_rover_sim.nodes.ground_publisher import GroundPublisher
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.own_world import load_own_world
+from lunar_rover_sim.nodes.pacing import Stepping, WallPace
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
 from lunar_rover_sim.nodes.state_publisher import StatePublisher
-from lunar_rover_sim.nodes.stepping import Stepping
-from lunar_rover_sim.nodes.wall_pace import WallPace
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.rover_file import load_rover

@@ -23,10 +23,9 @@ from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
-from lunar_rover_sim.nodes.message_types import message_class
+from lunar_rover_sim.nodes.message_types import definition_of, message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.nodes.time_jump import TimeJump
-from lunar_rover_sim.nodes.type_definitions import definition_of
 from lunar_rover_sim.run.lockstep import WrittenStamps
 from lunar_rover_sim.run.node_config import RecorderNodeConfig
 from lunar_rover_sim.run.publication import is_recorded

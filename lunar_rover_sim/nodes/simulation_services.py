@@ -17,7 +17,7 @@ from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions
 from lunar_rover_sim.nodes.node_main import GraphNode
-from lunar_rover_sim.nodes.stepping import ServiceThread
+from lunar_rover_sim.nodes.pacing import ServiceThread
 from lunar_rover_sim.physics.state import RoverState
 
 ENTITY = 'lunar_rover'      # the name in the URDF

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+import dataclasses
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -21,7 +23,6 @@ from lunar_rover_sim.run.child_process import dies_with_parent, signal_name
 from lunar_rover_sim.run.node_state import NodeState, StateReader
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.run.ros_installation import dds_environment
-from lunar_rover_sim.run.thread_states import is_at_work, Looks
 
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
 # left to add to it. A process that still works then, on a busy machine, is given more.
@@ -301,3 +302,160 @@ def _is_suspended(process: psutil.Popen) -> bool:
         return bool(process.status() == psutil.STATUS_STOPPED)
     except psutil.Error:
         return False
+
+
+_WORKING = frozenset('RD')      # R: runs or waits for a core; D: waits for a disk
+
+
+class Looks:
+    """Share of samples in which a process was active. Idle processes wake up briefly, too."""
+
+    def __init__(self) -> None:
+        self._count = self._working = 0
+
+    def add(self, working: bool) -> None:
+        """Note one look."""
+        self._count += 1
+        self._working += working
+
+    @property
+    def idle(self) -> bool:
+        """Whether less than half of the looks saw work."""
+        return 2 * self._working < self._count
+
+
+def is_at_work(pid: int) -> bool:
+    """Return whether any thread of a process runs, would if it had a core, or waits for a disk.
+
+    A process that does not exist any more is not at work. The load of the machine changes how
+    much time a process gets, but not the answer.
+    """
+    try:
+        return any(_state(task / 'stat') in _WORKING
+                   for task in Path(f'/proc/{pid}/task').iterdir())
+    except OSError:
+        return False
+
+
+def _state(file: Path) -> str:
+    """Return the state letter: it follows the last parenthesis, as the name may hold others."""
+    try:
+        return file.read_text(encoding='utf-8', errors='replace').rpartition(') ')[2][:1]
+    except OSError:     # the thread has ended
+        return ''
+
+
+_LINE = re.compile(rb'\[(WARN|ERROR|FATAL)\] \[[\d.]+\] \[([^\]]*)\]: (.*)')
+_NUMBER = re.compile(r'-?(\d[\d.e+-]*|\b(nan|inf)\b)')
+_COUNTED = re.compile(r'\(\d+ so far\)')
+# A node that floods its log does not hold up the run.
+_MOST_BYTES = 1 << 16
+
+
+@dataclasses.dataclass(frozen=True)
+class NodeWarning:
+    """One line of level WARN or worse in the log of a node."""
+
+    node: str
+    level: str
+    text: str
+
+    def __str__(self) -> str:
+        return f'{self.node}: {self.level}: {self.text}'
+
+
+class NodeLogs:
+    """Reads the logs of nodes as they grow.
+
+    path_by_node: node → its log, which need not exist yet
+    """
+
+    def __init__(self, path_by_node: Mapping[str, Path]) -> None:
+        self._paths = dict(path_by_node)
+        self._offsets = dict.fromkeys(self._paths, 0)
+        self._warnings: list[NodeWarning] = []
+
+    def new_warnings(self) -> list[NodeWarning]:
+        """Return the warnings and errors that were written since the last call."""
+        new = [warning for node in self._paths for warning in self._read(node)]
+        self._warnings += new
+        return new
+
+    def summary(self) -> list[str]:
+        """Return one line per kind of warning so far; texts may differ in numbers.
+
+        Of a warning that counts itself, `(N so far)`, the last line tells all.
+        """
+        kinds: dict[tuple[str, str], list[NodeWarning]] = {}
+        for warning in self._warnings:
+            key = warning.node, _NUMBER.sub('#', warning.text)
+            kinds.setdefault(key, []).append(warning)
+        return [f'{same[-1]}' + (f' ({len(same)} times; the last one is shown)'
+                                 if len(same) > 1 and not _COUNTED.search(same[-1].text) else '')
+                for same in kinds.values()]
+
+    def _read(self, node: str) -> list[NodeWarning]:
+        path, offset = self._paths[node], self._offsets[node]
+        if not path.exists() or path.stat().st_size <= offset:
+            return []
+        with path.open('rb') as file:
+            file.seek(offset)
+            chunk = file.read(_MOST_BYTES)
+        # The rest of a line that is being written is read by the next call.
+        whole = chunk[:chunk.rfind(b'\n') + 1]
+        self._offsets[node] += len(whole) if whole or len(chunk) < _MOST_BYTES else len(chunk)
+        return [NodeWarning(node, match[1].decode(), match[3].decode(errors='replace'))
+                for match in map(_LINE.match, whole.splitlines()) if match]
+
+
+RECORDER = 'recorder_node'
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """What follows when a node has ended; '' is nothing.
+
+    stop: the node to be stopped next
+    lost: how a node ended, if the run goes on without it
+    failure: why the run has failed; then all nodes are to be stopped
+    mark: why the bag is to be marked as failed: no recorder can add to it any more
+    """
+
+    stop: str = ''
+    lost: str = ''
+    failure: str = ''
+    mark: str = ''
+
+
+class Ending:
+    """The end of one run: its nodes are stopped one by one, the recorder last."""
+
+    def __init__(self, nodes: Collection[str], may_fail: Collection[str] = ()) -> None:
+        """Take the names of all nodes, and of those without which the run goes on."""
+        self._running = [name for name in STOP_ORDER if name in nodes]
+        self._may_fail = may_fail
+        self._stopping = False
+        self._failure = ''
+
+    def after(self, name: str, status: int, shutting_down: bool = False) -> Step:
+        """Return what follows when a node has ended with a status.
+
+        Status 0 is that of physics at its end, and of every node after a signal: each ends the
+        run, but for those without which it goes on. Once the run ends, a node that it can do
+        without may fail as well; the others are stopped all the same.
+        shutting_down: somebody else stops all nodes, by Ctrl-C or after a failure
+        """
+        self._running.remove(name)
+        described = f'{name} has ended with status {status}'
+        if name in self._may_fail:
+            if not (self._stopping or shutting_down):
+                return Step(lost=f'{described}; the run goes on')
+        elif status != 0 and not shutting_down:
+            self._failure = f'the run failed: {described}'
+        mark = '' if RECORDER in self._running else self._failure
+        if shutting_down:
+            return Step(mark=mark)
+        if self._failure:
+            return Step(failure=described, mark=mark)
+        self._stopping = True
+        return Step(stop=self._running[0] if self._running else '')

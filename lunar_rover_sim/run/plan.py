@@ -5,6 +5,7 @@ It needs no ROS: `record` and the launch file both start what `prepare` returns.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 import json
 import math
@@ -256,3 +257,22 @@ def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
             parameters['scenario_file'] = str(folder / SCENARIO_FILE)
         plans.append(NodePlan(name, parameters))
     return plans
+
+
+def rover_overrides(rovers: Sequence[str], rover: str) -> list[str]:
+    """Return the overrides of a scenario, `section.parameter=value`, for one of several rovers.
+
+    Each rover of a graph is in a namespace, with its own physics, on a world of its own that
+    equals that of the others: rovers neither touch nor see each other. Each physics_node waits for the
+    joint states of all others as for any participant. So in lockstep all have the same simulated
+    time after every state; in real time they start together and follow the wall clock. The first
+    publishes /clock for all.
+
+    Args:
+        rovers: The namespaces of all rovers, without slashes.
+        rover: One of them.
+    """
+    others = [f'/{other}/{topics.JOINT_STATES.name}' for other in rovers if other != rover]
+    return [f'physics_node.wait.topics=[{", ".join(others)}]',
+            f'physics_node.wait.lags_s=[{", ".join(["0.0"] * len(others))}]',
+            f'physics_node.publish_clock={str(rover == rovers[0]).lower()}']

@@ -18,15 +18,12 @@ from lunar_rover_sim.errors import ConfigError, did_you_mean, GraphError
 from lunar_rover_sim.files.paths import check_new_folder
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, ground_conditions
-from lunar_rover_sim.run.clock_reader import check_domain, ClockReader
-from lunar_rover_sim.run.dated_scenario import dated_sun
-from lunar_rover_sim.run.domain import OwnDomain
-from lunar_rover_sim.run.node_logs import NodeLogs
-from lunar_rover_sim.run.node_processes import NodeProcesses
+from lunar_rover_sim.run.node_processes import NodeLogs, NodeProcesses
 from lunar_rover_sim.run.plan import BAG_FOLDER, prepare, resolve
 from lunar_rover_sim.run.publication import silent_topics
+from lunar_rover_sim.run.ros_domain import check_domain, ClockReader, OwnDomain
 from lunar_rover_sim.run.ros_installation import require_ros
-from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.run.scenario import dated_sun, Scenario
 from lunar_rover_sim.run.supervisor import Limits, supervise
 from lunar_rover_sim.world.world_folder import load_world
 

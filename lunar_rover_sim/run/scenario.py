@@ -18,23 +18,24 @@ from typing import Any
 
 from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.files.paths import find_file, packaged_names
-from lunar_rover_sim.files.yaml_text import yaml_of
+from lunar_rover_sim.files.paths import find_file, packaged_names, user_path
+from lunar_rover_sim.files.yaml_text import parse_yaml, read_yaml, yaml_of
+from lunar_rover_sim.illumination.config import SunConfig
+from lunar_rover_sim.illumination.sun_of_date import given_site, sun_of_date
 from lunar_rover_sim.illumination.sun_path import check_last_date
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.parameters import merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
-from lunar_rover_sim.run.dated_scenario import dated_sun
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
                                              LidarNodeConfig, NODE_CONFIGS, PhysicsNodeConfig,
                                              RecorderNodeConfig, RenderNodeConfig, SlamNodeConfig)
-from lunar_rover_sim.run.params_files import ROS_KEY, SHARED
-from lunar_rover_sim.run.scenario_sections import override_sections, read_sections
+from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
 from lunar_rover_sim.run.shared_config import LOCKSTEP, MAX_DURATION_S, NodeConfig
 from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.config import WorldConfig
+from lunar_rover_sim.world.config import DEM, WorldConfig
 from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.site import reported_site, Site
 from lunar_rover_sim.world.world_folder import load_world as load_world_folder
 
 
@@ -263,3 +264,131 @@ def _without_empty_lists(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {k: _without_empty_lists(v) for k, v in value.items() if v != []}
     return value
+
+
+def read_sections(path: Path) -> dict[str, Any]:
+    """Return section → nested values of a scenario file; ConfigError for unknown sections."""
+    document = read_yaml(path, MAX_BYTES)
+    if document is None:
+        document = {}
+    if not isinstance(document, Mapping):
+        raise ConfigError(f'{path}: not a scenario; valid is a mapping of sections')
+    sections: dict[str, Any] = {}
+    programs = {name: node for node in NODE_CONFIGS for name in section_names(node)}
+    for name, body in document.items():
+        section = programs.get(name, name)
+        if section not in _section_names():
+            raise ConfigError(f'{path}: no such section {brief(section)}; '
+                              f'{nearest(str(section), _section_names())}')
+        if section in sections:
+            raise ConfigError(f'{path}: section {section} is given twice')
+        if not isinstance(body, Mapping) or set(body) != {ROS_KEY}:
+            raise ConfigError(f'{path}: section {section!r} must hold {ROS_KEY!r} and nothing '
+                              'else')
+        values = body[ROS_KEY]
+        if values is not None and not isinstance(values, Mapping):
+            raise ConfigError(f'{path}: {section}.{ROS_KEY} is not a mapping of parameters')
+        sections[section] = nest(values or {}, section)
+    return sections
+
+
+def _section_names() -> tuple[str, ...]:
+    return (SHARED, 'world', 'rover', 'run', *NODE_CONFIGS)
+
+
+def _shared_names() -> list[str]:
+    return [field.name for field in dataclasses.fields(NodeConfig)]
+
+
+def override_sections(overrides: Iterable[str] | Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return each override as nested sections; ConfigError where they are no texts."""
+    items: list[Any] = list(overrides) if isinstance(overrides, Iterable) else [overrides]
+    if isinstance(overrides, str) or not all(isinstance(item, str) for item in items):
+        raise ConfigError(f'overrides: {brief(overrides)} is not valid; valid is a list of '
+                          "'section.parameter=value', or a mapping of 'section.parameter' to "
+                          'values')
+    if isinstance(overrides, Mapping):
+        return [_override(name, value, f'overrides: {name}') for name, value in overrides.items()]
+    return [_parse_override(text) for text in items]
+
+
+def _parse_override(override: str) -> dict[str, Any]:
+    name, equals, text = override.partition('=')
+    if not equals or not name:
+        raise ConfigError(f'--set {override}: valid is section.parameter=value')
+    return _override(name, parse_yaml(text, f'--set {override}'), f'--set {override}')
+
+
+def _override(name: str, value: Any, where: str) -> dict[str, Any]:
+    """Return one parameter as nested sections; `where` names it in the ConfigError."""
+    section, dot, parameter = name.partition('.')
+    if not dot and section in _shared_names():
+        return {SHARED: {section: value}}
+    if not dot or section not in _section_names():
+        valid = [s for s in _section_names() if s != SHARED]
+        valid += [] if dot else _shared_names()
+        raise ConfigError(f'{where}: no such section {brief(section)}; '
+                          f'{nearest(section, valid)}')
+    return {section: nest({parameter: value})}
+
+
+# Two directions of grid north that differ by less are the same [deg].
+_SAME_DEG = 0.01
+
+
+def dated_sun(sun: SunConfig, world: WorldConfig, used: World | None = None) -> SunConfig:
+    """Return the sun with azimuth and elevation of its date; without a date, as it is.
+
+    used: a world that is used instead of the one of the parameters
+    A given site is held against the used world, or an elevation model, that says where it is.
+    Raises ConfigError or WorldError that names the parameter, its value and what is valid.
+    """
+    if not sun.date:
+        return sun
+    try:
+        given = given_site(sun.site)
+        if given is not None:
+            _check_given(given, world, used)
+            return sun_of_date(sun, None)
+        if used is not None:
+            return sun_of_date(sun, reported_site(used.report))
+        return sun_of_date(sun, _dem_site(world) if world.source == DEM else None)
+    except ConfigError as error:
+        raise ConfigError(f'render_node.{error}') from None
+
+
+def _check_given(given: Site, world: WorldConfig, used: World | None) -> None:
+    """Raise ConfigError unless the site is in the world and its grid north is right."""
+    place = given.lon_deg, given.lat_deg
+    try:
+        if used is not None:
+            there = _site_in_world(used, place)
+        # A recorded scenario may be read where its elevation model is not.
+        elif world.source == DEM and user_path(world.path, 'path').exists():
+            there = _dem_site(world, place)
+        else:
+            return
+    except WorldError as error:
+        raise ConfigError(f'sun.site: {error}') from None
+    if there is None:
+        return
+    difference = (given.grid_north_deg - there.grid_north_deg + 180.0) % 360.0 - 180.0
+    if abs(difference) > _SAME_DEG:
+        raise ConfigError(
+            f'sun.site.grid_north_deg: {given.grid_north_deg:g} is not valid; valid is '
+            f'{there.grid_north_deg:.4f}, which the projection of '
+            f'{world.path if used is None else "the world"} says for longitude '
+            f'{given.lon_deg:g}, latitude {given.lat_deg:g}; or set '
+            'render_node.sun.site.source=world')
+
+
+def _site_in_world(world: World, lon_lat_deg: tuple[float, float]) -> Site | None:
+    # Here, because rasterio takes time to import, and most runs need none of it.
+    from lunar_rover_sim.world.map_projection import site_in_world
+    return site_in_world(world, *lon_lat_deg)
+
+
+def _dem_site(world: WorldConfig, lon_lat_deg: tuple[float, float] | None = None) -> Site | None:
+    # Here, because what reads elevation models takes time to import, and most runs need none.
+    from lunar_rover_sim.world.dem import dem_site
+    return dem_site(world, lon_lat_deg)

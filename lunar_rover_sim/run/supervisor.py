@@ -7,12 +7,11 @@ import dataclasses
 import time
 
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.run.clock_reader import ClockReader
 from lunar_rover_sim.run.lockstep import STARTED_NS
-from lunar_rover_sim.run.node_processes import NodeProcesses
+from lunar_rover_sim.run.node_processes import Looks, NodeProcesses
 from lunar_rover_sim.run.plan import awaits_others
+from lunar_rover_sim.run.ros_domain import ClockReader
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.run.thread_states import Looks
 
 _POLL_S = 0.1
 # physics_node names the participant that it waits for before the supervisor names physics_node. It

@@ -29,7 +29,7 @@ from std_msgs.msg import Header
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
-from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.ros_domain import OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
 

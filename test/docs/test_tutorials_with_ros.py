@@ -14,7 +14,7 @@ from snippets import ROOT, Snippet, snippets
 import yaml
 
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.ros_domain import OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros

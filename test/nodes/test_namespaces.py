@@ -18,8 +18,8 @@ from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.files.paths import find_file  # noqa: E402
 from lunar_rover_sim.inspection.check import check  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve, SCENARIO_FILE  # noqa: E402
+from lunar_rover_sim.run.plan import rover_overrides  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
-from lunar_rover_sim.run.several_rovers import overrides  # noqa: E402
 
 
 def test_a_scenario_holds_under_another_name(peer: Peer) -> None:
@@ -40,7 +40,7 @@ def test_two_rovers_share_one_time(tmp_path: Path, world_folder: Path, domain: i
     try:
         for k, rover in enumerate(rovers):
             scenario = resolve(Scenario.load('flat', [
-                *overrides(rovers, rover), f'physics_node.start.y_m={k}',
+                *rover_overrides(rovers, rover), f'physics_node.start.y_m={k}',
                 'run.nodes=[physics_node, gait_controller_node, recorder_node]'],
                 duration_s=0.5))
             folder = tmp_path / rover

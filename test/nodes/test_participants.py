@@ -28,9 +28,9 @@ from lunar_rover_sim.bag.messages import header_ns  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.files.paths import config_folder  # noqa: E402
-from lunar_rover_sim.run.clock_reader import check_domain  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import prepare, resolve  # noqa: E402
+from lunar_rover_sim.run.ros_domain import check_domain  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 WAIT = ('-p', 'time_mode:=lockstep', '-p', 'wait.topics:=[joint_commands]', '-p',

@@ -22,9 +22,9 @@ from peer import Peer  # noqa: E402  (needs rclpy)
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from lunar_rover_sim.errors import GraphError  # noqa: E402
-from lunar_rover_sim.run.clock_reader import check_domain  # noqa: E402
 from lunar_rover_sim.run.node_processes import NodeProcesses  # noqa: E402
 from lunar_rover_sim.run.plan import NodePlan  # noqa: E402
+from lunar_rover_sim.run.ros_domain import check_domain  # noqa: E402
 
 SCRIPTS = Path(__file__).resolve().parents[2] / 'resource' / 'nodes'
 
@@ -168,7 +168,7 @@ def test_a_probe_that_cannot_leave_the_graph_is_ended(
     """What it found counts."""
     (tmp_path / 'sitecustomize.py').write_text("""
 import rclpy.node
-from lunar_rover_sim.nodes import leaving
+from lunar_rover_sim.nodes import node_main
 leaving._LIMIT_S = 1
 
 def destroy_node(self):

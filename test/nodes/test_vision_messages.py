@@ -18,7 +18,7 @@ from std_msgs.msg import Header  # noqa: E402
 from lunar_rover_sim import topics  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import vision_conversions  # noqa: E402
-from lunar_rover_sim.nodes.type_definitions import definition_of  # noqa: E402
+from lunar_rover_sim.nodes.message_types import definition_of  # noqa: E402
 from lunar_rover_sim.rendering.labels import class_names, LABEL_FIRST_ROCK  # noqa: E402
 from lunar_rover_sim.sequences.instances import instances  # noqa: E402
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from lunar_rover_sim.nodes.wall_pace import WallPace
+from lunar_rover_sim.nodes.pacing import WallPace
 
 
 class Wall:
@@ -30,7 +30,7 @@ class Wall:
 def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
     """Give a wall clock that stands still."""
     wall = Wall()
-    monkeypatch.setattr('lunar_rover_sim.nodes.wall_pace.time', wall)
+    monkeypatch.setattr('lunar_rover_sim.nodes.pacing.time', wall)
     return wall
 
 

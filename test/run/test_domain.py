@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, GraphError
-from lunar_rover_sim.run.domain import OwnDomain
+from lunar_rover_sim.run.ros_domain import OwnDomain
 
 
 @pytest.mark.parametrize('domain', [-1, 233, 10**9, '7', 1.5])

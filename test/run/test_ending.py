@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lunar_rover_sim.run.ending import Ending, Step
+from lunar_rover_sim.run.node_processes import Ending, Step
 
 NODES = ('recorder_node', 'drive_node', 'physics_node', 'gait_controller_node', 'render_node',
          'lidar_node')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lunar_rover_sim.run.node_logs import NodeLogs
+from lunar_rover_sim.run.node_processes import NodeLogs
 
 
 def test_warnings_are_read_once_and_summed_up(tmp_path: Path) -> None:

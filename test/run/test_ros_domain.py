@@ -11,7 +11,7 @@ import pytest
 from waiting import wait_until
 
 from lunar_rover_sim.errors import GraphError
-from lunar_rover_sim.run.clock_reader import check_domain, ClockReader
+from lunar_rover_sim.run.ros_domain import check_domain, ClockReader
 
 NOISE = '2026-11-25 [RTPS_TRANSPORT_SHM Error] Failed init_port\n'
 
