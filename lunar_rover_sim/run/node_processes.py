@@ -129,7 +129,7 @@ class NodeProcesses:
     def _has_done_its_work(self, name: str) -> bool:
         """Return whether a node that has ended has nothing left undone.
 
-        SIGALRM ends a node that DDS keeps from leaving (`nodes.leaving`).
+        SIGALRM ends a node that DDS keeps from leaving (`nodes.node_main.bound_leaving`).
         """
         status = self._processes[name].returncode
         return status == 0 or (status == -signal.SIGALRM and not self._fatal_reason(name))

@@ -263,10 +263,10 @@ def rover_overrides(rovers: Sequence[str], rover: str) -> list[str]:
     """Return the overrides of a scenario, `section.parameter=value`, for one of several rovers.
 
     Each rover of a graph is in a namespace, with its own physics, on a world of its own that
-    equals that of the others: rovers neither touch nor see each other. Each physics_node waits for the
-    joint states of all others as for any participant. So in lockstep all have the same simulated
-    time after every state; in real time they start together and follow the wall clock. The first
-    publishes /clock for all.
+    equals that of the others: rovers neither touch nor see each other. Each physics_node waits for
+    the joint states of all others as for any participant. So in lockstep all have the same
+    simulated time after every state; in real time they start together and follow the wall clock.
+    The first publishes /clock for all.
 
     Args:
         rovers: The namespaces of all rovers, without slashes.
