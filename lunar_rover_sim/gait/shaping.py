@@ -15,8 +15,8 @@ from lunar_rover_sim.frames import Array
 class ShapingFunction:
     """Maps phase [cycles] to leg angle [rad]; one cycle turns the leg by one spoke pitch.
 
-    Phase 0 is the middle of stance: a spoke points straight down (angle 0). Stance is |phase| <=
-    duty / 2, where the angle runs from -foot_width / 2 to +foot_width / 2; flight is the rest of
+    Phase 0 is the middle of stance: a spoke points straight down (angle 0). In stance
+    `|phase| <= duty / 2`, and the angle runs from -foot_width / 2 to +foot_width / 2; flight is the rest of
     the cycle and brings the next spoke to the same place. The function is odd, so walking backward
     is the same motion in reverse, and angle(phase + 1) = angle(phase) + pitch.
 

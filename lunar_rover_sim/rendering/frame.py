@@ -34,7 +34,7 @@ class StereoFrame:
             there lies in, as `crater_map` defines it; 0 outside all craters and where no ground is
             seen.
         shadow: (h, w, 3) uint8, each over 255: the share of the sun that is seen, the share that
-            the rover alone hides, and 1 - |2 seen - 1|, which is 0 where all or nothing is lit.
+            the rover alone hides, and `1 - |2 seen - 1|`, which is 0 where all or nothing is lit.
             They are those of the picture, relief below the grid included, before lens, motion and
             sensor; a share of the disc in penumbrae, of the ground where shadows are finer than a
             pixel; sky 0.

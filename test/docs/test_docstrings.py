@@ -41,3 +41,5 @@ def test_sections(value: Any) -> None:
     assert described <= names
     assert not re.search(r'\bRaises [A-Z]\w+Error', prose)
     assert not [name for name in names if re.search(rf'^{name}(, \w+)*: ', prose, re.M)]
+    # Markup by accident: substitutions of reStructuredText.
+    assert not re.search(r'\|\S[^|\n]*\S\|', re.sub(r'`[^`]*`', '', text))
