@@ -162,7 +162,7 @@ def test_changelog_by_kind() -> None:
         for bullet in re.split(r'^\* ', release, flags=re.M)[1:]:
             lines = bullet.split('\n\n')[0].strip().splitlines()
             assert len(lines) <= 2, lines
-            assert all(len(line) <= 120 for line in lines), lines
+            assert all(len(line) <= 130 for line in lines), lines
 
 
 def test_all_files_are_installed(prefix: Path) -> None:

@@ -16,9 +16,9 @@ class ShapingFunction:
     """Maps phase [cycles] to leg angle [rad]; one cycle turns the leg by one spoke pitch.
 
     Phase 0 is the middle of stance: a spoke points straight down (angle 0). In stance
-    `|phase| <= duty / 2`, and the angle runs from -foot_width / 2 to +foot_width / 2; flight is the rest of
-    the cycle and brings the next spoke to the same place. The function is odd, so walking backward
-    is the same motion in reverse, and angle(phase + 1) = angle(phase) + pitch.
+    `|phase| <= duty / 2`, and the angle runs from -foot_width / 2 to +foot_width / 2; flight is
+    the rest of the cycle and brings the next spoke to the same place. The function is odd, so
+    walking backward is the same motion in reverse, and angle(phase + 1) = angle(phase) + pitch.
 
     The slope is a trapezium with raised-cosine flanks in each segment. `stance_smoothing` and
     `flight_smoothing` (0 to 1) are the shares of the segment taken by its flanks; all flanks meet
