@@ -11,6 +11,7 @@ import ctypes
 import dataclasses
 import functools
 import logging
+import math
 from pathlib import Path
 
 import mujoco
@@ -61,7 +62,7 @@ class SoftGround:
                  varies: SoilMap | None = None) -> None:
         self.overlay = Overlay()
         self.soil = soil
-        self._model, self._data, self._rover, self._ground = model, data, rover, ground
+        self._rover, self._ground = rover, ground
         self._step_s = float(model.opt.timestep)
         first_leg = int(model.geom_bodyid[rows.first_tip])
         legs = len(np.unique(model.geom_bodyid[rows.first_tip:rows.first_tip + 2 * rows.tips:2]))
@@ -72,8 +73,16 @@ class SoftGround:
             varies.looseness.heights_m * np.float32(varies.variation))
         self._loose_cell_m = 1.0 if varies is None else varies.looseness.cell_m
         self._slipped = np.zeros(legs)
-        self._wrench = data.cfrc_ext[first_leg:first_leg + legs]
-        self._torque = data.qfrc_actuator[6:6 + legs]
+        # MuJoCo's arrays stay where they are; asking for them takes longer than a step of the law.
+        self._given = (data.qpos, data.qvel, self._legs, self._tips, self._soil,
+                       dig_table(soil.shape), DEEPEST, ground.heights_m, ground.cell_m,
+                       _NO_MAP if varies is None else
+                       varies.looseness.heights_m * np.float32(varies.variation),
+                       1.0 if varies is None else varies.looseness.cell_m)
+        self._moved = (data.mocap_pos, data.mocap_quat, model.pair_friction, model.pair_solref,
+                       self._slipped, data.cfrc_ext[first_leg:first_leg + legs],
+                       data.qfrc_actuator[6:6 + legs])
+        self._addresses = _mj_step(), model._address, data._address
         self._walls = WallSlides(ground, soil.repose_deg, self._step_s, legs)
         self._windows: list[Window | None] = [None] * rows.tips
         self._slid_at = np.zeros(rows.tips)     # way slipped when the walls of the rut slid
@@ -93,19 +102,14 @@ class SoftGround:
         Raises:
             PhysicsError: a tip has diverged.
         """
-        model, data, overlay = self._model, self._data, self.overlay
+        overlay, walls = self.overlay, self._walls
         end = self._count + steps
         while self._count < end:
-            if self._count >= self._walls.next_step:
-                self._walls.slide_due(overlay, self._count)
+            if self._count >= walls.next_step:
+                walls.slide_due(overlay, self._count)
             made, event = law.advance(
-                _mj_step(), model._address, data._address,
-                int(min(end, self._walls.next_step)) - self._count, data.qpos, data.qvel,
-                self._legs, self._tips, self._soil, dig_table(self.soil.shape), DEEPEST,
-                self._ground.heights_m, self._ground.cell_m, self._loose, self._loose_cell_m,
-                overlay.index, overlay.origin, overlay.samples, data.mocap_pos, data.mocap_quat,
-                model.pair_friction, model.pair_solref, self._slipped, self._wrench,
-                self._torque, wrench, torque)
+                *self._addresses, int(min(end, walls.next_step)) - self._count, *self._given,
+                overlay.index, overlay.origin, overlay.samples, *self._moved, wrench, torque)
             self._count += made
             if event:
                 self._leave_prints()
@@ -156,10 +160,10 @@ class SoftGround:
                     f'at {self._count * self._step_s:.3f} s tip {k % spoke} of leg'
                     f' {LEG_NAMES[k // spoke]} has diverged: {tip["depth"]:.3g} m'
                     f' deep, {tip["force"]:.3g} N')
-            if not np.array_equal(tip['low'], tip['pressed'], equal_nan=True):
-                window = press(self.overlay, self._ground, tuple(tip['pressed'].tolist()),
-                               tuple(tip['low'].tolist()), self._rover.legs.tip_radius_m,
-                               self.soil.compacted)
+            start, end = tip['pressed'].tolist(), tip['low'].tolist()
+            if start != end and not math.isnan(start[2]):
+                window = press(self.overlay, self._ground, start, end,
+                               self._rover.legs.tip_radius_m, self.soil.compacted)
                 tip['pressed'] = tip['low']
                 known = self._windows[k]
                 self._windows[k] = window if known is None else hull(known, window)

@@ -14,6 +14,7 @@ would run on without end.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 
 import numpy as np
@@ -33,7 +34,7 @@ _SWEEPS, _MOST_SWEEPS = 32, 384     # until it is looked whether soil still slid
 _GROW, _OVER_EDGE_M = 6, 2e-4    # samples by which a window grows where so much runs over its edge
 _CELL_M, _TILE = 0.005, 20      # as `regolith/overlay.py` has them
 
-Point = tuple[float, float, float]
+Point = Sequence[float]     # x, y, z
 Window = tuple[int, int, int, int]
 
 
