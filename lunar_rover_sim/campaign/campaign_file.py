@@ -62,8 +62,10 @@ class CampaignConfig(Parameters):
 class Campaign:
     """A campaign file as read.
 
-    settings, vary: value, or distribution, by full name of the parameter
-    folder: that of the campaign file, in which a base scenario by relative path is looked up
+    Attributes:
+        settings: Value by full name of the parameter.
+        vary: Distribution by full name of the parameter.
+        folder: That of the campaign file, in which a base scenario by relative path is looked up.
     """
 
     config: CampaignConfig

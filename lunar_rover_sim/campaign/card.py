@@ -81,8 +81,10 @@ def make_card(dataset: Path) -> dict[str, Any]:
 def write_card(dataset: Path) -> dict[str, Any]:
     """Write the data card into the folder of a data set, in four files; return it.
 
-    card.json, README.md, episodes.csv and croissant.json. Raises CampaignError if the folder is
-    not a data set, or they cannot be written.
+    card.json, README.md, episodes.csv and croissant.json.
+
+    Raises:
+        CampaignError: If the folder is not a data set, or they cannot be written.
     """
     card = make_card(dataset)
     try:

@@ -44,8 +44,10 @@ def croissant(card: Mapping[str, Any], description: str, contents: Mapping[str, 
               kept: Mapping[str, str]) -> dict[str, Any]:
     """Return the description of a data set as JSON-LD.
 
-    card: see `card.make_card`; contents: those of CARD_FILE and EPISODE_TABLE
-    kept: folders that each episode holds, with what is in them
+    Args:
+        card: See `card.make_card`.
+        contents: Those of CARD_FILE and EPISODE_TABLE.
+        kept: Folders that each episode holds, with what is in them.
     """
     return {
         '@context': _CONTEXT, '@type': 'sc:Dataset', 'conformsTo': _CONFORMS_TO,

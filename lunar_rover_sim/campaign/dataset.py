@@ -26,7 +26,9 @@ from lunar_rover_sim.files.paths import lock
 class DatasetProgress:
     """The state of a data set: names of finished, failed and missing episodes.
 
-    failed: name → error; remade: name → why a finished episode is made again
+    Attributes:
+        failed: Name → error.
+        remade: Name → why a finished episode is made again.
     """
 
     finished: list[str] = dataclasses.field(default_factory=list)
@@ -38,7 +40,8 @@ class DatasetProgress:
 class Dataset:
     """The folder of a data set that is being made; locked while it is open. Context manager.
 
-    Raises CampaignError if the folder holds something else or is in use, or cannot be written.
+    Raises:
+        CampaignError: If the folder holds something else or is in use, or cannot be written.
     """
 
     def __init__(self, folder: Path, campaign: Campaign) -> None:
@@ -64,9 +67,13 @@ class Dataset:
                seen: Callable[[str], None] = lambda name: None) -> DatasetProgress:
         """Return which episodes are finished, failed and missing; all their files are read.
 
-        retry: failed episodes count as missing; seen: called with the name of each episode
-        Raises CampaignError if an episode was made from another scenario, so that the folder
-        belongs to another campaign.
+        Args:
+            retry: Failed episodes count as missing.
+            seen: Called with the name of each episode.
+
+        Raises:
+            CampaignError: If an episode was made from another scenario, so that the folder belongs
+                to another campaign.
         """
         progress = DatasetProgress()
         for plan in plans:
@@ -130,7 +137,8 @@ def mapping_hash(mapping: Mapping[str, Any]) -> str:
 def manifests(folder: Path) -> Iterator[dict[str, Any]]:
     """Yield the manifests of the episodes in the folder of a data set, by name.
 
-    Raises CampaignError if the folder is not a data set, or a manifest is damaged.
+    Raises:
+        CampaignError: If the folder is not a data set, or a manifest is damaged.
     """
     if not (folder / EPISODES).is_dir():
         raise CampaignError(f'{folder}: is not a data set (it has no folder {EPISODES})')

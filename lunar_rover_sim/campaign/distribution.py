@@ -37,7 +37,8 @@ _DIGITS = 9
 class Distribution:
     """One distribution; `numbers` are its two numbers, or its values for a choice.
 
-    levels: number of values in a grid; 0 if the file names none
+    Attributes:
+        levels: Number of values in a grid; 0 if the file names none.
     """
 
     kind: str

@@ -30,7 +30,8 @@ _GRACE_S = 20.0        # the recorder finishes its bag
 class EpisodeTask:
     """What a worker needs to make an episode; plain values, as it may go to another machine.
 
-    token: content of the token file of the data set, by which a worker recognises the folder
+    Attributes:
+        token: Content of the token file of the data set, by which a worker recognises the folder.
     """
 
     plan: EpisodePlan
@@ -55,8 +56,10 @@ def make_episode(task: EpisodeTask, dataset: str | Path,
                  stop: Callable[[], bool] = lambda: False) -> Outcome:
     """Make an episode of a data set in a child process; a failure is recorded, not raised.
 
-    stop: once it returns True, the child process is ended and the outcome is `interrupted`
     Several attempts at one episode do not disturb each other; the first to finish wins.
+
+    Args:
+        stop: Once it returns True, the child process is ended and the outcome is `interrupted`.
     """
     start = time.monotonic()
     dataset = Path(dataset)

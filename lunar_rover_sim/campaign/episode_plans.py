@@ -81,7 +81,8 @@ def episode(campaign: Campaign, name: str, drawn: Mapping[str, Any]) -> EpisodeP
 def episode_scenario(campaign: Campaign, name: str, drawn: Mapping[str, Any]) -> Scenario:
     """Return the scenario of an episode: the base, the settings, and what was drawn.
 
-    Raises ConfigError, with the episode's name, if the parameters do not fit together.
+    Raises:
+        ConfigError: If the parameters do not fit together; it names the episode.
     """
     values = {**campaign.settings, **drawn}
     base = values.pop(BASE, campaign.config.base)

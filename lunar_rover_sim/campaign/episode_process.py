@@ -52,8 +52,14 @@ def make(attempt: Path, episode: Path) -> None:
 def finish(folder: Path, task: dict[str, Any], run_wall_s: float) -> None:
     """Check the bag of a run, export it, and write the manifest.
 
-    folder: that of the run; task: what `EpisodeTask` asks for; run_wall_s: wall time of the run
-    Raises CampaignError if the check fails, SequenceError if the bag cannot be exported.
+    Args:
+        folder: That of the run.
+        task: What `EpisodeTask` asks for.
+        run_wall_s: Wall time of the run.
+
+    Raises:
+        CampaignError: If the check fails.
+        SequenceError: If the bag cannot be exported.
     """
     bag = folder / BAG_FOLDER
     report = check(bag)

@@ -26,7 +26,9 @@ _MOST_BYTES = 1 << 24
 def write_json(path: Path, content: Any) -> None:
     """Write a JSON file, whole or not at all, and force it to the disk.
 
-    Raises ValueError if the content is not JSON (such as NaN), OSError if it cannot be written.
+    Raises:
+        ValueError: If the content is not JSON (such as NaN).
+        OSError: If it cannot be written.
     """
     atomic_write(path, json_text(content))
 
@@ -68,7 +70,8 @@ def file_table(folder: Path) -> dict[str, dict[str, Any]]:
 def why_unfinished(folder: Path, scenario_hash: str | None = None) -> str | None:
     """Return why a folder is not that of a whole, unchanged episode of its plan; None if it is.
 
-    scenario_hash: SHA-256 of the scenario that it must have been made from; None for any.
+    Args:
+        scenario_hash: SHA-256 of the scenario that it must have been made from; None for any.
     """
     try:
         manifest = read_json(folder / MANIFEST)

@@ -50,9 +50,12 @@ def write_page(dataset: Path, card: dict[str, Any], output: Path, most: int = 10
                progress: Callable[[str], object] = lambda name: None) -> None:
     """Write the page of a data set with the given card.
 
-    most: number of episodes that are shown with pictures; the table has all
-    progress: called with the name of each of these
-    Raises CampaignError if the page cannot be written.
+    Args:
+        most: Number of episodes that are shown with pictures; the table has all.
+        progress: Called with the name of each of these.
+
+    Raises:
+        CampaignError: If the page cannot be written.
     """
     names = list(card['episodes'])
 

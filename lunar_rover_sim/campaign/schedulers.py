@@ -45,8 +45,10 @@ def run_on_cluster(tasks: Sequence[EpisodeTask], dataset: Path, address: str,
                    done: Callable[[Outcome], None]) -> None:
     """Make episodes on the cluster of the scheduler at `address` (tcp://host:port).
 
-    `done` is called in this thread with each outcome. Raises CampaignError if there is no such
-    scheduler, it has no workers, or Dask is not installed.
+    `done` is called in this thread with each outcome.
+
+    Raises:
+        CampaignError: If there is no such scheduler, it has no workers, or Dask is not installed.
     """
     try:
         import distributed  # here, because it is an optional dependency

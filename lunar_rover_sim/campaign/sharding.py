@@ -46,12 +46,16 @@ def write_shards(dataset: Path, output: Path, size: int, shares: Mapping[str, fl
                  seen: Callable[[str], None] = lambda name: None) -> list[str]:
     """Write the shards of a data set into the new folder `output`; return sentences about them.
 
-    size: samples a shard
-    shares: share of the worlds of each scenario for VALIDATION and TEST
-    seen: called with the name of each episode
-    Raises CampaignError if the folder is no data set, an episode has neither a bag nor shards, or
-    there are too few worlds; ConfigError if shares are not valid; SequenceError if the size is
-    not, and as `export` does.
+    Args:
+        size: Samples a shard.
+        shares: Share of the worlds of each scenario for VALIDATION and TEST.
+        seen: Called with the name of each episode.
+
+    Raises:
+        CampaignError: If the folder is no data set, an episode has neither a bag nor shards, or
+            there are too few worlds.
+        ConfigError: If shares are not valid.
+        SequenceError: If the size is not valid, and as `export` does.
     """
     check_size(size)
     if output.exists():
@@ -85,8 +89,10 @@ def split_worlds(drives: list[Episode], shares: Mapping[str, float]) -> dict[str
     """Return the split of each world by its hash.
 
     The order in which worlds are taken follows from their hashes, so that it is always the same.
-    Raises ConfigError for shares that are not valid, CampaignError where a scenario has too few
-    worlds for them.
+
+    Raises:
+        ConfigError: For shares that are not valid.
+        CampaignError: If a scenario has too few worlds for them.
     """
     for split, share in shares.items():
         if not 0.0 <= share < 1.0 or sum(shares.values()) >= 1.0:
@@ -144,8 +150,10 @@ def _take(episode: Path, name: str, folder: Path, split: str, first: int,
           size: int) -> list[Shard]:
     """Put the shards of an episode into a folder; return what they have become.
 
-    first: number of the first one
     They are made from the bag; where there is none, those that are there are taken as they are.
+
+    Args:
+        first: Number of the first one.
     """
     made = episode / WEBDATASET
     fresh = (episode / BAG_FOLDER).is_dir()

@@ -22,8 +22,10 @@ from lunar_rover_sim.files.paths import file_hash
 class Verification:
     """What was found.
 
-    planned: number of episodes of the plan; failed: names of those that could not be made
-    problems: name of an episode, of a file beside them, or of the plan → what is wrong
+    Attributes:
+        planned: Number of episodes of the plan.
+        failed: Names of those that could not be made.
+        problems: Name of an episode, of a file beside them, or of the plan → what is wrong.
     """
 
     planned: int
@@ -57,8 +59,11 @@ def status(dataset: Path) -> dict[str, Any]:
 def verify(dataset: Path, seen: Callable[[str], None] = lambda name: None) -> Verification:
     """Compare a data set with its plan, and each episode with its manifest; all files are read.
 
-    seen: called with the name of each episode
-    Raises CampaignError if the folder is no data set.
+    Args:
+        seen: Called with the name of each episode.
+
+    Raises:
+        CampaignError: If the folder is no data set.
     """
     folder = dataset / EPISODES
     there = {path.name: path for path in folder.iterdir()} if folder.is_dir() else {}
@@ -98,7 +103,8 @@ def _campaign(path: Path) -> Campaign:
 def _problem(episode: Path, drawn: Mapping[str, Any] | None) -> str:
     """Return what is wrong with the folder of an episode; '' if nothing is.
 
-    drawn: the values of its plan; None where the plan is not known
+    Args:
+        drawn: The values of its plan; None where the plan is not known.
     """
     if not episode.is_dir() or episode.is_symlink():
         return 'is not the folder of an episode'

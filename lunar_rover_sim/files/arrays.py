@@ -24,7 +24,9 @@ def read_archive(path: Path, error: type[LunarRoverSimError],
                  most_bytes: int) -> dict[str, NDArray]:
     """Return the arrays of a .npz file, read-only, by name.
 
-    most_bytes: of one array. Raises `error` if the file is damaged or an array is larger.
+    Args:
+        most_bytes: Of one array.
+        error: Class that is raised if the file is damaged or an array is larger.
     """
     check_regular(path, error)
     try:

@@ -24,13 +24,15 @@ def atomic_write(path: str | Path, content: str | bytes | Callable[[BinaryIO], o
                  error: type[LunarRoverSimError] | None = None) -> None:
     """Write a file, replacing an existing one.
 
-    path: the file; its folder must exist.
-    content: text (written as UTF-8), bytes, or a function that writes to the open binary file.
-    error: class of the package that is raised in place of OSError, with the path in its message.
-
     Raises `error`, or OSError where none is given, if the file cannot be written, or is a folder
     or a device. What `content` raises is passed on. In each case the file is as it was, and no
     temporary file is left.
+
+    Args:
+        path: The file; its folder must exist.
+        content: Text (written as UTF-8), bytes, or a function that writes to the open binary file.
+        error: Class of the package that is raised in place of OSError, with the path in its
+            message.
     """
     path = Path(path)
     temporary = _partial(path)

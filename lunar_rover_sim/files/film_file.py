@@ -34,9 +34,13 @@ def check_suffix(path: Path) -> None:
 def write_film(path: Path, frames: Iterator[U8], rate_hz: float, quality: int = 70) -> int:
     """Write (h, w, 3) RGB frames of one size to a new file; return their number.
 
-    quality: of a WebP, 1 to 100. The file is there when it is complete.
-    Raises ConfigError for an unknown suffix, without any frame, and if the file exists or cannot
-    be written; LunarRoverSimError where this OpenCV has no encoder.
+    Args:
+        quality: Of a WebP, 1 to 100.
+
+    Raises:
+        ConfigError: For an unknown suffix, without any frame, and if the file exists or cannot be
+            written.
+        LunarRoverSimError: If this OpenCV has no encoder.
     """
     check_suffix(path)
     with partial_folder(path, ConfigError) as folder:

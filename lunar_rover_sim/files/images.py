@@ -57,7 +57,8 @@ def _read(path: Path, error: type[LunarRoverSimError], mode: str) -> NDArray[Any
 def write_png(path: Path, pixels: NDArray[Any], compression: int = 3) -> None:
     """Write (h, w) or RGB (h, w, 3) pixels, 8 or 16 bits; compression: 0 to 9.
 
-    Raises OSError if the file cannot be written.
+    Raises:
+        OSError: If the file cannot be written.
     """
     data = png_bytes(pixels, compression)
     try:
@@ -78,7 +79,8 @@ def notebook_html(text: str, pixels: NDArray[Any] | None = None) -> str:
 def png_bytes(pixels: NDArray[Any], compression: int = 3) -> bytes:
     """Return (h, w) or RGB (h, w, 3) pixels, 8 or 16 bits, as a PNG file; compression: 0 to 9.
 
-    Raises OSError if they cannot be encoded.
+    Raises:
+        OSError: If they cannot be encoded.
     """
     if pixels.ndim == 3:
         pixels = np.ascontiguousarray(pixels[..., 2::-1])

@@ -19,7 +19,8 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 def config_folder() -> Path:
     """Return the folder `config/` of the source tree, or that in share/ of the installation.
 
-    Raises ConfigError if there is none.
+    Raises:
+        ConfigError: If there is none.
     """
     source = _PACKAGE.parent / 'config'
     if (source / 'scenarios').is_dir() and (_PACKAGE.parent / 'package.xml').is_file():
@@ -57,7 +58,8 @@ def packaged_names(kind: str) -> list[str]:
 def find_file(kind: str, name_or_path: str) -> Path:
     """Return the file of a kind, given by the name of a packaged one or by its path.
 
-    Raises ConfigError, which offers the nearest names, if there is none.
+    Raises:
+        ConfigError: If there is none; it offers the nearest names.
     """
     path = Path(name_or_path)
     if path.suffix in ('.yaml', '.yml') or '/' in name_or_path:
@@ -76,7 +78,8 @@ def find_file(kind: str, name_or_path: str) -> Path:
 def user_path(text: str, name: str) -> Path:
     """Return a path in which `~` is the home of the user.
 
-    name: of the parameter, for the ConfigError that is raised if there is no home.
+    Args:
+        name: Of the parameter, for the ConfigError that is raised if there is no home.
     """
     try:
         return Path(text).expanduser()
@@ -178,7 +181,10 @@ def lock(path: Path, mode: int | None = 0o644) -> int:
 
     The lock holds until the descriptor is closed or its process ends. mode: of a file that is
     made; None: none is made, and the file is only read.
-    Raises BlockingIOError where another descriptor holds the lock, OSError where there is none.
+
+    Raises:
+        BlockingIOError: If another descriptor holds the lock.
+        OSError: If there is none.
     """
     if path.is_dir():
         descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)

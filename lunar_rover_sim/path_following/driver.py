@@ -26,7 +26,9 @@ _METRES_PER_RADIAN = 0.3    # weight of progress in heading, for turns in place
 class DriveCommand:
     """The commanded velocity and the status of the drive.
 
-    status: waiting, driving, done or stopped; reason: one line, '' when driving.
+    Attributes:
+        status: One of waiting, driving, done, stopped.
+        reason: One line, '' when driving.
     """
 
     forward_mps: float
@@ -45,8 +47,9 @@ class Driver:
     def __init__(self, config: DriveConfig, half_extent_m: float | None = None) -> None:
         """Make a driver for a world that extends to +-half_extent_m [m]; None has no edge.
 
-        Raises ConfigError if a waypoint in odom is outside the world or nearer than `border_m`
-        to its edge.
+        Raises:
+            ConfigError: If a waypoint in odom is outside the world or nearer than `border_m` to
+                its edge.
         """
         self._config = config
         self._half_extent_m = math.inf if half_extent_m is None else half_extent_m
@@ -170,7 +173,9 @@ class Driver:
 def _check_waypoints(config: DriveConfig, half_extent_m: float) -> None:
     """Raise ConfigError if a waypoint in odom cannot be reached within the world.
 
-    half_extent_m: the world extends to +-half_extent_m [m]; the driver stops `border_m` before
+    Args:
+        half_extent_m: The world extends to +-half_extent_m [m]; the driver stops `border_m`
+            before.
     """
     if config.mode not in ('waypoints', 'spline') or config.shape != 'none' or config.relative:
         return

@@ -17,10 +17,12 @@ SAMPLE_M = 0.02
 class Route:
     """A polyline with its arc length.
 
-    points_m: (n, 2) vertices, of which at least two differ; equal neighbours are merged.
-    closed: the last vertex joins the first, and the arc length runs through `laps` laps.
+    Args:
+        points_m: (n, 2) vertices, of which at least two differ; equal neighbours are merged.
+        closed: The last vertex joins the first, and the arc length runs through `laps` laps.
 
-    Raises ConfigError if all vertices are at one place.
+    Raises:
+        ConfigError: If all vertices are at one place.
     """
 
     def __init__(self, points_m: ArrayLike, closed: bool = False, laps: int = 1) -> None:
@@ -60,7 +62,8 @@ class Route:
 def make_route(config: DriveConfig, start_xy_m: ArrayLike, heading_rad: float) -> Route:
     """Return the route of a configuration for a rover that starts at a pose in the odom frame.
 
-    Raises ConfigError if all waypoints are at one place.
+    Raises:
+        ConfigError: If all waypoints are at one place.
     """
     start = np.asarray(start_xy_m, dtype=float)[:2]
     if config.shape != 'none':

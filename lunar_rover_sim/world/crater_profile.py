@@ -21,8 +21,12 @@ _AGES = np.linspace(0.0, 1.0, 33) ** 2
 class ProfileTable:
     """Radial profiles by age: heights over the plain in crater diameters.
 
-    ages: (a,) fractions of the lifetime; heights: (a, r) over RADII; depth: (a,) from rim crest
-    to floor; rim: (a,) height of the crest over the plain; steepest: (a,) greatest slope.
+    Attributes:
+        ages: (a,) fractions of the lifetime.
+        heights: (a, r) over RADII.
+        depth: (a,) from rim crest to floor.
+        rim: (a,) height of the crest over the plain.
+        steepest: (a,) greatest slope.
     """
 
     ages: Array

@@ -15,9 +15,11 @@ from lunar_rover_sim.frames import Array
 class Craters:
     """A catalogue of craters: arrays of equal length m, read-only.
 
-    position_m: (m, 2) centre; diameter_m: (m,) from rim to rim when the crater was fresh;
-    age: (m,) fraction of the crater's lifetime, 0 = fresh; level: (m,) index of the height level
-    on which it is drawn (finer levels show it too).
+    Attributes:
+        position_m: (m, 2) centre.
+        diameter_m: (m,) from rim to rim when the crater was fresh.
+        age: (m,) fraction of the crater's lifetime, 0 = fresh.
+        level: (m,) index of the height level on which it is drawn (finer levels show it too).
     """
 
     position_m: Array

@@ -47,8 +47,10 @@ def open_dem(config: WorldConfig) -> Raster:
 def dem_site(config: WorldConfig, lon_lat_deg: tuple[float, float] | None = None) -> Site | None:
     """Return where the world's origin is on the Moon, or a place with its grid north.
 
-    None if the elevation model does not say, as a folder with dem.npy. Raises WorldError if it
-    cannot be read, or if the place is beyond it.
+    None if the elevation model does not say, as a folder with dem.npy.
+
+    Raises:
+        WorldError: If it cannot be read, or if the place is beyond it.
     """
     raster = _raster(config)
     try:
@@ -232,7 +234,8 @@ class GeoRaster(Raster):
     def site_at(self, lon_deg: float, lat_deg: float) -> Site | None:
         """Return a place with the direction of the grid there; None as `site_of_origin`.
 
-        Raises WorldError if it is beyond the file.
+        Raises:
+            WorldError: If it is beyond the file.
         """
         if self.site_of_origin() is None:
             return None

@@ -29,7 +29,8 @@ def least_diameter_m(xy_m: Array) -> Array:
 def far_rocks(world: World, reach_m: float) -> Rocks:
     """Return the rocks between the edge of the ground and `reach_m` from the origin, in x or y.
 
-    reach_m: the levels limit it too. A world whose recipe has no seed has none.
+    Args:
+        reach_m: The levels limit it too. A world whose recipe has no seed has none.
     """
     config, half = world.config.rocks, world.ground.half_extent_m
     reach = min(reach_m, world.levels[-1].half_extent_m - config.max_diameter_m)

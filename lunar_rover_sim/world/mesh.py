@@ -28,8 +28,10 @@ _LARGEST_M = 1e8         # of a coordinate: 60 radii of the Moon
 class MeshHits:
     """Where vertical rays met a mesh.
 
-    top_m: (ny, nx) highest hit, NaN where there is none; layers: (ny, nx) number of separate
-    upward faces on the ray, 0 if they were not counted; more than one means an overhang.
+    Attributes:
+        top_m: (ny, nx) highest hit, NaN where there is none.
+        layers: (ny, nx) number of separate upward faces on the ray, 0 if they were not counted;
+            more than one means an overhang.
     """
 
     top_m: NDArray[np.float64]

@@ -74,7 +74,8 @@ class Raster(abc.ABC):
     def check_ground(self) -> None:
         """Set the reference height.
 
-        Raises WorldError if the ground is not within the file or lacks data.
+        Raises:
+            WorldError: If the ground is not within the file or lacks data.
         """
         half = 0.5 * self.config.size_m
         area = self.area_m

@@ -89,7 +89,8 @@ def laid(config: RockConfig, ground: Elevation, shapes: tuple[RockShape, ...], x
          size: NDArray[np.integer], rng: np.random.Generator) -> Rocks:
     """Return rocks of given sizes laid on the ground at (m, 2) places.
 
-    size: (m,) index into `size_classes`; shape, burial, tilt and albedo are drawn
+    Args:
+        size: (m,) index into `size_classes`; shape, burial, tilt and albedo are drawn.
     """
     classes = size_classes(config)
     diameter, count = classes[size], len(size)

@@ -87,7 +87,9 @@ def horizon_deg(world: World, azimuth_deg: ArrayLike,
                 height_m: float = 0.3) -> NDArray[np.float64]:
     """Return the elevation [deg] of the horizon, without rocks, seen from above the origin.
 
-    azimuth_deg: (n,) from east towards north; height_m: of the viewpoint above the ground.
+    Args:
+        azimuth_deg: (n,) from east towards north.
+        height_m: Of the viewpoint above the ground.
     """
     azimuth = np.radians(np.atleast_1d(np.asarray(azimuth_deg, float)))
     distance = np.geomspace(0.5, world.levels[-1].half_extent_m, 1500)
