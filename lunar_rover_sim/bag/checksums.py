@@ -6,6 +6,7 @@ chunk, of the data section (in the record Data End) and of the summary section (
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 import struct
 import sys
@@ -29,17 +30,19 @@ _MOST_BYTES = 1 << 31               # of a record: a greater length is damage
 
 
 def has_end(path: Path) -> bool:
-    """Return whether an MCAP file ends as a finished one does."""
-    with path.open('rb') as file:
+    """Return whether an MCAP file ends as a finished one does; False if it cannot be read."""
+    with suppress(OSError), path.open('rb') as file:
         size = file.seek(0, 2)
         file.seek(max(size - len(MAGIC), 0))
         return size >= 2 * len(MAGIC) and file.read() == MAGIC
+    return False
 
 
 def has_beginning(path: Path) -> bool:
-    """Return whether a file begins as an MCAP file does."""
-    with path.open('rb') as file:
+    """Return whether a file begins as an MCAP file does; False if it cannot be read."""
+    with suppress(OSError), path.open('rb') as file:
         return file.read(len(MAGIC)) == MAGIC
+    return False
 
 
 def damage(path: Path) -> str | None:

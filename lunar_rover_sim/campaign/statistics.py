@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import common_stamps, picture, read_imu, read_odometry
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.inspection.disparity_error import disparity_map, is_textured
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.stereo.depth import disparity_from_depth
 from lunar_rover_sim.stereo.error import disparity_errors_px
@@ -79,7 +79,7 @@ def statistics(path: Path | str) -> dict[str, Any]:
         result.update(_imu(bag))
         if bag.has(topics.IMU_RAW.name):
             result['imu_preset'] = str(
-                recorded_scenario(bag).get('physics_node', 'imu.preset', ''))
+                RecordedRun(bag).scenario.get('physics_node', 'imu.preset', ''))
     return {name: round(value, 9) if isinstance(value, float) else value
             for name, value in result.items()}
 
@@ -123,7 +123,7 @@ def _samples(bag: Bag) -> Iterator[_StereoSet]:
 
 def _images(bag: Bag) -> dict[str, float]:
     """Return means over the sampled frames; of the errors of disparity, medians."""
-    linear = recorded_scenario(bag).get('render_node', 'sensor.companding') == 'linear'
+    linear = RecordedRun(bag).scenario.get('render_node', 'sensor.companding') == 'linear'
     collected: dict[str, list[float]] = {}
     for sample in _samples(bag):
         for name, value in _describe(bag, sample, linear).items():

@@ -16,7 +16,7 @@ from lunar_rover_sim.evaluation.trajectory_evaluation import evaluate
 from lunar_rover_sim.evaluation.trajectory_plots import save_plots
 from lunar_rover_sim.evaluation.trajectory_sources import bag_of
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.sequences.extrinsics import FRAMES
+from lunar_rover_sim.run.recorded_run import FRAMES
 
 _ODD_SCALE = 0.1     # of a metric estimate that is no failure, the scale is nearer to 1
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
 from lunar_rover_sim.camera.hazard import HazardMount, sides
 from lunar_rover_sim.camera.hazard_config import HazardConfig
@@ -28,7 +29,7 @@ from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, settled, standing
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.run.recorded_ground import recorded_ground, world_beside
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.cache import cached
@@ -75,14 +76,16 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError('--time: needs --at BAG')
     folder = args.world
     if folder is None and args.at is not None:
-        folder = world_beside(args.at)
+        with open_bag(args.at) as bag:
+            folder = RecordedRun(bag).world_folder()
     scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed, world=folder)
     chase = _chase(args, scenario.render_node.chase)
     hazards = _hazards(args.cameras, scenario.render_node.hazard)
     with Progress('building the world'):
         overlay = None
         if args.at is not None:
-            world, overlay = recorded_ground(args.at, folder, args.time)
+            with open_bag(args.at) as bag:
+                world, overlay = RecordedRun(bag).ground(args.time, folder)
         else:
             world = load_world(folder or cached(scenario.world, scenario.shared.seed))
     angles = np.radians(args.joints)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.cli import options, world_sun
 from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
 from lunar_rover_sim.errors import ConfigError
@@ -18,7 +19,7 @@ from lunar_rover_sim.files.paths import check_file, check_png
 from lunar_rover_sim.regolith.patch import changed_patch, save_patch
 from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
-from lunar_rover_sim.run.recorded_ground import recorded_ground
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.usd.suffixes import is_stage, stage_bytes
 from lunar_rover_sim.world.build import build_world
@@ -256,7 +257,8 @@ def _export_mesh(args: argparse.Namespace, output: Path) -> None:
         write_mesh(load_world(args.folder), output, args.stride, not args.no_rocks,
                    args.surroundings)
         return
-    world, overlay = recorded_ground(args.at, args.folder, args.time)
+    with open_bag(args.at) as bag:
+        world, overlay = RecordedRun(bag).ground(args.time, args.folder)
     patch = changed_patch(world.ground, overlay)
     if output.suffix.lower() == '.npz':
         save_patch(patch, output)

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import picture, read_calibration
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation import polar_layout
@@ -37,6 +36,7 @@ from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, F3
 from lunar_rover_sim.files.arrays import map_array
 from lunar_rover_sim.files.images import read_grey
 from lunar_rover_sim.files.yaml_text import read_yaml
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE
 from lunar_rover_sim.stereo.depth import disparity_from_depth
 
@@ -173,7 +173,7 @@ def _tartanair_truth(left: Path, scale: float) -> F32 | None:
 
 def _bag_pairs(path: Path, most: int) -> Iterator[GreyPair]:
     with open_bag(path) as bag:
-        linear = recorded_scenario(bag).get('render_node', 'sensor.companding') == 'linear'
+        linear = RecordedRun(bag).scenario.get('render_node', 'sensor.companding') == 'linear'
         wanted = [t for t in (topics.LEFT_IMAGE, topics.RIGHT_IMAGE, topics.TRUE_DEPTH)
                   if bag.has(t.name)]
         names = {bag.resolve(t.name): t for t in wanted}

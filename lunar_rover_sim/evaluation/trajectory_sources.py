@@ -17,7 +17,7 @@ from lunar_rover_sim.evaluation.trajectory import Trajectory
 from lunar_rover_sim.evaluation.trajectory_files import read_trajectory
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rover.rover_file import load_rover
-from lunar_rover_sim.sequences.extrinsics import recorded_frame, rover_frame
+from lunar_rover_sim.run.recorded_run import RecordedRun, rover_frame
 
 # A trajectory, or where it is: FILE, BAG or BAG:TOPIC.
 Source = Union[Trajectory, str, Path]
@@ -136,7 +136,7 @@ def frame_on_rover(source: Source, frame: str) -> Array:
     path = bag_of(source)
     if path is not None:
         with open_bag(path) as bag:
-            return recorded_frame(bag, frame)
+            return RecordedRun(bag).frame(frame)
     return rover_frame(load_rover(None), frame)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +15,12 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.driven_distance import driven_distance_m
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
-from lunar_rover_sim.errors import BagError, WorldError
+from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.inspection.heading_pictures import heading_figure
 from lunar_rover_sim.inspection.sensor_pictures import (chase_figure, hazard_figures, lidar_figure,
                                                         truth_figures)
-from lunar_rover_sim.world.cache import cache_folder
-from lunar_rover_sim.world.model import World
-from lunar_rover_sim.world.world_folder import load_world
+from lunar_rover_sim.run.recorded_run import RecordedRun
 
 FRAMES = 4
 
@@ -39,7 +35,7 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     tracker and wheel odometry against the truth, motor currents and power;
     trajectory.png over the hillshade of the world, where its folder is found (`world` names
     it); attitude.png and imu.png over time. Pictures of topics that the bag does not hold are left
-    out. Raises BagError where nothing can be shown, or where `world` is another world.
+    out. Raises BagError where nothing can be shown, WorldError where `world` is another world.
     """
     output = Path(output)
     paths: list[Path] = []
@@ -148,9 +144,9 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
                    folder: Path | str | None = None) -> None:
     """Draw the hillshade of the world of a bag, lit from its sun's azimuth, where it is found.
 
-    Raises BagError where `folder` is given and holds another world.
+    Raises WorldError where `folder` is given and holds another world.
     """
-    world = recorded_world(bag, folder)
+    world = RecordedRun(bag).world(folder)
     if world is None:
         return
     azimuth = 135.0
@@ -173,39 +169,6 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
         # One of them is enough for a legend.
         axes.add_patch(Circle((rock_x, rock_y), diameter / 2, color='0.12',
                               label='rocks' if k == 0 else None))
-
-
-def recorded_world(bag: Bag, folder: Path | str | None = None) -> World | None:
-    """Return the world that was driven on; None where no folder holds one of the hash in the bag.
-
-    The world is looked for in `folder`; without that in `world` beside the bag (a link that `run`
-    makes), in the scenario's folder and in the cache. Raises BagError where `folder` is given and
-    holds another world.
-    """
-    if not bag.has(topics.WORLD_HASH.name):
-        return None
-    wanted = bag.first(topics.WORLD_HASH.name).data
-    if folder is not None:
-        try:
-            given = load_world(folder, verify=False)
-        except WorldError as error:
-            raise BagError(f'--world: {error}') from None
-        if given.hash != wanted:
-            raise BagError(f'--world: {folder} has the hash {given.hash}; the bag was recorded '
-                           f'on {wanted}')
-        return given
-    folders = [bag.path.absolute().parent / 'world']
-    named = recorded_scenario(bag).get('physics_node', 'world')
-    if isinstance(named, str) and named:
-        folders.append(Path(named))
-    folders += [file.parent for file in sorted(cache_folder().glob('*/world.yaml'))
-                if f'hash: {wanted}' in file.read_text(encoding='utf-8', errors='replace')]
-    for candidate in folders:
-        with suppress(WorldError):
-            world = load_world(candidate, verify=False)
-            if world.hash == wanted:
-                return world
-    return None
 
 
 def _attitude(odometry: series.Odometry, save: Callable[[Figure, str], None]) -> None:

@@ -31,7 +31,6 @@ from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.illumination.sun_path import SunPath
-from lunar_rover_sim.inspection.bag_pictures import recorded_world
 from lunar_rover_sim.physics.foot_motion import FootObserver
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.regolith.overlay import Overlay
@@ -39,7 +38,7 @@ from lunar_rover_sim.rendering.layer_pictures import disparity_picture, gray8
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.run.recorded_nodes import recorded_nodes
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.site import reported_site
@@ -308,13 +307,14 @@ class Film:
         """
         self._path, self._options = path, options
         with open_bag(path) as bag:
-            self._nodes = recorded_nodes(bag)
+            run = RecordedRun(bag)
+            self._nodes = run.nodes
             self.chase = self._nodes.render.chase
             self._factor = recorded_factor(bag)
             if not options.bare and not bag.has(topics.LEFT_IMAGE.name):
                 raise BagError(f'{path}: holds no {topics.LEFT_IMAGE.name}; --bare makes a film '
                                'without it')
-            found = recorded_world(bag, world)
+            found = run.world(world)
             if found is None:
                 raise BagError(f'{path}: its world is not found; name its folder with --world')
             self.world = found

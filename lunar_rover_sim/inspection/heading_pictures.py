@@ -13,8 +13,8 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.messages import header_ns, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sensors.registry import SENSORS
 from lunar_rover_sim.sensors.sensor import Sensor
 
@@ -131,7 +131,7 @@ def _true_sun(bag: Bag) -> Callable[[Array], Array] | None:
         stamps, vectors = _read(bag, topics.SUN.name, lambda m: xyz(m.vector))
         return lambda t: vectors[np.maximum(
             np.searchsorted(stamps * 1e-9, t, side='right') - 1, 0)]
-    scenario = recorded_scenario(bag)
+    scenario = RecordedRun(bag).scenario
     angles = [scenario.get('render_node', f'sun.{name}_deg') for name in ('azimuth', 'elevation')]
     if scenario.get('render_node', 'sun.date') or not all(
             isinstance(angle, (int, float)) for angle in angles):

@@ -8,13 +8,12 @@ import dataclasses
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.hazard_topics import hazard_topics
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import CameraCalibration, read_calibration
 from lunar_rover_sim.camera.hazard import HazardRig
 from lunar_rover_sim.camera.hazard_config import HazardConfig
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.sequences.extrinsics import frame_from_tf
+from lunar_rover_sim.run.recorded_run import RecordedRun
 
 FISHEYE = 'equidistant'     # distortion_model of CameraInfo
 
@@ -63,11 +62,12 @@ def further_cameras(bag: Bag) -> list[RecordedCamera]:
 
 def _place(bag: Bag, name: str) -> Array:
     """Return T_base_camera (4, 4): from tf_static, else from the recorded scenario."""
-    T = frame_from_tf(bag, topics.hazard(name)[0].frame_id)
+    run = RecordedRun(bag)
+    T = run.frame_from_tf(topics.hazard(name)[0].frame_id)
     if T is not None:
         return T
     camera, _, side = name.partition('/')
-    sets = recorded_scenario(bag).get('render_node', 'hazard')
+    sets = run.scenario.get('render_node', 'hazard')
     if not isinstance(sets, Mapping) or camera not in sets:
         raise BagError(f'{bag.path}: neither tf_static nor the scenario says where the hazard '
                        f'camera {camera} is on the rover')

@@ -9,7 +9,6 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.bag.series import read_calibration
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
@@ -19,8 +18,8 @@ from lunar_rover_sim.parameters import Parameters
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoiseParameters, noise_parameters
-from lunar_rover_sim.sequences.extrinsics import recorded_frame
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,8 +80,9 @@ def recorded_sensors(bag: Bag, images: Iterable[str] = ()) -> SensorSuite:
     left camera_info.
     """
     left = read_calibration(bag, topics.LEFT_INFO.name)
-    T_base_imu = recorded_frame(bag, 'imu')
-    scenario = recorded_scenario(bag)
+    run = RecordedRun(bag)
+    T_base_imu = run.frame('imu')
+    scenario = run.scenario
     try:
         values = scenario.get('physics_node', 'imu', {})
         imu = ImuConfig.from_mapping(_known(ImuConfig, values))
@@ -96,8 +96,8 @@ def recorded_sensors(bag: Bag, images: Iterable[str] = ()) -> SensorSuite:
     return SensorSuite(
         left.width, left.height, (float(left.K[0, 0]), float(left.K[1, 1])),
         (float(left.K[0, 2]), float(left.K[1, 2])), tuple(float(v) for v in distortion),
-        inverse(T_base_imu) @ recorded_frame(bag, 'left'),
-        inverse(T_base_imu) @ recorded_frame(bag, 'right'), T_base_imu,
+        inverse(T_base_imu) @ run.frame('left'),
+        inverse(T_base_imu) @ run.frame('right'), T_base_imu,
         min(filter(None, (_rate_hz(bag, name) for name in (topics.LEFT_INFO.name, *images))),
             default=0.0),
         _rate_hz(bag, topics.IMU_RAW.name),

@@ -16,7 +16,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.images import write_png
-from lunar_rover_sim.sequences.extrinsics import recorded_frame
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sequences.further import further_cameras, RecordedCamera
 from lunar_rover_sim.sequences.sensors import recorded_sensors, SensorSuite
 
@@ -95,7 +95,7 @@ class Sequence:
         self.further = [c for c in further_cameras(bag) if self.has_place_for(c)] \
             if self.of_further else []
         scans = {topic.name for topic in topics.OF_LIDAR}.intersection(self.needs + self.uses)
-        self.T_base_lidar = (recorded_frame(bag, 'lidar')
+        self.T_base_lidar = (RecordedRun(bag).frame('lidar')
                              if any(bag.has(name) for name in scans) else None)
         self._files: dict[str, TextIO] = {}
 

@@ -28,7 +28,7 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array, wxyz_from_matrix
 from lunar_rover_sim.rendering.labels import class_names, LABEL_FIRST_ROCK
-from lunar_rover_sim.sequences.extrinsics import recorded_rover
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sequences.flow_files import FlowFiles
 from lunar_rover_sim.sequences.instances import check_pinhole
 from lunar_rover_sim.sequences.posed import PosedSequence
@@ -140,7 +140,7 @@ class TartanAirSequence(PosedSequence):
             self._missing.append(f'no {topics.LABELS.name} in the bag: segmentation and flow are '
                                  'not written')
             return None
-        rover = recorded_rover(bag)
+        rover = RecordedRun(bag).rover
         for what, is_there in (('odometry', self.has_truth),
                                (topics.JOINT_STATES.name, bag.has(topics.JOINT_STATES.name)),
                                ('description of the rover', rover is not None)):

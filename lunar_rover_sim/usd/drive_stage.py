@@ -22,9 +22,9 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.errors import UsdError
 from lunar_rover_sim.frames import Array, BASE_FRAME, IMU_FRAME, matrix_from_wxyz
-from lunar_rover_sim.inspection.bag_pictures import recorded_world
 from lunar_rover_sim.regolith.overlay import CELL_M
 from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.usd.cameras import LEFT, RIGHT
 from lunar_rover_sim.usd.conventions import new_stage, quaternion, vector
@@ -64,13 +64,13 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
         changes = read_ground_changes(opened)
         found = None
         if world_stage is None:
-            found = recorded_world(opened, world)
+            found = RecordedRun(opened).world(world)
             if found is None:
                 raise UsdError(f'{opened.path}: no folder holds the world of this drive; name it '
                                'with --world, or a stage of it with --world-stage')
         else:
             _check_world_stage(Path(world_stage), opened)
-        track_world = found or (recorded_world(opened, world) if changes else None)
+        track_world = found or (RecordedRun(opened).world(world) if changes else None)
     if changes and track_world is None:
         logger.warning('%s: no folder holds the world of this drive, so its tracks are left out; '
                        'name it with --world', bag)

@@ -8,7 +8,7 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError, UsdError
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
-from lunar_rover_sim.run.recorded_nodes import recorded_nodes
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.usd.world_stage import StageSettings
 
 
@@ -38,7 +38,7 @@ def recorded_drive(bag: Bag) -> RecordedDrive:
     Raises UsdError where there is none, or it is not of this version.
     """
     try:
-        found = recorded_nodes(bag)
+        found = RecordedRun(bag).nodes
     except BagError as error:
         raise UsdError(str(error)) from None
     return RecordedDrive(found.rover, found.physics, found.render)

@@ -46,6 +46,9 @@ MARKERS = (-9999.0, -32768.0, 32767.0, 65535.0, 99999.0, 9999.0, -1e4, 3.4e38, -
 
 def read_marked(folder: Path, _valid: Path, _file: Path, rng: random.Random) -> None:
     """No marker of missing data becomes ground, wherever it stands; else it is refused."""
+    if not (folder / 'dem.npy').is_file():      # a pipe, a device or a folder in its place
+        open_dem(_config(source='dem', path=str(folder))).close()
+        return
     heights = np.load(folder / 'dem.npy', allow_pickle=False)
     claim(heights.shape == (160, 160), 'the sample is another one')
     row, column = rng.randrange(160), rng.randrange(160)

@@ -11,7 +11,7 @@ import worlds
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.cli.main import main
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.world.world_folder import load_world, save_world
 
@@ -76,7 +76,7 @@ def test_another_world_is_refused(tmp_path, items, world):
     other.append(synthetic.Item('world_hash', 'std_msgs/msg/String',
                                 synthetic.msg('std_msgs/String', data='0' * 32)))
     path = synthetic.write(tmp_path / 'bag', other)
-    with pytest.raises(BagError, match='the bag was recorded on 0000'):
+    with pytest.raises(WorldError, match='is not that of the world of .*bag, 000000000000'):
         preview(path, tmp_path / 'out', world)
 
 

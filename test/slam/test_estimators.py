@@ -17,7 +17,7 @@ from lunar_rover_sim.cli.main import parse
 from lunar_rover_sim.errors import BagError, ConfigError, EvaluationError, ProcessError, SlamError
 from lunar_rover_sim.evaluation.trajectory_files import write_tum
 from lunar_rover_sim.evaluation.trajectory_sources import load
-from lunar_rover_sim.sequences.extrinsics import recorded_frame
+from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.slam.estimators import Estimator, read_estimate
 from lunar_rover_sim.slam.run_on_bag import run_on_bag, SlamResult
 
@@ -62,7 +62,7 @@ def bag(tmp_path_factory):
 def truth(bag):
     """Return the true trajectory of the left camera."""
     with open_bag(bag) as opened:
-        return load(bag).of_frame(recorded_frame(opened, 'left'))
+        return load(bag).of_frame(RecordedRun(opened).frame('left'))
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import synthetic_bag as synthetic
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import read_odometry
-from lunar_rover_sim.errors import BagError, UsdError
+from lunar_rover_sim.errors import UsdError, WorldError
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
 from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.rover.mounts import optical_poses
@@ -173,6 +173,6 @@ def test_world_of_the_drive(moon: World, bag: Path, tmp_path: Path,
     for given in (other, tmp_path / 'nothing.usda'):
         with pytest.raises(UsdError, match='not a stage of a world'):
             write_drive(bag, tmp_path / 'd.usd', world_stage=given)
-    with pytest.raises(BagError, match='world'):
+    with pytest.raises(WorldError, match='world'):
         write_drive(bag, tmp_path / 'd.usd', world=tmp_path / 'nowhere')
     assert sorted(f.name for f in tmp_path.iterdir()) == ['other.usda']
