@@ -80,12 +80,12 @@ GROUND_CHANGES = Topic('ground/changes', 'sensor_msgs/msg/PointCloud2', FRAME, '
 GROUND_SNAPSHOT = Topic('ground/snapshot', 'sensor_msgs/msg/PointCloud2', LATCHED, 'physics_node',
                         frames.ODOM_FRAME, 'where ground.model is regolith: all changed samples, '
                         'anew for every reader that joins', on_request=True)
-SINKAGE = Topic('ground_truth/sinkage', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
-                'where ground.model is regolith: position is how deep each leg stands in the '
-                'ground [m]', on_request=True)
-FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'physics_node', '',
-                  'velocity: slip and sweep of each foot along the heading [m/s]; position: their '
-                  'sums [m]', on_request=True)
+SINKAGE = Topic('ground_truth/sinkage', 'sensor_msgs/msg/JointState', STATE, 'physics_node',
+                frames.BASE_FRAME, 'where ground.model is regolith: position is how deep each leg '
+                'stands in the ground [m]', on_request=True)
+FOOT_SLIP = Topic('ground_truth/slip', 'sensor_msgs/msg/JointState', STATE, 'physics_node',
+                  frames.BASE_FRAME, 'velocity: slip and sweep of each foot along the heading '
+                  '[m/s]; position: their sums [m]', on_request=True)
 WHEEL_ODOM = Topic('wheel/odometry', 'nav_msgs/msg/Odometry', STATE, 'physics_node',
                    frames.WHEEL_ODOM_FRAME, 'pose and twist from the encoders of the legs alone, '
                    'with their covariance', on_request=True)

@@ -245,6 +245,11 @@ def test_scripts_of_nodes_start_them(prefix: Path) -> None:
         assert finished.returncode == 1
         assert finished.stderr.startswith('FATAL no_such: no such parameter of drive_node') or \
             'rclpy is missing' in finished.stderr
+    for program in (['drive_node', '--help'], ['lunar_rover_sim_node', 'drive_node', '-h']):
+        helped = run_installed(prefix, *program)
+        assert helped.returncode == 0 and not helped.stderr
+        assert helped.stdout.startswith('usage: drive_node ')
+        assert helped.stdout.endswith('lunar_rover_sim parameters drive_node\n')
     finished = run_installed(prefix, 'lunar_rover_sim_node', 'walk_node')
     assert finished.returncode == 1
     assert finished.stderr == f"FATAL 'walk_node' is not a node; valid are {', '.join(NODES)}\n"

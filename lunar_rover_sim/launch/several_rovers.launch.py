@@ -13,7 +13,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.run.plan import rover_overrides
+from lunar_rover_sim.run.plan import check_launch_arguments, rover_overrides
 
 _ARGUMENTS = {
     'rovers': ('rover1 rover2', 'namespaces of the rovers'),
@@ -28,6 +28,7 @@ _OF_SCENARIO = ('scenario', 'duration', 'time_mode')
 
 
 def _start(context):
+    check_launch_arguments(context.argv, _ARGUMENTS)
     values = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     folder = Path(values['output']).resolve()
     if not values['output'] or folder.exists():

@@ -21,8 +21,8 @@ from lunar_rover_sim.bag.marker import mark_failed
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import check_new_folder
 from lunar_rover_sim.run.node_processes import Ending
-from lunar_rover_sim.run.plan import (BAG_FOLDER, LOG_FOLDER, prepare, resolve, SCENARIO_FILE,
-                                      with_slam)
+from lunar_rover_sim.run.plan import (BAG_FOLDER, check_launch_arguments, LOG_FOLDER, prepare,
+                                      resolve, SCENARIO_FILE, with_slam)
 from lunar_rover_sim.run.scenario import Scenario
 
 _ARGUMENTS = {
@@ -65,6 +65,7 @@ def _scenario(values):
 
 
 def _start(context):
+    check_launch_arguments(context.argv, _ARGUMENTS)
     values = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     if not values['output']:
         raise ConfigError("output: '' is not valid; valid is a folder that does not exist")

@@ -16,6 +16,10 @@ from types import FrameType
 NODES = ('drive_node', 'gait_controller_node', 'lidar_node', 'physics_node', 'pose_bridge_node',
          'recorder_node', 'render_node', 'slam_node', 'trajectory_recorder_node', 'view_node')
 
+_USAGE = """usage: {node} [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]
+
+A node of lunar_rover_sim. Its parameters: lunar_rover_sim parameters {node}"""
+
 
 def _leave(number: int, frame: FrameType | None) -> None:
     # Nothing exists yet that must be closed. An exception would be printed with a traceback, by
@@ -35,6 +39,13 @@ def main() -> int:
     # The node gets the arguments that a script of its name would get.
     arguments = sys.argv[1:]
     name = arguments[0] if arguments else ''
+    asks = {'-h', '--help'}
+    if name in asks:
+        print(f'usage: lunar_rover_sim_node NODE [--ros-args ...]\n\nnodes: {", ".join(NODES)}')
+        return 0
+    if name in NODES and asks.intersection(arguments[1:]):
+        print(_USAGE.format(node=name))
+        return 0
     if name not in NODES:
         print(f'FATAL {name!r} is not a node; valid are {", ".join(NODES)}', file=sys.stderr)
         return 1

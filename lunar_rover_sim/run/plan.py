@@ -5,8 +5,9 @@ It needs no ROS: `record` and the launch file both start what `prepare` returns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 import dataclasses
+import difflib
 import json
 import math
 from operator import attrgetter
@@ -46,6 +47,7 @@ _FOLLOWS = {
     'slam_node.imu_rate_hz': 'physics_node.state_rate_hz',
     'slam_node.gravity_mps2': 'physics_node.gravity_mps2'}
 
+_ALIKE = 0.7        # least similarity of a mistyped name, from 0 to 1
 _RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
 _RECORDER_LAG_FRAMES = 5
@@ -257,6 +259,21 @@ def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
             parameters['scenario_file'] = str(folder / SCENARIO_FILE)
         plans.append(NodePlan(name, parameters))
     return plans
+
+
+def check_launch_arguments(given: Iterable[str], valid: Collection[str]) -> None:
+    """Raise ConfigError for a launch argument that is mistyped: `ros2 launch` ignores it.
+
+    Args:
+        given: `NAME:=VALUE`, perhaps with arguments of a launch file that includes this one.
+        valid: The names of the arguments here.
+    """
+    for text in given:
+        name, sign, _ = text.partition(':=')
+        if sign and name not in valid:
+            near = difflib.get_close_matches(name, valid, n=1, cutoff=_ALIKE)
+            if near:
+                raise ConfigError(f'{name}: no such launch argument; did you mean {near[0]}?')
 
 
 def rover_overrides(rovers: Sequence[str], rover: str) -> list[str]:
