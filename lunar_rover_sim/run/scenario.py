@@ -339,9 +339,14 @@ _SAME_DEG = 0.01
 def dated_sun(sun: SunConfig, world: WorldConfig, used: World | None = None) -> SunConfig:
     """Return the sun with azimuth and elevation of its date; without a date, as it is.
 
-    used: a world that is used instead of the one of the parameters
     A given site is held against the used world, or an elevation model, that says where it is.
-    Raises ConfigError or WorldError that names the parameter, its value and what is valid.
+
+    Args:
+        used: A world that is used instead of the one of the parameters.
+
+    Raises:
+        ConfigError: If a parameter is not valid, with its value and what is valid.
+        WorldError: If the world cannot be read.
     """
     if not sun.date:
         return sun
