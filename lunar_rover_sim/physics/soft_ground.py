@@ -69,9 +69,6 @@ class SoftGround:
         self._legs = _leg_records(model, first_leg, legs)
         self._tips = _tip_records(model, rows, first_leg)
         self._soil = soil_record(soil, rover, self._step_s)
-        self._loose = _NO_MAP if varies is None else (
-            varies.looseness.heights_m * np.float32(varies.variation))
-        self._loose_cell_m = 1.0 if varies is None else varies.looseness.cell_m
         self._slipped = np.zeros(legs)
         # MuJoCo's arrays stay where they are; asking for them takes longer than a step of the law.
         self._given = (data.qpos, data.qvel, self._legs, self._tips, self._soil,
