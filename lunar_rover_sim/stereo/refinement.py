@@ -24,7 +24,36 @@ _SAME_SURFACE_PX = 1.0  # a pixel whose average differs by more lies at an edge 
 _HIGH_PASS_PX = 9       # side of the window whose mean brightness is taken off
 _WINDOW_SIGMA = 1.0     # of the window of the fit, in pixels of half the resolution
 _LARGEST_STEP_PX = 1.5  # beyond it the linearisation means nothing
+_COMPARED_PX = 7        # side of the window within which detail is compared
 _LEAST_GRADIENT = 1e-4  # square of the mean gradient added to all, against division by zero
+
+
+def unexplained(disparity_px: F32, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> F32:
+    """Return how much of the detail around a pixel is not that around its match.
+
+    It is the mean square of their difference, over the sum of their own mean squares: 0 for equal
+    detail, 1 for detail that has nothing in common.
+
+    Args:
+        disparity_px: (h, w) left column minus right column.
+        left: (h, w) rectified image.
+        right: (h, w) rectified image.
+
+    Returns:
+        (h, w), infinite where there is no detail at all.
+    """
+    height, width = disparity_px.shape
+    columns = np.subtract(np.arange(width, dtype=np.float32), disparity_px)
+    rows = np.repeat(np.arange(height, dtype=np.float32)[:, None], width, axis=1)
+    detail = _high_pass(left)
+    seen = cv2.remap(_high_pass(right), columns, rows, cv2.INTER_LINEAR,
+                     borderMode=cv2.BORDER_REPLICATE)
+    window = (_COMPARED_PX, _COMPARED_PX)
+    apart, own, other = (cv2.sqrBoxFilter(image, cv2.CV_32F, window)
+                         for image in (cv2.subtract(seen, detail), detail, seen))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        share = np.divide(apart, cv2.add(own, other))
+    return np.asarray(np.nan_to_num(share, copy=False, nan=np.inf), np.float32)
 
 
 def refined(disparity_px: F32, valid: NDArray[np.bool_], left: NDArray[np.uint8],

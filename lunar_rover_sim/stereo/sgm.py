@@ -19,13 +19,14 @@ from lunar_rover_sim.errors import StereoError
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import DisparityMap
-from lunar_rover_sim.stereo.refinement import refined
+from lunar_rover_sim.stereo.refinement import refined, unexplained
 
 _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
           'hh4': cv2.STEREO_SGBM_MODE_HH4, '3way': cv2.STEREO_SGBM_MODE_SGBM_3WAY}
 
 
 _MARGIN_OVERLAP_PX = 32     # of the left margin with the rest; paths begin there
+_HALF_TURNS = 2             # of the refinement of what was matched at half the resolution
 
 
 @runtime_checkable
@@ -62,7 +63,7 @@ class SgmMatcher:
         self._geometry = (None, None) if rig is None else (rig.focal_px, rig.baseline_m)
         self._matcher = _sgbm(config, config.min_disparity, config.num_disparities,
                               config.block_size)
-        # Of the left margin, at half the resolution.
+        # At half the resolution, of the left margin or of all.
         least = config.min_disparity // 2
         most = -(-(config.min_disparity + config.num_disparities) // 2)
         self._half_reach = least + 16 * -(-(most - least) // 16)
@@ -116,7 +117,10 @@ class SgmMatcher:
         found = np.multiply(fixed, np.float32(1.0 / 16.0))
         valid = fixed >= 16 * config.min_disparity
         if config.refinement:
-            found = refined(found, valid, left, right)
+            for _ in range(_HALF_TURNS if config.half_resolution else 1):
+                found = refined(found, valid, left, right)
+        if config.unexplained_percent < 100:
+            valid &= unexplained(found, left, right) < 0.01 * config.unexplained_percent
         if config.min_contrast > 0.0:
             valid &= _variance(left, config.block_size) >= config.min_contrast**2
         # The block around the match lies in the right image, and at the upper edge in the left.
@@ -124,8 +128,10 @@ class SgmMatcher:
         there = np.subtract(np.arange(left.shape[1], dtype=np.float32), found)
         valid &= cv2.inRange(there, float(margin), left.shape[1] - 1.0 - margin) > 0
         valid[:margin] = False
-        np.clip(found, config.min_disparity, config.min_disparity + config.num_disparities - 1,
-                out=found)
+        least, most = config.min_disparity, config.min_disparity + config.num_disparities - 1
+        # What the refinement has moved out of the search range by more than a pixel is no match.
+        valid &= cv2.inRange(found, least - 1.0, most + 1.0) > 0
+        np.clip(found, least, most, out=found)
         np.copyto(out, found, where=valid)
 
     def _fixed_point(self, left: NDArray[np.uint8],
@@ -134,28 +140,31 @@ class SgmMatcher:
 
         It matches only columns whose whole search range lies in the image. To the right of it,
         where disparities are negative, padding puts it there. The columns to the left of it are
-        matched at half the resolution, which takes an eighth of the time; `refined` makes up for
-        what that costs in accuracy.
+        matched at half the resolution, if not all are. That takes an eighth of the time;
+        `refined` makes up for what it costs in accuracy.
         """
         config = self.config
+        if config.half_resolution:
+            return self._at_half(left, right, left.shape[1])
         before = max(config.min_disparity + config.num_disparities, 0)
         after = max(-config.min_disparity, 0)
         fixed = self._matcher.compute(*(
             cv2.copyMakeBorder(image, 0, 0, 0, after, cv2.BORDER_REPLICATE)
             for image in (left, right)))[:, :left.shape[1]]
         if before:
-            fixed[:, :before] = self._margin(left, right, before)
+            fixed[:, :before] = self._at_half(left, right, before)
         return np.asarray(fixed, np.int16)
 
-    def _margin(self, left: NDArray[np.uint8], right: NDArray[np.uint8],
-                width: int) -> NDArray[np.int16]:
+    def _at_half(self, left: NDArray[np.uint8], right: NDArray[np.uint8],
+                 width: int) -> NDArray[np.int16]:
         """Return 16 times the disparity of the left columns, (h, width)."""
         config = self.config
         height, pad = left.shape[0], 2 * max(self._half_reach, 0)
         strip = min(width + _MARGIN_OVERLAP_PX, left.shape[1])
-        half = ((pad + strip + 1) // 2, (height + 1) // 2)
+        beyond = strip % 2 + 2 * max(-(config.min_disparity // 2), 0)
+        half = ((pad + strip + beyond) // 2, (height + 1) // 2)
         fixed = self._half_matcher.compute(*(
-            cv2.resize(cv2.copyMakeBorder(image[:, :strip], 0, height % 2, pad, strip % 2,
+            cv2.resize(cv2.copyMakeBorder(image[:, :strip], 0, height % 2, pad, beyond,
                                           cv2.BORDER_REPLICATE), half,
                        interpolation=cv2.INTER_AREA) for image in (left, right)))
         whole = np.repeat(np.repeat(fixed[:, pad // 2:], 2, axis=0), 2, axis=1)[:height, :width]

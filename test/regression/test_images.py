@@ -108,10 +108,12 @@ def test_disparities_by_each_mode(unchanged: Unchanged) -> None:
     arrays = {}
     for name, config in (
             ('three_way', SgmConfig(num_disparities=32)),
-            ('sgbm', SgmConfig(mode='sgbm', num_disparities=16, min_disparity=3, block_size=5,
+            ('sgbm', SgmConfig(mode='sgbm', half_resolution=False, unexplained_percent=100,
+                               num_disparities=16, min_disparity=3, block_size=5,
                                p1=90, p2=700, uniqueness_percent=15, dark_level=0,
                                min_contrast=0.0)),
-            ('hh', SgmConfig(mode='hh', num_disparities=32, block_size=3, min_disparity=-5,
+            ('hh', SgmConfig(mode='hh', half_resolution=False, unexplained_percent=100,
+                             num_disparities=32, block_size=3, min_disparity=-5,
                              speckle_window_px=0, left_right_max_px=-1, pre_filter_cap=10))):
         made = SgmMatcher(config, rig).match(left, right)
         errors = stereo_errors(made, truth, right_truth, left)
