@@ -194,7 +194,7 @@ class PhysicsNode(node_main.GraphNode):
             return
         self._simulation.command(velocity)
 
-    # What services ask for: the Simulator of simulation_services
+    # What simulation_services asks for
 
     @property
     def is_paused(self) -> bool:

@@ -1,7 +1,7 @@
 """The services of simulation_interfaces, where that package is installed.
 
 github.com/ros-simulation/simulation_interfaces, versions 1 (Jazzy) and 2. The requests are checked
-and answered here; what they ask for is done by a `Simulator`, physics_node.
+and answered here; what they ask for is done by physics_node.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import re
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions
 from lunar_rover_sim.nodes.node_main import GraphNode
 from lunar_rover_sim.nodes.pacing import ServiceThread
-from lunar_rover_sim.physics.state import RoverState
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.nodes.physics_node import PhysicsNode
 
 ENTITY = 'lunar_rover'      # the name in the URDF
 RADIUS_M = 0.3              # of a sphere around base_link that holds the packaged rover
@@ -29,49 +31,7 @@ _FEATURES = ('ENTITY_CATEGORIES', 'ENTITY_STATE_GETTING', 'ENTITY_STATE_SETTING'
              'STEP_SIMULATION_SINGLE', 'STEP_SIMULATION_MULTIPLE')
 
 
-class Simulator(Protocol):
-    """What the services steer."""
-
-    @property
-    def is_paused(self) -> bool:
-        """Whether time stands still unless steps are asked for."""
-
-    @property
-    def is_lockstep(self) -> bool:
-        """Whether time waits for participants."""
-
-    @property
-    def now_ns(self) -> int:
-        """The simulated time [ns]."""
-
-    @property
-    def world_frame(self) -> str:
-        """The frame of the true poses."""
-
-    def rover_state(self) -> RoverState:
-        """Return the present state."""
-
-    def pause(self, paused: bool) -> None:
-        """Stop or continue time."""
-
-    def reset(self) -> None:
-        """Put the rover back to its start; time goes on."""
-
-    def restart(self) -> None:
-        """Put the rover back to its start; time begins at 0."""
-
-    def quit(self) -> None:
-        """End the node."""
-
-    def move(self, position_m: Array | None, orientation_wxyz: Array | None,
-             linear_mps: Array | None, angular_radps: Array | None) -> None:
-        """Put the rover elsewhere; raises PhysicsError."""
-
-    def step(self, count: int) -> str:
-        """Advance so many states while paused, and wait for them; return why not, or ''."""
-
-
-def offer(node: GraphNode, simulator: Simulator) -> ServiceThread | None:
+def offer(node: GraphNode, simulator: PhysicsNode) -> ServiceThread | None:
     """Create the services `~/get_simulator_features` etc.; return the thread that is to be closed.
 
     Without the package it logs one line and returns None.
@@ -99,7 +59,7 @@ def offer(node: GraphNode, simulator: Simulator) -> ServiceThread | None:
 class SimulationServices:
     """Answers the requests; `msg` and `srv` are the modules of simulation_interfaces."""
 
-    def __init__(self, simulator: Simulator, msg: ModuleType, srv: ModuleType) -> None:
+    def __init__(self, simulator: PhysicsNode, msg: ModuleType, srv: ModuleType) -> None:
         self._simulator = simulator
         self._msg, self._srv = msg, srv
         self._is_stopped = False

@@ -24,6 +24,9 @@ from lunar_rover_sim.run.node_state import NodeState, StateReader
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.run.ros_installation import dds_environment
 
+# Statuses of a node that has done its work. SIGALRM ends one that DDS keeps from leaving
+# (`nodes.node_main.bound_leaving`).
+DONE = (0, -signal.SIGALRM)
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
 # left to add to it. A process that still works then, on a busy machine, is given more.
 _STOP_S = 15.0
@@ -127,12 +130,9 @@ class NodeProcesses:
         return False
 
     def _has_done_its_work(self, name: str) -> bool:
-        """Return whether a node that has ended has nothing left undone.
-
-        SIGALRM ends a node that DDS keeps from leaving (`nodes.node_main.bound_leaving`).
-        """
+        """Return whether a node that has ended has nothing left undone."""
         status = self._processes[name].returncode
-        return status == 0 or (status == -signal.SIGALRM and not self._fatal_reason(name))
+        return status in DONE and not self._fatal_reason(name)
 
     def _goes_on_without(self, name: str, end: str) -> bool:
         """Return whether the run goes on without a node; its first end is noted."""
@@ -450,7 +450,7 @@ class Ending:
         if name in self._may_fail:
             if not (self._stopping or shutting_down):
                 return Step(lost=f'{described}; the run goes on')
-        elif status != 0 and not shutting_down:
+        elif status not in DONE and not shutting_down:
             self._failure = f'the run failed: {described}'
         mark = '' if RECORDER in self._running else self._failure
         if shutting_down:

@@ -69,3 +69,8 @@ def test_after_ctrl_c_nothing_is_stopped_here_and_nothing_has_failed() -> None:
     """Launch itself stops all nodes, which may end in any order and with any status."""
     ending = Ending(NODES)
     assert {ending.after(name, -2, shutting_down=True) for name in NODES} == {Step()}
+
+
+def test_a_node_that_dds_keeps_from_leaving_has_done_its_work() -> None:
+    """SIGALRM ends it, in a launch as in a run."""
+    assert Ending(NODES).after('physics_node', -14) == Step(stop='drive_node')
