@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 import contextlib
+import dataclasses
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,16 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.recording_pace import recorded_factor
 from lunar_rover_sim.bag.recovery import recover
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
-from lunar_rover_sim.cli import bag_video, options
+from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SAMPLES, SUN, TRIPOD, tripod_problem
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.options import numbers
 from lunar_rover_sim.cli.terminal import console, print_json, Progress, say, table
 from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.files.film_file import check_suffix, SUFFIXES, U8, write_film
 from lunar_rover_sim.files.paths import check_path
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
+from lunar_rover_sim.inspection.film import Film, FilmOptions
 from lunar_rover_sim.inspection.report import Status
 from lunar_rover_sim.inspection.summary import missing_tf
 from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
@@ -55,8 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_folder(command, 'folder of the pictures; by default BAG_preview beside the bag',
                        required=False)
     options.add_recorded_world(command)
-    bag_video.add_arguments(add('video', 'a film of the drive: the rover from outside, left '
-                                'image, disparity, pitch and slip', bag_video.run))
+    _add_video(add('video', 'a film of the drive: the rover from outside, left image, disparity, '
+                   'pitch and slip', _video))
     command = add('recover', 'make a bag readable whose recording was cut off', _recover)
     options.add_new_folder(command, 'write the readable bag there, for instance where the disk of '
                            'the other one is full; by default it takes its place', required=False)
@@ -227,3 +232,93 @@ def _counting(path: Path, text: str) -> Iterator[Callable[[], None]]:
                 pending = 0
 
         yield count
+
+
+_QUALITY = 70
+
+
+def _add_video(parser: argparse.ArgumentParser) -> None:
+    """Declare what `bag video` takes."""
+    options.add_output(parser, _check_output, 'FILE',
+                       f'the film: {", ".join(SUFFIXES)}; must not exist')
+    parser.add_argument('--width', type=int, default=1280, metavar='PX', help='of the film, a '
+                        'multiple of 32; it is 4:3, and 16:9 with --bare (default: 1280)')
+    parser.add_argument('--fps', type=float, default=20.0, metavar='HZ',
+                        help='frames per second of the film (default: 20)')
+    parser.add_argument('--speed', type=float, default=1.0, metavar='FACTOR',
+                        help='simulated seconds per second of the film (default: 1)')
+    parser.add_argument('--start', type=float, metavar='S', help='first simulated time')
+    parser.add_argument('--end', type=float, metavar='S', help='last simulated time')
+    parser.add_argument('--bare', action='store_true',
+                        help='only the view from outside, without images and plots')
+    parser.add_argument('--samples', type=int, default=SAMPLES, metavar='N', help='along a side '
+                        'of a pixel of the view from outside, 1 to 4; 1 is three times as fast, '
+                        f'and thin parts of the rover look dashed (default: {SAMPLES})')
+    parser.add_argument('--behind', action='store_true', help='from behind the rover; by default '
+                        'from where the sun lights it from the side')
+    parser.add_argument('--from', metavar='DISTANCE,AZIMUTH,ELEVATION', dest='place',
+                        type=numbers(3), help='where the camera is [m, deg, deg], by default '
+                        '1.5,-112,17; the azimuth counts from the sun, with --behind from the '
+                        'heading')
+    parser.add_argument('--tripod', metavar='X,Y,HEIGHT', type=numbers(3),
+                        help='the camera stands there and turns after the rover [m]')
+    options.add_number(parser, '--quality', 1, 100, kind=int,
+                       help=f'of a .webp, 1 to 100 (default: {_QUALITY})')
+    options.add_recorded_world(parser)
+
+
+def _check_output(path: Path) -> None:
+    check_suffix(path)
+    check_path(path)
+    options.refuse_existing(path, option=False)
+
+
+def _video(args: argparse.Namespace) -> int:
+    """Draw and write the film."""
+    quality = _QUALITY if args.quality is None else args.quality
+    if args.quality is not None and args.output.suffix != '.webp':
+        raise ConfigError(f'--quality: has no effect on a {args.output.suffix}; valid is a .webp')
+    for option, given in (('--behind', args.behind), ('--from', args.place is not None)):
+        if args.tripod is not None and given:
+            raise ConfigError(f'{option}: has no effect beside --tripod; leave one of them out')
+    options = FilmOptions(args.width, args.fps, args.speed, args.start, args.end, args.bare,
+                          args.samples)
+    with Progress('reading the drive') as progress:
+        film = Film(args.bag, options, args.world)
+        film.chase = _camera(film, args)
+        progress.start('drawing', len(film.times_ns), 'frames')
+        args.output.parent.mkdir(parents=True, exist_ok=True)
+
+        def drawn() -> Iterator[U8]:
+            for frame in film.frames():
+                yield frame
+                progress.advance()
+
+        count = write_film(args.output, drawn(), args.fps, quality)
+    say(f'{args.output}: {count} frames, {count / args.fps:.1f} s, '
+        f'{args.output.stat().st_size / 1e6:.2f} MB')
+    return 0
+
+
+def _camera(film: Film, args: argparse.Namespace) -> ChaseConfig:
+    """Return the chase camera that is asked for. Raises ConfigError where it cannot be."""
+    chase = film.chase
+    if args.behind:
+        chase = dataclasses.replace(chase, reference=HEADING, azimuth_deg=180.0)
+    if args.place is not None:
+        distance_m, azimuth_deg, elevation_deg = args.place
+        try:
+            chase = dataclasses.replace(chase, distance_m=distance_m, azimuth_deg=azimuth_deg,
+                                        elevation_deg=elevation_deg,
+                                        reference=HEADING if args.behind else SUN)
+        except ConfigError as error:
+            raise ConfigError(f'--from: {error}') from None
+    if args.tripod is not None:
+        try:
+            chase = dataclasses.replace(chase, mode=TRIPOD, position_m=args.tripod)
+        except ConfigError as error:
+            raise ConfigError(f'--tripod: {str(error).removeprefix("position_m: ")}') from None
+        problem = tripod_problem(args.tripod, film.world)
+        if problem:
+            raise ConfigError(f'--tripod: {problem}')
+    return chase
