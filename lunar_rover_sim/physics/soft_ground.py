@@ -17,6 +17,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from lunar_rover_sim.compiled import read_only
 from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.physics.soil_contact import SoilRows
@@ -72,9 +73,10 @@ class SoftGround:
         self._slipped = np.zeros(legs)
         # MuJoCo's arrays stay where they are; asking for them takes longer than a step of the law.
         self._given = (data.qpos, data.qvel, self._legs, self._tips, self._soil,
-                       dig_table(soil.shape), DEEPEST, ground.heights_m, ground.cell_m,
-                       _NO_MAP if varies is None else
-                       varies.looseness.heights_m * np.float32(varies.variation),
+                       dig_table(soil.shape), DEEPEST,
+                       read_only(ground.heights_m, np.float32), ground.cell_m,
+                       read_only(_NO_MAP if varies is None else
+                                 varies.looseness.heights_m * varies.variation, np.float32),
                        1.0 if varies is None else varies.looseness.cell_m)
         self._moved = (data.mocap_pos, data.mocap_quat, model.pair_friction, model.pair_solref,
                        self._slipped, data.cfrc_ext[first_leg:first_leg + legs],

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from lunar_rover_sim.compiled import compiled
+from lunar_rover_sim.compiled import compiled, read_only
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.world.grid import HeightGrid
@@ -59,8 +59,9 @@ def press(overlay: Overlay, ground: HeightGrid, start: Point, end: Point, radius
     ny = math.ceil((max(start[1], end[1]) + reach) / CELL_M) - iy + 1
     tiles = overlay.reserve(ix, iy, nx, ny)
     pressed, overlay.residue_m = _press(
-        ix, iy, nx, ny, *start, *end, radius_m, compacted, overlay.residue_m, ground.heights_m,
-        ground.cell_m, overlay.index, overlay.origin, overlay.samples, overlay.changed)
+        ix, iy, nx, ny, *start, *end, radius_m, compacted, overlay.residue_m,
+        read_only(ground.heights_m, np.float32), ground.cell_m, overlay.index, overlay.origin,
+        overlay.samples, overlay.changed)
     if pressed:
         overlay.note_writes(tiles)
     return ix, iy, nx, ny
@@ -88,7 +89,7 @@ def relax(overlay: Overlay, ground: HeightGrid, window: Window, repose_deg: floa
 def heights(ground: HeightGrid, ix: int, iy: int, nx: int, ny: int) -> Array:
     """Return the (ny, nx) heights [m] of the untouched ground on samples; NaN beyond it."""
     found = np.empty((ny, nx))
-    _heights(found, ix, iy, ground.heights_m, ground.cell_m)
+    _heights(found, ix, iy, read_only(ground.heights_m, np.float32), ground.cell_m)
     return found
 
 
