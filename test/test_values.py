@@ -9,8 +9,10 @@ import pytest
 import lunar_rover_sim
 from lunar_rover_sim.errors import one_line
 
-ROOMS = ('world', 'regolith', 'physics', 'gait', 'illumination', 'camera', 'stereo',
+ROOMS = ('world', 'regolith', 'physics', 'gait', 'illumination', 'sensors', 'camera', 'stereo',
          'evaluation')
+# The renderer completes what it sees of the sun while a frame is drawn.
+GROWING = {'ImagedSun'}
 
 
 def value_classes():
@@ -19,7 +21,7 @@ def value_classes():
         for module in pkgutil.iter_modules(package.__path__, package.__name__ + '.'):
             for kind in vars(importlib.import_module(module.name)).values():
                 if isinstance(kind, type) and dataclasses.is_dataclass(kind) \
-                        and kind.__module__ == module.name:
+                        and kind.__module__ == module.name and kind.__name__ not in GROWING:
                     yield pytest.param(kind, id=f'{module.name}.{kind.__name__}')
 
 

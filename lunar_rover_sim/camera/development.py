@@ -22,7 +22,7 @@ from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, S
 F32 = NDArray[np.float32]
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(frozen=True)
 class LitImage:
     """What falls on a camera at the stamp of a frame, padding included.
 

@@ -42,7 +42,7 @@ class GroundChanges:
         return len(self.index)
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(frozen=True)
 class _Tile:
     """Views of the samples of a tile in the pool, (TILE, TILE) each."""
 

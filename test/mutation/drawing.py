@@ -13,8 +13,8 @@ from cosmic_ray.mutating import mutate_code
 import cosmic_ray.plugins
 from forked import PACKAGE, ROOT
 
-ROOMS = ('bag', 'camera', 'evaluation', 'gait', 'illumination', 'physics', 'regolith', 'stereo',
-         'world')
+ROOMS = ('bag', 'camera', 'evaluation', 'gait', 'illumination', 'physics', 'regolith', 'sensors',
+         'stereo', 'world')
 # Changes that make sense for the types at hand: a shifted float would only raise a TypeError.
 ARITHMETIC, COMPARISONS = 'Add Sub Mul Div FloorDiv Mod Pow', 'Eq NotEq Lt LtE Gt GtE'
 OPERATORS = {f'core/Replace{kind}Operator_{one}_{other}'
