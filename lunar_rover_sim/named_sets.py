@@ -15,7 +15,10 @@ _NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
 
 
 class Named(Mapping[str, V]):
-    """Any number of sets by their names, which can be part of topics, frames and parameters."""
+    """Any number of sets by their names, which can be part of topics, frames and parameters.
+
+    Their order counts: two are equal if they hold equal sets in one order.
+    """
 
     def __init__(self, sets: Mapping[str, V] | None = None) -> None:
         """Raise ConfigError for a name that is not valid."""
@@ -33,8 +36,11 @@ class Named(Mapping[str, V]):
     def __repr__(self) -> str:
         return f'{type(self).__name__}({self._sets!r})'
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Named) and tuple(self.items()) == tuple(other.items())
+
     def __hash__(self) -> int:
-        return hash(frozenset(self._sets.items()))
+        return hash(tuple(self._sets.items()))
 
 
 def checked_name(name: str, where: str) -> str:

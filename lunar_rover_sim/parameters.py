@@ -7,7 +7,7 @@ the YAML loader, the ROS parameter descriptors and the documentation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
 import math
 import typing
@@ -70,9 +70,12 @@ def group(cls: type) -> Any:
     return dataclasses.field(default_factory=cls)
 
 
-def named(cls: type) -> Any:
-    """Declare a field `Named[cls]`, by default empty: sets that a user adds by their names."""
-    return dataclasses.field(default_factory=Named, metadata={'named': cls})
+def named(cls: type, default: Callable[[], Named[Any]] = Named) -> Any:
+    """Declare a field `Named[cls]`: sets that a user adds by their names.
+
+    default: makes those without which none are given; where any are given, they are all
+    """
+    return dataclasses.field(default_factory=default, metadata={'named': cls})
 
 
 class Parameters:

@@ -6,13 +6,14 @@ namespaces and remappings apply.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import dataclasses
 import re
 
 from lunar_rover_sim import frames
 from lunar_rover_sim.named_sets import NAME
 
-LEGS = ('front_left', 'front_right', 'rear_left', 'rear_right')
+LEG = 'LEG'          # stands for the name of a leg in the topics that each leg has
 
 STATE = 'state'      # every publishing period of physics, 200 Hz by default
 FRAME = 'frame'      # every camera frame, 20 Hz by default
@@ -70,10 +71,9 @@ IMU_TRUTH = Topic('ground_truth/imu', 'sensor_msgs/msg/Imu', STATE, 'physics_nod
                   frames.IMU_FRAME, 'noise-free signal with orientation')
 IMU_BIAS = Topic('ground_truth/imu_bias', 'geometry_msgs/msg/AccelStamped', STATE, 'physics_node',
                  frames.IMU_FRAME, 'true bias: accelerometer [m/s^2], gyroscope [rad/s]')
-CONTACTS = tuple(
-    Topic(f'contacts/{leg}', 'geometry_msgs/msg/WrenchStamped', STATE, 'physics_node',
-          frames.leg_frame(leg), 'ground reaction on that leg, torque about its axle [N, N m]')
-    for leg in LEGS)
+CONTACT = Topic(f'contacts/{LEG}', 'geometry_msgs/msg/WrenchStamped', STATE, 'physics_node',
+                frames.leg_frame(LEG), 'of each leg: ground reaction on it, torque about its axle '
+                '[N, N m]')
 GROUND_CHANGES = Topic('ground/changes', 'sensor_msgs/msg/PointCloud2', FRAME, 'physics_node',
                        frames.ODOM_FRAME, 'where ground.model is regolith: samples that changed '
                        'since the message before; height_change and compaction are absolute [m]')
@@ -93,7 +93,7 @@ POWER = tuple(
     Topic(f'power/{line}', 'sensor_msgs/msg/BatteryState', STATE, 'physics_node', '',
           f'voltage and current in the supply line of {of}, as a power monitor shows them; '
           'negative where power is drawn [V, A]', on_request=True)
-    for line, of in (*((leg, 'that motor') for leg in LEGS), ('bus', 'all motors')))
+    for line, of in ((LEG, 'the motor of each leg'), ('bus', 'all motors')))
 SUN_SENSOR = Topic('sun_sensor/direction', 'geometry_msgs/msg/Vector3Stamped', EVENT,
                    'physics_node', frames.BASE_FRAME, 'measured unit vector to the sun, at '
                    'sun_sensor.rate_hz; silent in shadow', on_request=True)
@@ -256,7 +256,7 @@ SHOWN = Topic('pose_bridge/shown', 'std_msgs/msg/Header', EVENT, 'pose_bridge_no
               'stamp of the newest state that the other simulator has taken', on_request=True)
 
 CONTRACT: tuple[Topic, ...] = (
-    CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, *CONTACTS, GROUND_CHANGES,
+    CLOCK, ODOM, TRUE_ODOM, JOINT_STATES, IMU_RAW, IMU_TRUTH, IMU_BIAS, CONTACT, GROUND_CHANGES,
     GROUND_SNAPSHOT, SINKAGE, FOOT_SLIP, WHEEL_ODOM, *POWER, SUN_SENSOR, STAR_TRACKER, SOLAR_POWER,
     JOINT_COMMANDS, CMD_VEL, LEFT_IMAGE, RIGHT_IMAGE, LEFT_INFO, RIGHT_INFO, DISPARITY, DEPTH,
     DEPTH_INFO, TRUE_DEPTH, LEFT_COMPRESSED, RIGHT_COMPRESSED, POINTS, LABELS, CRATERS, SHADOW,
@@ -272,6 +272,33 @@ OF_SOFT_GROUND: tuple[Topic, ...] = (GROUND_CHANGES, GROUND_SNAPSHOT, SINKAGE)
 
 _HAZARD = tuple((topic, re.compile(topic.name.replace(NAME, '([a-z0-9_]+(?:/left|/right)?)')))
                 for topic in OF_HAZARD)
+_EXACT = {topic.name for topic in CONTRACT}
+_OF_LEG = tuple((topic, re.compile(topic.name.replace(LEG, '([a-z][a-z0-9_]*)')))
+                for topic in CONTRACT if LEG in topic.name)
+
+
+def of_legs(listed: Iterable[Topic], legs: Iterable[str]) -> tuple[Topic, ...]:
+    """Return topics of which those that each leg has are there once for each of the legs."""
+    names = tuple(legs)
+    return tuple(one for topic in listed for one in (
+        [dataclasses.replace(topic, name=topic.name.replace(LEG, leg),
+                             frame_id=topic.frame_id.replace(LEG, leg)) for leg in names]
+        if LEG in topic.name else [topic]))
+
+
+def of_leg(name: str) -> tuple[Topic, str] | None:
+    """Return which topic of each leg a relative name is, and of which leg; None if it is none."""
+    for topic, pattern in _OF_LEG:
+        match = pattern.fullmatch(name)
+        if match is not None and name not in _EXACT:
+            return topic, match[1]
+    return None
+
+
+def legs_of(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the legs, sorted, whose topics are among full or relative names."""
+    found = (of_leg('/'.join(name.split('/')[-2:])) for name in names)
+    return tuple(sorted({one[1] for one in found if one is not None}))
 
 
 def hazard(camera: str) -> tuple[Topic, ...]:

@@ -6,13 +6,13 @@ import numpy as np
 from lunar_rover_sim.frames import wxyz_from_matrix
 from lunar_rover_sim.physics.config import PhysicsConfig
 from lunar_rover_sim.physics.model import build_model
-from lunar_rover_sim.rover.description import LEG_NAMES
+from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.rover.mjcf import BASE_BODY, rover_spec
 from lunar_rover_sim.rover.visual import visual_parts
 
 _NO_ROVER = np.array([1, 0, 1, 1, 1, 1], np.uint8)      # geoms that collide are in group 1
 _MESHES = np.array([0, 0, 1, 0, 0, 0], np.uint8)
-LINKS = ('base_link', *LEG_NAMES)
+LINKS = ('base_link', *Legs().names)
 
 
 class RayScene:
@@ -41,7 +41,7 @@ class RayScene:
         """Set the rover's pose by MuJoCo's kinematics."""
         self.data.qpos[:3] = state.T_world_base[:3, 3]
         self.data.qpos[3:7] = wxyz_from_matrix(state.T_world_base[:3, :3])
-        for leg, angle in zip(LEG_NAMES, state.joint_angle_rad):
+        for leg, angle in zip(Legs().names, state.joint_angle_rad):
             self.data.qpos[self.rover.joint(f'{leg}_joint').qposadr[0]] = angle
         mujoco.mj_forward(self.rover, self.data)
 

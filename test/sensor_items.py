@@ -11,9 +11,11 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim import frames, topics
 from lunar_rover_sim.lidar.scan import POINT
+from lunar_rover_sim.rover.description import Legs
 
 T_BASE_LIDAR = frames.se3(frames.matrix_from_wxyz(frames.wxyz_from_rpy(0.05, 0.1, -0.2)),
                           [0.11, -0.02, 0.25])
+POWER = topics.of_legs(topics.POWER, Legs().names)
 SUN = frames.sun_direction(30.0, 10.0)      # that of the synthetic bag
 PERIOD_S = 0.1
 _DATATYPES = {'f4': 7, 'u2': 4}     # of PointField
@@ -106,7 +108,7 @@ def heading_items(ns: int) -> list[synthetic.Item]:
 
 def power_items(ns: int) -> list[synthetic.Item]:
     """Return what every line draws, and what the panel gives."""
-    return [*(power_item(topic, ns, -0.1 * k) for k, topic in enumerate(topics.POWER, 1)),
+    return [*(power_item(topic, ns, -0.1 * k) for k, topic in enumerate(POWER, 1)),
             power_item(topics.SOLAR_POWER, ns, 0.8)]
 
 
@@ -123,7 +125,7 @@ def with_lidar_frame(items: list[synthetic.Item]) -> list[synthetic.Item]:
 
 def foot_items(ns: int) -> list[synthetic.Item]:
     """Return slip and sinkage: 1 mm of each leg, swept 1 cm."""
-    legs = list(topics.LEGS)
+    legs = list(Legs().names)
     return [synthetic.Item(topic.name, topic.type, synthetic.msg(
         'sensor_msgs/JointState', header=synthetic.header(ns, ''), name=names,
         position=np.array(position), velocity=np.array(velocity), effort=np.zeros(0)))

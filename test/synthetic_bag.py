@@ -20,7 +20,7 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.qos import contract_qos
 from lunar_rover_sim.bag.stamps import stamp_ns
 from lunar_rover_sim.bag.writer import BagWriter
-from lunar_rover_sim.rover.description import JOINT_NAMES, StereoMount
+from lunar_rover_sim.rover.description import Legs, StereoMount
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 GRAVITY = 1.62
@@ -37,7 +37,6 @@ physics_node:
     time_mode: lockstep
 """
 
-
 @dataclasses.dataclass
 class Item:
     """One message on its way into a bag."""
@@ -52,6 +51,8 @@ def msg(kind: str, /, **fields: Any) -> Any:
     """Make a message of type `package/Name` from its fields."""
     package, _, name = kind.partition('/')
     return STORE.types[f'{package}/msg/{name}'](**fields)
+CONTACTS = topics.of_legs([topics.CONTACT], Legs().names)
+CONTRACT = topics.of_legs(topics.CONTRACT, Legs().names)
 
 
 def time(ns: int) -> Any:
@@ -175,7 +176,7 @@ def state_items(ns: int, step_ns: int, rng: np.random.Generator) -> list[Item]:
                pose=msg('geometry_msgs/PoseWithCovariance', pose=pose, covariance=np.zeros(36)),
                twist=msg('geometry_msgs/TwistWithCovariance', twist=twist,
                          covariance=np.zeros(36)))
-    joints = msg('sensor_msgs/JointState', header=header(ns, ''), name=list(JOINT_NAMES),
+    joints = msg('sensor_msgs/JointState', header=header(ns, ''), name=list(Legs().joint_names),
                  position=np.full(4, 2.0 * t), velocity=np.full(4, 2.0), effort=np.full(4, 0.1))
     bias = msg('geometry_msgs/Accel', linear=vector([0.01, 0, 0]), angular=vector([1e-3, 0, 0]))
     wrench = msg('geometry_msgs/Wrench', force=vector([0, 0, 0.9]), torque=vector([0, 0, 0]))
@@ -195,7 +196,7 @@ def state_items(ns: int, step_ns: int, rng: np.random.Generator) -> list[Item]:
                               accel=bias)),
         (topics.TF, msg('tf2_msgs/TFMessage', transforms=[transform])),
         *((contact, msg('geometry_msgs/WrenchStamped', header=header(ns, contact.frame_id),
-                        wrench=wrench)) for contact in topics.CONTACTS)]
+                        wrench=wrench)) for contact in CONTACTS)]
     return [Item(topic.name, topic.type, message) for topic, message in made]
 
 
@@ -249,7 +250,7 @@ def latched_items() -> list[Item]:
 
 def drive(duration_s: float = 1.0, state_hz: int = 200, frame_hz: int = 10,
           seed: int = 0, depth_every: int = 1,
-          only: Collection[topics.Topic] = topics.CONTRACT) -> list[Item]:
+          only: Collection[topics.Topic] = CONTRACT) -> list[Item]:
     """Return a whole drive in the order of time; state stamps begin at one period.
 
     only: the topics that a test needs; to write and read one more takes rosbags 10 ms

@@ -12,7 +12,7 @@ from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfi
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.run import node_config
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig
 from lunar_rover_sim.sensors.solar_panel import SolarPanelConfig
@@ -64,10 +64,10 @@ def test_the_instruments_of_the_default_rover_are_those_of_their_data_sheets():
 
 def test_gait_arrays_are_those_of_animals():
     """Of a pace the legs of one side move together, of a bound those in front."""
-    left_front, right_front, left_rear, right_rear = GaitConfig(gait='bound').offsets
+    left_front, right_front, left_rear, right_rear = GaitConfig(gait='bound').offsets(Legs())
     assert left_front == right_front and left_rear == right_rear
     assert (left_front - left_rear) % 1.0 == 0.5
-    left_front, right_front, left_rear, right_rear = GaitConfig(gait='pace').offsets
+    left_front, right_front, left_rear, right_rear = GaitConfig(gait='pace').offsets(Legs())
     assert left_front == left_rear and right_front == right_rear
     assert (left_front - right_front) % 1.0 == 0.5
 
@@ -83,7 +83,7 @@ def test_the_default_rover_walks_as_a_trot_with_three_spokes():
     """Feet of one diagonal together, a pitch of 120 deg, more stance than flight."""
     gait = GaitConfig()
     assert gait.pitch_rad == pytest.approx(2.0 * math.pi / 3.0)
-    left_front, right_front, left_rear, right_rear = gait.offsets
+    left_front, right_front, left_rear, right_rear = gait.offsets(Legs())
     assert left_front == right_rear and right_front == left_rear
     assert (left_front - right_front) % 1.0 == 0.5
     assert 0.5 < gait.duty_factor < 0.75

@@ -204,7 +204,7 @@ from lunar_rover_sim.files.paths import config_path, packaged_names
 from lunar_rover_sim.run.scenario import Scenario
 Scenario.load('baseline')
 print(json.dumps([
-    lunar_rover_sim.__file__, str(config_path('rover.yaml')), packaged_names('campaign'),
+    lunar_rover_sim.__file__, str(config_path('rovers/quad.yaml')), packaged_names('campaign'),
     resources.files('lunar_rover_sim.rendering').joinpath('shaders/common.glsl').is_file()]))
 """
     finished = run_installed(prefix, 'python', '-c', script)

@@ -41,7 +41,7 @@ SETS = parameter_sets()
 # Units of what cannot be negative; places and coordinates are named otherwise.
 MAGNITUDES = {'m', 's', 'Hz', 'Hz/s', '1/s', '1/m', 'N/m', 'N s/m', 'W', 'W/m^2', '1/J', 'e-',
               'e-/s', '%', 'of 255', 'px'}
-PLACES = {'x_m', 'y_m', 'position_m', 'aim_m', 'axle_z_m', 'center', 'height_scale',
+PLACES = {'x_m', 'y_m', 'position_m', 'aim_m', 'center', 'height_scale',
           'min_disparity'}
 
 

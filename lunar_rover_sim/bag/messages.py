@@ -10,7 +10,7 @@ from typing import Any
 from lunar_rover_sim import topics
 from lunar_rover_sim.errors import LunarRoverSimError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
-from lunar_rover_sim.rover.description import JOINT_NAMES
+from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.seconds import NS_PER_S
 
 
@@ -60,15 +60,16 @@ def imu_row(imu: Any) -> tuple[float, ...]:
     return *xyz(imu.angular_velocity), *xyz(imu.linear_acceleration)
 
 
-def joint_order(message: Any, where: object, error: type[LunarRoverSimError]) -> list[int]:
+def joint_order(message: Any, legs: Legs, where: object,
+                error: type[LunarRoverSimError]) -> list[int]:
     """Return where each joint of the legs stands in a sensor_msgs/JointState.
 
     where: what the message belongs to, for the text of an error
     Raises `error` if a joint is missing.
     """
     names = list(message.name)
-    missing = sorted(set(JOINT_NAMES) - set(names))
+    missing = sorted(set(legs.joint_names) - set(names))
     if missing:
         raise error(f'{where}: {topics.JOINT_STATES.name} lacks {missing[0]}; valid are the '
-                    f'joints {", ".join(JOINT_NAMES)}')
-    return [names.index(name) for name in JOINT_NAMES]
+                    f'joints {", ".join(legs.joint_names)}')
+    return [names.index(name) for name in legs.joint_names]

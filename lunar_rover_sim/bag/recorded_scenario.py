@@ -11,6 +11,7 @@ import yaml
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.rover.description import Legs
 
 _SHARED = '/**'
 _KEY = 'ros__parameters'
@@ -35,6 +36,12 @@ class RecordedScenario:
             if value is not None:
                 return value
         return default
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """The names of the rover's legs; those of the default rover where it names none."""
+        each = self.get('rover', 'legs.each')
+        return tuple(map(str, each)) if isinstance(each, Mapping) else Legs().names
 
     def number(self, section: str, name: str, default: float) -> float:
         """Return a number; the default where it is missing or not a number."""

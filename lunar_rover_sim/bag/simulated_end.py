@@ -35,7 +35,8 @@ def simulated_end_ns(bag: Bag) -> int:
 def _by_preference(bag: Bag) -> Iterator[list[str]]:
     """Yield the topics from which the end is read, most reliable first."""
     for rates in ((STATE,), (FRAME, DEPTH_FRAME)):
-        known = [topic.name for topic in topics.CONTRACT if topic.rate in rates]
+        known = [topic.name for topic in topics.of_legs(topics.CONTRACT, topics.legs_of(bag.types))
+                 if topic.rate in rates]
         yield [f'{namespace}/{name}' for namespace in {'', *bag.namespaces} for name in known
                if f'{namespace}/{name}' in bag.types]
     yield [name for name in bag.types if not is_at_wall_time(name)]

@@ -40,7 +40,7 @@ def ground_twist(state: Posed, T_base_camera: Array) -> CameraTwist:
 
 
 def leg_twists(state: Posed, T_base_camera: Array, rover: RoverDescription) -> list[CameraTwist]:
-    """Return the motion of a camera relative to the four legs, in the order of LEG_NAMES.
+    """Return the motion of a camera relative to the legs of the rover, in their order.
 
     Legs turn about their axles, along y of base_link.
     """
@@ -54,7 +54,7 @@ def leg_twists(state: Posed, T_base_camera: Array, rover: RoverDescription) -> l
 
 def twist_beside(state: Posed, T_world_camera: Array, velocity_mps: Array, rate_radps: Array,
                  rover: RoverDescription) -> list[CameraTwist]:
-    """Return the motion of a camera beside the rover relative to its body and its four legs.
+    """Return the motion of a camera beside the rover relative to its body and its legs.
 
     T_world_camera: (4, 4) of the optical frame; velocity_mps, rate_radps: (3,) of the camera,
     world axes

@@ -27,7 +27,8 @@ CONTENTS = tuple(_NEEDS)
 
 def recorded_topics(bag: Bag) -> list[str]:
     """Return the topics of the contract of which a bag holds messages."""
-    return [topic.name for topic in topics.CONTRACT if bag.count(topic.name)]
+    known = topics.of_legs(topics.CONTRACT, topics.legs_of(bag.types))
+    return [topic.name for topic in known if bag.count(topic.name)]
 
 
 def contents(recorded: Iterable[str], campaign: Mapping[str, Any]) -> list[str]:
@@ -36,7 +37,8 @@ def contents(recorded: Iterable[str], campaign: Mapping[str, Any]) -> list[str]:
     recorded: topics of the contract that were recorded; campaign: as in CAMPAIGN_FILE. Without
     bags, what its formats take of the topics counts.
     """
-    held = set(recorded)
+    # What each leg has counts by its name in the contract.
+    held = {name if (of := topics.of_leg(name)) is None else of[0].name for name in recorded}
     if not campaign.get('keep_bag', True):
         taken: set[str] = set()
         for kind in campaign.get('formats', ()):

@@ -28,6 +28,7 @@ from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, settled, standing
+from lunar_rover_sim.rover.description import MOST_LEGS
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
@@ -47,8 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--pose', action='append', metavar='X,Y,YAW[,Z]', type=numbers(3, 4),
                         help='where the rover stands [m, m, deg]; Z is the height of base_link '
                         'above the ground, 0.09 by default; may be repeated')
-    parser.add_argument('--joints', metavar='A,B,C,D', type=numbers(4), default=[0.0] * 4,
-                        help='leg angles [deg]')
+    parser.add_argument('--joints', metavar='A,B,…', default=[],
+                        type=numbers(*range(1, MOST_LEGS + 1)),
+                        help='angle of each leg [deg] (default: 0)')
     parser.add_argument('--twist', metavar='VX,VY,VZ,WX,WY,WZ', type=numbers(6),
                         default=[0.0] * 6, help='velocity of the rover in axes of base_link '
                         '[m/s, rad/s], which blurs the images over the exposure; zero by default')

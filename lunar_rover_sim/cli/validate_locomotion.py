@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         Ground(name).config()   # raises ConfigError for one that does not exist
     scenario = Scenario.load(args.scenario, args.overrides)
     gait, physics = scenario.gait_controller_node, scenario.physics_node
-    table = GaitCalibration.of(gait, physics.ground.name)
+    table = GaitCalibration.of(gait, physics.ground.name, scenario.rover.name)
     overlays = [read_curve(path) for path in args.overlay]
     make_new_folder(args.output)
 

@@ -20,6 +20,7 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.regolith.config import RIGID
+from lunar_rover_sim.rover.description import DEFAULT_ROVER
 
 _KIND = 'gait_calibration'
 _MOST_BYTES = 1 << 20
@@ -41,9 +42,15 @@ def is_packaged(name: str) -> bool:
     return name in packaged_names(_KIND)
 
 
-def packaged_calibration(ground: str) -> str:
-    """Return the name of the packaged calibration of a ground; without one, that of rigid."""
-    return ground if is_packaged(ground) else RIGID
+def packaged_calibration(ground: str, rover: str = DEFAULT_ROVER) -> str:
+    """Return the name of the packaged calibration of a rover, by its name, on a ground.
+
+    Where there is none for the ground it is that of rigid ground, and where there is none for the
+    rover that of the default one, which are named by the ground alone.
+    """
+    prefix = '' if rover == DEFAULT_ROVER else f'{rover}_'
+    return next((name for name in (prefix + ground, prefix + RIGID, ground) if is_packaged(name)),
+                RIGID)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,13 +144,14 @@ class GaitCalibration:
                    conditions={'source': 'analytic'})
 
     @classmethod
-    def of(cls, config: GaitConfig, ground: str = RIGID) -> GaitCalibration:
-        """Return the map that a gait names, or else the packaged one of a ground.
+    def of(cls, config: GaitConfig, ground: str = RIGID,
+           rover: str = DEFAULT_ROVER) -> GaitCalibration:
+        """Return the map that a gait names, or else the packaged one of a rover on a ground.
 
-        ground: `rigid`, or the name of a soil
+        ground: `rigid`, or the name of a soil; rover: its name
         Raises ConfigError as `load`.
         """
-        name = config.calibration or packaged_calibration(ground)
+        name = config.calibration or packaged_calibration(ground, rover)
         return cls.load(find_file(_KIND, name) if is_packaged(name) else name)
 
     @classmethod

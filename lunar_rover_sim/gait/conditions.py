@@ -15,11 +15,15 @@ _TOLERANCE = 0.01   # relative; speeds are hardly less exact within it
 
 
 def rover_conditions(rover: RoverDescription) -> Conditions:
-    """Return what a gait table depends on of the rover: mass [kg], spokes, places of axles [m]."""
+    """Return what a gait table depends on of the rover: mass [kg], spokes, places of axles [m].
+
+    `axle_x_m` and `axle_y_m` are those of the outermost legs.
+    """
     legs = rover.legs
     return {'rover_mass_kg': round(rover.total_mass_kg, 6), 'spokes': legs.spokes,
-            'spoke_length_m': legs.spoke_length_m, 'axle_x_m': legs.axle_x_m,
-            'axle_y_m': legs.axle_y_m}
+            'spoke_length_m': legs.spoke_length_m, 'legs': len(legs.each),
+            'axle_x_m': max(abs(x) for x, _, _ in legs.axle_positions_m()),
+            'axle_y_m': max(abs(y) for _, y, _ in legs.axle_positions_m())}
 
 
 def ground_conditions(physics: PhysicsConfig) -> Conditions:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import dataclasses
 import math
 from typing import TypeVar
@@ -15,13 +16,15 @@ G = TypeVar('G', bound='GaitConfig')
 
 PACKAGED_SPOKES = Legs().spokes     # for a gait that no rover is named for
 
-# Phase offsets [cycles] of front_left, front_right, rear_left, rear_right.
-GAIT_ARRAYS: dict[str, tuple[float, float, float, float]] = {
-    'trot': (0.0, 0.5, 0.5, 0.0),
-    'pace': (0.0, 0.5, 0.0, 0.5),
-    'bound': (0.0, 0.0, 0.5, 0.5),
-    'crawl': (0.0, 0.5, 0.75, 0.25),
+# Phase offset [cycles] of a leg by its side (0 left, 1 right), its number from the front on that
+# side, and the number of legs there.
+GAITS: dict[str, Callable[[int, int, int], float]] = {
+    'trot': lambda side, row, rows: 0.5 * ((side + row) % 2),
+    'pace': lambda side, row, rows: 0.5 * side,
+    'bound': lambda side, row, rows: 0.5 * (row % 2),
+    'crawl': lambda side, row, rows: (0.5 * side - row / (2.0 * rows)) % 1.0,
 }
+OWN, CUSTOM = 'rover', 'custom'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,11 +43,13 @@ class GaitConfig(Parameters):
                                     high=1.0, live=True)
     flight_smoothing: float = param(1.0, 'share of the flight with changing slope', low=0.0,
                                     high=1.0, live=True)
-    gait: str = param('trot', 'phase offsets by name; custom takes phase_offsets',
-                      choices=(*GAIT_ARRAYS, 'custom'), live=True)
+    gait: str = param(OWN, 'phase offsets by name: rover has those of the rover, trot alternates '
+                      'neighbours (with six legs, tripods), pace sides, bound pairs; crawl lifts '
+                      'one leg after the other; custom takes phase_offsets',
+                      choices=(OWN, *GAITS, CUSTOM), live=True)
     phase_offsets: tuple[float, ...] = param(
-        (0.0, 0.5, 0.5, 0.0), 'offsets of front_left, front_right, rear_left, rear_right, used by'
-        ' gait custom; below 1', unit='cycles', low=0.0, high=1.0, length=4, live=True)
+        (0.0, 0.5, 0.5, 0.0), 'offset of each leg, used by gait custom', unit='cycles', low=0.0,
+        high=1.0, open_high=True, live=True)
     phase_gain: float = param(2.0, 'phase rate of a leg per phase error',
                               unit='1/s', low=0.0, high=50.0, live=True)
     position_gain: float = param(8.0, 'velocity command per angle error', unit='1/s', low=0.0,
@@ -77,31 +82,39 @@ class GaitConfig(Parameters):
         if self.spokes == 1:
             raise ConfigError('spokes: 1 is not valid; valid is 0, or 2 to 12')
         self.shaping()
-        for offset in self.phase_offsets:
-            if offset >= 1.0:
-                raise ConfigError(f'phase_offsets: {offset:g} is not valid; valid is >= 0 and < 1'
-                                  ' [cycles]')
 
     @property
     def pitch_rad(self) -> float:
         """Angle between neighbouring spokes [rad]."""
         return 2.0 * math.pi / (self.spokes or PACKAGED_SPOKES)
 
-    @property
-    def offsets(self) -> tuple[float, ...]:
-        """Phase offsets [cycles] of the four legs, by name or custom."""
-        return GAIT_ARRAYS.get(self.gait, self.phase_offsets)
+    def offsets(self, legs: Legs) -> tuple[float, ...]:
+        """Return the phase offsets [cycles] of the legs of a rover.
+
+        Raises ConfigError if they are custom and not one for each leg.
+        """
+        if self.gait == OWN:
+            return tuple(leg.phase for leg in legs.each.values())
+        if self.gait in GAITS:
+            sides = [0 if left else 1 for left in legs.on_left]
+            return tuple(GAITS[self.gait](side, row, sides.count(side))
+                         for side, row in zip(sides, legs.rows()))
+        if len(self.phase_offsets) != len(legs.each):
+            raise ConfigError(f'phase_offsets: {len(self.phase_offsets)} elements given; valid is '
+                              f'one for each leg of the rover: {", ".join(legs.names)}')
+        return self.phase_offsets
 
     def for_rover(self: G, rover: RoverDescription) -> G:
         """Return the parameters with the number of spokes that the rover's legs have.
 
-        Raises ConfigError if the parameters name another number, or if the foot width is not
-        compatible with it.
+        Raises ConfigError if the parameters name another number, if the foot width is not
+        compatible with it, or if phase offsets are not one for each leg.
         """
         spokes = rover.legs.spokes
         if self.spokes not in (0, spokes):
             raise ConfigError(f'spokes: {self.spokes} is not valid for the gait; valid is '
                               f"{spokes}, as many as the rover's legs have, or 0")
+        self.offsets(rover.legs)
         return dataclasses.replace(self, spokes=spokes)
 
     def shaping(self) -> ShapingFunction:

@@ -18,9 +18,8 @@ from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import Legs, RoverDescription
 
-_SIDES = (0, 1, 0, 1)  # left or right, of front_left, front_right, rear_left, rear_right
 MAX_COMMAND = 10.0      # [m/s] or [rad/s], far beyond any walk: a mistake of units
 _MIN_DUTY, _MAX_DUTY = 0.1, 0.9
 _MIN_SWEEP = 0.05      # least share of the foot width that a stance sweeps: hardly any motion
@@ -29,12 +28,12 @@ _SHAPE_FIELDS = ('duty_factor', 'foot_width_deg', 'stance_smoothing', 'flight_sm
 
 @dataclasses.dataclass(frozen=True)
 class LegCommand:
-    """The command to the four motors, in the order of `topics.LEGS`.
+    """The command to the motors, in the order of the rover's legs.
 
     Attributes:
-        velocity_radps: (4,) velocity command.
-        angle_rad: (4,) reference angle, unwrapped to the present turn of each leg.
-        phase: (4,) phase of each leg [cycles], 0 in the middle of stance.
+        velocity_radps: (legs,) velocity command.
+        angle_rad: (legs,) reference angle, unwrapped to the present turn of each leg.
+        phase: (legs,) phase of each leg [cycles], 0 in the middle of stance.
     """
 
     velocity_radps: Array
@@ -79,8 +78,16 @@ class GaitController:
     """
 
     def __init__(self, config: GaitConfig | None = None,
-                 calibration: GaitCalibration | None = None) -> None:
+                 calibration: GaitCalibration | None = None, legs: Legs = Legs()) -> None:
+        """Stand, until the first command.
+
+        legs: those of the rover; by default the four of the packaged one
+        Raises ConfigError if the phase offsets are not one for each leg.
+        """
         self._config = config or GaitConfig()
+        self._legs = legs
+        self._sides = [0 if left else 1 for left in legs.on_left]
+        self._offsets = self._config.offsets(legs)
         self._calibration = calibration or GaitCalibration.default()
         self.reset()
 
@@ -93,7 +100,9 @@ class GaitController:
         """
         check_scenario(scenario, WalkingScenario)
         config = scenario.gait_controller_node.for_rover(scenario.rover)
-        return cls(config, GaitCalibration.of(config, scenario.physics_node.ground.name))
+        calibration = GaitCalibration.of(config, scenario.physics_node.ground.name,
+                                         scenario.rover.name)
+        return cls(config, calibration, scenario.rover.legs)
 
     @property
     def config(self) -> GaitConfig:
@@ -123,7 +132,7 @@ class GaitController:
         self._stride = self._commanded = STAND
         self._saturated = self._saturation_reported = False
         self._reports: list[str] = []
-        self._phases = LegPhases()
+        self._phases = LegPhases(self._legs.on_left)
         self._sweeps = [1.0, 1.0]         # left, right: share of the foot width
         self._duty_offset = 0.0
         self._shape = {name: getattr(self._config, name) for name in _SHAPE_FIELDS}
@@ -172,11 +181,13 @@ class GaitController:
         """Change the parameters; the shape is blended within the new `blend_time_s`.
 
         Raises:
-            ConfigError: If the number of spokes differs: that is another rover.
+            ConfigError: If the number of spokes, or of phase offsets, is that of another
+                rover.
         """
         if config.spokes != self._config.spokes:
             raise ConfigError(f'spokes: {config.spokes} is not valid while running; valid is'
                               f' {self._config.spokes}, or a new start')
+        self._offsets = config.offsets(self._legs)
         self._shape_from = dict(self._shape)
         self._blend_s = 0.0
         self._config = config
@@ -190,19 +201,20 @@ class GaitController:
         If time goes backward, the controller is reset.
 
         Args:
-            joint_angle_rad: (4,) as measured, unwrapped.
-            joint_velocity_radps: (4,) as measured.
+            joint_angle_rad: (legs,) as measured, unwrapped.
+            joint_velocity_radps: (legs,) as measured.
 
         Raises:
-            GaitError: If angles or velocities are not four finite numbers.
+            GaitError: If angles or velocities are not finite numbers, one for each leg.
         """
-        angle, velocity = _legs('angle', joint_angle_rad), _legs('velocity', joint_velocity_radps)
+        angle = self._values('angle', joint_angle_rad)
+        velocity = self._values('velocity', joint_velocity_radps)
         if self._last_ns is not None and stamp_ns < self._last_ns:
             self.reset()
         dt = 0.0
         if self._last_ns is None:
-            self._phases.start([float(self._sides[side].phase(q))
-                                for side, q in zip(_SIDES, angle)])
+            self._phases.start([float(self._shapings[side].phase(q))
+                                for side, q in zip(self._sides, angle)])
         else:
             dt = (stamp_ns - self._last_ns) * 1e-9
         self._last_ns = stamp_ns
@@ -249,20 +261,20 @@ class GaitController:
                     for sign, sweep in zip((1.0, -1.0), self._sweeps)]
         if settings != self._settings:
             self._settings = settings
-            self._sides = [ShapingFunction(*values) for values in settings]
+            self._shapings = [ShapingFunction(*values) for values in settings]
 
     def _follow(self, dt: float, angle: list[float]) -> None:
         """Advance the phases as far as the legs can follow."""
         config, phases = self._config, self._phases
-        for leg, side in enumerate(_SIDES):
+        for leg, side in enumerate(self._sides):
             # All spokes are alike: a leg that was turned by hand goes on with its nearest spoke.
-            lead = self._sides[side].angle_at(phases.phase[leg]) - angle[leg]
+            lead = self._shapings[side].angle_at(phases.phase[leg]) - angle[leg]
             phases.phase[leg] -= round(lead / config.pitch_rad)
         held = list(phases.phase)
-        phases.advance(dt, config, self._stride)
+        phases.advance(dt, config, self._stride, self._offsets)
         limit = math.radians(config.max_angle_lead_deg)
-        for leg, side in enumerate(_SIDES):
-            lead = self._sides[side].angle_at(phases.phase[leg]) - angle[leg]
+        for leg, side in enumerate(self._sides):
+            lead = self._shapings[side].angle_at(phases.phase[leg]) - angle[leg]
             if abs(lead) > limit and lead * phases.rate[leg] > 0.0:
                 phases.phase[leg] = held[leg]
 
@@ -270,8 +282,8 @@ class GaitController:
         config, phases = self._config, self._phases
         limit = config.max_joint_velocity_radps
         commands, references = [], []
-        for leg, side in enumerate(_SIDES):
-            shaping, phase = self._sides[side], phases.phase[leg]
+        for leg, side in enumerate(self._sides):
+            shaping, phase = self._shapings[side], phases.phase[leg]
             reference = shaping.angle_at(phase)
             forward = phases.rate[leg] * shaping.slope_at(phase)
             command = (forward + config.position_gain * (reference - angle[leg])
@@ -280,16 +292,15 @@ class GaitController:
             references.append(reference)
         return LegCommand(np.array(commands), np.array(references), np.array(phases.phase))
 
-
-def _legs(name: str, values: ArrayLike) -> list[float]:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != (4,) or not np.isfinite(array).all():
-        raise GaitError(f'joint {name}: {brief(values)} is not valid; valid are four finite'
-                        ' numbers')
-    return array.tolist()
+    def _values(self, name: str, values: ArrayLike) -> list[float]:
+        try:
+            array = np.asarray(values, dtype=float)
+        except (TypeError, ValueError):
+            array = np.empty(0)
+        if array.shape != (len(self._sides),) or not np.isfinite(array).all():
+            raise GaitError(f'joint {name}: {brief(values)} is not valid; valid are '
+                            f'{len(self._sides)} finite numbers')
+        return array.tolist()
 
 
 def _bounded(value: float, limit: float) -> float:

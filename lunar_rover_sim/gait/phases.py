@@ -1,4 +1,4 @@
-"""The phases of the four legs, which follow one clock at the offsets of the gait."""
+"""The phases of the legs, which follow one clock at the offsets of the gait."""
 
 from __future__ import annotations
 
@@ -24,24 +24,26 @@ class LegPhases:
     never jump, and rates change with bounded acceleration.
     """
 
-    def __init__(self) -> None:
-        self.phase = [0.0] * 4   # [cycles]
-        self.rate = [0.0] * 4    # [Hz]
+    def __init__(self, on_left: Sequence[bool]) -> None:
+        """Start at rest; on_left: which legs are on the left."""
+        self._on_left = tuple(on_left)
+        self.phase = [0.0] * len(on_left)   # [cycles]
+        self.rate = [0.0] * len(on_left)    # [Hz]
         self._clock = 0.0        # [cycles]
         self._clock_rate = 0.0   # [Hz], >= 0
         self._walking = False
 
     def start(self, phase: Sequence[float]) -> None:
-        """Start at rest from (4,) phases."""
+        """Start at rest from the phases of the legs."""
         self.phase = list(phase)
 
-    def advance(self, dt: float, config: GaitConfig, stride: Stride) -> None:
-        """Advance by dt [s] with the rate and the directions of a stride."""
+    def advance(self, dt: float, config: GaitConfig, stride: Stride,
+                offsets: Sequence[float]) -> None:
+        """Advance by dt [s] with the rate and the directions of a stride, at phase offsets."""
         step = config.phase_acceleration_hzps * dt
         self._clock_rate += _clip(stride.phase_rate_hz - self._clock_rate, -step, step)
-        direction = [math.copysign(1.0, sweep)
-                     for sweep in 2 * (stride.left_sweep, stride.right_sweep)]
-        offsets = config.offsets
+        direction = [math.copysign(1.0, stride.left_sweep if left else stride.right_sweep)
+                     for left in self._on_left]
         if stride.stands:
             target = [_clip(-SETTLE_GAIN * _wrap(phase), -config.settle_rate_hz,
                             config.settle_rate_hz) for phase in self.phase]
@@ -56,7 +58,7 @@ class LegPhases:
                              _AHEAD * self._clock_rate + _AHEAD_HZ)
                 target.append(sign * (self._clock_rate + pull))
         self._walking = not stride.stands
-        for leg in range(4):
+        for leg in range(len(target)):
             self.rate[leg] += _clip(target[leg] - self.rate[leg], -_AGILITY * step,
                                     _AGILITY * step)
             self.phase[leg] += self.rate[leg] * dt

@@ -110,8 +110,8 @@ def scan(bag: Bag, namespace: str, progress: Callable[[], None] | None = None) -
     by_topic: dict[str, TopicScan] = {}
     hazards = {found[1] for name in bag.types
                if (found := topics.of_hazard(name.removeprefix(f'{namespace}/'))) is not None}
-    for known in (*topics.CONTRACT, *(topic for camera in sorted(hazards)
-                                      for topic in topics.hazard(camera))):
+    for known in (*topics.of_legs(topics.CONTRACT, topics.legs_of(bag.types)),
+                  *(topic for camera in sorted(hazards) for topic in topics.hazard(camera))):
         for name in (f'{namespace}/{known.name}', f'/{known.name}'):
             if name in bag.types:
                 by_topic[name] = result.topics[known.name] = TopicScan(

@@ -36,7 +36,7 @@ from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rendering.layer_pictures import disparity_picture, gray8
 from lunar_rover_sim.rendering.renderer import Renderer
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.seconds import NS_PER_S
@@ -51,8 +51,8 @@ _LEAST_SWEEP_M = 0.02       # sum over the feet in a window; below it there is n
 class DriveSeries(NamedTuple):
     """States that the bag holds, (n, …) arrays.
 
-    stamps_ns (n,); poses (n, 13) as `odometry_row`; angles, velocities (n, 4) of the legs;
-    forces_n (n, 4, 3) on the legs, NaN where contacts were not recorded
+    stamps_ns (n,); poses (n, 13) as `odometry_row`; angles, velocities (n, legs);
+    forces_n (n, legs, 3) on the legs, NaN where contacts were not recorded
     """
 
     stamps_ns: NDArray[np.int64]
@@ -103,44 +103,48 @@ class DriveSeries(NamedTuple):
         return times_s, ratio
 
     def _state(self, k: int) -> RoverState:
-        row, zeros = self.poses[k], np.zeros(4)
+        row, zeros = self.poses[k], np.zeros_like(self.angles[k])
         return RoverState(int(self.stamps_ns[k]), row[:3], row[3:7], row[7:10], row[10:13],
                           self.angles[k], self.velocities[k], zeros, zeros, self.forces_n[k],
-                          np.zeros((4, 3)), np.zeros(3), np.zeros(3))
+                          np.zeros_like(self.forces_n[k]), np.zeros(3), np.zeros(3))
 
 
-def read_drive(bag: Bag, start_ns: int | None = None, end_ns: int | None = None) -> DriveSeries:
-    """Return the motion in a bag between two times; raise BagError where it holds none."""
+def read_drive(bag: Bag, legs: Legs, start_ns: int | None = None,
+               end_ns: int | None = None) -> DriveSeries:
+    """Return the motion in a bag between two times; raise BagError where it holds none.
+
+    legs: of the recorded rover, for the order of the values
+    """
     for name in (bag.truth, topics.JOINT_STATES.name):
         if not bag.count(name):
             raise BagError(f'{bag.path}: holds no drive: {name} is missing')
-    contacts = [topic.name for topic in topics.CONTACTS if bag.has(topic.name)]
+    contacts = [topic.name for topic in topics.of_legs([topics.CONTACT], legs.names)]
     names = {bag.resolve(name): name
-             for name in (bag.truth, topics.JOINT_STATES.name, *contacts)}
+             for name in (bag.truth, topics.JOINT_STATES.name, *contacts) if bag.has(name)}
     rows: dict[str, dict[int, Any]] = {name: {} for name in names.values()}
     for topic, _, message in bag.messages(names, start_ns, end_ns):
         name = names[topic]
         value = (odometry_row(message) if name == bag.truth
-                 else _legs(bag, message) if name == topics.JOINT_STATES.name
+                 else _legs(bag, legs, message) if name == topics.JOINT_STATES.name
                  else xyz(message.wrench.force))
         rows[name][header_ns(message)] = value
     common = sorted(set(rows[bag.truth]) & set(rows[topics.JOINT_STATES.name]))
     if not common:
         raise BagError(f'{bag.path}: holds no drive: no {topics.JOINT_STATES.name} has the stamp '
                        f'of a message of {bag.truth}')
-    legs = np.array([rows[topics.JOINT_STATES.name][stamp] for stamp in common])
-    forces = np.full((len(common), 4, 3), np.nan)
-    for leg, contact in enumerate(topics.CONTACTS):
-        found = rows.get(contact.name, {})
+    joints = np.array([rows[topics.JOINT_STATES.name][stamp] for stamp in common])
+    forces = np.full((len(common), len(contacts), 3), np.nan)
+    for leg, contact in enumerate(contacts):
+        found = rows.get(contact, {})
         for k, stamp in enumerate(common):
             forces[k, leg] = found.get(stamp, np.nan)
     return DriveSeries(np.array(common, np.int64), np.array([rows[bag.truth][s] for s in common]),
-                       legs[:, 0], legs[:, 1], forces)
+                       joints[:, 0], joints[:, 1], forces)
 
 
-def _legs(bag: Bag, message: Any) -> Array:
-    """Return (2, 4) angles and velocities in our order; legs without velocities are at rest."""
-    order = joint_order(message, bag.path, BagError)
+def _legs(bag: Bag, legs: Legs, message: Any) -> Array:
+    """Return (2, legs) angles and velocities in our order; legs without velocities are at rest."""
+    order = joint_order(message, legs, bag.path, BagError)
     angles = np.asarray(message.position, float)[order]
     speeds = (np.asarray(message.velocity, float)[order] if len(message.velocity)
               else np.zeros(len(order)))
@@ -320,7 +324,8 @@ class Film:
             self.world = found
             self.times_ns = self._times(bag)
             # The first slip ratio needs the window before it.
-            self._drive = read_drive(bag, int(self.times_ns[0]) - 2 * round(WINDOW_S * NS_PER_S),
+            self._drive = read_drive(bag, self._nodes.rover.legs,
+                                     int(self.times_ns[0]) - 2 * round(WINDOW_S * NS_PER_S),
                                      int(self.times_ns[-1]) + 1)
 
     def _times(self, bag: Bag) -> NDArray[np.int64]:

@@ -212,20 +212,21 @@ def _wheel_panels(bag: Bag, truth: _Truth | None) -> Iterator[Panel]:
 
 
 def _power_panels(bag: Bag) -> Iterator[Panel]:
+    *of_motors, of_all = topics.of_legs(topics.POWER, topics.legs_of(bag.types))
     lines = {topic.name: _read(bag, topic.name, lambda m: (m.voltage, m.current))
-             for topic in (*topics.POWER, topics.SOLAR_POWER) if bag.count(topic.name)}
-    motors = [topic.name for topic in topics.POWER[:-1] if topic.name in lines]
+             for topic in (*of_motors, of_all, topics.SOLAR_POWER) if bag.count(topic.name)}
+    motors = [topic.name for topic in of_motors if topic.name in lines]
 
     def currents(axes: Any) -> None:
-        for colour, topic in zip(_COLOURS, topics.POWER):
+        for k, topic in enumerate(of_motors):
             if topic.name in motors:
                 stamps, values = lines[topic.name]
-                axes.plot(stamps * 1e-9, -values[:, 1] * _MA_PER_A, lw=0.6, color=colour,
-                          label=topic.name.rpartition('/')[2])
+                axes.plot(stamps * 1e-9, -values[:, 1] * _MA_PER_A, lw=0.6,
+                          color=_COLOURS[k % len(_COLOURS)], label=topic.name.rpartition('/')[2])
         _label(axes, 'power: currents that motors draw', '[mA]')
 
     def powers(axes: Any) -> None:
-        for topic, sign, text in ((topics.POWER[-1], -1.0, 'drawn by all motors'),
+        for topic, sign, text in ((of_all, -1.0, 'drawn by all motors'),
                                   (topics.SOLAR_POWER, 1.0, 'given by the panel')):
             if topic.name in lines:
                 stamps, values = lines[topic.name]

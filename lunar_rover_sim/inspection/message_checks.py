@@ -35,7 +35,7 @@ def contract_topics(rover: RoverData, report: CheckReport) -> None:
     nodes = rover.scenario.get('run', 'nodes')
     silent = _unpublished(rover)
     missing = []
-    for topic in topics.CONTRACT:
+    for topic in topics.of_legs(topics.CONTRACT, rover.scenario.legs):
         if topic.rate == EVENT or topic.name in OPTIONAL or topic in silent:
             continue
         if not is_recorded(topic, _names(rover, listed), excluded):

@@ -90,6 +90,7 @@ class Lidar:
         self._grid = world.ground
         self.pattern = beam_pattern(config.optics, config.rate_hz)
         self.T_base_lidar = lidar_pose(rover)
+        self._legs = len(rover.legs.each)
         self._own = OwnBody(rover, self.pattern)
         self._range_m = config.optics.max_range_m
         reach = world.ground.half_extent_m + self._range_m
@@ -135,7 +136,7 @@ class Lidar:
             ConfigError: If the sensor is not over the ground that the rover walks on.
         """
         if not isinstance(motion, ScanMotion):
-            motion = ScanMotion.of(motion, 1e-9 * self._config.period_ns)
+            motion = ScanMotion.of(motion, 1e-9 * self._config.period_ns, self._legs)
         times = np.append(0.0, self.pattern.column_s)
         R_base, p_base = motion.at(times)
         R = R_base @ self.T_base_lidar[:3, :3]
@@ -152,14 +153,14 @@ class Lidar:
         Beams on the rover meet nothing, with `own_body` end they meet the ROVER.
 
         Args:
-            joint_angle_rad: (4,) leg angles; None: legs are met by no beam.
+            joint_angle_rad: (legs,) angles; None: legs are met by no beam.
         """
         T_base = np.asarray(T_world_base, float)
         T, columns = T_base @ self.T_base_lidar, self.pattern.columns
         origin, direction = self._rays(np.broadcast_to(T[:3, :3], (columns, 3, 3)),
                                        np.broadcast_to(T[:3, 3], (columns, 3)))
         angles = None if joint_angle_rad is None else np.broadcast_to(
-            np.asarray(joint_angle_rad, float), (columns, 4))
+            np.asarray(joint_angle_rad, float), (columns, self._legs))
         return self._cast(origin, direction, np.broadcast_to(T_base[:3, :3], (columns, 3, 3)),
                           angles)
 
@@ -172,7 +173,7 @@ class Lidar:
 
     def _cast(self, origin: Array, direction: Array, R_base: Array,
               joint_angle_rad: Array | None) -> RayHits:
-        """Return what rays meet; R_base: (columns, 3, 3); joint_angle_rad: (columns, 4)."""
+        """Return what rays meet; R_base: (columns, 3, 3); joint_angle_rad: (columns, legs)."""
         half = self._grid.half_extent_m
         x, y = origin[0, :2].tolist()
         if not np.abs(origin[::self.pattern.rings, :2]).max() < half:    # once a column

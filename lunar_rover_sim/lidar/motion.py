@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim.frames import Array, se3
-from lunar_rover_sim.rover.pose import Posed
+from lunar_rover_sim.rover.pose import leg_values, Posed
 
 
 class ScanMotion:
@@ -18,7 +18,7 @@ class ScanMotion:
         times_s: (k,) since its start, ascending, k >= 2.
         T_world_base: (k, 4, 4). Between them positions are interpolated linearly and orientations
             along great arcs; before the first and after the last the pose stands.
-        joint_angle_rad: (k, 4) leg angles in the order of LEG_NAMES, which may be left out: then
+        joint_angle_rad: (k, legs) in the order of the rover's legs, which may be left out: then
             legs are where no beam meets them.
     """
 
@@ -38,8 +38,11 @@ class ScanMotion:
         self._R_K, self._R_K_K = R @ K, R @ K @ K
 
     @classmethod
-    def of(cls, state: Posed, duration_s: float) -> ScanMotion:
-        """Return the motion of a rover that keeps its velocities for some time [s]."""
+    def of(cls, state: Posed, duration_s: float, legs: int) -> ScanMotion:
+        """Return the motion of a rover that keeps its velocities for some time [s].
+
+        legs: how many it has
+        """
         # Poses of a constant twist lie on a screw; short chords are close to it.
         times = np.linspace(0.0, duration_s, 33)
         rate, velocity = state.angular_velocity_radps, state.linear_velocity_mps
@@ -50,7 +53,8 @@ class ScanMotion:
         moved = np.zeros((len(times), 3))
         moved[1:] = np.cumsum(0.5 * step * (along[1:] + along[:-1]), axis=0)
         start = np.asarray(state.T_world_base, float)
-        angles = state.joint_angle_rad + np.outer(times, state.joint_velocity_radps)
+        angles = leg_values(state.joint_angle_rad, legs) + np.outer(
+            times, leg_values(state.joint_velocity_radps, legs))
         return cls(times, [start @ se3(R, p) for R, p in zip(turn, moved)], angles)
 
     def joint_angles(self, times_s: Array) -> Array | None:

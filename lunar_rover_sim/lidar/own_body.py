@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array, BASE_FRAME
 from lunar_rover_sim.lidar.beam_pattern import BeamPattern
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY, rover_spec
 from lunar_rover_sim.rover.mounts import lidar_pose
 from lunar_rover_sim.rover.visual import visual_parts
@@ -28,7 +28,7 @@ class _Leg:
     """A leg and the beams that may meet it.
 
     Attributes:
-        number: In LEG_NAMES.
+        number: In the rover's legs.
         beam: (m,).
         origin: (3,) of the beams from the axle, base axes.
         direction: (m, 3).
@@ -86,7 +86,7 @@ class OwnBody:
         """Return which beams meet a leg: (m,) beams, distances [m], and (m, 3) normals, base axes.
 
         Args:
-            joint_angle_rad: (columns, 4) leg angles at each column.
+            joint_angle_rad: (columns, legs) angles at each column.
         """
         beams, distances, normals = [np.zeros(0, np.int64)], [np.zeros(0)], [np.zeros((0, 3))]
         for leg in self._legs:
@@ -177,7 +177,7 @@ def _passes(o: Array, d: Array, reach_m: float, half_m: float) -> NDArray[np.boo
 def _body(rover: RoverDescription, origin: Array, rays: Array) -> tuple[Array, Array]:
     """Return (n,) distances at which rays meet the body, inf for none, and (n, 3) normals."""
     spec = rover_spec(rover)
-    for leg in LEG_NAMES:
+    for leg in rover.legs.names:
         for geom in spec.body(leg).geoms:
             geom.group = _LEGS
     for k, part in enumerate(p for p in visual_parts(rover) if p.link == BASE_FRAME):

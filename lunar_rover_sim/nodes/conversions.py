@@ -26,7 +26,7 @@ from std_msgs.msg import Header
 from lunar_rover_sim import frames
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rover.description import JOINT_NAMES
+from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.seconds import NS_PER_S
 
@@ -137,31 +137,31 @@ def twist_stamped(forward_mps: float, yaw_rate_radps: float, stamp: Time) -> Twi
     return msg
 
 
-def fill_joint_state(msg: JointState, position: Array, velocity: Array, effort: Array | None,
-                     stamp: Time) -> JointState:
-    """Write (4,) angles [rad], velocities [rad/s] and torques [N m] of the legs into `msg`.
+def fill_joint_state(msg: JointState, legs: Legs, position: Array, velocity: Array,
+                     effort: Array | None, stamp: Time) -> JointState:
+    """Write angles [rad], velocities [rad/s] and torques [N m] of the legs into `msg`.
 
     Returns `msg`. Without torques the effort is empty.
     """
     msg.header.stamp = stamp
-    msg.name = list(JOINT_NAMES)
+    msg.name = list(legs.joint_names)
     msg.position, msg.velocity = position.tolist(), velocity.tolist()
     msg.effort = [] if effort is None else effort.tolist()
     return msg
 
 
-def legs_of(msg: JointState, field: str) -> Array:
-    """Return (4,) values of `field` ('position' [rad] or 'velocity' [rad/s]) in leg order.
+def legs_of(msg: JointState, legs: Legs, field: str) -> Array:
+    """Return (legs,) values of `field` ('position' [rad] or 'velocity' [rad/s]) in leg order.
 
     The message may name the joints in any order, and others too. Raises GraphError if a joint or
     its value is missing.
     """
     names, values = list(msg.name), getattr(msg, field)
     try:
-        return np.array([values[names.index(joint)] for joint in JOINT_NAMES], dtype=float)
+        return np.array([values[names.index(joint)] for joint in legs.joint_names], dtype=float)
     except (ValueError, IndexError):
         raise GraphError(f'{field} of joints {names} in a JointState message is not complete; '
-                         f'valid is one value each for {", ".join(JOINT_NAMES)}') from None
+                         f'valid is one value each for {", ".join(legs.joint_names)}') from None
 
 
 def fill_imu_raw(msg: Imu, sample: ImuSample, accel_variance: float, gyro_variance: float,
@@ -253,16 +253,16 @@ def transform(parent: str, child: str, T_parent_child: Array, stamp: Time) -> Tr
     return msg
 
 
-def rover_pose(odom_raw: bytes, joints_raw: bytes | None) -> RoverPose:
+def rover_pose(odom_raw: bytes, joints_raw: bytes | None, legs: Legs) -> RoverPose:
     """Return pose and motion; legs without a message, or without velocities, are at rest."""
     odom = deserialize_message(odom_raw, Odometry)
     linear_mps, angular_radps = twist_of(odom)
-    angles, speeds = np.zeros(4), np.zeros(4)
+    angles, speeds = np.zeros(len(legs.each)), np.zeros(len(legs.each))
     if joints_raw is not None:
         joints = deserialize_message(joints_raw, JointState)
-        angles = legs_of(joints, 'position')
+        angles = legs_of(joints, legs, 'position')
         if len(joints.velocity):
-            speeds = legs_of(joints, 'velocity')
+            speeds = legs_of(joints, legs, 'velocity')
     return RoverPose(pose_of(odom), angles, linear_mps, angular_radps, speeds)
 
 

@@ -34,11 +34,12 @@ class GaitControllerNode(node_main.GraphNode):
         super().__init__('gait_controller_node')
         config = declare(self, GaitNodeConfig)
         rover = load_rover(config.rover or None)
+        self._legs = rover.legs
         self._config = config = config.for_rover(rover)
-        calibration = GaitCalibration.of(config)
+        calibration = GaitCalibration.of(config, rover=rover.name)
         for difference in differences(calibration.conditions, rover_conditions(rover)):
             self.get_logger().warning(f'calibration: measured with {difference}')
-        self._controller = GaitController(config, calibration)
+        self._controller = GaitController(config, calibration, rover.legs)
         self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
         self._states: collections.deque[JointState] = collections.deque()
         self._velocities: collections.deque[TwistStamped] = collections.deque()
@@ -102,10 +103,12 @@ class GaitControllerNode(node_main.GraphNode):
             self._listener.note_progress()
 
     def _answer(self, state: JointState) -> None:
-        command = self._controller.update(self._now_ns, conversions.legs_of(state, 'position'),
-                                          conversions.legs_of(state, 'velocity'))
+        command = self._controller.update(
+            self._now_ns, conversions.legs_of(state, self._legs, 'position'),
+            conversions.legs_of(state, self._legs, 'velocity'))
         self._publisher.publish(conversions.fill_joint_state(
-            self._message, command.angle_rad, command.velocity_radps, None, state.header.stamp))
+            self._message, self._legs, command.angle_rad, command.velocity_radps, None,
+            state.header.stamp))
 
     def _use_velocities(self, now_ns: int) -> None:
         """Hand the controller the velocity commands with stamps up to `now_ns`."""

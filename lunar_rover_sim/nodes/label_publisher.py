@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
@@ -23,17 +23,21 @@ class LabelPublisher:
     Where vision_msgs is installed, its LabelInfo and VisionInfo as well.
     """
 
-    def __init__(self, node: Node, rocks: Rocks, craters: Craters, world_hash: str) -> None:
-        """Wait for readers; rocks: near and far ones, in the order of their labels."""
+    def __init__(self, node: Node, rocks: Rocks, craters: Craters, world_hash: str,
+                 legs: Sequence[str]) -> None:
+        """Wait for readers; rocks: near and far ones, in the order of their labels.
+
+        legs: names of those of the rover
+        """
         self._node = node
         self._publishers: dict[str, Any] = {}
         self._offer(topics.LABEL_INFO, String,
-                    lambda: String(data=vocabulary(rocks, craters, world_hash)))
+                    lambda: String(data=vocabulary(rocks, craters, world_hash, legs)))
         msg = vision_messages()
         if msg is not None:
             header = Header(frame_id=topics.LABEL_CLASSES.frame_id)
             self._offer(topics.LABEL_CLASSES, msg.LabelInfo,
-                        lambda: label_info(msg, class_names(len(rocks)), header))
+                        lambda: label_info(msg, class_names(len(rocks), legs), header))
             self._offer(topics.VISION_INFO, msg.VisionInfo,
                         lambda: vision_info(msg, world_hash, header))
 

@@ -46,7 +46,9 @@ class LidarNode(node_main.GraphNode):
         super().__init__('lidar_node')
         self._config = config = declare(self, LidarNodeConfig)
         world = load_own_world(config.world)
-        self._lidar = Lidar(world, load_rover(config.rover or None), config, config.seed)
+        rover = load_rover(config.rover or None)
+        self._legs = rover.legs
+        self._lidar = Lidar(world, rover, config, config.seed)
         self._ring = self._lidar.pattern.ring_at(config.horizontal_beam)
         # Twenty states a scan: rosbags reads one in a fifth of the time that rclpy takes.
         self._types: Any = get_typestore(Stores.ROS2_JAZZY)
@@ -105,7 +107,7 @@ class LidarNode(node_main.GraphNode):
         stamp = time_ns(msg.header.stamp)
         for old in [ns for ns in self._angles if self._states and ns < self._states[0][0]]:
             del self._angles[old]
-        self._angles[stamp] = conversions.legs_of(msg, 'position')
+        self._angles[stamp] = conversions.legs_of(msg, self._legs, 'position')
         if self._next is not None and stamp >= (self._next + 1) * self._config.period_ns:
             self.wake()
 

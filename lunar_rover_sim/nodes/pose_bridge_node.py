@@ -20,7 +20,6 @@ from lunar_rover_sim.nodes.pose_stream import BridgedState, LossLog, PoseStream
 from lunar_rover_sim.nodes.pose_targets import make_target
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.time_jump import TimeJump
-from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.companion_config import PoseBridgeNodeConfig, SET_ENTITY_STATE
@@ -41,6 +40,7 @@ class PoseBridgeNode(node_main.GraphNode):
         super().__init__('pose_bridge_node')
         self._config = config = declare(self, PoseBridgeNodeConfig)
         self._rover = load_rover(config.rover or None)
+        self._leg_entities = config.entities_of(self._rover.legs.names)
         offset = config.offset
         self._T_other_odom = frames.se3(
             frames.matrix_from_wxyz(frames.wxyz_from_rpy(*np.radians(
@@ -107,10 +107,10 @@ class PoseBridgeNode(node_main.GraphNode):
         if needs_joints and now_ns not in self._joints:
             return
         self._odometry = None
-        angles = np.zeros(len(LEG_NAMES))
+        angles = np.zeros(len(self._rover.legs.each))
         if needs_joints:
             joints = deserialize_message(self._joints[now_ns], JointState)
-            angles = conversions.legs_of(joints, 'position')
+            angles = conversions.legs_of(joints, self._rover.legs, 'position')
             if self._joint_publisher.get_subscription_count():
                 self._joint_publisher.publish(joints)
         self._stream.put(self._state(deserialize_message(raw, Odometry), angles))
@@ -120,7 +120,7 @@ class PoseBridgeNode(node_main.GraphNode):
         poses = {self._config.entity: T_other_base}
         if self._moves_legs:
             links = link_poses(self._rover, angles)
-            for entity, leg in zip(self._config.leg_entities, LEG_NAMES):
+            for entity, leg in zip(self._leg_entities, self._rover.legs.names):
                 poses[entity] = T_other_base @ links[leg]
         linear, angular = conversions.twist_of(odom)
         return BridgedState(time_ns(odom.header.stamp), poses, T_other_base[:3, :3] @ linear,

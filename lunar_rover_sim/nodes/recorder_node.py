@@ -152,6 +152,9 @@ class RecorderNode(node_main.GraphNode):
             return False
         if topics.of_hazard(name.removeprefix(own)) is not None:
             return False
+        of_leg = topics.of_leg(name.removeprefix(own))
+        if of_leg is not None and of_leg[0].on_request:
+            return False
         # With topics at wall time no two runs would give the same bag.
         return (name not in self._excluded and not is_at_wall_time(name)
                 and (topic is None or is_recorded(topic, (ALL,))))
@@ -159,7 +162,8 @@ class RecorderNode(node_main.GraphNode):
     def _subscribe(self, name: str, type_name: str, infos: list[TopicEndpointInfo]) -> None:
         self._subscribed.add(name)
         self._last_new_topic_s = time.monotonic()
-        topic = self._contract.get(name)
+        of_leg = topics.of_leg(name.removeprefix(self.get_namespace().rstrip('/') + '/'))
+        topic = self._contract.get(name) if of_leg is None else of_leg[0]
         profiles = [info.qos_profile for info in infos]
         durable = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
         reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)

@@ -74,7 +74,9 @@ class RenderNode(node_main.GraphNode):
         # A run has done so already. A node that is started alone does it here.
         self._config = config = dataclasses.replace(
             config, sun=sun_of_date(config.sun, reported_site(world.report)))
-        self._renderer = Renderer(world, load_rover(config.rover or None), config, config.seed)
+        rover = load_rover(config.rover or None)
+        self._legs = rover.legs
+        self._renderer = Renderer(world, rover, config, config.seed)
 
         # The first frame is that of the first whole period.
         self._last_period = 0 if config.lockstep else None
@@ -106,7 +108,8 @@ class RenderNode(node_main.GraphNode):
             self, [*self._publisher.publishers, *self._further.publishers],
             config.participants if config.lockstep else ())
         self._sun = MovingSun(self, config, self._renderer)
-        LabelPublisher(self, self._renderer.rocks, world.craters, world.hash)
+        LabelPublisher(self, self._renderer.rocks, world.craters, world.hash,
+                       rover.legs.names)
         refuse_other_worlds(self, config.world, world, config.lockstep)
         on_change(self, config, self._publisher.configure)
         Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})
@@ -220,7 +223,8 @@ class RenderNode(node_main.GraphNode):
         joints_raw = self._joints.pop(stamp, None) if lockstep else \
             self._joints.get(stamp, next(reversed(self._joints.values()), None))
         self._sun.announce(stamp)
-        state, with_depth = conversions.rover_pose(raw, joints_raw), self._is_depth_due(stamp)
+        state = conversions.rover_pose(raw, joints_raw, self._legs)
+        with_depth = self._is_depth_due(stamp)
         frame = _Frame(stamp, state, with_depth, self._last_with_depth)
         if with_depth:
             self._last_with_depth = state

@@ -40,7 +40,7 @@ class RequestedSensors:
         self._sensors: list[tuple[Sensor, list[tuple[topics.Topic, Publisher]]]] = [
             (sensor, [(topic, node.create_publisher(message_class(topic.type), topic.name,
                                                     qos.offered(topic)))
-                      for topic in sensor.published if topic not in silent])
+                      for topic in sensor.offered if topic not in silent])
             for sensor in sensors]
         self._unread: set[Sensor] = set()
         self.publishers = [publisher for _, offered in self._sensors for _, publisher in offered]

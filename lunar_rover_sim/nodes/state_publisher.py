@@ -15,7 +15,7 @@ from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.base_footprint import footprint_pose
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
@@ -37,8 +37,9 @@ class StatePublisher:
         self._truth = config.truth
         self._base_frame = frames.TRUE_BASE_FRAME if config.separate_truth else frames.BASE_FRAME
         # In the order of publishing. The clock is last: it means that the rest has been published.
+        self._contacts = topics.of_legs([topics.CONTACT], rover.legs.names)
         self._others = (self._truth, topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS,
-                        *topics.CONTACTS, *([topics.CLOCK] if config.publish_clock else []))
+                        *self._contacts, *([topics.CLOCK] if config.publish_clock else []))
         self._imu = imu
         self._imu_variances = imu.white_noise_variances()
         self._imu_wxyz = frames.wxyz_from_matrix(imu_pose(rover)[:3, :3])
@@ -78,7 +79,7 @@ class StatePublisher:
         rest is filled and sent.
         """
         stamp = conversions.time_msg(stamp_ns)
-        conversions.fill_joint_state(self._messages[topics.JOINT_STATES.name],
+        conversions.fill_joint_state(self._messages[topics.JOINT_STATES.name], self._rover.legs,
                                      state.joint_angle_rad, state.joint_velocity_radps,
                                      state.motor_torque_nm, stamp)
         self._send([topics.JOINT_STATES])
@@ -105,7 +106,7 @@ class StatePublisher:
         conversions.fill_imu_truth(messages[topics.IMU_TRUTH.name], state, self._imu_wxyz, stamp)
         conversions.fill_imu_bias(messages[topics.IMU_BIAS.name], sample, stamp)
         R_world_base = frames.matrix_from_wxyz(state.orientation_wxyz)
-        for k, (leg, topic) in enumerate(zip(LEG_NAMES, topics.CONTACTS)):
+        for k, (leg, topic) in enumerate(zip(self._rover.legs.names, self._contacts)):
             R_world_leg = R_world_base @ links[leg][:3, :3]
             conversions.fill_wrench(messages[topic.name], state.contact_force_n[k] @ R_world_leg,
                                     state.contact_torque_nm[k] @ R_world_leg, topic.frame_id,
@@ -117,7 +118,7 @@ class StatePublisher:
         base, footprint, T_world_base = frames.BASE_FRAME, frames.FOOTPRINT_FRAME, \
             state.T_world_base
         transforms = [conversions.transform(base, frames.leg_frame(leg), links[leg], stamp)
-                      for leg in LEG_NAMES]
+                      for leg in self._rover.legs.names]
         if self._config.publish_tf:
             transforms.append(conversions.transform(self._truth.frame_id, self._base_frame,
                                                     T_world_base, stamp))

@@ -33,12 +33,12 @@ LOADED_PART = 0.005   # of the weight: a leg that carries less has no foot on th
 
 @dataclasses.dataclass(frozen=True)
 class FootMotion:
-    """The feet at one stamp, in the order of LEG_NAMES.
+    """The feet at one stamp, in the order of the rover's legs.
 
-    loaded: (4,) whether the leg stands on something; sweep and slip are 0 where it does not
-    sweep_mps: (4,) speed backward past the axle
-    slip_mps: (4,) speed backward over the ground
-    axle_mps: (4,) speed of the axles ahead along the ground, loaded or not: sweep less slip
+    loaded: (legs,) whether the leg stands on something; sweep and slip are 0 where it does not
+    sweep_mps: (legs,) speed backward past the axle
+    slip_mps: (legs,) speed backward over the ground
+    axle_mps: (legs,) speed of the axles ahead along the ground, loaded or not: sweep less slip
     """
 
     loaded: NDArray[np.bool_]
@@ -103,13 +103,13 @@ class FootObserver:
 class SlipMeter:
     """Sums up the ways of the feet.
 
-    swept_m, slipped_m: (4,) ways backward past the axle and over the ground since the start
+    swept_m, slipped_m: (legs,) ways backward past the axle and over the ground since the start
     driven_m: of the rover, by the mean sweep of the legs that are loaded at a time
     way_m: that it went along its heading, also while no leg is loaded
     """
 
-    def __init__(self) -> None:
-        self.swept_m, self.slipped_m = np.zeros(4), np.zeros(4)
+    def __init__(self, legs: int) -> None:
+        self.swept_m, self.slipped_m = np.zeros(legs), np.zeros(legs)
         self.driven_m = self.way_m = 0.0
 
     def add(self, motion: FootMotion, interval_s: float) -> None:
@@ -122,8 +122,8 @@ class SlipMeter:
 
     @property
     def ratio(self) -> Array:
-        """The (4,) slip ratios so far; NaN of a leg that has not swept its foot."""
-        return np.divide(self.slipped_m, self.swept_m, out=np.full(4, math.nan),
+        """The (legs,) slip ratios so far; NaN of a leg that has not swept its foot."""
+        return np.divide(self.slipped_m, self.swept_m, out=np.full(len(self.swept_m), math.nan),
                          where=self.swept_m != 0.0)
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, wxyz_from_rpy
 from lunar_rover_sim.physics.state import RoverState
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import BASE_BODY
 
 # The cross product a x b is (a @ _CROSS).reshape(3, 3) @ b.
@@ -20,21 +20,24 @@ _CROSS = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
 class Observer:
     """Reads states from MuJoCo's data; the IMU measures the motion since the state before.
 
-    leg_wrench: (4, 6) of the present step, torque and force on each leg in world axes, about the
-    centre of mass of the rover; motor_torque: (4,) of the present step
+    leg_wrench: (legs, 6) of the present step, torque and force on each leg in world axes, about
+    the centre of mass of the rover; motor_torque: (legs,) of the present step
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rover: RoverDescription,
                  gravity_mps2: float) -> None:
-        legs = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, leg) for leg in LEG_NAMES]
-        if legs != list(range(legs[0], legs[0] + 4)):
+        legs = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, leg)
+                for leg in rover.legs.names]
+        count = len(legs)
+        if legs != list(range(legs[0], legs[0] + count)):
             raise PhysicsError('the bodies of the legs do not follow each other in the model')
         base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
-        self.leg_wrench: Array = data.cfrc_ext[legs[0]:legs[0] + 4]
-        self.motor_torque: Array = data.qfrc_actuator[6:10]
-        self._qpos, self._qvel = data.qpos, data.qvel
+        self.leg_wrench: Array = data.cfrc_ext[legs[0]:legs[0] + count]
+        self.motor_torque: Array = data.qfrc_actuator[6:6 + count]
+        self._qpos, self._qvel = data.qpos[:7], data.qvel[:6]
+        self._angle, self._speed = data.qpos[7:7 + count], data.qvel[6:6 + count]
         self._com = data.subtree_com[base]
-        self._axles = data.xpos[legs[0]:legs[0] + 4]
+        self._axles = data.xpos[legs[0]:legs[0] + count]
         self._torque_per_ampere = rover.motor.gear_ratio * rover.motor.motor_constant
         self._imu_position = np.array(rover.imu.position_m)
         self._R_base_imu = matrix_from_wxyz(wxyz_from_rpy(*np.radians(rover.imu.rpy_deg)))
@@ -61,7 +64,7 @@ class Observer:
                 torque: Array) -> RoverState:
         """Return the state now, with the IMU signals of the motion since the previous state.
 
-        wrench (4, 6), torque (4,): means of `leg_wrench` and `motor_torque` over the interval
+        wrench (legs, 6), torque (legs,): means of `leg_wrench` and `motor_torque` over it
 
         The rate is the constant rate that turns the previous attitude into the present one. The
         specific force is the mean acceleration of the IMU minus gravity, in the axes halfway
@@ -86,7 +89,7 @@ class Observer:
         force -= self._gravity
         self.motion = quat, imu_velocity
         pull = wrench[:, 3:].copy()
-        lever = (self._com - self._axles).dot(_CROSS).reshape(4, 3, 3)
+        lever = (self._com - self._axles).dot(_CROSS).reshape(-1, 3, 3)
         turn = np.matmul(lever, pull[:, :, None])[:, :, 0]
         turn += wrench[:, :3]
         return RoverState(
@@ -95,8 +98,8 @@ class Observer:
             orientation_wxyz=quat,
             linear_velocity_mps=velocity.dot(R_world_base),
             angular_velocity_radps=qvel[3:6].copy(),
-            joint_angle_rad=qpos[7:11].copy(),
-            joint_velocity_radps=qvel[6:10].copy(),
+            joint_angle_rad=self._angle.copy(),
+            joint_velocity_radps=self._speed.copy(),
             motor_torque_nm=torque,
             motor_current_a=torque / self._torque_per_ampere,
             contact_force_n=pull,

@@ -7,7 +7,6 @@ import numpy as np
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.rover.mjcf import tip_geom
 from lunar_rover_sim.world.grid import HeightGrid
 
@@ -29,7 +28,7 @@ class TipPenetration:
         self._radius_m = legs.tip_radius_m
         self._tips = np.array([
             mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, tip_geom(leg, spoke))
-            for leg in LEG_NAMES for spoke in range(legs.spokes)])
+            for leg in legs.names for spoke in range(legs.spokes)])
         self._is_tip = np.zeros(model.ngeom, dtype=bool)
         self._is_tip[self._tips] = True
 

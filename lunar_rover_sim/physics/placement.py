@@ -31,12 +31,16 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover:
     rotation = _level_rotation(ground, rover, start)
     data.qpos[:3] = start.x_m, start.y_m, 0.0
     data.qpos[3:7] = wxyz_from_matrix(rotation)
-    data.qpos[7:11] = start.joint_angle_rad
+    legs = len(rover.legs.each)
+    if len(start.joint_angle_rad) not in (1, legs):
+        raise ConfigError(f'start.joint_angle_rad: {len(start.joint_angle_rad)} elements given; '
+                          f'valid is one for all legs, or {legs}')
+    data.qpos[7:7 + legs] = start.joint_angle_rad
     data.qvel[:] = 0.0
     mujoco.mj_kinematics(model, data)
     # The tips; soft ground has balls on the chassis, too.
-    legs = model.geom_bodyid > mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
-    spheres = np.flatnonzero(legs & (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE))
+    on_legs = model.geom_bodyid > mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE_BODY)
+    spheres = np.flatnonzero(on_legs & (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE))
     centres = data.geom_xpos[spheres]
     lowest = centres[:, 2] - model.geom_size[spheres, 0]
     # Steep ground touches a sphere beside its lowest point: look at a disc below each.
@@ -56,13 +60,13 @@ _DISC = np.concatenate([np.zeros((1, 2)), np.stack([np.cos(_ANGLES), np.sin(_ANG
 
 
 def _level_rotation(ground: HeightGrid, rover: RoverDescription, start: StartPose) -> Array:
-    """Return R_world_base whose z axis is the normal of the plane through the four footholds."""
+    """Return R_world_base whose z axis is the normal of the plane through the footholds."""
     yaw = np.radians(start.yaw_deg)
     forward = np.array([np.cos(yaw), np.sin(yaw)])
     left = np.array([-forward[1], forward[0]])
     feet = np.array(rover.legs.axle_positions_m())
     xy = np.array([start.x_m, start.y_m]) + feet[:, :1] * forward + feet[:, 1:2] * left
-    basis = np.column_stack([feet[:, :2], np.ones(4)])
+    basis = np.column_stack([feet[:, :2], np.ones(len(feet))])
     slope_x, slope_y, _ = np.linalg.lstsq(basis, ground.height_at(xy), rcond=None)[0]
     x_axis = np.append(forward, slope_x)
     x_axis /= np.linalg.norm(x_axis)

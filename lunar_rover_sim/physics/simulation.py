@@ -147,18 +147,18 @@ class Simulation:
         return self._steps * self.config.step_ns
 
     def command(self, velocity_radps: ArrayLike) -> None:
-        """Set the velocity setpoints of the motors, (4,) [rad/s] in the order of LEG_NAMES.
+        """Set the velocity setpoints of the motors, (legs,) [rad/s] in their order.
 
         Raises:
-            PhysicsError: If they are not four finite numbers, or after `close`.
+            PhysicsError: If they are not finite numbers, one for each leg, or after `close`.
         """
         try:
             velocity = np.asarray(velocity_radps, dtype=float)
         except (TypeError, ValueError):
             velocity = np.empty(0)
-        if velocity.shape != (4,) or not np.isfinite(velocity).all():
-            raise PhysicsError(f'command: {brief(velocity_radps)} is not valid; valid is four'
-                               ' finite velocities [rad/s]')
+        if velocity.shape != self.data.ctrl.shape or not np.isfinite(velocity).all():
+            raise PhysicsError(f'command: {brief(velocity_radps)} is not valid; valid is '
+                               f'{self.model.nu} finite velocities [rad/s]')
         # The bound is far above what gives full torque, and below 1e10, from where on MuJoCo
         # takes a control for an error and sets it to 0.
         velocity = np.minimum(np.maximum(velocity, -MAX_COMMAND_RADPS), MAX_COMMAND_RADPS)
@@ -210,7 +210,7 @@ class Simulation:
         model, data = self.model, self.data
         step, observer = mujoco.mj_step, self._observer
         step_wrench, step_torque = observer.leg_wrench, observer.motor_torque
-        wrench, torque = np.zeros((4, 6)), np.zeros(4)
+        wrench, torque = np.zeros_like(step_wrench), np.zeros_like(step_torque)
         soft_ground = self._soft_ground
         if soft_ground is not None:
             soft_ground.advance(int(n_steps), wrench, torque)

@@ -20,7 +20,7 @@ import numpy as np
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import ContactConfig
 from lunar_rover_sim.regolith.soil import Soil
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM, GROUND_BIT, ROCK_BIT, ROVER_PRIORITY, tip_geom
 
 IMPEDANCE = 0.5
@@ -52,7 +52,7 @@ def add_soil(spec: mujoco.MjSpec, rover: RoverDescription) -> None:
     since several of them touch at once.
     """
     _add_balls(spec)
-    for leg in LEG_NAMES:
+    for leg in rover.legs.names:
         for spoke in range(rover.legs.spokes):
             tip = tip_geom(leg, spoke)
             spec.geom(tip).conaffinity = ROCK_BIT
@@ -84,7 +84,8 @@ def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,
 
     Raises ConfigError where the model's time step cannot resolve them.
     """
-    names = [tip_geom(leg, spoke) for leg in LEG_NAMES for spoke in range(rover.legs.spokes)]
+    names = [tip_geom(leg, spoke)
+             for leg in rover.legs.names for spoke in range(rover.legs.spokes)]
     tips = [_id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in names]
     pairs = [_id(model, mujoco.mjtObj.mjOBJ_PAIR, _soil(name)) for name in names]
     bodies = [_id(model, mujoco.mjtObj.mjOBJ_BODY, _soil(name)) for name in names]

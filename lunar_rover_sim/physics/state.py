@@ -21,12 +21,12 @@ class RoverState:
         orientation_wxyz: (4,) base_link in the world frame.
         linear_velocity_mps: (3,) of the origin of base_link, base axes.
         angular_velocity_radps: (3,) base axes.
-        joint_angle_rad: (4,) unwrapped, order of LEG_NAMES.
-        joint_velocity_radps: (4,).
-        motor_torque_nm: (4,) electric torque at the leg, before the friction of the gear.
-        motor_current_a: (4,) winding current.
-        contact_force_n: (4, 3) ground reaction on each leg, world axes.
-        contact_torque_nm: (4, 3) its torque about the axle, world axes.
+        joint_angle_rad: (legs,) unwrapped, order of the rover's legs.
+        joint_velocity_radps: (legs,).
+        motor_torque_nm: (legs,) electric torque at the leg, before the friction of the gear.
+        motor_current_a: (legs,) winding current.
+        contact_force_n: (legs, 3) ground reaction on each leg, world axes.
+        contact_torque_nm: (legs, 3) its torque about the axle, world axes.
         specific_force_mps2: (3,) at the IMU, IMU axes; +g upwards at rest.
         imu_rate_radps: (3,) IMU axes.
     """

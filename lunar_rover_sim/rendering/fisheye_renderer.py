@@ -26,7 +26,7 @@ from lunar_rover_sim.rendering.scene import LEFT, Request, Scene, SeenSun
 from lunar_rover_sim.rendering.scene_passes import ScenePasses
 from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rendering.world_passes import WorldPasses
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import RoverPose
 
 
@@ -175,7 +175,7 @@ def _seen_links(rover: RoverDescription, mount: Mount,
                 drawn: tuple[Face, ...]) -> tuple[int, ...]:
     """Return the links of the rover that may be in view; all if the camera is not on the rover."""
     if not mount.on_body:
-        return tuple(range(1 + len(LEG_NAMES)))
+        return tuple(range(1 + len(rover.legs.each)))
     at_origin = RoverPose(np.eye(4))
     return tuple(sorted({link for face in drawn for link in seen_links(
         rover, TurnedMount(mount, face.R_camera_face).poses(at_origin), face.projection)}))

@@ -8,13 +8,13 @@ Whatever is beyond 65535 shares that number.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import json
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.rocks import Rocks
 
@@ -29,21 +29,21 @@ _DIGITS = 4         # of metres in the vocabulary
 
 def rover_links(label: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
     """Return where any part of the rover is seen."""
-    legs = (label >= LABEL_FIRST_LEG) & (label < LABEL_FIRST_LEG + len(LEG_NAMES))
+    legs = (label >= LABEL_FIRST_LEG) & (label < LABEL_FIRST_ROCK)
     return np.asarray(legs | (label == LABEL_ROVER))
 
 
 def link_label(link: int) -> int:
-    """Return the label of a link of the rover: 0 is base_link with mast and head, 1 to 4 legs."""
+    """Return the label of a link of the rover: 0 is base_link with mast and head, then legs."""
     return LABEL_ROVER if link == 0 else LABEL_FIRST_LEG + link - 1
 
 
-def class_names(rock_count: int) -> dict[int, str]:
-    """Return the name of each label; rock_count: near and far rocks."""
+def class_names(rock_count: int, legs: Sequence[str]) -> dict[int, str]:
+    """Return the name of each label; rock_count: near and far rocks; legs: their names."""
     names = {LABEL_SKY: 'sky', LABEL_GROUND: 'ground', LABEL_ROVER: 'rover body',
              LABEL_DISTURBED: 'disturbed ground'}
     names.update({LABEL_FIRST_LEG + k: f'rover {leg} leg'.replace('_', ' ')
-                  for k, leg in enumerate(LEG_NAMES)})
+                  for k, leg in enumerate(legs)})
     last = min(LABEL_FIRST_ROCK + rock_count, LAST_LABEL)
     names.update({label: f'rock {label - LABEL_FIRST_ROCK}'
                   for label in range(LABEL_FIRST_ROCK, last)})
@@ -52,19 +52,20 @@ def class_names(rock_count: int) -> dict[int, str]:
     return names
 
 
-def vocabulary(rocks: Rocks, craters: Craters, world_hash: str) -> str:
+def vocabulary(rocks: Rocks, craters: Craters, world_hash: str, legs: Sequence[str]) -> str:
     """Return what the numbers mean, as JSON with the fields of two messages of vision_msgs.
 
     `class_map` is that of LabelInfo, `method`, `database_location` and `database_version` those
     of VisionInfo. Besides, `rocks` and `craters` are catalogues as columns; the row of number n
     is n - `first_id`.
 
-    rocks: near and far ones, in the order of their labels; world_hash: of the world they are in
+    rocks: near and far ones, in the order of their labels; world_hash: of the world they are in;
+    legs: names of those of the rover
     """
     def column(values: Any) -> list[Any]:
         return np.round(np.asarray(values, float), _DIGITS).tolist()
 
-    names = class_names(len(rocks))
+    names = class_names(len(rocks), legs)
     return json.dumps({
         'class_map': [{'class_id': label, 'class_name': name} for label, name in names.items()],
         'threshold': 0.0,

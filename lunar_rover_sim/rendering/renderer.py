@@ -32,12 +32,10 @@ from lunar_rover_sim.rendering.scene import Request
 from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rendering.world_light import WorldLight
 from lunar_rover_sim.rendering.world_passes import WorldPasses
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.pose import Posed
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
-
-_ALL_LINKS = tuple(range(1 + len(LEG_NAMES)))
 
 
 class Renderer:
@@ -62,6 +60,7 @@ class Renderer:
                  seed: int = 0) -> None:
         """Prepare all that does not depend on the state; seed: of noise and relief."""
         self.world, self.config, self.seed = world, config, seed
+        self._legs = len(rover.legs.each)
         self.rig = StereoRig(rover, config.camera)
         self.sun_direction = sun_direction(config.sun.azimuth_deg, config.sun.elevation_deg)
         self._further: list[FurtherCamera] = []
@@ -129,7 +128,7 @@ class Renderer:
                 drawn = FisheyeRenderer(self._context, self._shared, mount, camera, own, seed)
             else:
                 drawn = CameraRenderer(self._context, self._shared, mount, camera, own,
-                                       _ALL_LINKS, seed)
+                                       tuple(range(1 + self._legs)), seed)
             self._owned.callback(drawn.release)
         self._further.append(FurtherCamera(self, drawn, camera))
         return self._further[-1]
@@ -226,8 +225,9 @@ class Renderer:
             RenderError: If the state or a layer is not valid, if two frames are under way, if the
                 renderer is closed, or if the context is lost.
         """
-        request = Request.of(layers, frame_index, None if other is None else checked_state(other))
-        checked = checked_state(state)
+        request = Request.of(layers, frame_index,
+                             None if other is None else checked_state(other, self._legs))
+        checked = checked_state(state, self._legs)
         self._check_open()
         if self._pair.under_way == FRAMES_UNDER_WAY:
             raise RenderError(f'begin: {FRAMES_UNDER_WAY} frames are under way; finish one first')
@@ -249,7 +249,7 @@ class Renderer:
                        frame_index: int, layers: Collection[str]) -> StereoFrame:
         """Draw a frame of a camera made by `add_camera`; `FurtherCamera.render` calls it."""
         request = Request.of(layers, frame_index)
-        checked = checked_state(state)
+        checked = checked_state(state, self._legs)
         self._check_open()
         self._check_one_under_way('render')
         with self._drawing():

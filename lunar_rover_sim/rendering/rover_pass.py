@@ -27,8 +27,8 @@ class RoverPass:
     def __init__(self, context: moderngl.Context, rover: RoverDescription, lamp: bool) -> None:
         """Make meshes and programs; lamp: whether there is one."""
         self._context, self._rover = context, rover
-        self._defines = {'LAMP': 1} if lamp else {}
-        self._links = list(link_poses(rover, np.zeros(4)))
+        self._links = list(link_poses(rover))
+        self._defines = {'LINKS': len(self._links), **({'LAMP': 1} if lamp else {})}
         data = np.concatenate([_triangles(part, self._links.index(part.link))
                                for part in visual_parts(rover)])
         self._boxes = np.stack([_box_corners(data[data[:, 7] == k, :3])
@@ -39,7 +39,7 @@ class RoverPass:
         self._vertices = context.buffer(data.astype(np.float32).tobytes())
         self._arrays: dict[int, moderngl.VertexArray] = {}
         self.programs = [self._load('rover', **self._defines)]
-        self._mark = self._load('rover_mark')
+        self._mark = self._load('rover_mark', LINKS=len(self._links))
 
     def _load(self, fragment: str, **defines: int) -> moderngl.Program:
         program = load_program(self._context, 'rover', fragment, **defines)

@@ -46,7 +46,7 @@ class RoverShadow:
 
     def __init__(self, context: moderngl.Context, rover: RoverDescription) -> None:
         self._context = context
-        rest = link_poses(rover, np.zeros(4))
+        rest = link_poses(rover)
         links = list(rest)
         pieces = _pieces(rover)
         # Corners of all pieces, by link; where each piece begins; how many corners a link has.
@@ -157,7 +157,7 @@ class RoverShadow:
 @functools.lru_cache(maxsize=2)     # for the next renderer of the same rover
 def _pieces(rover: RoverDescription) -> tuple[_Piece, ...]:
     """Return the pieces that cast the shadow, link by link."""
-    links = list(link_poses(rover, np.zeros(4)))
+    links = list(link_poses(rover))
     pieces = _protruding([piece for part in visual_parts(rover)
                           for piece in _split(part, links.index(part.link))])
     return tuple(sorted(pieces, key=lambda piece: piece.link))

@@ -18,12 +18,12 @@ _BEYOND = 0.02          # of half the field of view: what comes in between two a
 
 def seen_links(rover: RoverDescription, T_base_cameras: Iterable[Array],
                projection: Projection) -> tuple[int, ...]:
-    """Return the indices of links that may show in the images: 0 base_link, 1 to 4 the legs.
+    """Return the indices of links that may show in the images: 0 base_link, then the legs.
 
     A link counts if a camera sees one of its triangles at any leg angle, or nearly so.
     T_base_cameras: (4, 4) poses of the optical frames
     """
-    links, parts = list(link_poses(rover, np.zeros(4))), visual_parts(rover)
+    links, parts = list(link_poses(rover)), visual_parts(rover)
     meshes = [merge([(part.vertices.astype(float), part.faces.astype(np.int64))
                      for part in parts if part.link == link]) for link in links]
     cameras = [inverse(T) for T in T_base_cameras]

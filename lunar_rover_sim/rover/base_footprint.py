@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lunar_rover_sim.frames import Array, se3
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 
 
 def footprint_pose(rover: RoverDescription, R_world_base: Array,
@@ -21,7 +21,7 @@ def footprint_pose(rover: RoverDescription, R_world_base: Array,
     legs = rover.legs
     tips = (legs.spoke_length_m - legs.tip_radius_m) * np.array(legs.spoke_directions())
     down = np.concatenate([tips @ T_base_link[leg][:3, :3].T + T_base_link[leg][:3, 3]
-                           for leg in LEG_NAMES]) @ R_world_base[2]
+                           for leg in legs.names]) @ R_world_base[2]
     height_m = float(down.min()) - legs.tip_radius_m
     forward = R_world_base[:2, 0] / np.linalg.norm(R_world_base[:2, 0])
     level = np.array([[forward[0], -forward[1], 0.0], [forward[1], forward[0], 0.0],

@@ -1,9 +1,9 @@
 """The rover as a parameter set: dimensions, masses, motors, sensor mounts.
 
-`base_link` is at the chassis centre, x forward, y left, z up. Legs are named front_left,
-front_right, rear_left, rear_right, in this order everywhere. Each turns about an axle parallel
-to base +y; the joint `<leg>_joint` turns positively about +y, so that a positive velocity walks
-forward (the lower spoke tip moves backward).
+`base_link` is at the chassis centre, x forward, y left, z up. Legs are a list, `legs.each`: all
+that has a value per leg has one for each of its entries, in its order. Each leg turns about an
+axle parallel to base +y; the joint `<leg>_joint` turns positively about +y, so that a positive
+velocity walks forward (the lower spoke tip moves backward).
 
 At joint angle 0 spoke 0 points straight down. Spoke k of n stands at the angle a = q + k 2 pi / n
 from straight down, where q is the joint angle, and points along (-sin a, 0, -cos a) in base axes.
@@ -13,16 +13,18 @@ stance.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
 import math
 from typing import Any
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import group, param, Parameters
-from lunar_rover_sim.topics import LEGS
+from lunar_rover_sim.named_sets import Named
+from lunar_rover_sim.parameters import group, named, param, Parameters
 
-LEG_NAMES = LEGS
-JOINT_NAMES = tuple(f'{leg}_joint' for leg in LEG_NAMES)
+DEFAULT_ROVER = 'quad'
+LEFT, RIGHT = 'left', 'right'
+LEAST_LEGS, MOST_LEGS = 3, 12   # fewer do not stand; more have no labels in the truth images
 
 # Beyond any rover that has been built; what is larger is a mistake of units.
 MAX_MASS_KG, MAX_LENGTH_M = 2000.0, 10.0
@@ -52,8 +54,37 @@ class Chassis(Parameters):
 
 
 @dataclasses.dataclass(frozen=True)
+class Leg(Parameters):
+    """One leg: where its axle is, and its phase in the rover's own gait."""
+
+    side: str = param(LEFT, 'side of the rover; in a turn the legs of a side step alike',
+                      choices=(LEFT, RIGHT))
+    position_m: tuple[float, ...] = param((0.115, 0.105, -0.02), 'middle of the leg on its axle, '
+                                          'in base_link', unit='m', length=3, low=-MAX_LENGTH_M,
+                                          high=MAX_LENGTH_M)
+    phase: float = param(0.0, 'phase offset in the gait `rover`', unit='cycles', low=0.0,
+                         high=1.0, open_high=True)
+
+    def validate(self) -> None:
+        """Raise ConfigError unless the axle is on the side that is named."""
+        y = self.position_m[1]
+        if (y if self.side == LEFT else -y) <= 0.0:
+            raise ConfigError(f'side: {self.side!r} is not valid with position_m = '
+                              f'{list(self.position_m)}; valid is left with y > 0, right with '
+                              'y < 0')
+
+
+def rectangle(x: float = 0.115, y: float = 0.105, z: float = -0.02) -> Named[Leg]:
+    """Return four legs at +-x and +-y, diagonal ones in step; by default those of `quad`."""
+    return Named({'front_left': Leg(LEFT, (x, y, z), 0.0),
+                  'front_right': Leg(RIGHT, (x, -y, z), 0.5),
+                  'rear_left': Leg(LEFT, (-x, y, z), 0.5),
+                  'rear_right': Leg(RIGHT, (-x, -y, z), 0.0)})
+
+
+@dataclasses.dataclass(frozen=True)
 class Legs(Parameters):
-    """Four equal legs of rigid spokes; positions are those of the axles in base_link."""
+    """Equal legs of rigid spokes, `each` with its place."""
 
     spokes: int = param(3, 'spokes per leg', low=2, high=12)
     spoke_length_m: float = param(0.08, 'distance from the axle to the end of the tip', unit='m',
@@ -64,17 +95,50 @@ class Legs(Parameters):
                                 open_low=True, high=MAX_LENGTH_M)
     mass_kg: float = param(0.06, 'mass of one leg', unit='kg', low=0.0, open_low=True,
                            high=MAX_MASS_KG)
-    axle_x_m: float = param(0.115, 'axles are at +x and -x', unit='m', low=0.0, open_low=True,
-                            high=MAX_LENGTH_M)
-    axle_y_m: float = param(0.105, 'leg planes are at +y and -y', unit='m', low=0.0,
-                            open_low=True, high=MAX_LENGTH_M)
-    axle_z_m: float = param(-0.02, 'axle height', unit='m', low=-MAX_LENGTH_M, high=MAX_LENGTH_M)
+    each: Named[Leg] = named(Leg, rectangle)
 
     def validate(self) -> None:
-        """Raise ConfigError if the tip is larger than the spoke is long."""
+        """Raise ConfigError if the tip is larger than the spoke is long, or legs are missing."""
         if self.tip_radius_m >= self.spoke_length_m:
             raise ConfigError(f'tip_radius_m: {self.tip_radius_m} is not valid; valid is less than'
                               f' spoke_length_m = {self.spoke_length_m} [m]')
+        if not LEAST_LEGS <= len(self.each) <= MOST_LEGS:
+            raise ConfigError(f'each: {len(self.each)} legs given; valid are {LEAST_LEGS} to '
+                              f'{MOST_LEGS}')
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any], where: str = '') -> Legs:
+        """Build the legs as `Parameters.from_mapping`.
+
+        Recordings and rovers of version 0.1 name four legs by `axle_x_m`, `axle_y_m`, `axle_z_m`.
+        """
+        if (isinstance(mapping, Mapping) and not _QUAD_NAMES.isdisjoint(mapping)
+                and set(mapping.get('each', rectangle())) == set(rectangle())):
+            places = {name[5]: mapping[name] for name in _QUAD_NAMES if name in mapping}
+            rest = {name: value for name, value in mapping.items() if name not in _QUAD_NAMES}
+            mapping = {**rest, 'each': {name: leg.to_mapping()
+                                        for name, leg in rectangle(**places).items()}}
+        return super().from_mapping(mapping, where)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the legs."""
+        return tuple(self.each)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints of the legs."""
+        return tuple(f'{leg}_joint' for leg in self.each)
+
+    @property
+    def on_left(self) -> tuple[bool, ...]:
+        """Whether each leg is on the left."""
+        return tuple(leg.side == LEFT for leg in self.each.values())
+
+    def rows(self) -> tuple[int, ...]:
+        """Return the number of each leg on its side, from 0 at the front."""
+        return tuple(sum(other.side == leg.side and other.position_m[0] > leg.position_m[0]
+                         for other in self.each.values()) for leg in self.each.values())
 
     def spoke_directions(self) -> tuple[tuple[float, float, float], ...]:
         """Return the unit vectors from axle to tip at joint angle 0, in base axes."""
@@ -86,10 +150,17 @@ class Legs(Parameters):
         """Angle between neighbouring spokes."""
         return 2.0 * math.pi / self.spokes
 
-    def axle_positions_m(self) -> tuple[tuple[float, float, float], ...]:
-        """Return the (4, 3) axle positions in base_link, in the order of LEG_NAMES."""
-        x, y, z = self.axle_x_m, self.axle_y_m, self.axle_z_m
-        return ((x, y, z), (x, -y, z), (-x, y, z), (-x, -y, z))
+    def axle_positions_m(self) -> tuple[tuple[float, ...], ...]:
+        """Return the (legs, 3) axle positions in base_link."""
+        return tuple(leg.position_m for leg in self.each.values())
+
+    @property
+    def lowest_axle_m(self) -> float:
+        """Height of the lowest axle in base_link [m]."""
+        return min(leg.position_m[2] for leg in self.each.values())
+
+
+_QUAD_NAMES = {'axle_x_m', 'axle_y_m', 'axle_z_m'}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,6 +258,7 @@ class LidarMount(Parameters):
 class RoverDescription(Parameters):
     """The complete rover; MJCF and URDF are made from it."""
 
+    name: str = param(DEFAULT_ROVER, 'by which its packaged gait calibrations are found')
     chassis: Chassis = group(Chassis)
     legs: Legs = group(Legs)
     motor: Motor = group(Motor)
@@ -197,18 +269,20 @@ class RoverDescription(Parameters):
     def validate(self) -> None:
         """Raise ConfigError if the centre of mass is not above the area between the legs."""
         x, y, _ = self.chassis.com_m
-        if abs(x) >= self.legs.axle_x_m or abs(y) >= self.legs.axle_y_m:
+        around = sorted(math.atan2(axle_y - y, axle_x - x)
+                        for axle_x, axle_y, _ in self.legs.axle_positions_m())
+        gaps = [b - a for a, b in zip(around, (*around[1:], around[0] + 2.0 * math.pi))]
+        if max(gaps) >= math.pi:
             raise ConfigError(
                 f'chassis.com_m: {list(self.chassis.com_m)} is not valid; valid is between the '
-                f'axles, |x| < {self.legs.axle_x_m:g} and |y| < {self.legs.axle_y_m:g} [m]: the '
-                'rover could not stand')
+                'axles of legs.each: the rover could not stand')
 
     @property
     def standing_height_m(self) -> float:
         """Height of base_link over level ground while a spoke of every leg points down [m]."""
-        return self.legs.spoke_length_m - self.legs.axle_z_m
+        return self.legs.spoke_length_m - self.legs.lowest_axle_m
 
     @property
     def total_mass_kg(self) -> float:
-        """Mass of chassis and four legs [kg]."""
-        return self.chassis.mass_kg + 4.0 * self.legs.mass_kg
+        """Mass of chassis and legs [kg]."""
+        return self.chassis.mass_kg + len(self.legs.each) * self.legs.mass_kg

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from lunar_rover_sim.frames import wxyz_from_rpy
-from lunar_rover_sim.rover.description import LEG_NAMES, Legs, Motor, RoverDescription
+from lunar_rover_sim.rover.description import Legs, Motor, RoverDescription
 from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
 from lunar_rover_sim.rover.mounts import MAST_RADIUS_M
 
@@ -54,9 +54,9 @@ def rover_spec(rover: RoverDescription) -> mujoco.MjSpec:
                       fromto=[x, y, top, x, y, z], **_contact(GROUND_BIT | ROCK_BIT))
     base.add_site(name=IMU_SITE, pos=rover.imu.position_m,
                   quat=wxyz_from_rpy(*np.radians(rover.imu.rpy_deg)))
-    for leg, position in zip(LEG_NAMES, rover.legs.axle_positions_m()):
+    for leg, position in zip(rover.legs.names, rover.legs.axle_positions_m()):
         _add_leg(spec, base, leg, position, rover.legs, rover.motor)
-    for leg in LEG_NAMES:
+    for leg in rover.legs.names:
         _add_motor(spec, leg, rover.motor)
     return spec
 
@@ -72,7 +72,7 @@ def rod_geom(leg: str, spoke: int) -> str:
 
 
 def _add_leg(spec: mujoco.MjSpec, base: mujoco.MjsBody, leg: str,
-             position_m: tuple[float, float, float], legs: Legs, motor: Motor) -> None:
+             position_m: tuple[float, ...], legs: Legs, motor: Motor) -> None:
     body = base.add_body(name=leg, pos=position_m)
     body.add_joint(name=f'{leg}_joint', type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0],
                    frictionloss=motor.coulomb_friction_nm, solref_friction=_DRY_SOLREF,

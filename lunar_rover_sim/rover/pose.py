@@ -22,7 +22,7 @@ class Posed(Protocol):
 
     @property
     def joint_angle_rad(self) -> Array:
-        """(4,) leg angles [rad] in the order of LEG_NAMES."""
+        """(legs,) angles [rad] in the order of the rover's legs."""
 
     @property
     def linear_velocity_mps(self) -> Array:
@@ -34,7 +34,13 @@ class Posed(Protocol):
 
     @property
     def joint_velocity_radps(self) -> Array:
-        """(4,) velocities of the legs [rad/s] in the order of LEG_NAMES."""
+        """(legs,) velocities [rad/s] in the order of the rover's legs."""
+
+
+def leg_values(values: Array, legs: int) -> Array:
+    """Return values of the legs; 0 for each where there are none."""
+    array = np.asarray(values, float)
+    return array if array.size else np.zeros(legs)
 
 
 def _zeros(count: int) -> Array:
@@ -46,14 +52,14 @@ class RoverPose:
     """A pose, and a motion, that no simulation has to produce. By default the rover is at rest.
 
     T_world_base: (4, 4) pose of base_link in the world, translation in metres
-    joint_angle_rad: (4,) leg angles [rad] in the order of LEG_NAMES
+    joint_angle_rad: (legs,) [rad]; empty: all 0
     linear_velocity_mps: (3,) of the origin of base_link, base axes
     angular_velocity_radps: (3,) base axes
-    joint_velocity_radps: (4,) of the legs
+    joint_velocity_radps: (legs,); empty: at rest
     """
 
     T_world_base: Array
-    joint_angle_rad: Array = _zeros(4)
+    joint_angle_rad: Array = _zeros(0)
     linear_velocity_mps: Array = _zeros(3)
     angular_velocity_radps: Array = _zeros(3)
-    joint_velocity_radps: Array = _zeros(4)
+    joint_velocity_radps: Array = _zeros(0)

@@ -6,19 +6,19 @@ from pathlib import Path
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import config_path
+from lunar_rover_sim.files.paths import find_file
 from lunar_rover_sim.files.yaml_text import read_yaml, yaml_of
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import DEFAULT_ROVER, RoverDescription
 
 _MOST_BYTES = 1 << 18
 
 
 def load_rover(path: str | Path | None = None) -> RoverDescription:
-    """Return the rover of a YAML file, or that of the packaged `rover.yaml` if none is given.
+    """Return a rover by its YAML file, or by the name of a packaged one; by default `quad`.
 
-    Raises ConfigError if the file cannot be read or is not valid.
+    Raises ConfigError if there is none, or if it cannot be read or is not valid.
     """
-    path = Path(path) if path is not None else config_path('rover.yaml')
+    path = find_file('rover', str(path or DEFAULT_ROVER))
     content = read_yaml(path, _MOST_BYTES)
     try:
         return RoverDescription.from_mapping({} if content is None else content)

@@ -13,7 +13,7 @@ import numpy as np
 
 from lunar_rover_sim import frames
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
 from lunar_rover_sim.rover.mounts import fixed_frames, MAST_RADIUS_M
 
@@ -27,7 +27,7 @@ def urdf(rover: RoverDescription) -> str:
         material = _add(robot, 'material', name=name)
         _add(material, 'color', rgba=_numbers((*rgb, 1.0)))
     _add_base(robot, rover)
-    for leg, position in zip(LEG_NAMES, rover.legs.axle_positions_m()):
+    for leg, position in zip(rover.legs.names, rover.legs.axle_positions_m()):
         _add_leg(robot, leg, position, rover)
     for parent, child, pose in fixed_frames(rover):
         _add_fixed(robot, parent, child, pose)
@@ -51,7 +51,7 @@ def _add_base(robot: ElementTree.Element, rover: RoverDescription) -> None:
         _add_rod(link, (x, y, bottom), (x, y, z), MAST_RADIUS_M, 'leg')
 
 
-def _add_leg(robot: ElementTree.Element, leg: str, position: tuple[float, float, float],
+def _add_leg(robot: ElementTree.Element, leg: str, position: tuple[float, ...],
              rover: RoverDescription) -> None:
     legs, motor = rover.legs, rover.motor
     link = _add(robot, 'link', name=frames.leg_frame(leg))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.frames import Array, BASE_FRAME, se3
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import camera_poses, MAST_RADIUS_M
 from lunar_rover_sim.rover.primitives import box, cylinder, merge, Mesh, sphere, transformed
 
@@ -46,16 +46,18 @@ class VisualPart(NamedTuple):
 def visual_parts(rover: RoverDescription) -> tuple[VisualPart, ...]:
     """Return the rover's parts; about 5,500 triangles."""
     parts = [_part(BASE_FRAME, mesh, albedo) for mesh, albedo in _base(rover)]
-    for leg, (_, y, _) in zip(LEG_NAMES, rover.legs.axle_positions_m()):
+    for leg, (_, y, _) in zip(rover.legs.names, rover.legs.axle_positions_m()):
         parts += [_part(leg, mesh, albedo) for mesh, albedo in _leg(rover, math.copysign(1, y))]
     return tuple(parts)
 
 
-def link_poses(rover: RoverDescription, joint_angle_rad: ArrayLike) -> dict[str, Array]:
-    """Return T_base_link (4, 4) of base_link and the four legs at (4,) joint angles [rad]."""
+def link_poses(rover: RoverDescription,
+               joint_angle_rad: ArrayLike | None = None) -> dict[str, Array]:
+    """Return T_base_link (4, 4) of base_link and the legs at their joint angles [rad], else 0."""
     poses = {BASE_FRAME: np.eye(4)}
-    angles = np.asarray(joint_angle_rad, dtype=float)
-    for leg, position, angle in zip(LEG_NAMES, rover.legs.axle_positions_m(), angles):
+    angles = (np.zeros(len(rover.legs.each)) if joint_angle_rad is None
+              else np.asarray(joint_angle_rad, dtype=float))
+    for leg, position, angle in zip(rover.legs.names, rover.legs.axle_positions_m(), angles):
         c, s = math.cos(angle), math.sin(angle)
         poses[leg] = se3(np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), position)
     return poses

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import group, param, Parameters
-from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.run.shared_config import NodeConfig
 
 SET_ENTITY_STATE, TELEPORT = 'set_entity_state', 'teleport'
@@ -51,8 +51,7 @@ class PoseBridgeNodeConfig(NodeConfig):
     send_legs: bool = param(True, 'with set_entity_state: set the legs too; false where the '
                             'entity is the whole rover')
     leg_entities: tuple[str, ...] = param(
-        tuple(f'/World/Rover/{leg}' for leg in LEG_NAMES), 'names of the legs over there: front '
-        'left, front right, rear left, rear right', length=len(LEG_NAMES))
+        (), 'names of the legs over there, in the order of the rover; empty: /World/Rover/<leg>')
     frame_id: str = param('', 'frame of the poses in their headers; empty: world, and with '
                           'teleport the entity, as OmniLRS wants it')
     offset: FrameOffsetConfig = group(FrameOffsetConfig)
@@ -63,7 +62,20 @@ class PoseBridgeNodeConfig(NodeConfig):
 
     def validate(self) -> None:
         """Raise ConfigError unless the entities have names, and each one its own."""
-        names = (self.entity, *self.leg_entities) if self.send_legs else (self.entity,)
+        self._check((self.entity, *self.leg_entities) if self.send_legs else (self.entity,))
+
+    def entities_of(self, legs: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of the legs over there; ConfigError unless each leg has one."""
+        names = self.leg_entities or tuple(f'/World/Rover/{leg}' for leg in legs)
+        if self.send_legs:
+            if len(names) != len(legs):
+                raise ConfigError(f'leg_entities: {len(names)} elements given; valid is one for '
+                                  f'each leg of the rover: {", ".join(legs)}')
+            self._check((self.entity, *names))
+        return names
+
+    @staticmethod
+    def _check(names: tuple[str, ...]) -> None:
         if not all(names):
             raise ConfigError("entity, leg_entities: '' is not valid; valid is a name in the "
                               'other simulator')

@@ -114,7 +114,7 @@ def _following(scenario: Scenario) -> dict[str, Any]:
                                        _answers(scenario, render.frame_period_ns / 1e9)),
         # The gait controller does not know the ground.
         'gait_controller_node.calibration':
-            gait.calibration or packaged_calibration(physics.ground.name),
+            gait.calibration or packaged_calibration(physics.ground.name, scenario.rover.name),
         'render_node.await_ground': render.await_ground or ground_gives,
         'lidar_node.await_ground': lidar.await_ground or ground_gives}
     if awaits_lidar and not lidar.await_readers:
@@ -219,7 +219,8 @@ def _acknowledged(scenario: Scenario) -> tuple[str, ...]:
 
 def awaits_others(scenario: Scenario) -> bool:
     """Return whether time waits for programs that a resolved scenario does not start."""
-    of_run = {topic.name for topic in topics.CONTRACT if topic.node in scenario.run.nodes}
+    of_run = {topic.name for topic in topics.of_legs(topics.CONTRACT, scenario.rover.legs.names)
+              if topic.node in scenario.run.nodes}
     return not of_run.issuperset((*scenario.physics_node.wait.topics,
                                   *scenario.gait_controller_node.wait.topics))
 

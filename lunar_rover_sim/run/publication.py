@@ -17,7 +17,6 @@ from lunar_rover_sim.topics import Topic
 
 # Of packages that may not be installed.
 MAY_BE_MISSING = (topics.TF, topics.TF_STATIC, *topics.OF_VISION)
-_BY_NAME = {topic.name: topic for topic in topics.CONTRACT}
 _RENDERED_OR_SCANNED = 'lidar_node', 'render_node'
 _ALIKE = 0.85        # least similarity of names for a hint, from 0 to 1
 _OF_CHASE = topics.CHASE_IMAGE, topics.CHASE_INFO, topics.CHASE_POSE
@@ -73,7 +72,7 @@ def recorded_periodic(scenario: Scenario) -> list[Topic]:
     never = (*MAY_BE_MISSING, *unpublished(scenario.shared.separate_truth, physics.publish_clock,
                                            physics.ground.deforms))
     nodes = set(scenario.run.nodes).difference(scenario.run.may_fail)
-    return [topic for topic in topics.CONTRACT
+    return [topic for topic in topics.of_legs(topics.CONTRACT, scenario.rover.legs.names)
             if topic.node in nodes and topic not in never and period_of(scenario, topic)
             and is_recorded(topic, recorder.topics, recorder.exclude)]
 
@@ -100,9 +99,11 @@ def silent_topics(scenario: Scenario) -> list[str]:
 def _why_silent(scenario: Scenario, name: str) -> str:
     """Return why nobody publishes a topic; '' where somebody does or may."""
     found = topics.of_hazard(name)
-    topic = _BY_NAME.get(name) if found is None else found[0]
+    by_name = {topic.name: topic
+               for topic in topics.of_legs(topics.CONTRACT, scenario.rover.legs.names)}
+    topic = by_name.get(name) if found is None else found[0]
     if topic is None:
-        near = difflib.get_close_matches(name, list(_BY_NAME), n=1, cutoff=_ALIKE)
+        near = difflib.get_close_matches(name, list(by_name), n=1, cutoff=_ALIKE)
         return f'no topic of this package; did you mean {near[0]}?' if near else ''
     # What is not on request may come from a program of the user instead.
     if (topic.on_request and topic.node in _RENDERED_OR_SCANNED

@@ -111,7 +111,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     scenario = resolve(dataclasses.replace(scenario, run=named))
     if 'gait_controller_node' in scenario.run.nodes:
         # The gait node compares the rover; it does not know the ground.
-        calibration = GaitCalibration.of(scenario.gait_controller_node)
+        calibration = GaitCalibration.of(scenario.gait_controller_node, rover=scenario.rover.name)
         for difference in differences(calibration.conditions,
                                       ground_conditions(scenario.physics_node)):
             logger.warning('gait calibration: measured with %s', difference)
@@ -138,8 +138,8 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
     with OwnDomain(domain) as own:
         if domain is not None:
             # Other programs of the graph may publish diagnostics too.
-            check_domain(domain, [f'/{topic.name}' for topic in topics.CONTRACT
-                                  if topic.node in scenario.run.nodes
+            check_domain(domain, [f'/{topic.name}' for topic in topics.of_legs(
+                topics.CONTRACT, scenario.rover.legs.names) if topic.node in scenario.run.nodes
                                   and topic is not topics.DIAGNOSTICS])
         plans = prepare(scenario, folder, world_folder)
         on_start(scenario, own.id)
@@ -191,6 +191,7 @@ def _check_topics(listed: tuple[str, ...], counts: dict[str, int]) -> None:
         return
     known = [topic.name for topic in topics.CONTRACT]
     hints = ['' if name in known or topics.of_hazard(name.lstrip('/')) is not None
+             or topics.of_leg(name.lstrip('/')) is not None
              else did_you_mean(name, known) for name in silent]
     line = '; '.join(f'{name}: nobody published' + (f', {hint}' if hint else '')
                      for name, hint in zip(silent, hints))

@@ -19,7 +19,8 @@ class NodeConfig(Parameters):
 
     seed: int = param(1, 'seed of everything random', low=0, high=2**31 - 1)
     world: str = param('', 'folder of a world made by `lunar_rover_sim world build`')
-    rover: str = param('', 'rover description, YAML; empty for the packaged one')
+    rover: str = param('', 'rover: the name of a packaged one, quad or hexapod, or a YAML file; '
+                       'empty: quad')
     time_mode: str = param(REAL_TIME, 'lockstep waits for answers, real_time follows the wall '
                            'clock', choices=(LOCKSTEP, REAL_TIME))
     participants: tuple[str, ...] = param(

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, TYPE_CHECKING
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.rover.description import LEG_NAMES
 from lunar_rover_sim.sensors.sensor import Content, JointValues, numbers, Platform, Sensor
 
 if TYPE_CHECKING:
@@ -32,23 +31,24 @@ class FootSlip(_Feet):
 
     name = 'foot_slip'
     published = (topics.FOOT_SLIP,)
-    _NAMES = (*LEG_NAMES, *(f'{leg}_sweep' for leg in LEG_NAMES))
 
     def __init__(self, config: None, platform: Platform) -> None:
         super().__init__(config, platform)
+        legs = platform.rover.legs.names
+        self._names = (*legs, *(f'{leg}_sweep' for leg in legs))
         self.restart()
 
     def restart(self) -> None:
         """Begin to count ways again."""
         from lunar_rover_sim.physics.foot_motion import SlipMeter
-        self._meter = SlipMeter()
+        self._meter = SlipMeter(len(self.platform.rover.legs.each))
 
     def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, JointValues]:
         """Return ways [m] as positions and speeds [m/s] as velocities."""
         motion, meter = self.platform.simulation.foot_motion, self._meter
         meter.add(motion, self.platform.state_period_s)
         return {topics.FOOT_SLIP.name: JointValues(
-            self._NAMES, (*meter.slipped_m.tolist(), *meter.swept_m.tolist()),
+            self._names, (*meter.slipped_m.tolist(), *meter.swept_m.tolist()),
             (*motion.slip_mps.tolist(), *motion.sweep_mps.tolist()))}
 
 
@@ -63,4 +63,5 @@ class Sinkage(_Feet):
         contact = self.platform.simulation.ground_contact
         if contact is None:
             return {}
-        return {topics.SINKAGE.name: JointValues(LEG_NAMES, contact.sinkage_m.tolist())}
+        return {topics.SINKAGE.name: JointValues(
+            self.platform.rover.legs.names, contact.sinkage_m.tolist())}

@@ -20,14 +20,11 @@ from numpy.typing import ArrayLike
 from lunar_rover_sim import topics
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import param, Parameters
-from lunar_rover_sim.rover.description import LEG_NAMES, Motor
+from lunar_rover_sim.rover.description import Motor
 from lunar_rover_sim.sensors.sensor import number, Platform, POWER, Sensor, Supply
 
 if TYPE_CHECKING:
     from lunar_rover_sim.physics.state import RoverState
-
-# The lines, in the order of the measured values: one per motor, and the one that feeds them all.
-LINES = (*LEG_NAMES, 'bus')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +51,7 @@ class PowerMonitorConfig(Parameters):
 
 @dataclasses.dataclass(frozen=True)
 class LinePower:
-    """Voltages [V] and currents [A] of the lines, (5,) in the order of LINES.
+    """Voltages [V] and currents [A] of the lines: one for each motor, last that of them all.
 
     Current flows to the motors.
     """
@@ -64,12 +61,15 @@ class LinePower:
 
 
 class PowerMonitors:
-    """Measures the lines. rng: generator of gains and offsets, which are drawn here."""
+    """Measures the lines of some motors.
 
-    def __init__(self, motor: Motor, config: PowerMonitorConfig,
+    rng: generator of gains and offsets, which are drawn here
+    """
+
+    def __init__(self, motor: Motor, motors: int, config: PowerMonitorConfig,
                  rng: np.random.Generator) -> None:
         self._motor, self._config = motor, config
-        count = len(LINES)
+        count = motors + 1
         self._gain = 1.0 + config.gain_error * rng.standard_normal((2, count))
         self._shunt_offset_v = config.shunt_offset_v * rng.standard_normal(count)
         self._bus_offset_v = config.bus_offset_v * rng.standard_normal(count)
@@ -77,13 +77,13 @@ class PowerMonitors:
     def measure(self, motor_torque_nm: ArrayLike, joint_velocity_radps: ArrayLike) -> LinePower:
         """Return what the parts show.
 
-        motor_torque_nm, joint_velocity_radps: (4,) torques and speeds of the legs
+        motor_torque_nm, joint_velocity_radps: (legs,) torques and speeds
         """
         c, supply_v = self._config, self._motor.supply_voltage_v
         power_w = np.maximum(self._motor.electric_power_w(
             np.asarray(motor_torque_nm, float), np.asarray(joint_velocity_radps, float)), 0.0)
         current = np.append(power_w, power_w.sum()) / supply_v
-        voltage = np.full(len(LINES), supply_v)
+        voltage = np.full(len(current), supply_v)
         if not c.enabled:
             return LinePower(voltage, current)
         shunt = np.clip(self._gain[0] * current * c.shunt_ohm + self._shunt_offset_v,
@@ -114,14 +114,16 @@ class SupplyLines(Sensor):
 
     def __init__(self, config: PowerMonitorConfig, platform: Platform) -> None:
         super().__init__(config, platform)
-        self._monitors = PowerMonitors(platform.rover.motor, config, self.random_numbers())
+        self._monitors = PowerMonitors(platform.rover.motor, len(platform.rover.legs.each),
+                                       config, self.random_numbers())
 
     def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, Supply]:
         """Return the supply of each line in the interval that the state ends."""
         shown = self._monitors.measure(state.motor_torque_nm, state.joint_velocity_radps)
-        return {topic.name: Supply(line, float(voltage_v), -float(current_a))
-                for topic, line, voltage_v, current_a in zip(
-                    topics.POWER, LINES, shown.voltage_v, shown.current_a)}
+        return {topic.name: Supply(topic.name.rpartition('/')[2], float(voltage_v),
+                                   -float(current_a))
+                for topic, voltage_v, current_a in zip(
+                    self.offered, shown.voltage_v, shown.current_a)}
 
     @classmethod
     def read(cls, topic: str, message: Any) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.parameters import group, param, Parameters
 from lunar_rover_sim.sensors.feet import FootSlip, Sinkage
 from lunar_rover_sim.sensors.imu import Imu, ImuConfig
@@ -61,8 +62,10 @@ def mounted(config: SensorsConfig, platform: Platform) -> list[Sensor]:
 
 def sensor_of(topic: str) -> type[Sensor] | None:
     """Return the sensor that publishes a topic, by the topic's name; None if none does."""
+    of_leg = topics.of_leg(topic)
+    name = topic if of_leg is None else of_leg[0].name
     for sensor in SENSORS:
-        if any(topic == each.name for each in sensor.published):
+        if any(name == each.name for each in sensor.published):
             return sensor
     return None
 

@@ -20,7 +20,7 @@ from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.parameters import Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.seconds import NS_PER_S
-from lunar_rover_sim.topics import Topic
+from lunar_rover_sim.topics import of_legs, Topic
 
 if TYPE_CHECKING:
     from lunar_rover_sim.physics.simulation import Simulation
@@ -146,7 +146,7 @@ class Sensor:
     Attributes:
         name: Of its parameters in physics_node, and of its values in exports.
         parameters: The class of its parameters; None where it has none.
-        published: Its topics; rows of `topics.CONTRACT`.
+        published: Its topics; rows of `topics.CONTRACT`, where LEG stands for each leg.
         content: What a data card calls it; None: its name.
         groups_as: Name in exports under which each topic stands by the last part of its name;
             '': a sensor of one topic, which stands under `name`.
@@ -170,6 +170,11 @@ class Sensor:
         """
         self.config = config
         self.platform = platform
+
+    @property
+    def offered(self) -> tuple[Topic, ...]:
+        """The topics that it publishes on its rover."""
+        return of_legs(self.published, self.platform.rover.legs.names)
 
     def random_numbers(self) -> np.random.Generator:
         """Return a generator at the start of the sensor's stream."""

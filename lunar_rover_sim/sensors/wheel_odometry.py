@@ -5,12 +5,17 @@ tip rolls: while the leg turns by dq, its axle gets on by dq h over a flat groun
 
     h = (l - r) cos a + r
 
-is the height of the axle (spoke length l, tip radius r). Four legs of different heights make a
-body stand on the diagonal pair of the greater sum; with the ways s_l and s_r of that pair's legs,
-one on the left and one on the right at (+-x, +-y) from the centre, least squares over the speeds
-with which both feet would scrape along and across gives
+is the height of the axle (spoke length l, tip radius r). Legs of different heights make a body
+stand on one of two groups, neighbours being in different ones: the diagonals of four legs, the
+tripods of six. It is the group of the greater mean height. Least squares over the speeds with
+which its feet would scrape along and across gives, for feet at (x, y) from their middle and mean
+ways s_l and s_r of the n_l left and the n_r right ones,
 
-    d = (s_l + s_r) / 2,    w = (s_r - s_l) / 2  y / (x^2 + y^2).
+    d = (n_l s_l + n_r s_r) / (n_l + n_r),
+    w = (s_r - s_l) (y_l - y_r) n_l n_r / (n_l + n_r) / sum(x^2 + y^2),
+
+and d + w y_m for the rover, whose middle is y_m to the right of that of the feet. With a diagonal
+of a rectangle these are the means of sum and difference, w over (x^2 + y^2) / y.
 
 What the rover really does differs by the scales and the deviations of `Rolling`. The errors are a
 random walk over the way that the legs have rolled; they are independent over one step of the walk
@@ -23,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 import dataclasses
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,15 +38,12 @@ from lunar_rover_sim.bag.messages import pose_matrix, xyz
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import param, Parameters
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.sensors.sensor import (FROM_PRESET, HEADING, numbers, over_preset, Platform,
                                             Sensor)
 
 if TYPE_CHECKING:
     from lunar_rover_sim.physics.state import RoverState
-
-# The diagonals: the leg on the left and the one on the right, in the order of LEG_NAMES.
-_DIAGONALS = ((0, 3), (2, 1))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,6 +125,46 @@ class Rolled:
     way_m: float
 
 
+class _Group(NamedTuple):
+    """Legs on which the rover stands at a time: indices of those on the left and on the right.
+
+    turn_per_m: turn for half of what the right feet get on more; offset_m: y of the middle
+    """
+
+    left: list[int]
+    right: list[int]
+    turn_per_m: float
+    offset_m: float
+
+    @property
+    def legs(self) -> list[int]:
+        """All of them."""
+        return [*self.left, *self.right]
+
+    @classmethod
+    def of(cls, legs: Legs, left: list[int], right: list[int]) -> _Group:
+        """Return the group of these legs."""
+        axles = legs.axle_positions_m()
+        members = [*left, *right]
+        x, y = (sum(axles[k][i] for k in members) / len(members) for i in (0, 1))
+        y_left, y_right = (sum(axles[k][1] for k in side) / len(side) for side in (left, right))
+        spread = sum((axles[k][0] - x)**2 + (axles[k][1] - y)**2 for k in members)
+        return cls(left, right, 2.0 * (y_left - y_right) * len(left) * len(right) / len(members)
+                   / spread, y)
+
+
+def _groups(legs: Legs) -> list[_Group]:
+    """Return the groups on which the rover stands by turns; else one, of all its legs."""
+    sides: dict[tuple[bool, int], list[int]] = {}
+    for k, (left, row) in enumerate(zip(legs.on_left, legs.rows())):
+        sides.setdefault((left, (row + (not left)) % 2), []).append(k)
+    groups = [_Group.of(legs, sides[True, parity], sides[False, parity])
+              for parity in (0, 1) if (True, parity) in sides and (False, parity) in sides]
+    everything = [[k for k, left in enumerate(legs.on_left) if left == side]
+                  for side in (True, False)]
+    return groups if len(groups) == 2 else [_Group.of(legs, *everything)]
+
+
 class RollingFeet:
     """Turns angles of the legs into distances rolled, as the encoders see them."""
 
@@ -132,9 +174,9 @@ class RollingFeet:
         self._spoke_pitch_rad = legs.spoke_pitch_rad
         self._to_tip_m = legs.spoke_length_m - legs.tip_radius_m
         self._radius_m = legs.tip_radius_m
-        self._turn_per_m = legs.axle_y_m / (legs.axle_x_m**2 + legs.axle_y_m**2)
+        self._groups = _groups(legs)
         self._angle: Array | None = None
-        self._height_m: Array = np.zeros(4)
+        self._height_m: Array = np.zeros(len(legs.each))
 
     @property
     def resolution_m(self) -> float:
@@ -142,7 +184,7 @@ class RollingFeet:
         return self._count_rad * (self._to_tip_m + self._radius_m)
 
     def add(self, joint_angle_rad: ArrayLike) -> Rolled:
-        """Return the way since the last angles (4,), unwrapped; 0 for the first ones."""
+        """Return the way since the last angles (legs,), unwrapped; 0 for the first ones."""
         angle = np.round(np.asarray(joint_angle_rad) / self._count_rad) * self._count_rad
         pitch = self._spoke_pitch_rad
         height = self._to_tip_m * np.cos((angle + 0.5 * pitch) % pitch - 0.5 * pitch) \
@@ -151,10 +193,11 @@ class RollingFeet:
             self._angle, self._height_m = angle, height
         way = (angle - self._angle) * 0.5 * (height + self._height_m)
         self._angle, self._height_m = angle, height
-        left, right = max(_DIAGONALS, key=lambda pair: height[pair[0]] + height[pair[1]])
-        return Rolled(0.5 * float(way[left] + way[right]),
-                      0.5 * float(way[right] - way[left]) * self._turn_per_m,
-                      float(np.mean(np.abs(way))))
+        group = max(self._groups, key=lambda group: height[group.legs].mean())
+        left, right = float(way[group.left].mean()), float(way[group.right].mean())
+        yaw = 0.5 * (right - left) * group.turn_per_m
+        forward = (len(group.left) * left + len(group.right) * right) / len(group.legs)
+        return Rolled(forward + yaw * group.offset_m, yaw, float(np.mean(np.abs(way))))
 
 
 class WheelOdometry:
@@ -172,12 +215,13 @@ class WheelOdometry:
                                      rolling.yaw_stddev])
         # Two readings of two legs, each rounded to a count; along and, by the track, of the turn.
         rounding = self._feet.resolution_m**2 / 12.0
-        self._floor = np.array([rounding, rounding, rounding / rover.legs.axle_y_m**2])
+        half_track_m = max(abs(y) for _, y, _ in rover.legs.axle_positions_m())
+        self._floor = np.array([rounding, rounding, rounding / half_track_m**2])
         self.pose, self.covariance = np.zeros(3), np.zeros((3, 3))
         self.twist, self.twist_variance = np.zeros(2), np.zeros(3)
 
     def add(self, joint_angle_rad: ArrayLike, interval_s: float) -> None:
-        """Go on to the next angles of the legs (4,) [rad, unwrapped], after a time [s]."""
+        """Go on to the next angles of the legs (legs,) [rad, unwrapped], after a time [s]."""
         rolled = self._feet.add(joint_angle_rad)
         forward = self._rolling.forward_scale * rolled.forward_m
         yaw = self._rolling.yaw_scale * rolled.yaw_rad

@@ -107,9 +107,9 @@ def _stream(bag: Bag, sequence: Sequence, progress: Callable[[], None] | None) -
     sources = {name: bag.truth if name == topics.ODOM.name else name
                for name in sequence.needs + sequence.uses}
     wanted = [name for name, source in sources.items()
-              if bag.has(source) and _TYPES[name] != _CAMERA_INFO]
+              if bag.has(source) and _TYPES.get(name) != _CAMERA_INFO]
     names = {bag.resolve(sources[name]): name for name in wanted}
-    images = [name for name in wanted if _TYPES[name] == _IMAGE]
+    images = [name for name in wanted if _TYPES.get(name) == _IMAGE]
     sets = _ImageSets(bag, sequence.images, images, topics.IMU_RAW.name in wanted,
                       sequence.first_ns)
     further: dict[str, _ImageSets] = {}

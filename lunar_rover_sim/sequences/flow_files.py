@@ -17,7 +17,7 @@ from lunar_rover_sim.camera.flow import FlowModel, Moved
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.labels import link_label
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.seconds import in_seconds
 
@@ -48,6 +48,11 @@ class FlowFiles:
         self._frames: deque[_FlowFrame] = deque()
         self._angles: dict[int, Array] = {}
 
+    @property
+    def legs(self) -> Legs:
+        """The legs of the recorded rover."""
+        return self._rover.legs
+
     def image(self, number: int, stamp_ns: int, depth_m: NDArray[np.float32],
               label: NDArray[np.uint16]) -> None:
         """Take the (h, w) truth of the next image."""
@@ -59,7 +64,7 @@ class FlowFiles:
         self._settle()
 
     def angles(self, stamp_ns: int, angle_rad: Array) -> None:
-        """Take the (4,) leg angles [rad] of a state, in the order of LEG_NAMES."""
+        """Take the leg angles [rad] of a state, in the order of `legs`."""
         self._angles[stamp_ns] = angle_rad
         if len(self._angles) > _MOST_WAITING:
             del self._angles[min(self._angles)]

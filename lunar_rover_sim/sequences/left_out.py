@@ -30,7 +30,7 @@ def sensors_left_out(bag: Bag, taken: Collection[str],
     taken: topics that are not; lacks: topic → the reason, NO_PLACE where it names none
     """
     named: dict[str, list[str]] = defaultdict(list)
-    for topic in OF_SENSORS:
+    for topic in topics.of_legs(OF_SENSORS, topics.legs_of(bag.types)):
         if topic.name not in taken and bag.count(topic.name):
             named[lacks.get(topic.name, NO_PLACE)].append(topic.name)
     return [f'left out: {", ".join(names)}; {reason}' for reason, names in named.items()]

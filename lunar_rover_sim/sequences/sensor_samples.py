@@ -24,8 +24,15 @@ from lunar_rover_sim.sequences.recent_messages import RecentMessages
 _ARRAYS = {topics.LIDAR_POINTS.name: 'lidar', topics.LIDAR_DESKEWED.name: 'lidar_deskewed',
            topics.LIDAR_SCAN.name: 'lidar_scan'}
 # A single sample of the IMU says little of the time between two images.
-CARRIED = (*_ARRAYS, *(topic.name for sensor in SENSORS if sensor is not Imu
-                       for topic in sensor.published))
+_OF_SENSORS = tuple(topic for sensor in SENSORS if sensor is not Imu for topic in sensor.published)
+CARRIED = (*_ARRAYS, *(topic.name for topic in _OF_SENSORS))
+
+
+def carried(bag: Bag) -> tuple[str, ...]:
+    """Return those of CARRIED that a bag has messages of, with the names of its legs."""
+    of_sensors = topics.of_legs(_OF_SENSORS, topics.legs_of(bag.types))
+    return tuple(name for name in (*_ARRAYS, *(topic.name for topic in of_sensors))
+                 if bag.count(name))
 
 
 class SensorSamples:
@@ -36,7 +43,7 @@ class SensorSamples:
 
     def __init__(self, bag: Bag) -> None:
         self._path = bag.path
-        self.recorded = [name for name in CARRIED if bag.count(name)]
+        self.recorded = list(carried(bag))
         self._recent: RecentMessages[Any] = RecentMessages()
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> None:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import joint_order
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.recorded_scenario import recorded_scenario
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array, wxyz_from_matrix
 from lunar_rover_sim.rendering.labels import class_names, LABEL_FIRST_ROCK
@@ -37,7 +38,6 @@ from lunar_rover_sim.sequences.sequence import numbers, PngWriter
 SKY_M = 10_000.0
 ROCK = LABEL_FIRST_ROCK
 # The labels below those of rocks, which are one class: the format has 8 bits.
-CLASSES: dict[int, str] = {**class_names(0), ROCK: 'rock'}
 _MM_PER_M = 1000.0
 _FARTHEST_MM = 65535
 # Rows: north, east, down in x east, y north, z up.
@@ -79,8 +79,9 @@ class TartanAirSequence(PosedSequence):
             check_pinhole(suite, str(bag.path))
             (folder / f'seg_{side}').mkdir()
         if segmented:
+            names = {**class_names(0, recorded_scenario(bag).legs), ROCK: 'rock'}
             (folder / 'seg_label_map.json').write_text(json.dumps(
-                {'name_map': {name: k for k, name in CLASSES.items()}}, indent=1) + '\n',
+                {'name_map': {name: k for k, name in names.items()}}, indent=1) + '\n',
                 encoding='ascii')
 
     def images(self, stamp_ns: int, pixels: dict[str, NDArray[Any]]) -> None:
@@ -115,7 +116,7 @@ class TartanAirSequence(PosedSequence):
         if topic == topics.ODOM.name:
             super().data(topic, stamp_ns, message)
         elif self._flow is not None:
-            order = joint_order(message, self.path, SequenceError)
+            order = joint_order(message, self._flow.legs, self.path, SequenceError)
             self._flow.angles(stamp_ns, np.asarray(message.position, float)[order])
 
     def notes(self) -> list[str]:
@@ -164,7 +165,7 @@ def ned_pose(T_odom_camera: Array) -> tuple[Array, Array]:
 
 
 def classes(label: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Return labels as classes, names of `CLASSES`."""
+    """Return labels as classes; all rocks are one."""
     return np.minimum(label, ROCK).astype(np.uint8)
 
 

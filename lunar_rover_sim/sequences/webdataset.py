@@ -26,7 +26,7 @@ from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.instances import check_pinhole
 from lunar_rover_sim.sequences.posed import PosedSequence
 from lunar_rover_sim.sequences.recent_messages import KEPT_NS, LATE_NS
-from lunar_rover_sim.sequences.sensor_samples import CARRIED, SensorSamples
+from lunar_rover_sim.sequences.sensor_samples import carried, CARRIED, SensorSamples
 from lunar_rover_sim.sequences.sequence import PngWriter
 from lunar_rover_sim.sequences.shards import (DEFAULT_SIZE, index_text, key_part, npy_bytes,
                                               ShardWriter)
@@ -93,6 +93,8 @@ class WebDatasetSequence(PosedSequence):
 
     def __init__(self, bag: Bag, folder: Path, png: PngWriter,
                  options: ShardOptions = ShardOptions()) -> None:
+        self._carried = carried(bag)
+        self.uses = (*(name for name in type(self).uses if name not in CARRIED), *self._carried)
         super().__init__(bag, folder, png)
         if any(bag.has(name) for name in _OF_PINHOLE):
             check_pinhole(self.suite, str(bag.path))
@@ -137,7 +139,7 @@ class WebDatasetSequence(PosedSequence):
 
     def data(self, topic: str, stamp_ns: int, message: Any) -> None:
         """Keep poses and what sensors measure until their image comes."""
-        if topic not in CARRIED:
+        if topic not in self._carried:
             super().data(topic, stamp_ns, message)
             return
         for sample in self._held:

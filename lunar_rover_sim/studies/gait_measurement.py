@@ -62,7 +62,8 @@ def measure_stride(simulation: Simulation, gait: GaitConfig, stride: Stride,
     skip_s = max(SKIP_S, SKIP_CYCLES / rate)
     cycles = math.ceil(max(MEASURE_CYCLES, measure_s * rate))
     end_s = skip_s + cycles / rate
-    recorded = walk(simulation, GaitController(gait), end_s + STATE_PERIOD_S,
+    recorded = walk(simulation, GaitController(gait, legs=simulation.rover.legs),
+                    end_s + STATE_PERIOD_S,
                     lambda controller, stamp_ns: controller.set_stride(stride, stamp_ns))
     return recorded.mean_velocity(skip_s, end_s)
 
@@ -162,7 +163,8 @@ def _follow(settings: MeasurementSettings, calibration: GaitCalibration,
             command: tuple[float, float]) -> tuple[float, float]:
     end_s = SKIP_S + settings.measure_s
     with settings.simulation() as simulation:
-        recorded = walk(simulation, GaitController(settings.gait, calibration),
+        recorded = walk(simulation,
+                        GaitController(settings.gait, calibration, settings.rover.legs),
                         end_s + STATE_PERIOD_S,
                         lambda controller, stamp_ns: controller.set_velocity(*command, stamp_ns))
     return recorded.mean_velocity(SKIP_S, end_s)

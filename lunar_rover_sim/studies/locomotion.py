@@ -253,22 +253,22 @@ def velocity_interface(time_s: ArrayLike, speed_mps: float, command_s: float,
                        rover: RoverDescription, physics: PhysicsConfig) -> PitchCurve:
     """Return the pitch of a chassis that tracks a commanded speed on compliant support.
 
-    The mass m of the rover rests on springs k and dampers c of the ground at the four feet, at
-    +-x from its middle, and is pushed at the ground so that its speed tracks the command with a
+    The mass m of the rover rests on springs k and dampers c of the ground at the feet, at
+    x from its middle, and is pushed at the ground so that its speed tracks the command with a
     time constant; being h above the ground it pitches by
 
-        J p'' = -m h v' - 4 x^2 (k p + c p'),    v' = (v_command - v) / tau,
+        J p'' = -m h v' - sum(x^2) (k p + c p'),    v' = (v_command - v) / tau,
 
     integrated by the semi-implicit Euler method at no more than 0.5 ms.
     """
     time = np.asarray(time_s, dtype=float)
     chassis, legs = rover.chassis, rover.legs
-    mass = chassis.mass_kg + 4.0 * legs.mass_kg
+    mass = rover.total_mass_kg
     axles = np.array(rover.legs.axle_positions_m())
     inertia = (chassis_inertia(chassis)[1, 1] + chassis.mass_kg * chassis.com_m[0] ** 2
                + legs.mass_kg * np.sum(axles[:, 0] ** 2))
     height = (chassis.mass_kg * chassis.com_m[2] + legs.mass_kg * np.sum(axles[:, 2])) / mass
-    height += legs.spoke_length_m - legs.axle_z_m
+    height += rover.standing_height_m
     lever = float(np.sum(axles[:, 0] ** 2))
     stiffness = lever * physics.contact.stiffness_npm
     damping = lever * physics.contact.damping_nspm
@@ -291,14 +291,14 @@ def velocity_interface(time_s: ArrayLike, speed_mps: float, command_s: float,
 
 def _case(simulation: Simulation, calibration: GaitCalibration, gait: GaitConfig, speed: float,
           duration_s: float, rig: StereoRig) -> LocomotionCase:
-    controller = GaitController(gait, calibration)
+    controller = GaitController(gait, calibration, simulation.rover.legs)
 
     def command(controller: GaitController, stamp_ns: int) -> None:
         controller.set_velocity(speed if stamp_ns * 1e-9 >= STAND_S else 0.0, 0.0, stamp_ns)
 
     done = walk(simulation, controller, STAND_S + duration_s, command)
     cycle_hz = controller.stride.phase_rate_hz
-    step_hz = cycle_hz * len(set(gait.offsets))
+    step_hz = cycle_hz * len(set(gait.offsets(simulation.rover.legs)))
     pitch = np.degrees(done.rpy_rad[:, 1])
     walked = PitchCurve('gait and contact', done.time_s, pitch)
     tracked = velocity_interface(done.time_s, speed, STAND_S, simulation.rover, simulation.config)

@@ -110,14 +110,15 @@ def holding(walks: Sequence[GroundWalk]) -> list[GroundWalk]:
 
 def _walk(settings: WalkSettings, ground: Ground, simulation: Simulation) -> GroundWalk:
     rover, gait = settings.rover, settings.gait
-    controller = GaitController(gait, GaitCalibration.of(gait, ground.name))
+    controller = GaitController(gait, GaitCalibration.of(gait, ground.name, rover.name),
+                                rover.legs)
     weight = rover.total_mass_kg * settings.physics.gravity_mps2
     slope = math.radians(ground.slope_deg)
     uphill = np.array([math.cos(slope), 0.0, math.sin(slope)])
     simulation.apply_force(-ground.pull * weight * uphill)
     steps = max(1, round(STATE_PERIOD_S / settings.physics.step_s))
     period_s = steps * settings.physics.step_s
-    state, feet = simulation.state, SlipMeter()
+    state, feet = simulation.state, SlipMeter(len(simulation.rover.legs.each))
     begin, energy = state.position_m, 0.0
     pitch, sinkage = [], [0.0]
     measured = 0

@@ -141,7 +141,7 @@ def _drop_m(settings: WalkSettings, name: str, step_s: float) -> float:
     rover = settings.rover
     physics = dataclasses.replace(settings.physics, step_s=step_s, start=StartPose(settle_s=0.0))
     with _simulation(settings, physics, name) as simulation:
-        lowest = simulation.state.position_m[2] + rover.legs.axle_z_m - rover.legs.spoke_length_m
+        lowest = simulation.state.position_m[2] - rover.standing_height_m
         simulation.data.qpos[2] += DROP_M - lowest
         simulation.data.qvel[:] = 0.0
         simulation.advance(round(0.5 / step_s))

@@ -268,7 +268,7 @@ class _Measurement:
         self._simulation = simulation
         self._period_s = period_s
         self._tips = TipPenetration(simulation, ground)
-        self._feet = SlipMeter()
+        self._feet = SlipMeter(len(self._simulation.rover.legs.each))
         self._mechanical_j = self._electric_j = 0.0
         self._tilts_deg: list[float] = []
         self._pitches_deg: list[float] = []
@@ -397,7 +397,8 @@ def traverse(world: World, seed: int, settings: TraverseSettings) -> Traverse:
     plan = functools.partial(random_waypoints, world, length_m, np.random.default_rng(seed))
     with Simulation(world, settings.rover, settings.physics) as simulation:
         controller = GaitController(settings.gait, GaitCalibration.of(
-            settings.gait, settings.physics.ground.name))
+            settings.gait, settings.physics.ground.name, settings.rover.name),
+            settings.rover.legs)
         return TraverseDrive(simulation, controller, settings.drive, plan,
                              world.ground).run(seed, settings.duration_s)
 

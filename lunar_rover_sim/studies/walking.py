@@ -25,8 +25,8 @@ class Walk:
     """A recorded walk, one sample per controller period.
 
     time_s (n,); position_m (n, 3), world frame; rpy_rad (n, 3), yaw unwrapped, positive pitch nose
-    down; joint_angle_rad, joint_velocity_radps, motor_torque_nm, reference_rad, phase (n, 4), per
-    leg; contact_force_n (n, 4, 3), world axes
+    down; joint_angle_rad, joint_velocity_radps, motor_torque_nm, reference_rad, phase (n, legs);
+    contact_force_n (n, legs, 3), world axes
     """
 
     time_s: NDArray[np.float64]

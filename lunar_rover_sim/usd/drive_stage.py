@@ -23,7 +23,7 @@ from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.errors import UsdError
 from lunar_rover_sim.frames import Array, BASE_FRAME, IMU_FRAME, matrix_from_wxyz
 from lunar_rover_sim.regolith.overlay import CELL_M
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.usd.cameras import LEFT, RIGHT
@@ -59,8 +59,8 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
     path = Path(path)
     check_output(path, overwrite)
     with open_bag(bag) as opened:
-        motion = read_motion(opened)
         recorded = recorded_drive(opened)
+        motion = read_motion(opened, recorded.rover.legs)
         changes = read_ground_changes(opened)
         found = None
         if world_stage is None:
@@ -198,10 +198,11 @@ def _write_recorded(stage: Usd.Stage, rover_path: Sdf.Path, motion: DriveMotion,
     # A joint needs an enabled body, an articulation a joint.
     stage.OverridePrim(rover_path.AppendChild(JOINTS)).SetActive(False)
     stage.OverridePrim(rover_path).RemoveAPI(UsdPhysics.ArticulationRootAPI)
-    _write_signals(stage, rover_path, motion)
+    _write_signals(stage, rover_path, motion, rover)
 
 
-def _write_signals(stage: Usd.Stage, rover_path: Sdf.Path, motion: DriveMotion) -> None:
+def _write_signals(stage: Usd.Stage, rover_path: Sdf.Path, motion: DriveMotion,
+                   rover: RoverDescription) -> None:
     """Write velocities, joint states, contacts, IMU and the stamps of frames."""
     odometry, others = motion.odometry, motion.others
     base = stage.OverridePrim(rover_path.AppendChild(BASE_FRAME))
@@ -211,7 +212,7 @@ def _write_signals(stage: Usd.Stage, rover_path: Sdf.Path, motion: DriveMotion) 
     angular = np.degrees(np.einsum('nij,nj->ni', rotation, odometry.twists[:, 3:]))
     for name, values in (('physics:velocity', linear), ('physics:angularVelocity', angular)):
         _sample(motion, base, name, _Types.Vector3f, odometry.stamps_ns, _singles(values))
-    for k, leg in enumerate(LEG_NAMES):
+    for k, leg in enumerate(rover.legs.names):
         prim = stage.OverridePrim(rover_path.AppendChild(leg))
         _sample(motion, prim, 'lunar_rover_sim:angle_rad', _Types.Double, odometry.stamps_ns,
                 motion.joints[:, k].tolist())
@@ -252,7 +253,7 @@ def _write_simulated(stage: Usd.Stage, rover_path: Sdf.Path, motion: DriveMotion
     command: Series | None = motion.others.get('joint_command')
     if command is None or not np.isfinite(command.values).all():
         return
-    for k, leg in enumerate(LEG_NAMES):
+    for k, leg in enumerate(rover.legs.names):
         joint = stage.OverridePrim(rover_path.AppendPath(f'{JOINTS}/{leg}_joint'))
         _sample(motion, joint, 'drive:angular:physics:targetVelocity', _Types.Float,
                 command.stamps_ns, np.degrees(command.values[:, k]).tolist())

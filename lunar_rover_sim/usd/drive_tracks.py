@@ -24,7 +24,7 @@ from lunar_rover_sim.bag.series import Odometry
 from lunar_rover_sim.errors import UsdError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, product_wxyz
 from lunar_rover_sim.regolith.overlay import CELL_M, GroundChanges
-from lunar_rover_sim.rover.description import JOINT_NAMES, LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.usd.conventions import add_mesh, integers, label, place, points
 from lunar_rover_sim.usd.ground import tile_cells, triangles
@@ -43,8 +43,8 @@ class DriveMotion(NamedTuple):
     """The motion of a rover; those of `others` that were recorded, by name.
 
     odometry: poses and twists of base_link
-    joints: (n, 4) leg angles [rad, unwrapped] at the stamps of the odometry
-    others: `joint_velocity` [rad/s], `joint_torque` [N m] and `joint_command` [rad/s] (n, 4);
+    joints: (n, legs) leg angles [rad, unwrapped] at the stamps of the odometry
+    others: `joint_velocity` [rad/s], `joint_torque` [N m] and `joint_command` [rad/s] (n, legs);
         `imu` (n, 6) rates [rad/s] and specific forces [m/s2]; `contact/<leg>` (n, 3) force [N],
         world axes; `frames` (n, 0), the stamps of the images
     """
@@ -60,18 +60,22 @@ class DriveMotion(NamedTuple):
         return round(NS_PER_S / float(np.median(steps))) if len(steps) else 1
 
 
-def read_motion(bag: Bag) -> DriveMotion:
-    """Return the motion in a bag, which is read once; raise UsdError where it holds no drive."""
+def read_motion(bag: Bag, legs: Legs) -> DriveMotion:
+    """Return the motion in a bag, which is read once; raise UsdError where it holds no drive.
+
+    legs: of the recorded rover, for the order of the values
+    """
+    contacts = topics.of_legs([topics.CONTACT], legs.names)
     for name in (bag.truth, topics.JOINT_STATES.name):
         if not bag.count(name):
             raise UsdError(f'{bag.path}: holds no drive: {name} is missing')
     rows: dict[str, Callable[[Any], Any]] = {
         bag.truth: odometry_row,
-        topics.JOINT_STATES.name: lambda m: _joint_row(bag, m),
+        topics.JOINT_STATES.name: lambda m: _joint_row(bag, legs, m),
         topics.JOINT_COMMANDS.name:
-            lambda m: _values(m.velocity, joint_order(m, bag.path, UsdError)),
+            lambda m: _values(m.velocity, joint_order(m, legs, bag.path, UsdError)),
         topics.IMU_RAW.name: imu_row,
-        **{topic.name: lambda m: xyz(m.wrench.force) for topic in topics.CONTACTS},
+        **{topic.name: lambda m: xyz(m.wrench.force) for topic in contacts},
         topics.LEFT_INFO.name: lambda m: ()}
     names = {bag.resolve(name): name for name in rows if bag.has(name)}
     stamps: dict[str, list[int]] = {name: [] for name in names.values()}
@@ -84,7 +88,7 @@ def read_motion(bag: Bag) -> DriveMotion:
              for name in stamps if stamps[name]}
     odometry, states = found[bag.truth], found[topics.JOINT_STATES.name]
     pose = odometry.values
-    count = len(JOINT_NAMES)
+    count = len(legs.each)
     angles, velocity, torque = np.split(states.values, [count, 2 * count], axis=1)
     joints = np.stack([np.interp(odometry.stamps_ns, states.stamps_ns, angle)
                        for angle in angles.T], axis=-1)
@@ -92,7 +96,7 @@ def read_motion(bag: Bag) -> DriveMotion:
               'joint_torque': Series(states.stamps_ns, torque)}
     keys = {topics.JOINT_COMMANDS.name: 'joint_command', topics.IMU_RAW.name: 'imu',
             topics.LEFT_INFO.name: 'frames',
-            **{topic.name: f'contact/{leg}' for leg, topic in zip(LEG_NAMES, topics.CONTACTS)}}
+            **{topic.name: f'contact/{leg}' for leg, topic in zip(legs.names, contacts)}}
     others |= {key: found[name] for name, key in keys.items() if name in found}
     path = Odometry(odometry.stamps_ns, pose[:, 0:3], pose[:, 3:7], pose[:, 7:13])
     return DriveMotion(path, joints, others)
@@ -103,7 +107,7 @@ def link_motion(rover: RoverDescription, motion: DriveMotion) -> dict[str, tuple
     odometry = motion.odometry
     rotation = matrix_from_wxyz(odometry.orientations_wxyz)
     result = {}
-    for k, (leg, axle) in enumerate(zip(LEG_NAMES, rover.legs.axle_positions_m())):
+    for k, (leg, axle) in enumerate(zip(rover.legs.names, rover.legs.axle_positions_m())):
         half = 0.5 * motion.joints[:, k]
         zero = np.zeros_like(half)
         turn = np.stack([np.cos(half), zero, np.sin(half), zero], axis=-1)
@@ -119,9 +123,9 @@ def continuous(orientations_wxyz: Array) -> Array:
     return orientations_wxyz * sign[:, None]
 
 
-def _joint_row(bag: Bag, message: Any) -> Array:
+def _joint_row(bag: Bag, legs: Legs, message: Any) -> Array:
     """Return angles, velocities and torques, in our order."""
-    order = joint_order(message, bag.path, UsdError)
+    order = joint_order(message, legs, bag.path, UsdError)
     return np.concatenate([_values(v, order) for v in (message.position, message.velocity,
                                                        message.effort)])
 

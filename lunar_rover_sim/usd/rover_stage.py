@@ -16,7 +16,7 @@ import numpy as np
 
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
 from lunar_rover_sim.frames import Array, BASE_FRAME, IMU_FRAME, wxyz_from_matrix
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.inertia import chassis_inertia, leg_inertia
 from lunar_rover_sim.rover.mounts import imu_pose, MAST_RADIUS_M
 from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
@@ -59,7 +59,7 @@ def compose_rover(rover: RoverDescription, root: Path, parts: Path, camera: Came
     top.AddAppliedSchema('PhysxArticulationAPI')
     set_foreign(top, 'physxArticulation:enabledSelfCollisions', _Types.Bool, False)
     label(top, 'rover')
-    poses = link_poses(rover, np.zeros(len(LEG_NAMES)))
+    poses = link_poses(rover, np.zeros(len(rover.legs.each)))
     for link, T in poses.items():
         prim = UsdGeom.Xform.Define(stage, path.AppendChild(link)).GetPrim()
         place_matrix(prim, T)
@@ -68,7 +68,7 @@ def compose_rover(rover: RoverDescription, root: Path, parts: Path, camera: Came
     base = stage.GetPrimAtPath(path.AppendChild(BASE_FRAME))
     _set_mass(base, rover.chassis.mass_kg, rover.chassis.com_m, chassis_inertia(rover.chassis))
     _add_chassis(stage, base.GetPath(), rover)
-    for leg in LEG_NAMES:
+    for leg in rover.legs.names:
         prim = stage.GetPrimAtPath(path.AppendChild(leg))
         _set_mass(prim, rover.legs.mass_kg, (0.0, 0.0, 0.0), leg_inertia(rover.legs))
         _add_spokes(stage, prim.GetPath(), rover)
@@ -160,7 +160,7 @@ def _add_joints(stage: Usd.Stage, top: Sdf.Path, rover: RoverDescription) -> Non
     """
     motor = rover.motor
     group = UsdGeom.Scope.Define(stage, top.AppendChild(JOINTS)).GetPath()
-    for leg, position in zip(LEG_NAMES, rover.legs.axle_positions_m()):
+    for leg, position in zip(rover.legs.names, rover.legs.axle_positions_m()):
         joint = UsdPhysics.RevoluteJoint.Define(stage, group.AppendChild(f'{leg}_joint'))
         joint.CreateBody0Rel().SetTargets([top.AppendChild(BASE_FRAME)])
         joint.CreateBody1Rel().SetTargets([top.AppendChild(leg)])

@@ -41,7 +41,7 @@ def scenario(folder: Path) -> None:
 
 def rover(folder: Path) -> None:
     """The packaged rover."""
-    shutil.copy(config_path('rover.yaml'), folder / 'rover.yaml')
+    shutil.copy(config_path('rovers/quad.yaml'), folder / 'rover.yaml')
 
 
 def campaign(folder: Path) -> None:

@@ -7,7 +7,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.conditions import differences, ground_conditions, rover_conditions
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig
 from lunar_rover_sim.regolith.config import GroundConfig
-from lunar_rover_sim.rover.description import Chassis, Legs, RoverDescription
+from lunar_rover_sim.rover.description import Chassis, Legs, rectangle, RoverDescription
 
 PACKAGED = GaitCalibration.load(config_folder() / 'gait_calibrations/rigid.yaml').conditions
 ANALYTIC = GaitCalibration.default().conditions
@@ -18,7 +18,7 @@ def test_other_conditions_are_named():
     assert differences(PACKAGED, ground_conditions(PhysicsConfig())) == []
     heavy = rover_conditions(RoverDescription(chassis=Chassis(mass_kg=4.0)))
     assert differences(PACKAGED, heavy) == ['rover_mass_kg 2.24, here 4.24']
-    legs = RoverDescription(legs=Legs(spokes=4, axle_x_m=0.2))
+    legs = RoverDescription(legs=Legs(spokes=4, each=rectangle(x=0.2)))
     assert differences(PACKAGED, rover_conditions(legs)) == ['spokes 3, here 4',
                                                              'axle_x_m 0.115, here 0.2']
     assert differences(PACKAGED, ground_conditions(PhysicsConfig(gravity_mps2=9.81))) == \

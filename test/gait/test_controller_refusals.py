@@ -17,13 +17,21 @@ from lunar_rover_sim.rover.description import RoverDescription
     ({'duty_factor': -0.1}, 'duty_factor: -0.1'),
     ({'foot_width_deg': 120.0}, 'foot_width_deg: 120 .*120'),
     ({'foot_width_deg': 100.0, 'spokes': 4}, 'foot_width_deg: 100 .*90'),
-    ({'phase_offsets': (0.0, 0.5, 0.5)}, 'phase_offsets: 3 elements'),
     ({'phase_offsets': (0.0, 0.5, 0.5, 1.0)}, 'phase_offsets: 1'),
     ({'gait': 'gallop'}, "gait: 'gallop'"),
 ])
 def test_parameters_that_do_not_fit_are_refused(values, message):
     with pytest.raises(ConfigError, match=message):
         GaitConfig(**values)
+
+
+def test_custom_offsets_are_one_for_each_leg():
+    few = GaitConfig(gait='custom', phase_offsets=(0.0, 0.5, 0.5))
+    with pytest.raises(ConfigError, match='phase_offsets: 3 elements given; .* one for each leg'):
+        GaitController(few)
+    controller = GaitController()
+    with pytest.raises(ConfigError, match='phase_offsets: 3 elements'):
+        controller.configure(few)
 
 
 def test_the_number_of_spokes_cannot_change_while_walking():
@@ -44,7 +52,7 @@ def test_the_gait_must_have_the_spokes_of_the_rover():
 
 @pytest.mark.parametrize('bad', [[0.0, math.nan, 0.0, 0.0], [0.0] * 3, [math.inf] * 4, 'none'])
 def test_joint_states_that_are_none_are_refused(bad):
-    with pytest.raises(GaitError, match='joint angle: .*four finite'):
+    with pytest.raises(GaitError, match='joint angle: .*4 finite'):
         GaitController().update(0, bad, np.zeros(4))
     with pytest.raises(GaitError, match='joint velocity'):
         GaitController().update(0, np.zeros(4), bad)

@@ -83,7 +83,7 @@ def test_bad_input_raises_one_line_of_the_package() -> None:
     gait = GaitController.from_scenario(scenario)
     with pytest.raises(GaitError, match=r'^velocity: nan m/s and 0.0 rad/s is not valid; valid'):
         gait.set_velocity(math.nan, 0.0)
-    with pytest.raises(GaitError, match=r'^joint velocity: \[0.0\] is not valid; valid are four'):
+    with pytest.raises(GaitError, match=r'^joint velocity: \[0.0\] is not valid; valid are 4'):
         gait.update(0, np.zeros(4), [0.0])
     with Simulation.from_scenario(scenario, make_world()) as simulation:
         with pytest.raises(PhysicsError, match=r'^command: \[1.0, 2.0\] is not valid; valid is'):

@@ -8,8 +8,10 @@ import pytest
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.stride import STAND, Stride
+from lunar_rover_sim.rover.description import RoverDescription
 
 DT = 0.005
+LEGS = RoverDescription().legs
 # Offsets without symmetry: half cycles would look the same added and subtracted.
 CRAWL = (0.0, 0.5, 0.75, 0.25)
 RIPPLE = (0.1, 0.35, 0.6, 0.85)
@@ -26,12 +28,12 @@ def wrapped(phase):
 
 def walked(start, gait, stride, seconds):
     """Return the times, phases (n, 4) and rates (n, 4) of legs that start at rest."""
-    legs = LegPhases()
+    legs = LegPhases(LEGS.on_left)
     legs.start(start)
     steps = round(seconds / DT)
     phases, rates = np.empty((steps, 4)), np.empty((steps, 4))
     for i in range(steps):
-        legs.advance(DT, gait, stride)
+        legs.advance(DT, gait, stride, gait.offsets(LEGS))
         phases[i], rates[i] = legs.phase, legs.rate
     return DT * np.arange(1, steps + 1), phases, rates
 
@@ -85,13 +87,13 @@ def test_rates_stay_within_their_bounds_while_legs_are_drawn():
     """
     acceleration = 2.0
     gait = config(CRAWL, phase_gain=20.0, phase_acceleration_hzps=acceleration)
-    legs = LegPhases()
+    legs = LegPhases(LEGS.on_left)
     legs.start(CRAWL)
     rates = [[0.0] * 4]
     for i in range(800):
         if i == 200:
             legs.phase = [phase + off for phase, off in zip(legs.phase, (0.0, -0.4, 0.4, 0.1))]
-        legs.advance(DT, gait, Stride(1.0))
+        legs.advance(DT, gait, Stride(1.0), gait.offsets(LEGS))
         rates.append(list(legs.rate))
     rates = np.array(rates)
     assert np.abs(np.diff(rates, axis=0)).max() == pytest.approx(4.0 * acceleration * DT)
@@ -104,14 +106,14 @@ def test_rates_stay_within_their_bounds_while_legs_are_drawn():
 def test_a_late_leg_hurries_and_an_early_one_waits():
     """A tenth of a cycle off at gain 2: at first a fifth of a hertz more, or less."""
     gait = config(CRAWL, phase_gain=2.0, phase_acceleration_hzps=100.0)
-    legs = LegPhases()
+    legs = LegPhases(LEGS.on_left)
     legs.start(CRAWL)
     for _ in range(200):
-        legs.advance(DT, gait, Stride(1.0))
+        legs.advance(DT, gait, Stride(1.0), gait.offsets(LEGS))
     np.testing.assert_allclose(legs.rate, 1.0, atol=0.02)
     legs.phase[1] -= 0.1
     legs.phase[2] += 0.1
-    legs.advance(DT, gait, Stride(1.0))
+    legs.advance(DT, gait, Stride(1.0), gait.offsets(LEGS))
     np.testing.assert_allclose(legs.rate, [1.0, 1.2, 0.8, 1.0], atol=0.02)
 
 
@@ -140,16 +142,16 @@ def test_walking_again_finds_a_new_clock():
     none is more than a quarter and half a 64th away.
     """
     gait = dataclasses.replace(GaitConfig(), gait='trot')
-    legs = LegPhases()
+    legs = LegPhases(LEGS.on_left)
     legs.start((0.0, 0.5, 0.5, 0.0))
     for stride, seconds in ((Stride(1.0), 2.13), (STAND, 4.0)):
         for _ in range(round(seconds / DT)):
-            legs.advance(DT, gait, stride)
+            legs.advance(DT, gait, stride, gait.offsets(LEGS))
     np.testing.assert_allclose(legs.phase, np.round(legs.phase), atol=1e-3)
     start = np.array(legs.phase)
     reached = []
     for _ in range(round(4.0 / DT)):
-        legs.advance(DT, gait, Stride(1.0))
+        legs.advance(DT, gait, Stride(1.0), gait.offsets(LEGS))
         reached.append(np.array(legs.phase) - start)
     # Each leg moved by the clock's share and at most a quarter cycle more or less.
     clock = np.mean(reached[-1])

@@ -204,7 +204,7 @@ def test_slip(recorded: Recorded) -> None:
     """Feet that sweep while the rover stands slip wholly; those of a rolling rover do not."""
     rover, ground = RoverDescription(), HeightGrid(np.zeros((81, 81), np.float32), 0.025)
     with open_bag(recorded.bag) as bag:
-        drive = read_drive(bag)
+        drive = read_drive(bag, rover.legs)
     n, height = len(drive.stamps_ns), rover.legs.spoke_length_m
     turning, forces = np.full((n, 4), 1.0), np.tile([0.0, 0.0, 5.0], (n, 4, 1))
     poses = np.zeros((n, 13))

@@ -81,8 +81,8 @@ def test_errors_are_those_of_the_messages(tmp_path: Path, items: list[synthetic.
     np.testing.assert_allclose(solar, 12.0 * 0.8, rtol=1e-6)
 
 
-@pytest.mark.parametrize('topic', [topics.SUN_SENSOR, topics.WHEEL_ODOM, topics.POWER[1],
-                                   topics.POWER[4], topics.SOLAR_POWER])
+@pytest.mark.parametrize('topic', [topics.SUN_SENSOR, topics.WHEEL_ODOM, sensor_items.POWER[1],
+                                   sensor_items.POWER[4], topics.SOLAR_POWER])
 def test_one_topic_is_enough(tmp_path: Path, items: list[synthetic.Item],
                              topic: topics.Topic) -> None:
     bag = synthetic.write(tmp_path / 'bag', [i for i in items if i.topic == topic.name])

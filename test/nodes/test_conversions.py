@@ -12,18 +12,18 @@ pytest.importorskip('rclpy')
 from nav_msgs.msg import Odometry  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
-from lunar_rover_sim import frames, topics  # noqa: E402
+from lunar_rover_sim import frames  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.nodes import conversions  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
-from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
+from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuSample  # noqa: E402
 from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry  # noqa: E402
 from lunar_rover_sim.sensors.wheel_odometry import WheelOdometryConfig  # noqa: E402
 
-LEG_JOINTS = [f'{leg}_joint' for leg in topics.LEGS]
+LEG_JOINTS = [f'{leg}_joint' for leg in Legs().names]
 
 
 def test_odometry(state: RoverState) -> None:
@@ -61,7 +61,7 @@ def test_an_invalid_pose_is_refused(state: RoverState) -> None:
 def test_joints_in_any_order() -> None:
     """Values are found by name, also among other joints."""
     msg = JointState(name=['arm', *reversed(LEG_JOINTS)], position=[0.0, 4.0, 3.0, 2.0, 1.0])
-    assert conversions.legs_of(msg, 'position').tolist() == [1, 2, 3, 4]
+    assert conversions.legs_of(msg, Legs(), 'position').tolist() == [1, 2, 3, 4]
 
 
 def test_incomplete_joints_are_refused() -> None:
@@ -69,7 +69,7 @@ def test_incomplete_joints_are_refused() -> None:
     for name, velocity in ((LEG_JOINTS, []), (LEG_JOINTS, [5.0, 6.0]), (['leg'] * 4, [1.0] * 4)):
         msg = JointState(name=name, velocity=velocity)
         with pytest.raises(GraphError, match='velocity of joints .* not complete'):
-            conversions.legs_of(msg, 'velocity')
+            conversions.legs_of(msg, Legs(), 'velocity')
 
 
 def test_imu_messages(state: RoverState) -> None:

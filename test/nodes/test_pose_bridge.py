@@ -27,6 +27,7 @@ from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy  # noqa:
 from lunar_rover_sim.nodes.pose_stream import (BridgedState, FAILED, LossLog,  # noqa: E402
                                                OVERTAKEN, PoseStream, UNANSWERED)
 from lunar_rover_sim.nodes.pose_targets import EntityStates  # noqa: E402
+from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
 from lunar_rover_sim.run.companion_config import PoseBridgeNodeConfig  # noqa: E402
 
 BASE, LEG = '/World/Rover/base_link', '/World/Rover/front_left'
@@ -201,10 +202,12 @@ def test_losses_are_told_once_a_minute() -> None:
 
 def test_parameters(domain: int) -> None:
     """A name for each entity; without the package one line says what to install."""
-    with pytest.raises(ConfigError, match='leg_entities: .* valid is 4 elements'):
-        PoseBridgeNodeConfig(leg_entities=('/a',))
+    legs = RoverDescription().legs.names
+    with pytest.raises(ConfigError, match='leg_entities: .* one for each leg of the rover: front'):
+        PoseBridgeNodeConfig(leg_entities=('/a',)).entities_of(legs)
     with pytest.raises(ConfigError, match='valid are names that differ'):
-        PoseBridgeNodeConfig(entity='/World/Rover/front_left')
+        PoseBridgeNodeConfig(entity='/World/Rover/front_left').entities_of(legs)
+    assert PoseBridgeNodeConfig().entities_of(legs)[0] == '/World/Rover/front_left'
     with pytest.raises(ConfigError, match='entity'):
         PoseBridgeNodeConfig(entity='')
     try:

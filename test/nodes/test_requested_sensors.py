@@ -21,7 +21,7 @@ from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.nodes.requested_sensors import RequestedSensors  # noqa: E402
 from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
-from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
+from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig  # noqa: E402
 from lunar_rover_sim.sensors.registry import mounted  # noqa: E402
 from lunar_rover_sim.sensors.sensor import Platform  # noqa: E402
@@ -57,7 +57,7 @@ def simulation() -> Iterator[Simulation]:
 def test_a_topic_is_offered_for_each_request_but_where_the_ground_is_rigid(
         simulation: Simulation) -> None:
     sensors = of(Reader(), simulation, PhysicsNodeConfig())
-    on_request = [topic for topic in topics.CONTRACT
+    on_request = [topic for topic in topics.of_legs(topics.CONTRACT, Legs().names)
                   if topic.node == 'physics_node' and topic.on_request
                   and topic not in (*topics.OF_SOFT_GROUND, topics.DIAGNOSTICS)]
     assert len(sensors.publishers) == len(on_request)
@@ -73,7 +73,7 @@ def test_power_is_made_for_readers(state: RoverState, simulation: Simulation) ->
     assert not node.sent
     node.read = ('power/',)
     power.publish(pushing, 5)
-    assert [m.location for m in node.sent] == [*topics.LEGS, 'bus']
+    assert [m.location for m in node.sent] == [*Legs().names, 'bus']
     assert all(time_ns(m.header.stamp) == 5 and m.present for m in node.sent)
     assert {m.power_supply_status for m in node.sent} == {
         BatteryState.POWER_SUPPLY_STATUS_DISCHARGING}
@@ -164,6 +164,6 @@ def test_slip_is_summed_while_it_is_read(state: RoverState, simulation: Simulati
     for k in range(2):
         feet.publish(state, k)
     first, second = node.sent
-    assert first.name == [*topics.LEGS, *(f'{leg}_sweep' for leg in topics.LEGS)]
+    assert first.name == [*Legs().names, *(f'{leg}_sweep' for leg in Legs().names)]
     gained = np.asarray(second.position) - first.position
     assert gained == pytest.approx(1e-9 * config.state_period_ns * np.asarray(second.velocity))

@@ -22,7 +22,7 @@ from sensor_msgs.msg import Imu, JointState  # noqa: E402
 from lunar_rover_sim import frames, topics  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
-from lunar_rover_sim.rover.description import RoverDescription  # noqa: E402
+from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
 from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
 from lunar_rover_sim.rover.visual import link_poses  # noqa: E402
@@ -82,7 +82,7 @@ def test_transforms(state: RoverState, monkeypatch: pytest.MonkeyPatch) -> None:
                                                PhysicsNodeConfig())
     publisher.publish(state, state.stamp_ns)
     moving = {t.child_frame_id: t for t in node.sent['tf'][0].transforms}
-    legs = {f'{leg}_link' for leg in topics.LEGS}
+    legs = {f'{leg}_link' for leg in Legs().names}
     assert set(moving) == {'base_link', 'base_footprint', *legs}
     assert moving['base_link'].header.frame_id == 'odom'
     assert moving['base_link'].transform.translation.y == 2.0
@@ -138,7 +138,7 @@ def test_an_estimator_may_own_odom(state: RoverState, monkeypatch: pytest.Monkey
         node, RoverDescription(), ImuNoise(ImuConfig(), 200, np.random.default_rng(1)),
         PhysicsNodeConfig(**parameters)).publish(state, 5_000_000)    # type: ignore[arg-type]
     moving = {t.child_frame_id for t in node.sent['tf'][0].transforms}
-    assert moving == {f'{leg}_link' for leg in topics.LEGS} | frames_sent
+    assert moving == {f'{leg}_link' for leg in Legs().names} | frames_sent
     assert {'odom', 'ground_truth/odom'} & set(node.sent) == {odometry[0]}
     msg = deserialize_message(node.sent[odometry[0]][0], Odometry)
     assert (msg.header.frame_id, msg.child_frame_id) == odometry[1:]
@@ -189,7 +189,7 @@ def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> No
         topics.CLOCK: Clock(clock=stamp),
         topics.ODOM: conversions.fill_odometry(odometry, second, stamp),
         topics.JOINT_STATES: conversions.fill_joint_state(
-            JointState(), second.joint_angle_rad, second.joint_velocity_radps,
+            JointState(), Legs(), second.joint_angle_rad, second.joint_velocity_radps,
             second.motor_torque_nm, stamp),
         topics.IMU_RAW: conversions.fill_imu_raw(Imu(), sample, *same.white_noise_variances(),
                                                  stamp),
@@ -197,7 +197,8 @@ def test_refilled_messages_equal_new_ones(monkeypatch: pytest.MonkeyPatch) -> No
         topics.IMU_BIAS: conversions.fill_imu_bias(AccelStamped(), sample, stamp),
         **{topic: conversions.fill_wrench(WrenchStamped(), second.contact_force_n[k] @ R,
                                           second.contact_torque_nm[k] @ R, f'{leg}_link', stamp)
-           for k, (leg, topic) in enumerate(zip(topics.LEGS, topics.CONTACTS))
+           for k, (leg, topic) in enumerate(zip(
+               Legs().names, topics.of_legs([topics.CONTACT], Legs().names)))
            for R in [frames.matrix_from_wxyz(second.orientation_wxyz) @ links[leg][:3, :3]]}}
     for topic, message in expected.items():
         # As sent: a message that is refilled is serialised before the next one.

@@ -87,7 +87,7 @@ def test_boxes_are_those_of_the_instances() -> None:
 
 
 def test_names_and_method() -> None:
-    names = class_names(2)
+    names = class_names(2, ['left', 'right'])
     found = vision_conversions.label_info(MSG, names, Header())
     assert {c.class_id: c.class_name for c in found.class_map} == names
     told = vision_conversions.vision_info(MSG, 'abc', Header())

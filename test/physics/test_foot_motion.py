@@ -32,7 +32,7 @@ def test_a_wheel_like_leg_slips_as_a_wheel():
                                    linear_velocity_mps=np.array([speed, 0.0, 0.0]))
         motion = observer.observe(state)
         assert motion.sweep_mps == pytest.approx(np.full(4, L), rel=1e-3)
-        meter = SlipMeter()
+        meter = SlipMeter(4)
         meter.add(motion, 0.005)
         assert meter.ratio == pytest.approx(np.full(4, ratio), abs=2e-3)
         assert meter.total == pytest.approx(ratio, abs=2e-3)
@@ -60,12 +60,12 @@ def test_a_leg_in_the_air_neither_sweeps_nor_slips():
     motion = observer.observe(dataclasses.replace(state, contact_force_n=force))
     assert motion.loaded.tolist() == [True, True, False, True]
     assert motion.sweep_mps[2] == motion.slip_mps[2] == 0.0 < motion.slip_mps[0]
-    assert math.isnan(SlipMeter().ratio[0]) and math.isnan(SlipMeter().total)
+    assert math.isnan(SlipMeter(4).ratio[0]) and math.isnan(SlipMeter(4).total)
 
 
 def test_the_rover_slips_by_the_way_that_it_does_not_get_on():
     """It walks 0.08 m on four feet, slides back by 0.05 m on one, and by 0.03 m on none."""
-    meter = SlipMeter()
+    meter = SlipMeter(4)
     all_legs, one = np.ones(4, bool), np.array([True, False, False, False])
     for loaded, axle_mps in ((all_legs, 0.08), (one, -0.05), (~all_legs, -0.03)):
         sweep_mps = 0.1 * loaded
@@ -91,7 +91,7 @@ def test_slip_grows_as_friction_falls():
     ratios = []
     for friction in (0.8, 0.05):
         with simulate(contact=ContactConfig(sliding_friction=friction)) as simulation:
-            meter, expected = SlipMeter(), []
+            meter, expected = SlipMeter(4), []
 
             def observe(state):
                 motion = simulation.foot_motion

@@ -163,9 +163,9 @@ def test_leaving_the_ground_ends_the_run_with_a_place():
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 def test_commands_must_be_finite(value):
     with simulate() as simulation:
-        with pytest.raises(PhysicsError, match='valid is four finite velocities'):
+        with pytest.raises(PhysicsError, match='valid is 4 finite velocities'):
             simulation.command([0.0, value, 0.0, 0.0])
-        with pytest.raises(PhysicsError, match='valid is four finite velocities'):
+        with pytest.raises(PhysicsError, match='valid is 4 finite velocities'):
             simulation.command([0.0, 1.0])
         with pytest.raises(PhysicsError, match="command: 'fast' is not valid"):
             simulation.command('fast')

@@ -14,7 +14,7 @@ from lunar_rover_sim.physics.foot_motion import FootObserver
 from lunar_rover_sim.physics.observation import Observer
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.physics.tip_over import TipOver
-from lunar_rover_sim.rover.description import LEG_NAMES
+from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 
 SLOPE_X, SLOPE_Y = 0.12, -0.07
@@ -99,7 +99,7 @@ def test_wrenches_are_moved_from_the_centre_of_mass_to_the_axles(seed):
         wrench, torque = rng.normal(size=(4, 6)), rng.normal(size=4)
         state = observer.observe(7, 0.01, wrench, torque)
         centre = data.subtree_com[1].copy()
-        axles = [data.body(leg).xpos.copy() for leg in LEG_NAMES]
+        axles = [data.body(leg).xpos.copy() for leg in Legs().names]
     for leg in range(4):
         expected = wrench[leg, :3] + np.cross(centre - axles[leg], wrench[leg, 3:])
         np.testing.assert_allclose(state.contact_torque_nm[leg], expected, atol=1e-12)

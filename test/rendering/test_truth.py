@@ -344,7 +344,7 @@ def apart_px(image, other):
 
 def test_vocabulary_names_every_label(view):
     world, rocks = worlds.small(), view.rocks
-    info = json.loads(vocabulary(rocks, world.craters, world.hash))
+    info = json.loads(vocabulary(rocks, world.craters, world.hash, scene.ROVER.legs.names))
     names = {item['class_id']: item['class_name'] for item in info['class_map']}
     assert set(np.unique(view.frame.label)) <= set(names)
     assert len(rocks) > len(world.rocks)
@@ -357,5 +357,5 @@ def test_vocabulary_names_every_label(view):
 
 
 def test_labels_beyond_16_bits_share_the_last_one():
-    names = class_names(70000)
+    names = class_names(70000, ['left', 'right'])
     assert max(names) == LAST_LABEL and names[LAST_LABEL] == 'rock 65519 or any later one'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from xml.etree import ElementTree
 
 import mujoco
@@ -15,8 +14,8 @@ from lunar_rover_sim import frames
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.rover.base_footprint import footprint_pose
-from lunar_rover_sim.rover.description import (Chassis, ImuMount, JOINT_NAMES, LEG_NAMES, Legs,
-                                               LidarMount, RoverDescription, StereoMount)
+from lunar_rover_sim.rover.description import (Chassis, ImuMount, Legs, LidarMount, rectangle,
+                                               RoverDescription, StereoMount)
 from lunar_rover_sim.rover.mjcf import IMU_SITE, rover_spec, tip_geom
 from lunar_rover_sim.rover.mounts import camera_poses, imu_pose, lidar_pose, optical_poses
 from lunar_rover_sim.rover.rover_file import load_rover, save_rover
@@ -26,7 +25,7 @@ from lunar_rover_sim.rover.visual import link_poses, visual_parts
 ROVER = RoverDescription()
 OTHER = RoverDescription(
     chassis=Chassis(mass_kg=5.0, length_m=0.5, com_m=(0.02, -0.01, -0.03)),
-    legs=Legs(spokes=5, spoke_length_m=0.12, axle_x_m=0.2, axle_z_m=0.01, mass_kg=0.1),
+    legs=Legs(spokes=5, spoke_length_m=0.12, mass_kg=0.1, each=rectangle(x=0.2, z=0.01)),
     stereo=StereoMount(position_m=(0.2, 0.01, 0.3), pitch_deg=25.0, baseline_m=0.2),
     imu=ImuMount(position_m=(0.05, 0.02, 0.01), rpy_deg=(10.0, -20.0, 30.0)),
     lidar=LidarMount(position_m=(0.1, -0.03, 0.4), rpy_deg=(5.0, 15.0, -40.0)))
@@ -60,7 +59,7 @@ def test_positive_angles_move_the_lower_tip_backward(rover):
     data.qpos[7:11] = angles
     mujoco.mj_kinematics(model, data)
     reach = rover.legs.spoke_length_m - rover.legs.tip_radius_m
-    for leg, angle, axle in zip(LEG_NAMES, angles, rover.legs.axle_positions_m()):
+    for leg, angle, axle in zip(Legs().names, angles, rover.legs.axle_positions_m()):
         for k in range(rover.legs.spokes):
             a = angle + k * rover.legs.spoke_pitch_rad
             expected = axle + reach * np.array([-np.sin(a), 0.0, -np.cos(a)])
@@ -98,7 +97,7 @@ def urdf_poses(document: str) -> dict[str, np.ndarray]:
 def test_urdf_frames_are_where_the_description_says(rover):
     poses = urdf_poses(urdf(rover))
     expected = {frames.BASE_FRAME: np.eye(4)} | {
-        frames.leg_frame(leg): link_poses(rover, np.zeros(4))[leg] for leg in LEG_NAMES}
+        frames.leg_frame(leg): link_poses(rover, np.zeros(4))[leg] for leg in Legs().names}
     expected[frames.IMU_FRAME] = imu_pose(rover)
     expected[frames.LIDAR_FRAME] = lidar_pose(rover)
     expected['stereo_left_link'], expected['stereo_right_link'] = camera_poses(rover)
@@ -114,8 +113,8 @@ def test_mujoco_reads_the_urdf_with_the_same_masses(rover):
     # MuJoCo welds base_link to its world, so its mass is not among the bodies.
     model = mujoco.MjModel.from_xml_string(urdf(rover))
     own, _ = compiled(rover)
-    assert [model.joint(i).name for i in range(model.njnt)] == list(JOINT_NAMES)
-    for leg in LEG_NAMES:
+    assert [model.joint(i).name for i in range(model.njnt)] == list(Legs().joint_names)
+    for leg in Legs().names:
         np.testing.assert_allclose(model.body(f'{leg}_link').mass, own.body(leg).mass)
         np.testing.assert_allclose(model.body(f'{leg}_link').pos, own.body(leg).pos)
         np.testing.assert_allclose(np.sort(model.body(f'{leg}_link').inertia),
@@ -139,7 +138,7 @@ def test_optical_frames_look_ahead_and_down(rover):
 @pytest.mark.parametrize('rover', [ROVER, OTHER])
 def test_meshes_are_closed_and_reach_as_far_as_the_contacts(rover):
     parts = visual_parts(rover)
-    assert {part.link for part in parts} == {'base_link', *LEG_NAMES}
+    assert {part.link for part in parts} == {'base_link', *Legs().names}
     for part in parts:
         assert part.vertices.dtype == np.float32 and part.faces.dtype == np.int32
         assert all(0.0 <= a <= 1.0 for a in part.albedo)
@@ -162,10 +161,8 @@ def test_nothing_stands_in_front_of_the_lenses():
 
 def test_the_packaged_file_is_the_default():
     assert load_rover() == RoverDescription()
-    content = yaml.safe_load(config_path('rover.yaml').read_text(encoding='utf-8'))
-    assert RoverDescription().to_mapping().keys() == content.keys()
-    for name, group in RoverDescription().to_mapping().items():
-        assert group == content[name]
+    content = yaml.safe_load(config_path('rovers/quad.yaml').read_text(encoding='utf-8'))
+    assert RoverDescription().to_mapping() == content
 
 
 def test_a_rover_survives_the_file(tmp_path):
@@ -182,9 +179,16 @@ def test_a_rover_survives_the_file(tmp_path):
     ('chassis: {mass_kg: heavy}', 'is not a number'),
     ('{', 'not valid YAML'),
     ('chassis: {mass_kg: 1.0e+30}', 'mass_kg: 1e[+]30 is not valid; valid is > 0 and <= 2000'),
-    ('legs: {axle_x_m: 40}', 'axle_x_m: 40.0 is not valid'),
+    ('legs: {each: {a: {position_m: [40, 1, 0]}}}', r'legs.each.a.position_m: 40.0 is not valid'),
+    ('legs: {each: {}}', 'legs.each: 0 legs given; valid are 3 to 12'),
+    ('legs: {each: {a: {side: middle}}}', "legs.each.a.side: 'middle' is not valid; valid are"),
+    ('legs: {each: {a: {side: right}}}', "legs.each.a.side: 'right' is not valid with position"),
+    ('legs: {each: {a: {phase: 1.0}}}', 'legs.each.a.phase: 1.0 .* valid is >= 0 and < 1'),
+    ('legs: {each: {a: {}, a: {}}}', "'a' is given twice"),
+    ('legs: {each: {Front: {}}}', "legs.each: 'Front' is not a valid name"),
     ('chassis: {com_m: [0, 0, 0.2]}', r'chassis.com_m: \[0.0, 0.0, 0.2\] .* within the chassis'),
-    ('{chassis: {com_m: [0.1, 0, 0]}, legs: {axle_x_m: 0.09}}', 'com_m: .* between the axles'),
+    ('legs: {each: {a: {}, b: {position_m: [0.1, 0.1, 0]}, c: {side: right, position_m: '
+     '[0.1, -0.1, 0]}}}', 'com_m: .* between the axles'),
     ('{legs: {spokes: 3}, legs: {spokes: 4}}', "'legs' is given twice"),
 ])
 def test_a_bad_file_is_refused_in_one_line(tmp_path, text, message):
@@ -196,15 +200,14 @@ def test_a_bad_file_is_refused_in_one_line(tmp_path, text, message):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match='cannot be read'):
+    with pytest.raises(ConfigError, match='no such rover file'):
         load_rover(tmp_path / 'none.yaml')
 
 
 def test_joint_order_is_that_of_the_legs():
     model, _ = compiled(ROVER)
-    assert [model.joint(i + 1).name for i in range(4)] == list(JOINT_NAMES)
+    assert [model.joint(i + 1).name for i in range(4)] == list(Legs().joint_names)
     assert model.nu == 4
-    assert dataclasses.fields(RoverDescription)[0].name == 'chassis'
 
 
 def test_the_footprint_is_level_below_the_lowest_foot():
@@ -221,5 +224,5 @@ def test_the_footprint_is_level_below_the_lowest_foot():
     lowest = min(
         (R_world_base @ (links[leg] @ [*(legs.spoke_length_m - legs.tip_radius_m) * np.array(d),
                                        1.0])[:3])[2] - legs.tip_radius_m
-        for leg in LEG_NAMES for d in legs.spoke_directions())
+        for leg in Legs().names for d in legs.spoke_directions())
     assert T_world_foot[2, 3] == pytest.approx(lowest)

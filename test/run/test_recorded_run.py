@@ -9,6 +9,7 @@ import pytest
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
@@ -78,7 +79,7 @@ def test_messages_say_what_they_must(recorded_run: Path) -> None:
         assert disparity.delta_d == pytest.approx(1 / 16)
         assert disparity.valid_window.width > 0
         joints = bag.first(topics.JOINT_STATES.name)
-        assert list(joints.name) == [f'{leg}_joint' for leg in topics.LEGS]
+        assert list(joints.name) == [f'{leg}_joint' for leg in Legs().names]
         assert len(joints.position) == len(joints.velocity) == len(joints.effort) == 4
         scenario = bag.first(topics.SCENARIO.name).data
         assert scenario == (recorded_run / 'scenario.yaml').read_text()

@@ -56,7 +56,7 @@ def test_the_right_legs_turn_it_to_the_left():
     swing = np.linspace(-0.4, 0.4, 400)
     forward, turn, _ = ways(-swing, swing, -swing, swing)
     one_side = ways(*[swing] * 4)[0]
-    x, y = ROVER.legs.axle_x_m, ROVER.legs.axle_y_m
+    x, y, _ = ROVER.legs.axle_positions_m()[0]
     assert forward == pytest.approx(0.0, abs=1e-9)
     assert turn == pytest.approx(one_side * y / (x * x + y * y), rel=1e-9)
 

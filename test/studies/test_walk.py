@@ -7,12 +7,12 @@ import pytest
 
 from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.config import GAIT_ARRAYS, GaitConfig
+from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.stride import Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.studies import gait_measurement
 from lunar_rover_sim.studies.gait_measurement import (CommandTracking, measure, measure_commands,
                                                       measure_stride, MeasurementSettings)
@@ -75,7 +75,7 @@ def test_legs_find_their_phase_from_any_start_angle(table):
         done = walk(simulation, GaitController(GaitConfig(), table), 8.0,
                     lambda controller, stamp_ns: controller.set_velocity(0.12, 0.0, stamp_ns))
     phase = done.phase[done.time_s > 7.0]
-    off = phase - phase[:, :1] - np.array(GAIT_ARRAYS['trot'])
+    off = phase - phase[:, :1] - np.array(GaitConfig(gait='trot').offsets(Legs()))
     assert np.abs((off + 0.5) % 1.0 - 0.5).max() < 0.02
     # And the legs are where their phases want them, within what motors lag under load.
     lag = (done.joint_angle_rad - done.reference_rad)[done.time_s > 7.0]

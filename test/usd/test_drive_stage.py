@@ -16,7 +16,7 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.series import read_odometry
 from lunar_rover_sim.errors import UsdError, WorldError
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
-from lunar_rover_sim.rover.description import LEG_NAMES
+from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.rover.mounts import optical_poses
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.scenario import Scenario
@@ -75,7 +75,7 @@ def test_poses_are_those_of_odom(stage: Usd.Stage, bag: Path) -> None:
         truth = se3(matrix_from_wxyz(odometry.orientations_wxyz[k]), odometry.positions_m[k])
         assert np.abs(pose(stage, '/Drive/Rover/base_link', code) - truth).max() < 1e-6
         legs = link_poses(SCENARIO.rover, np.full(4, 2.0 * stamp * 1e-9))
-        for leg in LEG_NAMES:
+        for leg in Legs().names:
             assert np.abs(pose(stage, f'/Drive/Rover/{leg}', code) - truth @ legs[leg]
                           ).max() < 1e-6
         for name, optical in (('left_camera', left), ('right_camera', right)):

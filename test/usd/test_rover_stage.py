@@ -15,7 +15,7 @@ from stages import problems
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
-from lunar_rover_sim.rover.description import ImuMount, LEG_NAMES, Motor, RoverDescription
+from lunar_rover_sim.rover.description import ImuMount, Legs, Motor, RoverDescription
 from lunar_rover_sim.rover.mjcf import rover_spec
 from lunar_rover_sim.rover.mounts import imu_pose
 from lunar_rover_sim.usd.cameras import add_camera, CameraModel
@@ -49,7 +49,7 @@ def pose(prim: Usd.Prim) -> np.ndarray:
 
 def test_masses_and_inertias_are_mujocos(stage: Usd.Stage, model: mujoco.MjModel) -> None:
     total = 0.0
-    for name in ('base_link', *LEG_NAMES):
+    for name in ('base_link', *Legs().names):
         prim = stage.GetPrimAtPath(f'/Rover/{name}')
         mass = UsdPhysics.MassAPI(prim)
         body = model.body(name)
@@ -68,7 +68,7 @@ def test_masses_and_inertias_are_mujocos(stage: Usd.Stage, model: mujoco.MjModel
 
 def test_joints_and_drives(stage: Usd.Stage, model: mujoco.MjModel) -> None:
     motor = Motor()
-    for leg in LEG_NAMES:
+    for leg in Legs().names:
         joint = UsdPhysics.RevoluteJoint.Get(stage, f'/Rover/joints/{leg}_joint')
         axis = {'X': 0, 'Y': 1, 'Z': 2}[joint.GetAxisAttr().Get()]
         assert np.array_equal(np.eye(3)[axis], model.joint(f'{leg}_joint').axis)

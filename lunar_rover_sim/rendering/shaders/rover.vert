@@ -1,7 +1,7 @@
 // The rover: each vertex moves with its link.
 in vec3 a_position, a_normal;
 in float a_albedo, a_link;
-uniform mat4 u_links[5];
+uniform mat4 u_links[LINKS];
 #include "view.glsl"
 out vec3 v_relative, v_normal;
 out float v_albedo;
