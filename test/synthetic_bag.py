@@ -36,6 +36,9 @@ physics_node:
     world: /nowhere/world
     time_mode: lockstep
 """
+CONTACTS = topics.of_legs([topics.CONTACT], Legs().names)
+CONTRACT = topics.of_legs(topics.CONTRACT, Legs().names)
+
 
 @dataclasses.dataclass
 class Item:
@@ -51,8 +54,6 @@ def msg(kind: str, /, **fields: Any) -> Any:
     """Make a message of type `package/Name` from its fields."""
     package, _, name = kind.partition('/')
     return STORE.types[f'{package}/msg/{name}'](**fields)
-CONTACTS = topics.of_legs([topics.CONTACT], Legs().names)
-CONTRACT = topics.of_legs(topics.CONTRACT, Legs().names)
 
 
 def time(ns: int) -> Any:

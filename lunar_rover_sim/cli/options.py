@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+import json
 import math
 import os
 from pathlib import Path
@@ -16,6 +17,7 @@ from lunar_rover_sim.files.paths import check_folder, check_new_folder, packaged
 
 Check = Callable[[Path], None]
 Run = Callable[[argparse.Namespace], int]
+_OF_SCENARIO = 'NODE.PARAM=VALUE'
 
 
 def add_action(actions: Any, name: str, text: str, run: Run,
@@ -58,11 +60,20 @@ def add_scenario_option(parser: Any, help: str) -> None:
     parser.add_argument('--scenario', metavar='NAME_OR_PATH', help=help)
 
 
-def add_overrides(parser: argparse.ArgumentParser, metavar: str = 'NODE.PARAM=VALUE',
+def add_overrides(parser: argparse.ArgumentParser, metavar: str = _OF_SCENARIO,
                   help: str = 'set a parameter; see `lunar_rover_sim parameters`') -> None:
-    """Declare --set."""
+    """Declare --set and, for parameters of a scenario, --rover."""
     parser.add_argument('--set', action='append', default=[], metavar=metavar, dest='overrides',
                         help=f'{help}; may be repeated')
+    if metavar == _OF_SCENARIO:
+        parser.add_argument('--rover', action='append', type=_rover_override, dest='overrides',
+                            metavar='NAME_OR_PATH', default=[],
+                            help='a packaged rover, quad or hexapod, or a rover file')
+
+
+def _rover_override(name: str) -> str:
+    """Return the --set that a --rover means."""
+    return f'rover={json.dumps(name)}'
 
 
 def add_seed(parser: argparse.ArgumentParser, default: int | None = None,

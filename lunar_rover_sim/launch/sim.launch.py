@@ -31,6 +31,8 @@ _ARGUMENTS = {
     'seed': ('', 'seed of everything random; empty for that of the scenario', None),
     'duration': ('', 'simulated time [s]; empty for that of the scenario', None),
     'time_mode': ('', 'empty for that of the scenario', ('', 'lockstep', 'real_time')),
+    'rover': ('', 'name of a packaged rover, or a YAML file; empty for that of the scenario',
+              None),
     'world': ('', 'folder of a world; empty for that of the scenario', None),
     'slam': ('', 'SLAM program to feed, with its arguments, as `run --slam`', None),
     'set': ('', 'parameters as `run --set` takes them, with semicolons in between: '
@@ -60,7 +62,7 @@ def _scenario(values):
         raise ConfigError(f'seed: {values["seed"]!r} is not valid; valid is a whole number') \
             from None
     scenario = Scenario.load(values['scenario'], overrides, seed=seed,
-                             world=values['world'] or None)
+                             rover=values['rover'] or None, world=values['world'] or None)
     return resolve(with_slam(scenario, values['slam']) if values['slam'] else scenario)
 
 

@@ -1,7 +1,8 @@
 """Scenarios: one YAML file, itself a ROS 2 parameter file, that describes a run completely.
 
 The sections are `/**` (parameters that all nodes share), one per node, and three that no node
-reads: `world` (the recipe of the terrain), `rover` (deviations from config/rover.yaml) and `run`.
+reads: `world` (the recipe of the terrain), `rover` (deviations from the rover that `/**` names)
+and `run`.
 Each section holds `ros__parameters`, so that `ros2 run … --params-file scenario.yaml` accepts the
 file. The section of a node holds in every namespace (`params_files`) and may be written
 `/**/physics_node`. Defaults live in the dataclasses; a file overrides them.
@@ -85,7 +86,7 @@ class Scenario:
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Iterable[str] | Mapping[str, Any] = (), *,
              seed: int | None = None, duration_s: float | None = None,
-             world: str | Path | None = None) -> Scenario:
+             rover: str | Path | None = None, world: str | Path | None = None) -> Scenario:
         """Load a scenario by packaged name or by path.
 
         A date of the sun becomes azimuth and elevation.
@@ -95,6 +96,7 @@ class Scenario:
                 to values; parameters that all nodes share have no section.
             seed: Replaces the shared seed.
             duration_s: Replaces the simulated time of the run [s].
+            rover: Replaces the rover: the name of a packaged one, or its file.
             world: Folder of a world that will be used instead of the scenario's own: it says where
                 on the Moon the date of a sun holds; the scenario keeps the recipe of its own
                 world.
@@ -113,6 +115,9 @@ class Scenario:
             changes.append({SHARED: {'seed': seed}})
         if duration_s is not None:
             changes.append({'run': {'duration_s': duration_s}})
+        if rover is not None:
+            check_path('rover', rover)
+            changes.append({SHARED: {'rover': str(rover)}})
         for change in changes:
             sections = merge(sections, change)
         scenario = _build(path.stem, sections)

@@ -14,8 +14,10 @@ import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import ground_points
+from lunar_rover_sim.files.resources import packaged_names
 from lunar_rover_sim.lidar.scan import POINT
 from lunar_rover_sim.named_sets import NAME
+from lunar_rover_sim.rover.rover_file import load_rover
 
 CONFIG = Path(__file__).parents[2] / 'config'
 # Type → the display of RViz that shows it.
@@ -27,10 +29,13 @@ SHOWN = {'sensor_msgs/msg/Image': 'Image', 'sensor_msgs/msg/PointCloud2': 'Point
 FLOATS = {topic.name.removesuffix('/image_color') for topic in topics.OF_COLOURS}
 COLOURS = {topic.name for topic in topics.OF_COLOURS}
 # But for the pose that another simulator is told.
-ALL = {topic.name.replace(NAME, 'front'): topic for topic in topics.CONTRACT
+# The legs of all packaged rovers.
+CONTRACT = topics.of_legs(topics.CONTRACT, dict.fromkeys(
+    leg for name in packaged_names('rover') for leg in load_rover(name).legs.names))
+ALL = {topic.name.replace(NAME, 'front'): topic for topic in CONTRACT
        if topic.type in SHOWN and topic is not topics.TELEPORT}
 EXPECTED = {name: topic for name, topic in ALL.items() if name not in FLOATS}
-NAMES = {topic.name.replace(NAME, 'front'): topic for topic in topics.CONTRACT}
+NAMES = {topic.name.replace(NAME, 'front'): topic for topic in CONTRACT}
 # What neither layout shows, and why.
 NOT_SHOWN = {
     'clock': 'the time of the viewer itself',

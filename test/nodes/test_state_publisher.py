@@ -115,7 +115,8 @@ def test_tf_is_the_tree_of_the_urdf(state: RoverState, monkeypatch: pytest.Monke
     # render_node publishes the frames of hazard cameras.
     apart = {'', topics.TRUE_ODOM.frame_id, frames.CHASE_OPTICAL_FRAME, frames.WHEEL_ODOM_FRAME,
              topics.HAZARD_IMAGE.frame_id}
-    frame_ids = {topic.frame_id for topic in topics.CONTRACT} - apart
+    contract = topics.of_legs(topics.CONTRACT, rover.legs.names)
+    frame_ids = {topic.frame_id for topic in contract} - apart
     tree = {t.header.frame_id for name in ('tf', 'tf_static')
             for t in node.sent[name][0].transforms} | {
         t.child_frame_id for name in ('tf', 'tf_static') for t in node.sent[name][0].transforms}

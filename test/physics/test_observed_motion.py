@@ -129,7 +129,7 @@ def test_pulling_at_the_chassis_moves_the_rover_that_way():
             with pytest.raises(PhysicsError, match='apply_force: .* three finite'):
                 simulation.apply_force(bad)
         for bad in ([1.0] * 3, [1.0] * 5, [[1.0] * 4], 1.0, 'fast', [1.0, 2.0, 3.0, np.inf]):
-            with pytest.raises(PhysicsError, match='command: .* four finite velocities'):
+            with pytest.raises(PhysicsError, match='command: .* 4 finite velocities'):
                 simulation.command(bad)
 
 
