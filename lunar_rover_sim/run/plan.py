@@ -138,7 +138,8 @@ def _awaited(scenario: Scenario) -> dict[str, Any]:
         wait = dataclasses.replace(wait, silence_s=_share(wait.silence_s, physics.wait.silence_s),
                                    start_s=_share(wait.start_s, physics.wait.start_s))
     acknowledge = scenario.recorder_node.acknowledge or _acknowledged(scenario)
-    periods_ns = {topic.graph_name: period_of(scenario, topic) for topic in topics.CONTRACT}
+    periods_ns = {topic.graph_name: period_of(scenario, topic) for topic in topics.of_legs(
+        topics.CONTRACT, scenario.rover.legs.names)}
     values: dict[str, Any] = {
         'gait_controller_node.wait': wait, 'recorder_node.acknowledge': acknowledge,
         'recorder_node.acknowledge_periods_s': tuple(

@@ -14,7 +14,7 @@ import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import ground_points
-from lunar_rover_sim.files.resources import packaged_names
+from lunar_rover_sim.files.paths import packaged_names
 from lunar_rover_sim.lidar.scan import POINT
 from lunar_rover_sim.named_sets import NAME
 from lunar_rover_sim.rover.rover_file import load_rover

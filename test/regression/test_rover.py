@@ -12,14 +12,14 @@ from regression.conftest import DOUBLE
 from regression.scenes import hills, stones
 
 from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.config import GAIT_ARRAYS, GaitConfig
+from lunar_rover_sim.gait.config import GaitConfig, GAITS
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
 from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.rover.description import ImuMount, RoverDescription
+from lunar_rover_sim.rover.description import ImuMount, Legs, RoverDescription
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise, noise_parameters, PRESETS
 from lunar_rover_sim.sensors.power_monitor import PowerMonitorConfig, PowerMonitors
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry, WheelOdometryConfig
@@ -54,13 +54,13 @@ def test_phases_of_each_gait_array(unchanged: Unchanged) -> None:
     orders = [(Stride(1.2), 70), (Stride.turning(1.8, 0.8), 60), (Stride.turning(1.1, -1.0), 40),
               (Stride(1.5).reversed(), 50), (STAND, 60), (Stride(0.4), 30)]
     arrays = {}
-    for name in (*GAIT_ARRAYS, 'custom'):
+    for name in (*GAITS, 'custom'):
         config = GaitConfig(gait=name, phase_offsets=(0.1, 0.85, 0.3, 0.62))
-        legs, rows = LegPhases(), []
+        legs, rows = LegPhases(Legs().on_left), []
         legs.start([0.3, -0.4, 0.12, 2.7])
         for stride, count in orders:
             for _ in range(count):
-                legs.advance(0.02, config, stride)
+                legs.advance(0.02, config, stride, config.offsets(Legs()))
                 rows.append([*legs.phase, *legs.rate])
         arrays[name] = np.array(rows)
     unchanged(DOUBLE, **arrays)
@@ -181,7 +181,7 @@ def test_power_of_the_motors(unchanged: Unchanged) -> None:
     for name, config in (('default', PowerMonitorConfig()), ('coarse', PowerMonitorConfig(
             shunt_step_v=0.003, bus_step_v=0.5, gain_error=0.1, shunt_range_v=0.02,
             shunt_offset_v=0.002, bus_offset_v=0.3))):
-        monitors = PowerMonitors(RoverDescription().motor, config, np.random.default_rng(2))
+        monitors = PowerMonitors(RoverDescription().motor, 4, config, np.random.default_rng(2))
         rng = np.random.default_rng(5)
         arrays[name] = [dataclasses.astuple(monitors.measure(2.0 * rng.normal(size=4),
                                                              5.0 * rng.normal(size=4)))
