@@ -18,7 +18,6 @@ from lunar_rover_sim import topics  # noqa: E402
 from lunar_rover_sim.nodes.ground_listener import GroundListener  # noqa: E402
 from lunar_rover_sim.nodes.ground_publisher import GroundPublisher  # noqa: E402
 from lunar_rover_sim.regolith.config import GroundConfig  # noqa: E402
-from lunar_rover_sim.rover.description import Legs  # noqa: E402
 
 SOFT = GroundConfig(model='regolith')
 PERIOD_NS = 100_000_000
