@@ -27,7 +27,7 @@ from lunar_rover_sim.regolith.looseness import BEARING_RATIO, FRICTION_RATIO, So
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.regolith.soil import Soil
 from lunar_rover_sim.regolith.tracks import hull, press, WallSlides, Window
-from lunar_rover_sim.rover.description import LEG_NAMES, RoverDescription
+from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.world.grid import HeightGrid
 
 logger = logging.getLogger(__name__)
@@ -157,7 +157,7 @@ class SoftGround:
                 spoke = self._rover.legs.spokes
                 raise PhysicsError(
                     f'at {self._count * self._step_s:.3f} s tip {k % spoke} of leg'
-                    f' {LEG_NAMES[k // spoke]} has diverged: {tip["depth"]:.3g} m'
+                    f' {self._rover.legs.names[k // spoke]} has diverged: {tip["depth"]:.3g} m'
                     f' deep, {tip["force"]:.3g} N')
             start, end = tip['pressed'].tolist(), tip['low'].tolist()
             if start != end and not math.isnan(start[2]):
