@@ -213,7 +213,7 @@ class Overlay:
             tile, source = self._make(key), other._tile(key)
             height, compaction = (0.0, 0.0) if source is None else (source.height,
                                                                     source.compaction)
-            tile.changed |= (tile.height != height) | (tile.compaction != compaction)
+            tile.changed[:] |= (tile.height != height) | (tile.compaction != compaction)
             tile.height[:] = height
             tile.compaction[:] = compaction
             self._note_write(key)
