@@ -35,7 +35,7 @@ def config_folder() -> Path:
 
 
 def config_path(name: str) -> Path:
-    """Return the path of a packaged file such as `rover.yaml`; ConfigError if it is missing."""
+    """Return the path of a packaged file such as `fastdds.xml`; ConfigError if it is missing."""
     path = config_folder() / name
     if not path.exists():
         raise ConfigError(f'{name}: no such packaged configuration file in {path.parent}')

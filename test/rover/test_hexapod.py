@@ -1,0 +1,86 @@
+"""The six-legged rover: what has a value per leg follows from the list in its file."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.rover.mjcf import rover_spec
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.rover.urdf import urdf
+from lunar_rover_sim.rover.visual import link_poses, visual_parts
+from lunar_rover_sim.sensors.wheel_odometry import RollingFeet
+
+ROVER = load_rover('hexapod')
+LEGS = ROVER.legs.names
+
+
+def test_six_legs_of_two_and_a_half_kilograms():
+    """The mass of Lunar Zebro, on a sheet of A4 (0.297 m x 0.210 m)."""
+    assert len(LEGS) == 6 and ROVER.total_mass_kg == pytest.approx(2.5)
+    axles = np.array(ROVER.legs.axle_positions_m())
+    assert np.ptp(axles[:, 0]) < 0.297 and np.ptp(axles[:, 1]) <= 0.21
+
+
+def test_its_gait_is_the_alternating_tripod():
+    """Front and rear of a side step with the middle leg of the other side."""
+    phase = dict(zip(LEGS, GaitConfig().offsets(ROVER.legs)))
+    first = {leg for leg in LEGS if phase[leg] == 0.0}
+    assert first == {'front_left', 'middle_right', 'rear_left'}
+    assert all(phase[leg] == 0.5 for leg in set(LEGS) - first)
+    assert GaitConfig(gait='trot').offsets(ROVER.legs) == tuple(phase.values())
+
+
+def test_the_crawl_lifts_one_leg_after_the_other():
+    offsets = sorted(GaitConfig(gait='crawl').offsets(ROVER.legs))
+    np.testing.assert_allclose(offsets, np.arange(6) / 6.0, atol=1e-12)
+
+
+def test_models_have_its_masses_joints_and_motors():
+    model = rover_spec(ROVER).compile()
+    assert model.nu == 6 and model.body_mass.sum() == pytest.approx(ROVER.total_mass_kg)
+    assert [model.joint(i + 1).name for i in range(6)] == list(ROVER.legs.joint_names)
+    robot = ElementTree.fromstring(urdf(ROVER).encode())
+    masses = [float(mass.attrib['value']) for mass in robot.iter('mass')]
+    assert sum(masses) == pytest.approx(ROVER.total_mass_kg)
+    assert [joint.attrib['name'] for joint in robot.findall('joint')][:6] == \
+        list(ROVER.legs.joint_names)
+    data = mujoco.MjData(model)
+    data.qpos[3] = 1.0
+    mujoco.mj_kinematics(model, data)
+    for leg, pose in link_poses(ROVER).items():
+        np.testing.assert_allclose(data.body(leg).xpos, pose[:3, 3], atol=1e-12)
+
+
+def test_every_leg_is_drawn():
+    assert {part.link for part in visual_parts(ROVER)} == {'base_link', *LEGS}
+
+
+def test_each_leg_has_its_topics():
+    names = {topic.name for topic in topics.of_legs(topics.CONTRACT, LEGS)}
+    assert {f'contacts/{leg}' for leg in LEGS} | {f'power/{leg}' for leg in LEGS} <= names
+    assert topics.legs_of(f'/rover/{name}' for name in names) == tuple(sorted(LEGS))
+    assert not any(topics.LEG in name for name in names)
+
+
+def test_its_odometry_stands_on_the_tripods():
+    """Straight on, the way is that of the legs; legs of the other tripod do not count."""
+    swing, aside = np.linspace(-0.3, 0.3, 400), np.linspace(0.9, 1.0, 400)
+    first = np.array([offset == 0.0 for offset in GaitConfig().offsets(ROVER.legs)])
+
+    def way(angles: np.ndarray) -> tuple[float, float]:
+        feet = RollingFeet(ROVER, 2048)
+        rolled = [feet.add(row) for row in angles]
+        return sum(one.forward_m for one in rolled), sum(one.yaw_rad for one in rolled)
+
+    straight = way(np.repeat(swing[:, None], 6, axis=1))
+    assert straight[0] > 0.0 and straight[1] == pytest.approx(0.0, abs=1e-9)
+    carried = way(np.where(first, swing[:, None], aside[:, None]))
+    assert carried == pytest.approx(straight, rel=1e-9, abs=1e-9)
+    left = np.array(ROVER.legs.on_left)
+    assert way(np.where(left, -swing[:, None], swing[:, None]))[1] > 0.1
