@@ -20,7 +20,7 @@ class SgmConfig(Parameters):
                       choices=('sgbm', 'hh', 'hh4', '3way'))
     refinement: bool = param(True, 'refine each match to a fraction of a pixel by the brightness '
                              'around it')
-    half_resolution: bool = param(True, 'match images of half the size, in a third of the time; '
+    half_resolution: bool = param(True, 'match images of half the size, in 0.6 of the time; '
                                   '`refinement` finds the fractions of a pixel in the full ones')
     unexplained_percent: int = param(
         25, 'by how much detail around a pixel may differ from that around its match, over the sum '
