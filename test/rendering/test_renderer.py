@@ -190,7 +190,7 @@ def test_bad_input(world, renderer):
         renderer.render(RoverPose(np.eye(4)), 1.5)
     with pytest.raises(RenderError, match='finite 4 x 4'):
         renderer.render(RoverPose(np.full((4, 4), np.nan)), 0, ('left',))
-    with pytest.raises(RenderError, match='leg angles are four finite numbers'):
+    with pytest.raises(RenderError, match='leg angles are 4 finite numbers'):
         renderer.render(RoverPose(np.eye(4), np.zeros(3)))
     with pytest.raises(RenderError, match='state: ndarray is not valid; valid is a RoverState or'):
         renderer.render(np.eye(4))
