@@ -10,6 +10,7 @@ import base64
 import html
 from pathlib import Path
 from typing import Any
+import warnings
 
 import cv2
 import numpy as np
@@ -45,7 +46,9 @@ def _read(path: Path, error: type[LunarRoverSimError], mode: str) -> NDArray[Any
     """Return the pixels in a mode of Pillow with 8 bits; 16-bit levels as (h, w) uint16."""
     check_regular(path, error)
     try:
-        with Image.open(path) as picture:
+        with warnings.catch_warnings(), Image.open(path) as picture:
+            # Pillow prints one for a damaged EXIF, which says nothing of the pixels.
+            warnings.simplefilter('ignore')
             if picture.mode.startswith('I'):
                 return np.asarray(picture).astype(np.uint16)
             return np.asarray(picture.convert(mode), dtype=np.uint8)
