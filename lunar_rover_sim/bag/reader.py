@@ -5,25 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 import functools
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
+from rosbags.typesys import (get_types_from_idl, get_types_from_msg, get_typestore, Stores,
+                             TypesysError)
 from rosbags.typesys.store import Typestore
+import yaml
 
 from lunar_rover_sim import topics as contract
 from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.checksums import has_beginning, has_end
-from lunar_rover_sim.bag.file_counts import file_counts, is_count
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, pose_matrix
 from lunar_rover_sim.bag.stamps import StampTable
-from lunar_rover_sim.bag.typestores import typestore_of
 from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.files.paths import check_regular
 from lunar_rover_sim.parameters import nearest
@@ -390,3 +391,83 @@ def _words(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return 'it names a length that no memory holds'
     return one_line(error)
+
+
+_RULE = '=' * 80 + '\n'     # between the parts of a definition
+
+
+def typestore_of(connections: Iterable[Connection]) -> Typestore:
+    """Return the types that the definitions of connections give.
+
+    They are those of ROS 2 Jazzy where no connection has a definition. Raises rosbags'
+    TypesysError where a definition cannot be read, or where its hash (REP 2016) is another than
+    the bag states.
+    """
+    return _typestore(tuple(dict.fromkeys(
+        (c.msgtype, c.msgdef, c.digest) for c in connections
+        if c.msgdef.format != MessageDefinitionFormat.NONE)))
+
+
+@functools.lru_cache(maxsize=8)     # 70 ms for those of a drive, and as much when they are used
+def _typestore(definitions: tuple[tuple[str, MessageDefinition, str], ...]) -> Typestore:
+    if not definitions:
+        return get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.EMPTY)
+    types = {}
+    for name, definition, _ in definitions:
+        if definition.format == MessageDefinitionFormat.MSG:
+            types.update(get_types_from_msg(definition.data, name))
+            continue
+        for part in filter(None, definition.data.split(_RULE)):
+            title, _, rest = part.partition('\n')
+            types.update(get_types_from_idl(rest if title.startswith('IDL: ') else part))
+    store.register(types)
+    for name, _, stated in definitions:
+        if stated and stated != (found := store.hash_rihs01(name)):
+            raise TypesysError(f'the definition of {name} has the hash {found}; the bag states '
+                               f'{stated}')
+    return store
+
+
+# The parser in C, where PyYAML has it, takes a tenth of the time.
+_Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+def is_count(value: object) -> bool:
+    """Return whether a value is a whole number >= 0 of 64 bits."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 63
+
+
+def information(bag: Path) -> Any:
+    """Return what metadata.yaml of a bag folder says; raises what reading and YAML raise."""
+    with (bag / marker.METADATA_NAME).open('rb') as file:
+        return yaml.load(file, _Loader)['rosbag2_bagfile_information']  # noqa: S506
+
+
+def file_counts(bag: Path) -> dict[str, int | None]:
+    """Return file → number of its messages by metadata.yaml, in the order of time.
+
+    Metadata before version 5 has no numbers: they are None. Raises BagError where a file is
+    listed only in one of the two lists, or twice, and where its number is none.
+    """
+    where = bag / marker.METADATA_NAME
+    try:
+        told = information(bag)
+        names = [PurePath(path).name for path in told['relative_file_paths']]
+        listed = told.get('files') or []
+        entries = [(PurePath(entry['path']).name, entry['message_count']) for entry in listed]
+    # Whatever is in the file instead of them; its reader has let it pass.
+    except (OSError, yaml.YAMLError, RecursionError, LookupError, TypeError, ValueError,
+            AttributeError) as error:
+        reason = one_line(error)
+        raise BagError(f'{where}: the list of files cannot be read: {reason[:200]}') from None
+    for name, count in entries:
+        if not is_count(count):
+            raise BagError(f'{where}: message_count of {brief(name)}: {brief(count)} is not '
+                           'valid; valid is a whole number >= 0 of 64 bits')
+    if len(set(names)) < len(names):
+        raise BagError(f'{where}: relative_file_paths: a file is named twice')
+    if entries and sorted(name for name, _ in entries) != sorted(names):
+        raise BagError(f'{where}: files: {brief([name for name, _ in entries])} is not valid; '
+                       f'valid are the files of relative_file_paths, {brief(names)}')
+    return dict(entries) if entries else dict.fromkeys(names)

@@ -6,8 +6,7 @@ from contextlib import suppress
 import math
 import time
 
-from lunar_rover_sim.bag.file_counts import information
-from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.reader import Bag, information
 
 REAL_TIME_FACTOR = 'real_time_factor'   # key in custom_data of metadata.yaml
 

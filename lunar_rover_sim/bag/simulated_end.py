@@ -1,4 +1,4 @@
-"""When a recording ends in simulated time, whatever else it holds.
+"""When a recording ends in simulated time, and which topics bear wall time by their nature.
 
 The bag time of the last message is not that: /diagnostics, log lines and programs without
 use_sim_time stamp with wall time.
@@ -6,11 +6,10 @@ use_sim_time stamp with wall time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.wall_time import is_at_wall_time
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
 _NEAR_NS = 5_000_000_000    # a bag at one clock has a state so near its end
@@ -40,3 +39,22 @@ def _by_preference(bag: Bag) -> Iterator[list[str]]:
         yield [f'{namespace}/{name}' for namespace in {'', *bag.namespaces} for name in known
                if f'{namespace}/{name}' in bag.types]
     yield [name for name in bag.types if not is_at_wall_time(name)]
+
+
+AT_WALL_TIME: Mapping[str, str] = {
+    'rosout': 'log lines have wall time',
+    'parameter_events': 'have wall time',
+    'transition_event': 'life cycle of a node, at wall time',
+    'diagnostics': 'health of processes, at wall time',
+    'statistics': 'wall-time statistics of the middleware',
+}
+
+
+def is_at_wall_time(topic: str) -> bool:
+    """Return whether a topic, under any namespace, bears wall time."""
+    return is_one_of(topic, AT_WALL_TIME)
+
+
+def is_one_of(topic: str, names: Iterable[str]) -> bool:
+    """Return whether a topic has one of these names, under any namespace."""
+    return any(('/' + topic).endswith('/' + name) for name in names)

@@ -16,7 +16,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import find_file
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
 from lunar_rover_sim.parameters import param, Parameters
-from lunar_rover_sim.sequences.formats import FORMATS
+from lunar_rover_sim.sequences.export import FORMATS
 
 MAX_CAMPAIGN_BYTES = 1 << 18
 MAX_EPISODES = 100_000

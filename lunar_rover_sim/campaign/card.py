@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.campaign.contents import contents, DEPTH, IMAGES, IMU, LABELS, LIDAR, STEREO
-from lunar_rover_sim.campaign.croissant import croissant
+from lunar_rover_sim.campaign.croissant import (contents, croissant, DEPTH, IMAGES, IMU, LABELS,
+                                                LIDAR, STEREO)
 from lunar_rover_sim.campaign.dataset import failures, manifests
 from lunar_rover_sim.campaign.episode_table import episode_table
-from lunar_rover_sim.campaign.front_matter import front_matter
 from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, CARD_FILE, CROISSANT_FILE,
                                              EPISODE_TABLE, README_FILE)
 from lunar_rover_sim.campaign.manifest import json_text, read_json
@@ -179,3 +179,32 @@ def number(value: object) -> str:
 
 def _cell(text: str) -> str:
     return ' '.join(text.split()).replace('|', '\\|').replace('`', "'")
+
+
+# Licences by the hub's names, of those that data sets have; SPDX names in lower case.
+_LICENSES = ('apache-2.0', 'bsd-2-clause', 'bsd-3-clause', 'cc-by-4.0', 'cc-by-nc-4.0',
+             'cc-by-sa-4.0', 'cc0-1.0', 'mit', 'odbl', 'pddl')
+_SIZES = ((1_000, 'n<1K'), (10_000, '1K<n<10K'), (100_000, '10K<n<100K'),
+          (1_000_000, '100K<n<1M'))
+_LARGEST = 'n>1M'
+_TASKS = {DEPTH: 'depth-estimation', LABELS: 'image-segmentation'}
+
+
+def front_matter(card: Mapping[str, Any]) -> str:
+    """Return the block of a data card, with the lines `---` around it."""
+    name, held = str(card['license']), card['contents']
+    keeps_bags = card['campaign'].get('keep_bag', True)
+    known = name.lower() in _LICENSES
+    frames = card['statistics'].get('frames', {}).get('total', 0)
+    size = next((text for limit, text in _SIZES if frames < limit), _LARGEST)
+    values: dict[str, Any] = {
+        'license': name.lower() if known else 'other',
+        **({} if known else {'license_name': name}),
+        'pretty_name': str(card['name']),
+        'task_categories': ['robotics', *(task for name, task in _TASKS.items() if name in held)],
+        'tags': ['moon', 'simulation', *(name for name in (STEREO, IMU, LIDAR) if name in held),
+                 *(['slam'] if IMAGES in held else []), *(['ros2'] if keeps_bags else [])],
+        'size_categories': [size],
+        'configs': [{'config_name': 'episodes', 'data_files': EPISODE_TABLE}],
+    }
+    return '---\n' + yaml.safe_dump(values, sort_keys=False, allow_unicode=True) + '---\n\n'

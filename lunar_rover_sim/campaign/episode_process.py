@@ -17,7 +17,7 @@ from typing import Any
 from lunar_rover_sim import __version__
 from lunar_rover_sim.bag.content_hash import bag_hash
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.campaign.contents import recorded_topics
+from lunar_rover_sim.campaign.croissant import recorded_topics
 from lunar_rover_sim.campaign.layout import EPISODES, PLAN_FILE, TASK_FILE
 from lunar_rover_sim.campaign.manifest import (file_table, FORMAT, MANIFEST, read_json,
                                                why_unfinished, write_json)

@@ -12,9 +12,9 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag import message_validity
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.ground_points import problem as ground_problem
+from lunar_rover_sim.bag.message_validity import laser_scan_problem, lidar_cloud_problem
 from lunar_rover_sim.bag.messages import imu_row, odometry_row, wxyz, xyz
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.scan_validity import laser_scan_problem, lidar_cloud_problem
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.inspection.disparity_error import (disparity_map, frame_error, FrameError,
                                                         is_textured)

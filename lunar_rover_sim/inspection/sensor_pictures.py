@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.hazard_topics import hazard_topics
+from lunar_rover_sim.bag.message_validity import lidar_cloud_problem, lidar_points
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.scan_validity import lidar_cloud_problem, lidar_points
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.rendering import layer_pictures
 

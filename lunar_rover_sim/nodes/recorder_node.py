@@ -18,7 +18,7 @@ from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.marker import why_short
 from lunar_rover_sim.bag.recorded_scenario import scenario_of_text
 from lunar_rover_sim.bag.recording_pace import RecordingPace
-from lunar_rover_sim.bag.wall_time import is_at_wall_time
+from lunar_rover_sim.bag.simulated_end import is_at_wall_time
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos
@@ -38,7 +38,7 @@ _DISCOVERY_S, _SETTLED_S, _SETTLED_DISCOVERY_S = 0.05, 5.0, 0.5
 _VELOCITIES = ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')
 # Stamps after simulated time by more than this are of another clock, as in the check of bags.
 _LATEST_NS = 5 * NS_PER_S
-# A bag that ends so long before its run is incomplete; without the clock, images may be the newest.
+# A bag that ends so long before its run is incomplete; without the clock, an image is the newest.
 _CLOCK_S, _FRAMES_S = 0.1, 2.0
 
 

@@ -8,7 +8,7 @@ is complete.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime, timezone
 import functools
 from pathlib import Path
@@ -23,11 +23,16 @@ from lunar_rover_sim.files.atomic import partial_folder
 from lunar_rover_sim.files.wording import counted
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
-from lunar_rover_sim.sequences.formats import FORMATS, WEBDATASET
+from lunar_rover_sim.sequences.coco import CocoSequence
+from lunar_rover_sim.sequences.euroc import EurocSequence
+from lunar_rover_sim.sequences.kitti import KittiSequence
 from lunar_rover_sim.sequences.left_out import left_out
 from lunar_rover_sim.sequences.sensor_yaml import CALIBRATION_FILE, calibration_yaml
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
+from lunar_rover_sim.sequences.tartanair import TartanAirSequence
+from lunar_rover_sim.sequences.tum import TumSequence
 from lunar_rover_sim.sequences.webdataset import ShardOptions, WebDatasetSequence
+from lunar_rover_sim.sequences.yolo import YoloSequence
 
 _TYPES = {topic.name: topic.type for topic in topics.CONTRACT}
 _OF_DEPTH_FRAMES = {topic.name for topic in topics.CONTRACT if topic.rate == topics.DEPTH_FRAME}
@@ -210,3 +215,16 @@ class _ImageSets:
         missing = self._names.difference(entry)
         if missing:
             self._lacking[missing] += 1
+
+
+WEBDATASET = 'webdataset'
+
+FORMATS: Mapping[str, type[Sequence]] = {
+    'euroc': EurocSequence,
+    'tum': TumSequence,
+    'kitti': KittiSequence,
+    'tartanair': TartanAirSequence,
+    'coco': CocoSequence,
+    'yolo': YoloSequence,
+    WEBDATASET: WebDatasetSequence,
+}

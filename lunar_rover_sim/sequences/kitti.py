@@ -17,8 +17,8 @@ from lunar_rover_sim.bag.messages import pose_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.seconds import in_seconds
-from lunar_rover_sim.sequences.lidar_scans import CLOUDS
 from lunar_rover_sim.sequences.posed import PosedSequence
+from lunar_rover_sim.sequences.sensor_samples import CLOUDS
 from lunar_rover_sim.sequences.sequence import numbers, PngWriter
 from lunar_rover_sim.sequences.velodyne import recorded_cloud, VelodyneFiles
 

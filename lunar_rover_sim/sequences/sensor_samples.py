@@ -6,19 +6,22 @@ scan bears that of its start, and a sensor that is silent has last spoken long a
 
 from __future__ import annotations
 
+from collections import defaultdict, deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.message_validity import (laser_scan_problem, lidar_cloud_problem,
+                                                  lidar_points)
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.sensors.imu import Imu
 from lunar_rover_sim.sensors.registry import sensor_of, SENSORS
 from lunar_rover_sim.sensors.sensor import number
-from lunar_rover_sim.sequences.lidar_scans import cloud_rows, COLUMNS, SCAN_COLUMNS, scan_rows
-from lunar_rover_sim.sequences.recent_messages import RecentMessages
 
 # Topic → name in the JSON and before .npy.
 _ARRAYS = {topics.LIDAR_POINTS.name: 'lidar', topics.LIDAR_DESKEWED.name: 'lidar_deskewed',
@@ -98,3 +101,68 @@ def _scan(message: Any) -> dict[str, Any]:
 _LIDAR: dict[str, Callable[[Any], dict[str, Any]]] = {
     topics.LIDAR_POINTS.name: _cloud, topics.LIDAR_DESKEWED.name: _cloud,
     topics.LIDAR_SCAN.name: _scan}
+
+
+KEPT_NS = NS_PER_S  # so long before its last message a topic is remembered
+# Bags of other recorders hold messages by the time of their arrival, up to so much out of order.
+LATE_NS = KEPT_NS // 2
+
+V = TypeVar('V')
+
+
+class RecentMessages(Generic[V]):
+    """Keeps the last messages of each topic, and the one before them.
+
+    kept_ns: for so long
+    """
+
+    def __init__(self, kept_ns: int = KEPT_NS) -> None:
+        self._kept_ns = kept_ns
+        self._kept: dict[str, deque[tuple[int, V]]] = defaultdict(deque)
+
+    def add(self, topic: str, stamp_ns: int, value: V) -> None:
+        """Take a message; those of a topic come in the order of their stamps."""
+        kept = self._kept[topic]
+        kept.append((stamp_ns, value))
+        while len(kept) > 1 and kept[1][0] <= stamp_ns - self._kept_ns:
+            kept.popleft()
+
+    def at(self, topic: str, stamp_ns: int) -> tuple[int, V] | None:
+        """Return stamp and value of the last message at or before a stamp; None if none was."""
+        return next((each for each in reversed(self._kept.get(topic, ()))
+                     if each[0] <= stamp_ns), None)
+
+
+CLOUDS = (topics.LIDAR_POINTS.name, topics.LIDAR_DESKEWED.name)
+COLUMNS = ('x_m', 'y_m', 'z_m', 'intensity_percent', 'ring', 'time_s')
+SCAN_COLUMNS = ('range_m', 'intensity_percent')
+_FIELDS = ('x', 'y', 'z', 'intensity', 'ring', 'time')
+
+
+def cloud_rows(where: str, message: Any) -> NDArray[np.float32]:
+    """Return the points that returned, (n, 6) as COLUMNS, in the order of the message.
+
+    where: bag and topic, for messages
+    Raises BagError where the cloud is not one of a LiDAR.
+    """
+    problem = lidar_cloud_problem(message)
+    if problem:
+        raise BagError(f'{where}: {problem}')
+    points = lidar_points(message)
+    rows = np.stack([points[name].astype(np.float32) for name in _FIELDS], axis=-1)
+    return rows[np.isfinite(rows[:, :3]).all(axis=1)]
+
+
+def scan_rows(where: str, message: Any) -> NDArray[np.float32]:
+    """Return one ring, (n, 2) as SCAN_COLUMNS; the range is inf where nothing returns.
+
+    Without intensities they are 0. Raises BagError where the scan is not whole.
+    """
+    problem = laser_scan_problem(message)
+    if problem:
+        raise BagError(f'{where}: {problem}')
+    ranges = np.asarray(message.ranges, np.float32)
+    intensities = np.asarray(message.intensities, np.float32)
+    if len(intensities) not in (0, len(ranges)):
+        raise BagError(f'{where}: {len(intensities)} intensities for {len(ranges)} ranges')
+    return np.stack([ranges, intensities if len(intensities) else np.zeros_like(ranges)], axis=-1)

@@ -25,8 +25,8 @@ from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.seconds import in_seconds
-from lunar_rover_sim.sequences.lidar_scans import cloud_rows, CLOUDS
-from lunar_rover_sim.sequences.recent_messages import KEPT_NS, LATE_NS, RecentMessages
+from lunar_rover_sim.sequences.sensor_samples import (cloud_rows, CLOUDS, KEPT_NS, LATE_NS,
+                                                      RecentMessages)
 
 _FULL_PERCENT = 100.0       # a reflectance of 1
 _POSES = ''                 # the only topic of its kind

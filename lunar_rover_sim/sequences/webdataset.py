@@ -25,8 +25,8 @@ from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.instances import check_pinhole
 from lunar_rover_sim.sequences.posed import PosedSequence
-from lunar_rover_sim.sequences.recent_messages import KEPT_NS, LATE_NS
-from lunar_rover_sim.sequences.sensor_samples import carried, CARRIED, SensorSamples
+from lunar_rover_sim.sequences.sensor_samples import (carried, CARRIED, KEPT_NS, LATE_NS,
+                                                      SensorSamples)
 from lunar_rover_sim.sequences.sequence import PngWriter
 from lunar_rover_sim.sequences.shards import (DEFAULT_SIZE, index_text, key_part, npy_bytes,
                                               ShardWriter)

@@ -21,8 +21,7 @@ from lunar_rover_sim.evaluation.trajectory_sources import trajectory_of_topic
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.physics.tip_over import TipOver
 from lunar_rover_sim.run.child_process import Echo
-from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.sequences.formats import FORMATS
+from lunar_rover_sim.sequences.export import export, FORMATS
 from lunar_rover_sim.sequences.sensors import recorded_sensors
 from lunar_rover_sim.slam import euroc_reader
 from lunar_rover_sim.slam.estimators import Estimator, join

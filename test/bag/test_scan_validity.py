@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lunar_rover_sim.bag.scan_validity import laser_scan_problem, lidar_cloud_problem
+from lunar_rover_sim.bag.message_validity import laser_scan_problem, lidar_cloud_problem
 
 
 def scan(count=5, **values):

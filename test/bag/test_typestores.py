@@ -5,8 +5,7 @@ import re
 import pytest
 from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 
-from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.typestores import typestore_of
+from lunar_rover_sim.bag.reader import open_bag, typestore_of
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import BagError
 

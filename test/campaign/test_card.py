@@ -11,8 +11,7 @@ import mlcroissant
 import pytest
 import yaml
 
-from lunar_rover_sim.campaign.card import write_card
-from lunar_rover_sim.campaign.front_matter import front_matter
+from lunar_rover_sim.campaign.card import front_matter, write_card
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
 from lunar_rover_sim.campaign.manifest import MANIFEST, write_json
 

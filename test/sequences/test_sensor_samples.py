@@ -20,10 +20,9 @@ from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz
 from lunar_rover_sim.rover.description import Legs
-from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.sequences.formats import FORMATS
+from lunar_rover_sim.sequences.export import export, FORMATS
 from lunar_rover_sim.sequences.left_out import hazards_left_out, OF_SENSORS, sensors_left_out
-from lunar_rover_sim.sequences.recent_messages import KEPT_NS, RecentMessages
+from lunar_rover_sim.sequences.sensor_samples import KEPT_NS, RecentMessages
 
 NEEDED = (topics.LEFT_IMAGE, topics.LEFT_INFO, topics.RIGHT_IMAGE, topics.RIGHT_INFO,
           topics.TRUE_DEPTH, topics.ODOM, topics.IMU_RAW, topics.TF_STATIC)

@@ -17,8 +17,7 @@ from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.frames import inverse, R_BODY_OPTICAL, se3
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.sequences.export import export
-from lunar_rover_sim.sequences.flow_files import seen_mask
-from lunar_rover_sim.sequences.tartanair import millimetres, ned_pose
+from lunar_rover_sim.sequences.tartanair import millimetres, ned_pose, seen_mask
 
 
 @pytest.fixture(scope='module')
