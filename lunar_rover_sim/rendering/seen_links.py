@@ -30,7 +30,7 @@ def seen_links(rover: RoverDescription, T_base_cameras: Iterable[Array],
     planes = _planes(projection)
     seen = set()
     for angle in np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False):
-        poses = link_poses(rover, np.full(4, angle))
+        poses = link_poses(rover, np.full(len(links) - 1, angle))
         for index, (link, (vertices, faces)) in enumerate(zip(links, meshes)):
             if index in seen or (index == 0 and angle > 0.0):
                 continue
