@@ -10,11 +10,15 @@ import pytest
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.mjcf import rover_spec
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import link_poses, visual_parts
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sensors.wheel_odometry import RollingFeet
+from lunar_rover_sim.studies.walking import flat_world, walk
 
 ROVER = load_rover('hexapod')
 LEGS = ROVER.legs.names
@@ -84,3 +88,21 @@ def test_its_odometry_stands_on_the_tripods():
     assert carried == pytest.approx(straight, rel=1e-9, abs=1e-9)
     left = np.array(ROVER.legs.on_left)
     assert way(np.where(left, -swing[:, None], swing[:, None]))[1] > 0.1
+
+
+def test_it_stands_walks_at_the_commanded_speed_and_turns():
+    """With its own table, on flat rigid ground."""
+    scenario = Scenario.load('flat', rover='hexapod')
+    controller = GaitController.from_scenario(scenario)
+    assert controller.calibration.conditions['legs'] == 6
+    with Simulation(flat_world(4.0), ROVER, scenario.physics_node) as simulation:
+        still = walk(simulation, controller, 1.0, lambda *_: None)
+        assert still.position_m[-1, 2] == pytest.approx(ROVER.standing_height_m, abs=0.003)
+        ahead = walk(simulation, controller, 9.0, lambda gait, stamp_ns: gait.set_velocity(
+            0.1, 0.0, stamp_ns))
+        forward, yaw_rate = ahead.mean_velocity(3.0, 9.0)
+        assert forward == pytest.approx(0.1, abs=0.012) and abs(yaw_rate) < 0.0225
+        assert np.abs(np.degrees(ahead.rpy_rad[:, :2])).max() < 10.0
+        turned = walk(simulation, controller, 9.0, lambda gait, stamp_ns: gait.set_velocity(
+            0.0, 0.15, stamp_ns))
+        assert turned.mean_velocity(3.0, 9.0)[1] == pytest.approx(0.15, abs=0.0225)
