@@ -181,7 +181,7 @@ def shout(faults: list[Fault], folder: Path, world: Path) -> None:
             fault.status, fault.said = status, said
             if status != 130:
                 fault.problems.append(f'status {status} after Ctrl-C: {said[-200:]}')
-            opens(fault, run, complete=True)
+            opens(fault, run)
         log = (folder / 'logs' / 'gait_controller_node.log').read_text(errors='replace')
         if 'refused' not in log and any(f.target in ('nan', 'inf', '-inf') for f in faults):
             faults[0].problems.append('the gait controller did not say that it refused a command')

@@ -39,7 +39,7 @@ _VELOCITIES = ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')
 # Stamps after simulated time by more than this are of another clock, as in the check of bags.
 _LATEST_NS = 5 * NS_PER_S
 # A bag that ends so long before its run is incomplete; without the clock, an image is the newest.
-_CLOCK_S, _FRAMES_S = 0.1, 2.0
+_CLOCK_S, _FRAMES_S = 1.1, 2.0
 
 
 class RecorderNode(node_main.GraphNode):
