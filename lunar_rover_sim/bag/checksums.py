@@ -1,7 +1,7 @@
 """Checksums of MCAP files, verified by `bag check`; 0 means: none.
 
 An MCAP file (https://mcap.dev/spec) has three kinds, all CRC-32: of the uncompressed records of
-each chunk, of the data section (in the record Data End) and of the summary section (in the Footer).
+each chunk, of the data section (record Data End) and of the summary section (in the Footer).
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ class SgmConfig(Parameters):
     half_resolution: bool = param(True, 'match images of half the size, in 0.6 of the time; '
                                   '`refinement` finds the fractions of a pixel in the full ones')
     unexplained_percent: int = param(
-        25, 'by how much detail around a pixel may differ from that around its match, over the sum '
-        'of both; 100 allows all', unit='%', low=0, high=100)
+        25, 'by how much detail around a pixel may differ from that around its match, over the'
+        ' sum of both; 100 allows all', unit='%', low=0, high=100)
     min_disparity: int = param(0, 'disparity of the farthest point looked for', unit='px',
                                low=-512, high=1024)
     num_disparities: int = param(128, 'search range; 128 reaches ground 0.36 m away with the '

@@ -21,7 +21,8 @@ from lunar_rover_sim.bag.writer import BagWriter, COMPRESSIONS
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.inspection.check import check
 
-VARIANTS = [(storage, compression) for storage in synthetic.WRITERS for compression in COMPRESSIONS]
+VARIANTS = [(storage, compression) for storage in synthetic.WRITERS
+            for compression in COMPRESSIONS]
 
 
 def everything(path: Path) -> list[tuple[str, str, int, bytes]]:
