@@ -46,7 +46,7 @@ def test_the_command_notes_a_moved_map_or_else_a_wrong_frame(bag, tmp_path, caps
     assert notes[0].startswith('note: all orientations are off by the same 90 deg')
     late = truth.stamps_ns >= 700_000_000
     notes = said(truth.positions_m + 0.5 * late[:, None])
-    assert len(notes) == 1
+    assert not any('orientations' in note for note in notes)
     assert notes[0].startswith('note: the estimate jumps once, at 0.70 s by 0.87 m: ')
     notes = said(truth.positions_m + (0.5 * late + (truth.stamps_ns >= 900_000_000))[:, None])
     assert notes[0].startswith('note: the estimate jumps 2 times, most at 0.90 s by 1.73 m: ')
