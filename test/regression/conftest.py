@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-# Processors and versions of NumPy differ in the last bits; `test/portability.py` shows by how
-# much. These are relative to the largest value of a column, and a hundred times the spread seen.
-DOUBLE = 1e-9       # spread 2e-12
-SINGLE = 2e-5       # spread 1e-7: results in single precision
+# Processors and versions of NumPy differ in the last bits. These are relative to the largest value
+# of a column; all cases hold to them under each switch of `test/portability.py`.
+DOUBLE = 1e-9
+SINGLE = 2e-5       # results in single precision
 _SAMPLES = 16
 
 
