@@ -22,7 +22,6 @@ import importlib.util
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name == 'rclpy' else found(name, *rest)
 sys.meta_path.insert(0, Hide())
-from waiting import LIMIT_S
 from lunar_rover_sim.{module} import {function}
 sys.argv = {words}
 sys.exit({function}({argument}))

@@ -447,8 +447,10 @@ def information(bag: Path) -> Any:
 def file_counts(bag: Path) -> dict[str, int | None]:
     """Return file → number of its messages by metadata.yaml, in the order of time.
 
-    Metadata before version 5 has no numbers: they are None. Raises BagError where a file is
-    listed only in one of the two lists, or twice, and where its number is none.
+    Metadata before version 5 has no numbers: they are None.
+
+    Raises:
+        BagError: a file is listed only in one of the two lists, or twice, or its number is none.
     """
     where = bag / marker.METADATA_NAME
     try:

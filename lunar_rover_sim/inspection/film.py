@@ -27,7 +27,7 @@ from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.recording_pace import recorded_factor
 from lunar_rover_sim.bag.simulated_end import simulated_end_ns
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
-from lunar_rover_sim.errors import BagError, ConfigError
+from lunar_rover_sim.errors import BagError, ConfigError, WorldError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.illumination.sun_path import SunPath
@@ -318,7 +318,10 @@ class Film:
             if not options.bare and not bag.has(topics.LEFT_IMAGE.name):
                 raise BagError(f'{path}: holds no {topics.LEFT_IMAGE.name}; --bare makes a film '
                                'without it')
-            found = run.world(world)
+            try:
+                found = run.world(world)
+            except WorldError as error:
+                raise BagError(f'--world: {error}') from None
             if found is None:
                 raise BagError(f'{path}: its world is not found; name its folder with --world')
             self.world = found

@@ -53,10 +53,16 @@ def visual_parts(rover: RoverDescription) -> tuple[VisualPart, ...]:
 
 def link_poses(rover: RoverDescription,
                joint_angle_rad: ArrayLike | None = None) -> dict[str, Array]:
-    """Return T_base_link (4, 4) of base_link and the legs at their joint angles [rad], else 0."""
+    """Return T_base_link (4, 4) of base_link and the legs.
+
+    Args:
+        rover: the rover.
+        joint_angle_rad: (legs,) joint angles [rad]; None or empty: all 0.
+    """
     poses = {BASE_FRAME: np.eye(4)}
-    angles = (np.zeros(len(rover.legs.each)) if joint_angle_rad is None
-              else np.asarray(joint_angle_rad, dtype=float))
+    angles = np.asarray([] if joint_angle_rad is None else joint_angle_rad, dtype=float)
+    if not len(angles):
+        angles = np.zeros(len(rover.legs.each))
     for leg, position, angle in zip(rover.legs.names, rover.legs.axle_positions_m(), angles):
         c, s = math.cos(angle), math.sin(angle)
         poses[leg] = se3(np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), position)
