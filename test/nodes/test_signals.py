@@ -139,8 +139,8 @@ def test_a_node_that_cannot_leave_the_graph_is_ended(domain: int) -> None:
     """After it has closed what is its own; SIGALRM before that does nothing."""
     script = """
 import os, signal
-from lunar_rover_sim.nodes import leaving, node_main
-leaving._LIMIT_S = 1
+from lunar_rover_sim.nodes import node_main
+node_main._LIMIT_S = 1
 
 class Node(node_main.GraphNode):
     def __init__(self):
