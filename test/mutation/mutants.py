@@ -31,7 +31,7 @@ from forked import (Chosen, forked, load_libraries, outcome_of, PACKAGE, ROOT, r
 import measuring
 
 HERE = pathlib.Path(__file__).resolve().parent
-# Not test/regression: whoever asserts the number that was there notices any change of it.
+# Not test/regression: a stored number notices any change of it, right or wrong.
 TESTS = [*(f'test/{room}' for room in ROOMS), 'test/inspection', 'test/rendering',
          'test/test_default_values.py', 'test/test_frames.py', 'test/test_parameter_ranges.py',
          'test/test_values.py']
