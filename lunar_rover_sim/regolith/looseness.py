@@ -35,21 +35,16 @@ FRICTION_RATIO = _LOOSE.friction / _FIRM.friction
 
 @dataclasses.dataclass(frozen=True)
 class SoilMap:
-    """Factors on the strength of a soil over the ground; beyond it they are 1.
+    """How loose a soil is over the ground; beyond it, it is as it is.
+
+    `law.looseness_factors` makes factors on bearing and friction of it.
 
     looseness: from 0, the soil as it is, to 1
+    variation: 0 for a uniform soil, 1 for its full looseness
     """
 
     looseness: HeightGrid
     variation: float
-
-    def factors(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return the factors on bearing and on friction at a position."""
-        loose = self.looseness.height_at_point(x_m, y_m)
-        if math.isnan(loose):
-            return 1.0, 1.0
-        power = self.variation * loose
-        return BEARING_RATIO ** power, FRICTION_RATIO ** power
 
 
 def soil_map(world: World, variation: float) -> SoilMap:

@@ -25,7 +25,6 @@ from lunar_rover_sim.regolith.resistive_force import (GENERIC, POPPY_CLOSE, POPP
                                                       ResistiveForce)
 
 MOON, EARTH = 1.62, 9.81
-LEAST_BEARING_ROOT = 0.1   # a slope of 42 deg and more leaves a hundredth of the bearing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,15 +69,6 @@ class Soil:
             self, gravity_mps2=gravity_mps2, zeta_npm3=self.zeta_npm3 * ratio,
             elastic_npm=self.elastic_npm * ratio,
             damping_nspm=self.damping_nspm * math.sqrt(ratio))
-
-    def bearing_on_slope(self, tangent: float) -> float:
-        """Return the bearing on a slope over that on level ground: (1 - tan b)^2.
-
-        The ground inclination factor of surcharge and weight (Vesic, in Winterkorn and Fang,
-        Foundation Engineering Handbook, 1975). Hansen (1970) has (1 - 0.5 tan b)^5, 0.63, 0.37
-        and 0.18 at 10, 20 and 30 deg, where this is 0.68, 0.40 and 0.18.
-        """
-        return max(1.0 - tangent, LEAST_BEARING_ROOT) ** 2 if self.weak_slopes else 1.0
 
     @property
     def cohesive_bearing_pa(self) -> float:

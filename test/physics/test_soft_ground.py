@@ -6,7 +6,8 @@ import pytest
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.physics.config import StartPose
-from lunar_rover_sim.regolith.law import bearing_n
+from lunar_rover_sim.physics.soft_ground import soil_record
+from lunar_rover_sim.regolith.law import bearing_n, bearing_on_slope
 from lunar_rover_sim.regolith.soil import PRESETS
 from lunar_rover_sim.world.grid import HeightGrid
 
@@ -92,8 +93,8 @@ def test_a_slope_holds_up_to_the_friction_angle(preset):
 
 def test_slopes_bear_less():
     """Vesic: (1 - tan 20 deg)^2 = 0.40 of the bearing, so feet stand deeper; on request only."""
-    assert PRESETS['highland'].bearing_on_slope(np.tan(np.radians(20.0))) == pytest.approx(
-        0.404, abs=0.001)
+    record = soil_record(PRESETS['highland'], ROVER, 0.001)[0]
+    assert bearing_on_slope(np.tan(np.radians(20.0)), record) == pytest.approx(0.404, abs=0.001)
     world = make_world(plane_heights(20.0, 11, 1.0), 1.0)
     sinkage = []
     for weak in (False, True):
