@@ -86,6 +86,12 @@ class CampaignError(LunarRoverSimError):
     """A campaign cannot be planned, recorded or published."""
 
 
+def with_extra(name: str) -> str:
+    """Return how to install what an extra of this package brings."""
+    return (f"pip install '.[{name}]' in a clone of lunar_rover_sim, or "
+            f"'lunar_rover_sim-VERSION.whl[{name}]'")
+
+
 def one_line(reason: object) -> str:
     """Return a text, or the text of an error or else the name of its class, on one line."""
     return ' '.join(str(reason).split()) or (

@@ -18,4 +18,5 @@ class RecorderConfig(Parameters):
                                     'request, which may be named beside it')
     exclude: tuple[str, ...] = param((), 'topics to leave out')
     storage: str = param('mcap', 'file format; bags of SQLite are read only', choices=('mcap',))
-    compression: str = param('none', 'compression of the storage', choices=('none', 'zstd'))
+    compression: str = param('zstd', 'compression of the storage, without loss',
+                             choices=('none', 'zstd'))

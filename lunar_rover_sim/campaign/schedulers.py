@@ -16,7 +16,7 @@ import threading
 
 from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
 from lunar_rover_sim.campaign.layout import STOP_FILE
-from lunar_rover_sim.errors import CampaignError, one_line
+from lunar_rover_sim.errors import CampaignError, one_line, with_extra
 
 _CONNECT_S = 5
 
@@ -53,8 +53,7 @@ def run_on_cluster(tasks: Sequence[EpisodeTask], dataset: Path, address: str,
     try:
         import distributed  # here, because it is an optional dependency
     except ImportError:
-        raise CampaignError('dask.distributed is missing: '
-                            "pip install '.[cluster]' in a clone of lunar_rover_sim") from None
+        raise CampaignError(f"dask.distributed is missing: {with_extra('cluster')}") from None
     stop = dataset / STOP_FILE
     stop.unlink(missing_ok=True)
     try:

@@ -40,6 +40,7 @@ COMMANDS = {
     'campaign': Command('campaign', 'record a data set of randomised episodes'),
     'completion': Command('completion', 'print a script that completes commands in a shell'),
     'dataset': Command('dataset', 'look at, verify and describe a data set that `campaign` made'),
+    'demo': Command('demo', 'record a first drive, check it and draw pictures of it'),
     'evaluate images': Command(
         'evaluate_images', 'compare the images of two renderers, cameras or worlds'),
     'evaluate trajectory': Command(

@@ -18,6 +18,8 @@ from lunar_rover_sim.files.paths import check_folder, check_new_folder, packaged
 Check = Callable[[Path], None]
 Run = Callable[[argparse.Namespace], int]
 _OF_SCENARIO = 'NODE.PARAM=VALUE'
+# A quarter of the pixels.
+FAST = ('render_node.camera.width=320', 'render_node.camera.height=240')
 
 
 def add_action(actions: Any, name: str, text: str, run: Run,
@@ -69,6 +71,17 @@ def add_overrides(parser: argparse.ArgumentParser, metavar: str = _OF_SCENARIO,
         parser.add_argument('--rover', action='append', type=_rover_override, dest='overrides',
                             metavar='NAME_OR_PATH', default=[],
                             help='a packaged rover, quad or hexapod, or a rover file')
+
+
+def add_fast(parser: argparse.ArgumentParser) -> None:
+    """Declare --fast; `with_fast` gives the parameters that it sets."""
+    parser.add_argument('--fast', action='store_true', help='for a first look: '
+                        + ', '.join(FAST) + '; --set goes before')
+
+
+def with_fast(args: argparse.Namespace) -> list[str]:
+    """Return the parameters that --fast and --set set, in the order in which they count."""
+    return [*(FAST if args.fast else ()), *args.overrides]
 
 
 def _rover_override(name: str) -> str:

@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_new_folder(parser, 'folder for bag, resolved scenario and logs')
     parser.add_argument('--duration', type=float, metavar='S', help='simulated time [s]')
     options.add_seed(parser)
+    options.add_fast(parser)
     parser.add_argument('--real-time', action='store_true',
                         help='follow the wall clock instead of waiting for answers')
     options.add_world(parser)
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     if args.view is not None:
         check_view(args.view, '--view')
         layout = config_path('foxglove/lunar_rover.json')
-    overrides = [*args.overrides]
+    overrides = options.with_fast(args)
     if args.real_time:
         overrides.append(f'time_mode={REAL_TIME}')
     scenario = Scenario.load(args.scenario, overrides, seed=args.seed, duration_s=args.duration,

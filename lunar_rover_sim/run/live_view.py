@@ -20,7 +20,7 @@ from typing import Any
 
 from rosbags.typesys import get_typestore, Stores
 
-from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.errors import ConfigError, with_extra
 from lunar_rover_sim.run.child_process import dies_with_parent, end_group, signal_name
 from lunar_rover_sim.run.node_processes import ros_environment
 
@@ -143,7 +143,7 @@ def check_view(port: int, name: str = 'port') -> None:
     """Raise ConfigError where foxglove-sdk is missing or a port is taken; name: of the port."""
     if importlib.util.find_spec('foxglove') is None:
         raise ConfigError('the live view needs foxglove-sdk; install it with: '
-                          "pip install '.[view]' in a clone of lunar_rover_sim")
+                          + with_extra('view'))
     if not 1024 <= port <= 65535:
         raise ConfigError(f'{name}: {port} is not valid; valid is 1024 to 65535')
     with socket.socket() as probe:

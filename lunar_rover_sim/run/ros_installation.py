@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 
-from lunar_rover_sim.errors import GraphError
+from lunar_rover_sim.errors import GraphError, with_extra
 from lunar_rover_sim.files.paths import config_path
 
 _PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -14,7 +14,7 @@ def require_ros() -> None:
     """Raise GraphError with the remedy if rclpy is not installed."""
     if importlib.util.find_spec('rclpy') is None:
         raise GraphError('rclpy is missing: source /opt/ros/jazzy/setup.bash, or '
-                         "pip install '.[ros]' in a clone of lunar_rover_sim")
+                         + with_extra('ros'))
 
 
 def dds_environment() -> dict[str, str]:

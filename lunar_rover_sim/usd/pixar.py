@@ -6,14 +6,14 @@ line that says what to install. Commands import the room only when a stage is as
 
 from __future__ import annotations
 
-from lunar_rover_sim.errors import UsdError
+from lunar_rover_sim.errors import UsdError, with_extra
 
 try:
     from pxr import (Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade,
                      UsdUtils, Vt)
 except ImportError:
-    raise UsdError("OpenUSD is missing; install it with: pip install '.[usd]' in a clone of "
-                   'lunar_rover_sim (Python 3.11 or newer)') from None
+    raise UsdError(f"OpenUSD is missing; install it with: {with_extra('usd')} (Python 3.11 or "
+                   'newer)') from None
 
 __all__ = ['Gf', 'Kind', 'Sdf', 'Tf', 'Usd', 'UsdGeom', 'UsdLux', 'UsdPhysics', 'UsdSemantics',
            'UsdShade', 'UsdUtils', 'Vt']

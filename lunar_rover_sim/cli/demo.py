@@ -1,0 +1,48 @@
+"""`lunar_rover_sim demo`: a first drive, recorded, checked and pictured."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import shlex
+
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import say
+
+_DURATION_S = 5
+# To the left of the rover, so that the sun lights what it sees from the side.
+_SUN = 'render_node.sun.azimuth_deg=100'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (f'Record {_DURATION_S} s of a drive, check the recording and draw '
+                          'pictures of it. Each step is a command, which is printed.')
+    options.add_new_folder(parser, 'folder of the demo; by default runs/demo-N', required=False)
+    options.add_fast(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the commands one after the other; the first one that fails ends the demo."""
+    from lunar_rover_sim.cli.main import execute  # it imports this module
+
+    folder = args.output or _free_folder()
+    bag, pictures = folder / 'bag', folder / 'preview'
+    fast = ['--fast'] if args.fast else []
+    for words in (['run', 'baseline', '--duration', str(_DURATION_S), *fast, '--set', _SUN,
+                   '-o', str(folder)],
+                  ['bag', 'check', str(bag)],
+                  ['bag', 'preview', str(bag), '-o', str(pictures)]):
+        say(f'$ lunar_rover_sim {shlex.join(words)}')
+        if status := execute(words):
+            return status
+    say(f'pictures: {pictures.resolve()}')
+    return 0
+
+
+def _free_folder() -> Path:
+    """Return the first folder of runs/demo-1, runs/demo-2, … that there is not."""
+    number = 1
+    while (folder := Path('runs', f'demo-{number}')).exists():
+        number += 1
+    return folder
