@@ -8,7 +8,7 @@ import pytest
 
 from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig
 from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
+from lunar_rover_sim.camera.hazard import HazardCameraConfig, HazardConfig
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
 from lunar_rover_sim.physics.config import ContactConfig, PhysicsConfig

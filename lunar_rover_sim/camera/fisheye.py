@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.camera import equidistant
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
+from lunar_rover_sim.camera.hazard import HazardCameraConfig
 from lunar_rover_sim.camera.lens import Lens
 from lunar_rover_sim.frames import Array
 

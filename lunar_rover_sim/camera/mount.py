@@ -26,6 +26,9 @@ class Mount(CameraPoses, Protocol):
     def on_body(self) -> bool:
         """Whether the rover's body stands still in the images."""
 
+    def follow(self, state: Posed, stamp_ns: int) -> None:
+        """Move with the rover; stamp_ns: simulated time [ns]."""
+
     def ground_twist(self, state: Posed, side: int) -> CameraTwist:
         """Return the motion of a camera (0 left, 1 right) relative to the world."""
 
@@ -52,6 +55,9 @@ class BodyMount:
 
     def __init__(self, rig: MountedPair) -> None:
         self._T_base_cameras = (rig.T_base_left, rig.T_base_right)
+
+    def follow(self, state: Posed, stamp_ns: int = 0) -> None:
+        """Do nothing: its cameras are fixed."""
 
     def poses(self, state: Posed) -> list[Array]:
         """Return the (4, 4) poses T_world_camera of both optical frames."""
@@ -85,6 +91,9 @@ class MovingMount:
         self.T_world_camera = T_world_camera
         self._velocity_mps = np.zeros(3) if velocity_mps is None else velocity_mps
         self._rate_radps = np.zeros(3) if rate_radps is None else rate_radps
+
+    def follow(self, state: Posed, stamp_ns: int = 0) -> None:
+        """Do nothing: it is where `place` has put it."""
 
     def poses(self, state: Posed) -> list[Array]:
         """Return the (4, 4) pose T_world_camera, twice."""

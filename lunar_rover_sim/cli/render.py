@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
-from lunar_rover_sim.camera.hazard import HazardMount, sides
-from lunar_rover_sim.camera.hazard_config import HazardConfig
+from lunar_rover_sim.camera.hazard import HazardConfig, HazardMount, sides
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.options import numbers
 from lunar_rover_sim.cli.terminal import Progress, say

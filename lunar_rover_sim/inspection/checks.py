@@ -9,9 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.camera.hazard import sides
-from lunar_rover_sim.camera.hazard_config import HazardConfig
-from lunar_rover_sim.camera.models import geometry_of
+from lunar_rover_sim.camera.cameras import geometry_of
+from lunar_rover_sim.camera.hazard import HazardConfig, sides
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.inspection.bag_scan import BagScan
 from lunar_rover_sim.inspection.disparity_error import FrameError

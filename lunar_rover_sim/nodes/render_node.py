@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import collections
+from collections.abc import Sequence
 import dataclasses
 import time
 from typing import Any, NamedTuple
 
 from nav_msgs.msg import Odometry
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.camera_publisher import CameraPublisher, Periods
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
-from lunar_rover_sim.nodes.frame_publisher import FramePublisher
-from lunar_rover_sim.nodes.further_cameras import FurtherCameras
 from lunar_rover_sim.nodes.ground_listener import GroundListener
 from lunar_rover_sim.nodes.label_publisher import LabelPublisher
 from lunar_rover_sim.nodes.moving_sun import MovingSun
@@ -31,6 +33,11 @@ from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.world.site import reported_site
 
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:
+    TFMessage = None
+
 # A state between two periods that stays alone for so long is drawn all the same [wall time].
 _SINGLE_S = 0.3
 
@@ -39,13 +46,13 @@ _SINGLE_S = 0.3
 class _Frame:
     """A frame: the state that it shows, the layers drawn so far, and the topics published.
 
-    with_depth: whether it is one of those with matching and true depth
-    before: the state of the last of those before it, None for the first one
+    due: the periods [ns] whose first frame it is
+    before: the state of the last frame with depth before it, None for the first one
     """
 
     stamp_ns: int
     state: RoverPose
-    with_depth: bool
+    due: frozenset[int]
     before: RoverPose | None
     layers: dict[str, Any] = dataclasses.field(default_factory=dict)
     published: set[str] = dataclasses.field(default_factory=set)
@@ -78,9 +85,12 @@ class RenderNode(node_main.GraphNode):
         self._legs = rover.legs
         self._renderer = Renderer(world, rover, config, config.seed)
 
-        # The first frame is that of the first whole period.
-        self._last_period = 0 if config.lockstep else None
-        self._last_depth_period = self._last_period
+        cameras = config.cameras
+        # States begin periods of frames as they arrive, frames those of all images as they are
+        # drawn.
+        self._arrived = Periods([config.frame_period_ns], config.lockstep)
+        self._due = Periods([output.period_ns for camera in cameras for output in camera.outputs],
+                            config.lockstep)
         self._jump = TimeJump(self)
         self._single: tuple[int, bytes] | None = None   # odometry between periods, the only one
         self._single_s = 0.0
@@ -101,17 +111,18 @@ class RenderNode(node_main.GraphNode):
                                  qos.requested(topics.JOINT_STATES, lockstep=True), raw=True)
         self.create_subscription(Odometry, config.truth.name, self._odom_callback,
                                  qos.requested(topics.ODOM, lockstep=True), raw=True)
-        self._publisher = FramePublisher(self, config, self._renderer.rig, self._wake_if_idle,
-                                         self._wake_later)
-        self._further = FurtherCameras(self, config, self._renderer, self._wake_if_idle)
+        self._pair, *self._others = self._cameras = [
+            CameraPublisher(self, camera, config, self._renderer, self._wake_if_idle,
+                            self._wake_later) for camera in cameras]
+        publish_frames(self, [frame for camera in cameras for frame in camera.frames])
         self._readers = ReaderDiscovery(
-            self, [*self._publisher.publishers, *self._further.publishers],
+            self, [publisher for camera in self._cameras for publisher in camera.publishers],
             config.participants if config.lockstep else ())
         self._sun = MovingSun(self, config, self._renderer)
         LabelPublisher(self, self._renderer.rocks, world.craters, world.hash,
                        rover.legs.names)
         refuse_other_worlds(self, config.world, world, config.lockstep)
-        on_change(self, config, self._publisher.configure)
+        on_change(self, config, self._pair.configure)
         Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})
         self.report_ready(config, f'world {world.hash[:12]}', (config.truth.name,))
 
@@ -120,10 +131,12 @@ class RenderNode(node_main.GraphNode):
 
         Raises what the matching of the last frame raised, if `work` has not.
         """
-        self._publisher.close()
+        for camera in self._cameras:
+            camera.close()
         self._sun.close()
         self._renderer.close()
-        self._publisher.raise_error()
+        for camera in self._cameras:
+            camera.raise_error()
 
     # Input
 
@@ -149,16 +162,15 @@ class RenderNode(node_main.GraphNode):
         if self._jump.has_occurred(stamp):
             self._poses.clear()
             self._joints.clear()
-            self._last_period = 0 if self._config.lockstep else None
-            self._last_depth_period = self._last_period
+            self._arrived.restart()
+            self._due.restart()
             self._last_with_depth = None
-        period, rest_ns = divmod(stamp, self._config.frame_period_ns)
         if self._single is not None and stamp != self._single[0]:
             self._single = None
-        if period == self._last_period:
+        first = not self._arrived.has_begun
+        if not self._arrived.begun(stamp):
             return
-        first, self._last_period = self._last_period is None, period
-        if first and rest_ns:
+        if first and stamp % self._config.frame_period_ns:
             self._single, self._single_s = (stamp, raw), time.monotonic()
             return
         self._is_fed = True
@@ -188,7 +200,8 @@ class RenderNode(node_main.GraphNode):
 
     def work(self) -> None:
         """Begin the next frame that is due, and finish the one that was begun before."""
-        self._publisher.raise_error()
+        for camera in self._cameras:
+            camera.raise_error()
         if self._single is not None and time.monotonic() - self._single_s > _SINGLE_S:
             self._poses.append(self._single)    # no stream: no period will begin
             self._single = None
@@ -224,37 +237,35 @@ class RenderNode(node_main.GraphNode):
             self._joints.get(stamp, next(reversed(self._joints.values()), None))
         self._sun.announce(stamp)
         state = conversions.rover_pose(raw, joints_raw, self._legs)
-        with_depth = self._is_depth_due(stamp)
-        frame = _Frame(stamp, state, with_depth, self._last_with_depth)
-        if with_depth:
+        frame = _Frame(stamp, state, self._due.begun(stamp), self._last_with_depth)
+        if self._config.depth_period_ns in frame.due:
             self._last_with_depth = state
         return frame
 
-    def _is_depth_due(self, stamp_ns: int) -> bool:
-        """Return whether a frame is the first one drawn of its period of depth."""
-        period = stamp_ns // self._config.depth_period_ns
-        due, self._last_depth_period = period != self._last_depth_period, period
-        return due
-
     def _readers_are_there(self) -> bool:
         """Return whether all awaited subscribers have been discovered."""
-        while self._awaited and self._publisher.is_read(self._awaited[-1]):
+        while self._awaited and self._pair.is_read(self._awaited[-1]):
             self._awaited.pop()
         return not self._awaited and self._readers.is_complete
 
     def _begin(self, frame: _Frame) -> bool:
         """Begin what subscribers want of a frame and was not published yet; return if anything."""
-        names = self._publisher.wanted(frame.published, frame.with_depth)
-        if names or self._further.is_due(frame.stamp_ns):
-            if self._ground.is_known and not self._begun and not self._renderer.follows:
-                self._renderer.follow(self._ground.overlay)
-            self._ground.advance(frame.stamp_ns)
-            if not self._begun:
-                self._sun.light(frame.stamp_ns)
-            self._further.draw(frame.stamp_ns, frame.state)
+        wanted = [camera.wanted(frame.due, frame.published) for camera in self._cameras]
+        if not any(wanted):
+            return False
+        if self._ground.is_known and not self._begun and not self._renderer.follows:
+            self._renderer.follow(self._ground.overlay)
+        self._ground.advance(frame.stamp_ns)
+        if not self._begun:
+            self._sun.light(frame.stamp_ns)
+        names, *of_others = wanted
+        for camera, topics_of_it in zip(self._others, of_others):
+            if topics_of_it:
+                camera.draw(topics_of_it, frame.state, frame.stamp_ns)
+                frame.published.update(topics_of_it)
         if not names:
             return False
-        layers = self._publisher.layers_of(names) - set(frame.layers)
+        layers = self._pair.layers_of(names) - set(frame.layers)
         if frame.before is None:    # there is nothing to flow to
             frame.layers.update(unknown_flows(layers, self._renderer.rig))
             layers -= set(frame.layers)
@@ -268,9 +279,7 @@ class RenderNode(node_main.GraphNode):
         frame, names, layers = begun
         drawn = self._renderer.finish()
         frame.layers.update((layer, drawn.layer(layer)) for layer in layers)
-        R_world_camera = (frame.state.T_world_base @ self._renderer.rig.T_base_left)[:3, :3]
-        self._publisher.publish(names, frame.layers, conversions.time_msg(frame.stamp_ns),
-                                R_world_camera)
+        self._pair.publish(names, frame.layers, frame.state, frame.stamp_ns)
         frame.published.update(names)
         if frame is not self._counted:
             self._counted = frame
@@ -279,6 +288,21 @@ class RenderNode(node_main.GraphNode):
     def _frame_rate_status(self) -> SubjectStatus:
         fed, self._is_fed = self._is_fed, False
         return self._rate.status('' if fed else 'No new odometry')
+
+
+def publish_frames(node: Node, fixed: Sequence[tuple[str, str, Array]]) -> None:
+    """Publish fixed frames on tf_static, where tf2_msgs is installed.
+
+    Args:
+        node: Publishes them.
+        fixed: (parent, child, (4, 4) T_parent_child).
+    """
+    if TFMessage is None or not fixed:
+        return
+    zero = conversions.time_msg(0)
+    node.create_publisher(TFMessage, topics.TF_STATIC.name, qos.offered(topics.TF_STATIC)).publish(
+        TFMessage(transforms=[conversions.transform(parent, child, pose, zero)
+                              for parent, child, pose in fixed]))
 
 
 def main(args: list[str] | None = None) -> int:

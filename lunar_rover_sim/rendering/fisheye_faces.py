@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.camera import equidistant
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
+from lunar_rover_sim.camera.hazard import HazardCameraConfig
 from lunar_rover_sim.camera.image_geometry import FisheyeImage
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.development import Development, LitImage
 from lunar_rover_sim.camera.fisheye import FisheyeCamera, FisheyeLens
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
+from lunar_rover_sim.camera.hazard import HazardCameraConfig
 from lunar_rover_sim.camera.image_geometry import FisheyeImage
 from lunar_rover_sim.camera.mount import Mount, TurnedMount
 from lunar_rover_sim.frames import Array

@@ -6,11 +6,11 @@ import dataclasses
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import RecorderConfig
+from lunar_rover_sim.camera.cameras import CameraEntry, chase_camera, hazard_camera, stereo_pair
 from lunar_rover_sim.camera.chase import ChaseConfig
 from lunar_rover_sim.camera.compression_config import CompressionConfig
-from lunar_rover_sim.camera.config import CameraConfig
-from lunar_rover_sim.camera.hazard import fixed_frames
-from lunar_rover_sim.camera.hazard_config import HazardConfig
+from lunar_rover_sim.camera.config import CameraConfig, FurtherCameraConfig
+from lunar_rover_sim.camera.hazard import HazardConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import SunConfig
@@ -164,26 +164,25 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
         return self.depth_every * self.frame_period_ns
 
     @property
-    def chase_period_ns(self) -> int:
-        """The period of the chase camera [ns]."""
-        return NS_PER_S // self.chase.rate_hz
+    def cameras(self) -> tuple[CameraEntry, ...]:
+        """All cameras, the stereo pair first."""
+        pair = FurtherCameraConfig(self.camera, self.lens, self.sensor)
+        return (stereo_pair(pair, self.frame_rate_hz, self.depth_every),
+                *(hazard_camera(name, config) for name, config in self.hazard.items()),
+                *((chase_camera(self.chase),) if self.chase.enabled else ()))
 
     def validate(self) -> None:
-        """Raise ConfigError unless images of further cameras fall on stereo pairs."""
+        """Raise ConfigError unless images of all cameras fall on stereo pairs."""
         super().validate()
-        if self.chase.enabled and self.frame_rate_hz % self.chase.rate_hz:
-            raise ConfigError(f'chase.rate_hz: {self.chase.rate_hz} is not valid; valid is a '
-                              f'divisor of frame_rate_hz = {self.frame_rate_hz}')
-        names = [frame for name, hazard in self.hazard.items()
-                 for _, frame, _ in fixed_frames(name, hazard)]
+        for camera in self.cameras:
+            if self.frame_rate_hz % camera.rate_hz:
+                raise ConfigError(f'{camera.name}.rate_hz: {camera.rate_hz} is not valid; valid '
+                                  f'is a divisor of frame_rate_hz = {self.frame_rate_hz}')
+        names = [frame for camera in self.cameras for _, frame, _ in camera.frames]
         twice = sorted({frame for frame in names if names.count(frame) > 1})
         if twice:
             raise ConfigError(f'hazard: {", ".join(self.hazard)} is not valid: two cameras have '
                               f'the frame {twice[0]}; valid are names that differ')
-        for name, hazard in self.hazard.items():
-            if self.frame_rate_hz % hazard.rate_hz:
-                raise ConfigError(f'hazard.{name}.rate_hz: {hazard.rate_hz} is not valid; valid '
-                                  f'is a divisor of frame_rate_hz = {self.frame_rate_hz}')
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,7 +22,7 @@ from lunar_rover_sim.gait.calibration import packaged_calibration
 from lunar_rover_sim.parameters import replaced
 from lunar_rover_sim.rover.rover_file import save_rover
 from lunar_rover_sim.run.node_config import FRAME_TOPICS, LIDAR_TOPICS, NODE_CONFIGS
-from lunar_rover_sim.run.publication import period_of, recorded_hazards, recorded_periodic
+from lunar_rover_sim.run.publication import period_of, recorded_beside_the_pair, recorded_periodic
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import WaitConfig
 
@@ -232,7 +232,7 @@ def _participants(scenario: Scenario) -> tuple[str, ...]:
     if 'drive_node' in scenario.run.nodes:
         awaited.append(topics.CMD_VEL.name)
     # Recorded ones are waited for, so that the bag has them from the first frame on.
-    awaited += recorded_hazards(scenario)
+    awaited += recorded_beside_the_pair(scenario)
     return tuple(dict.fromkeys([*scenario.shared.participants, *awaited]))
 
 

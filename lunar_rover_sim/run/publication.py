@@ -77,13 +77,12 @@ def recorded_periodic(scenario: Scenario) -> list[Topic]:
             and is_recorded(topic, recorder.topics, recorder.exclude)]
 
 
-def recorded_hazards(scenario: Scenario) -> list[str]:
-    """Return the topics of hazard cameras that a run offers and records."""
+def recorded_beside_the_pair(scenario: Scenario) -> list[str]:
+    """Return the topics of cameras besides the stereo pair that a run offers and records."""
     if not {'render_node', 'recorder_node'} <= set(scenario.run.nodes):
         return []
-    offered = [topic.name for name, hazard in scenario.render_node.hazard.items()
-               for camera in sides(name, hazard) for topic in topics.hazard(camera)]
-    return [name for name in offered if name in scenario.recorder_node.topics]
+    return [output.topic.name for camera in scenario.render_node.cameras[1:]
+            for output in camera.outputs if output.topic.name in scenario.recorder_node.topics]
 
 
 def silent_topics(scenario: Scenario) -> list[str]:

@@ -9,8 +9,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.hazard_topics import hazard_topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.series import CameraCalibration, read_calibration
-from lunar_rover_sim.camera.hazard import HazardRig
-from lunar_rover_sim.camera.hazard_config import HazardConfig
+from lunar_rover_sim.camera.hazard import HazardConfig, HazardRig
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.run.recorded_run import RecordedRun

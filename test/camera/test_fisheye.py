@@ -11,8 +11,8 @@ import pytest
 from lunar_rover_sim.camera import equidistant
 from lunar_rover_sim.camera.config import LensConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera, FisheyeLens
-from lunar_rover_sim.camera.hazard import fixed_frames, HazardRig, sides
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
+from lunar_rover_sim.camera.hazard import (fixed_frames, HazardCameraConfig, HazardConfig,
+                                           HazardRig, sides)
 from lunar_rover_sim.errors import ConfigError
 
 REAL = (-0.02, 0.004, -0.003, 0.0006)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.camera.hazard import HazardMount
-from lunar_rover_sim.camera.hazard_config import HazardConfig
+from lunar_rover_sim.camera.hazard import HazardConfig, HazardMount
 from lunar_rover_sim.camera.motion import CameraTwist, ground_twist, leg_twists
 from lunar_rover_sim.camera.mount import BodyMount, MovingMount, TurnedMount
 from lunar_rover_sim.frames import inverse, se3

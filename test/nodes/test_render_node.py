@@ -260,7 +260,7 @@ def test_render_node_listens_before_it_is_seen(world_folder: Path,
         heard.append({subscription.topic_name for subscription in node.subscriptions})
         raise GraphError('far enough')
 
-    monkeypatch.setattr(render_node, 'FramePublisher', advertise)
+    monkeypatch.setattr(render_node, 'CameraPublisher', advertise)
     rclpy.init(args=['--ros-args', '-p', f'world:={world_folder}', '-p', 'camera.width:=64',
                      '-p', 'camera.height:=48'])
     try:

@@ -13,7 +13,7 @@ from lunar_rover_sim.camera import distorted_image, distortion
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
 from lunar_rover_sim.camera.exposure import AutoExposure, first_exposure_s
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig
+from lunar_rover_sim.camera.hazard import HazardCameraConfig
 from lunar_rover_sim.camera.lens import Glare, Lens
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel

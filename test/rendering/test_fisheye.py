@@ -12,8 +12,7 @@ import scipy.ndimage
 
 from lunar_rover_sim.camera.config import CameraConfig, FurtherCameraConfig, LensConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
-from lunar_rover_sim.camera.hazard import HazardMount, HazardRig
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
+from lunar_rover_sim.camera.hazard import HazardCameraConfig, HazardConfig, HazardMount, HazardRig
 from lunar_rover_sim.camera.mount import BodyMount, MovingMount
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz, se3, sun_direction, wxyz_from_rpy
 from lunar_rover_sim.rendering.frame import StereoFrame

@@ -15,8 +15,7 @@ import scipy.ndimage
 import worlds
 
 from lunar_rover_sim.camera.config import CameraConfig, FurtherCameraConfig, LensConfig
-from lunar_rover_sim.camera.hazard import HazardMount
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
+from lunar_rover_sim.camera.hazard import HazardCameraConfig, HazardConfig, HazardMount
 from lunar_rover_sim.camera.mount import BodyMount
 from lunar_rover_sim.errors import ConfigError, RenderError
 from lunar_rover_sim.frames import Array, sun_direction

@@ -14,9 +14,8 @@ import synthetic_bag
 import yaml
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.camera.hazard import HazardRig
-from lunar_rover_sim.camera.hazard_config import HazardCameraConfig, HazardConfig
-from lunar_rover_sim.camera.models import geometry_of
+from lunar_rover_sim.camera.cameras import geometry_of
+from lunar_rover_sim.camera.hazard import HazardCameraConfig, HazardConfig, HazardRig
 from lunar_rover_sim.frames import inverse
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
 from lunar_rover_sim.seconds import EPOCH_NS
