@@ -15,7 +15,7 @@ from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.inspection.summary import summarise
 from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_view import check_view, ViewProcess
-from lunar_rover_sim.run.plan import with_slam
+from lunar_rover_sim.run.plan import with_slam, without_node
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
@@ -39,8 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='SLAM program to feed, with its arguments; it speaks the protocol of '
                              'docs/reference/slam_protocol.md')
     parser.add_argument('--view', type=int, nargs='?', const=VIEW_PORT, metavar='PORT',
-                        help='serve the topics to Foxglove or Lichtblick in a browser while the '
-                        f'run goes on, at this port of this machine (default: {VIEW_PORT})')
+                        help='show the run in a browser while it goes on, at this port of this '
+                        f'machine (default: {VIEW_PORT}); Foxglove and Lichtblick may connect to '
+                        'it too')
+    parser.add_argument('--teleop', action='store_true',
+                        help='drive it yourself, in real time: without drive_node, cmd_vel comes '
+                        'from the page of --view or from a node of yours')
     options.add_overrides(parser)
 
 
@@ -51,10 +55,12 @@ def run(args: argparse.Namespace) -> int:
         check_view(args.view, '--view')
         layout = config_path('foxglove/lunar_rover.json')
     overrides = options.with_fast(args)
-    if args.real_time:
+    if args.real_time or args.teleop:
         overrides.append(f'time_mode={REAL_TIME}')
     scenario = Scenario.load(args.scenario, overrides, seed=args.seed, duration_s=args.duration,
                              world=args.world)
+    if args.teleop:
+        scenario = without_node(scenario, 'drive_node')
     if args.slam:
         scenario = with_slam(scenario, args.slam)
     if args.world is None:
@@ -64,9 +70,9 @@ def run(args: argparse.Namespace) -> int:
 
     def start(resolved: Scenario, domain: int) -> None:
         if args.view is not None:
-            view.start(domain, args.view)
-            say(f'live view: open a connection to ws://localhost:{args.view} in '
-                f'Foxglove or Lichtblick; layout {layout}')
+            view.start(domain, args.view, (args.world or scenario.world_folder()).resolve())
+            say(f'live view: http://localhost:{args.view}; or in Foxglove and Lichtblick '
+                f'ws://localhost:{args.view}, layout {layout}')
         display.start(resolved, domain)
 
     def update(now_ns: int) -> None:

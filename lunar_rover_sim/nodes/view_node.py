@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
+import json
+import math
 import queue
+import struct
 import time
 from typing import Any
 
+from geometry_msgs.msg import Twist
+import numpy as np
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
@@ -14,28 +20,44 @@ from rosbags.typesys import get_typestore, Stores
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import StampTable
+from lunar_rover_sim.files.images import png_bytes
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import ViewNodeConfig
+from lunar_rover_sim.run.live_page import Extra
 from lunar_rover_sim.run.live_view import HOST, LiveView
 from lunar_rover_sim.run.view_transforms import OdometryTransforms, transforms_of
+from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.world_folder import load_world
 
 _POLL_S = 0.2
 _HISTORY = 5
+_MAP_PX = 1000
+_ROCKS = 2000       # the largest ones are on the map
+_TWIST = struct.Struct('<4x6d')
 
 
 class ViewNode(node_main.GraphNode):
     """Subscribes to what a client watches, and then to the clock; to nothing else.
 
-    It takes no part in lockstep: nobody waits for it, and a slow client loses messages.
+    It takes no part in lockstep: nobody waits for it, and a slow client loses messages. It
+    publishes nothing but the velocities that a client sends.
     """
 
     def __init__(self) -> None:
         super().__init__('view_node')
         config = declare(self, ViewNodeConfig)
         self._begun: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._view = LiveView(config.port, self._begun.put)
+        self._drivers: dict[str, Publisher] = {}
+        self._facts: dict[str, Any] = {'drivers': []}
+        pages: Extra = {'/live.json': lambda: json.dumps(self._facts).encode()}
+        if config.world:
+            world = load_world(config.world, verify=False)
+            self._facts.update(_facts_of(world))
+            picture = png_bytes(world.relief_picture(_MAP_PX))
+            pages['/map.png'] = lambda: picture
+        self._view = LiveView(config.port, self._begun.put, self._on_drive, pages)
         store = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(store)
         self._transforms = OdometryTransforms(store)
@@ -46,7 +68,7 @@ class ViewNode(node_main.GraphNode):
         self._clock_reader: Subscription | None = None
         self._now_ns: int | None = None         # the simulated time that was told last
         self.create_timer(_POLL_S, self._poll)
-        self.report_ready(config, f'ws://{HOST}:{config.port}')
+        self.report_ready(config, f'http://{HOST}:{config.port}')
 
     def close(self) -> None:
         """Stop to serve."""
@@ -59,6 +81,10 @@ class ViewNode(node_main.GraphNode):
                 self._types[topic] = types[0]
                 self._make_transforms(topic)
         self._view.offer_again()
+        self._facts['drivers'] = sorted(
+            info.node_name for topic in self._types if topic.endswith(f'/{topics.CMD_VEL.name}')
+            for info in self.get_publishers_info_by_topic(topic)
+            if info.node_name != self.get_name())
         begun = set()
         while not self._begun.empty():
             begun.add(self._begun.get())
@@ -117,6 +143,29 @@ class ViewNode(node_main.GraphNode):
 
         self._read[topic] = self.create_subscription(
             message_class(msgtype), source, callback, qos.adapted(_HISTORY, durable), raw=True)
+
+    def _on_drive(self, topic: str, data: bytes) -> None:
+        """Publish a velocity of a client; called in a thread of the server."""
+        if topic.endswith(topics.CMD_VEL.name) and self.executor is not None:
+            self.executor.create_task(self._drive, topic, data)
+
+    def _drive(self, topic: str, data: bytes) -> None:
+        if len(data) < _TWIST.size or not all(map(math.isfinite, _TWIST.unpack_from(data))):
+            return
+        if topic not in self._drivers:
+            self._drivers[topic] = self.create_publisher(Twist, topic, 1)
+        message = Twist()
+        message.linear.x, *_, message.angular.z = _TWIST.unpack_from(data)
+        self._drivers[topic].publish(message)
+
+
+def _facts_of(world: World) -> dict[str, Any]:
+    """Return what the map of the page shows beside the relief: (x, y, radius) of rocks [m]."""
+    rocks = world.rocks
+    radius_m = 0.5 * rocks.size_classes_m[rocks.size]
+    largest = np.argsort(-radius_m, kind='stable')[:_ROCKS]
+    shown = np.column_stack([rocks.position_m[largest, :2], radius_m[largest]])
+    return {'half_extent_m': world.ground.half_extent_m, 'rocks': shown.round(3).tolist()}
 
 
 def main(args: list[str] | None = None) -> int:

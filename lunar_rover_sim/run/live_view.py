@@ -1,8 +1,9 @@
-"""A running graph in a browser: a websocket that Foxglove and Lichtblick read.
+"""A running graph in a browser: a page, and a websocket that Foxglove and Lichtblick read.
 
-Messages go out as they are on the wire (CDR), with the definitions of their types, so that the
-layouts for ROS work and no ROS is needed where they are looked at. foxglove-sdk (MIT) speaks the
-protocol. It buffers for each client and drops the oldest messages of one that is slow.
+Both are at one port (`live_page`). Messages go out as they are on the wire (CDR), with the
+definitions of their types, so that the layouts for ROS work and no ROS is needed where they are
+looked at. foxglove-sdk (MIT) speaks the protocol. It buffers for each client and drops the oldest
+messages of one that is slow.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import importlib.util
 import logging
+from pathlib import Path
 import queue
 import re
 import socket
@@ -22,9 +24,11 @@ from rosbags.typesys import get_typestore, Stores
 
 from lunar_rover_sim.errors import ConfigError, with_extra
 from lunar_rover_sim.run.child_process import dies_with_parent, end_group, signal_name
+from lunar_rover_sim.run.live_page import Extra, PageServer
 from lunar_rover_sim.run.node_processes import ros_environment
 
 HOST = '127.0.0.1'
+TWIST = 'geometry_msgs/msg/Twist'
 _BACKLOG = 32       # messages kept for a slow client
 _END_S = 5.0
 _TELL_S = 0.02      # times are told no more often than this, in wall time
@@ -49,17 +53,38 @@ class _SdkLog(logging.StreamHandler):       # type: ignore[type-arg]
 class LiveView:
     """Serves topics to any number of clients. Context manager; methods may be called at any time.
 
-    on_watch: called in a thread of the server with a topic that a client has begun to watch
+    Args:
+        port: Of the page and of the websocket.
+        on_watch: Called in a thread of the server with a topic that a client has begun to watch.
+        on_drive: Called there with a topic and a geometry_msgs/msg/Twist in CDR that a client
+            publishes; other types are not taken.
+        pages: What is served beside the page.
+
+    Raises:
+        ConfigError: The port is taken, or foxglove-sdk is missing.
     """
 
-    def __init__(self, port: int, on_watch: Callable[[str], None] = lambda topic: None) -> None:
-        """Begin to serve; raise ConfigError where the port is taken or foxglove-sdk is missing."""
+    def __init__(self, port: int, on_watch: Callable[[str], None] = lambda topic: None,
+                 on_drive: Callable[[str, bytes], None] = lambda topic, data: None,
+                 pages: Extra | None = None) -> None:
         check_view(port)
         import foxglove  # an optional dependency
+        driven: dict[tuple[int, int], str] = {}     # topics by client and channel
 
         class Listener(foxglove.websocket.ServerListener):
             def on_subscribe(self, client: Any, channel: Any) -> None:
                 on_watch(channel.topic)
+
+            def on_client_advertise(self, client: Any, channel: Any) -> None:
+                if channel.schema_name == TWIST and channel.encoding == 'cdr':
+                    driven[client.id, channel.id] = channel.topic
+
+            def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
+                driven.pop((client.id, client_channel_id), None)
+
+            def on_message_data(self, client: Any, client_channel_id: int, data: bytes) -> None:
+                if topic := driven.get((client.id, client_channel_id)):
+                    on_drive(topic, data)
 
         self._foxglove, self._context = foxglove, foxglove.Context()
         self._store = get_typestore(Stores.ROS2_JAZZY)
@@ -69,12 +94,20 @@ class LiveView:
         logging.getLogger('foxglove').addHandler(self._log)
         try:
             self._server = foxglove.start_server(
-                name='lunar_rover_sim', host=HOST, port=port, context=self._context,
-                capabilities=[foxglove.websocket.Capability.Time], server_listener=Listener(),
+                name='lunar_rover_sim', host=HOST, port=0, context=self._context,
+                capabilities=[foxglove.websocket.Capability.Time,
+                              foxglove.websocket.Capability.ClientPublish],
+                supported_encodings=['cdr'], server_listener=Listener(),
                 message_backlog_size=_BACKLOG)
         except RuntimeError as error:
             self._end_log()
             raise ConfigError(f'port: {port} cannot be served: {error}') from None
+        try:
+            self._page = PageServer(HOST, port, self._server.port, pages or {})
+        except OSError as error:
+            self._server.stop()
+            self._end_log()
+            raise ConfigError(f'port: {port} cannot be served: {error.strerror}') from None
 
     def offer(self, topic: str, msgtype: str) -> bool:
         """Let clients watch a topic; return whether its type is one of ROS 2 Jazzy."""
@@ -132,6 +165,7 @@ class LiveView:
 
     def close(self) -> None:
         """Stop to serve."""
+        self._page.close()
         self._server.stop()
         self._end_log()
 
@@ -161,10 +195,11 @@ class ViewProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._told_end = False
 
-    def start(self, domain: int, port: int) -> None:
-        """Start it in the graph of a ROS domain."""
+    def start(self, domain: int, port: int, world: Path) -> None:
+        """Start it in the graph of a ROS domain; world: folder of the world on the map."""
         command = [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', 'view_node',
-                   '--ros-args', '--log-level', 'warn', '-p', f'port:={port}']
+                   '--ros-args', '--log-level', 'warn', '-p', f'port:={port}',
+                   '-p', f'world:={world}']
         self._process = subprocess.Popen(dies_with_parent(command), env=ros_environment(domain),
                                          stdin=subprocess.DEVNULL, start_new_session=True)
 

@@ -170,6 +170,11 @@ def with_slam(scenario: Scenario, command: str) -> Scenario:
     return replaced(scenario, {'run.nodes': nodes, 'slam_node.command': command})
 
 
+def without_node(scenario: Scenario, name: str) -> Scenario:
+    """Return the scenario without one of its nodes."""
+    return replaced(scenario, {'run.nodes': tuple(n for n in scenario.run.nodes if n != name)})
+
+
 def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
     """Return topic → lag [s] of the run's own nodes for which physics waits."""
     awaited = {}

@@ -52,10 +52,14 @@ class World:
         """Return the ground, lit from the east and north up, for a notebook."""
         # Here, because OpenCV takes time to import.
         from lunar_rover_sim.files.images import notebook_html
-        step = max(1, len(self.ground.heights_m) // 256)
+        return notebook_html(repr(self), self.relief_picture(256))
+
+    def relief_picture(self, pixels: int) -> NDArray[np.uint8]:
+        """Return the ground lit from the east, north up, with at most twice `pixels` a side."""
+        step = max(1, len(self.ground.heights_m) // pixels)
         slope = np.gradient(self.ground.heights_m[::-step, ::step], step * self.ground.cell_m,
                             axis=1)
-        return notebook_html(repr(self), np.clip(128 - 300 * slope, 0, 255).astype(np.uint8))
+        return np.clip(128 - 300 * slope, 0, 255).astype(np.uint8)
 
     @property
     def ground(self) -> HeightGrid:

@@ -136,5 +136,5 @@ def test_run_names_the_layout_where_it_is(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert main(['run', 'flat', '--world', 'any', '--view', str(free_port()), '-o', 'out']) == 1
     written = capsys.readouterr()
     assert 'far enough' in written.err
-    found = re.search('Lichtblick; layout (.*lunar_rover.json)', written.out)
+    found = re.search('Lichtblick .*, layout (.*lunar_rover.json)', written.out)
     assert found and Path(found[1]).is_absolute() and Path(found[1]).is_file()
