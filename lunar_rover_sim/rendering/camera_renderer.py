@@ -1,8 +1,14 @@
-"""One camera, or a pair of equal ones, of a renderer: from a state to its images and truth."""
+"""One camera, or a pair of equal ones, of a renderer: from a state to its images and truth.
+
+The scene is drawn on faces, pinhole images from the place of the camera: one, with the margin that
+distortion needs, of a pinhole, and up to five of a fisheye (`fisheye_faces`). All that lens,
+motion and sensor do happens in the image that the faces make.
+"""
 
 from __future__ import annotations
 
 import collections
+from collections.abc import Callable
 import dataclasses
 from typing import Any, Protocol
 
@@ -10,59 +16,126 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.camera.development import Development, Light
+from lunar_rover_sim.camera.development import Development, Light, LitImage
 from lunar_rover_sim.camera.distorted_image import padding
+from lunar_rover_sim.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.camera.image_geometry import PinholeImage
 from lunar_rover_sim.camera.lens import Lens
-from lunar_rover_sim.camera.motion_blur import Movement
-from lunar_rover_sim.camera.mount import Mount
+from lunar_rover_sim.camera.mount import Mount, TurnedMount
 from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.camera.sensor import SensorModel
 from lunar_rover_sim.errors import RenderError
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.fisheye_faces import FisheyeFaces
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.gl_owner import GlOwner
 from lunar_rover_sim.rendering.projection import Projection
-from lunar_rover_sim.rendering.scene import LEFT, Request, Scene
+from lunar_rover_sim.rendering.scene import LEFT, Request, Scene, SeenSun
 from lunar_rover_sim.rendering.scene_passes import Drawn, ScenePasses
+from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.pose import RoverPose
 
 
+class PinholeFace:
+    """The one face of a pinhole: its image, with a margin where that is distorted.
+
+    Attributes:
+        lens: Of the camera.
+        image: Geometry of what falls on the sensor, with the padding that distortion needs.
+        turns: (3, 3) axes of each face in those of the camera.
+        projections: What is drawn of each face.
+        samples: Along a side of a pixel of a face.
+    """
+
+    def __init__(self, camera: PinholeCamera, config: RenderConfig) -> None:
+        projection = padded_projection(camera, config)
+        self._pad = padding(config.camera)
+        self.lens = Lens(config.lens, config.camera)
+        self.image = PinholeImage(projection.K, projection.width, projection.height)
+        self.turns, self.projections = (np.eye(3),), (projection,)
+        self.samples = config.detail.supersampling
+
+    def gather(self, scenes: list[Scene], drawn: list[Drawn],
+               lit: list[dict[int, LitImage]]) -> tuple[dict[int, LitImage],
+                                                        dict[int, NDArray[np.float32]]]:
+        """Return by side what falls on the sensor, and depth with its signs."""
+        return lit[0], drawn[0].depth_m
+
+    def truth(self, scenes: list[Scene]) -> dict[str, NDArray[Any]]:
+        """Return layers of truth but depth, as they were drawn, of the camera's own image."""
+        request, projection = scenes[0].request, self.projections[0]
+        size, result = (projection.height, projection.width), dict[str, NDArray[Any]]()
+        for side in request.sides:
+            wanted = request.truth_of(side)
+            if wanted:
+                drawn = scenes[0].pixels.targets.truth.read(wanted, side, size, self._pad)
+                result |= {request.name(layer, side): pixels for layer, pixels in drawn.items()}
+        return result
+
+
 class CameraRenderer(GlOwner):
-    """Draws what the cameras on one mount see. The caller makes the GL context current."""
+    """Draws what the cameras on one mount see. The caller makes the GL context current.
+
+    The layer depth of a fisheye is the distance from the camera.
+    """
 
     def __init__(self, context: moderngl.Context, shared: WorldPasses, mount: Mount,
-                 camera: PinholeCamera, config: RenderConfig, seen: tuple[int, ...],
-                 seed: int) -> None:
+                 camera: PinholeCamera | FisheyeCamera, config: RenderConfig, seed: int) -> None:
         """Prepare all that does not depend on the state.
 
-        config: of these cameras; seen: links of the rover that may show, as `seen_links`
-        Raises RenderError if the device cannot draw this image size.
+        Args:
+            context: What draws.
+            shared: Passes of the world.
+            mount: Carries the cameras.
+            camera: Geometry of either.
+            config: Of these cameras.
+            seed: Of their noise.
+
+        Raises:
+            RenderError: If the device cannot draw this image size.
         """
         super().__init__()
-        self._context, self._config = context, config
-        self._pad, self._K = padding(config.camera), camera.K
-        self._projection = padded_projection(camera, config)
-        check_size(context, self._projection, config.detail.supersampling)
-        self._begun: collections.deque[Scene] = collections.deque()
-        with self._making():
-            self._build(shared, mount, camera, seen, seed)
-
-    def _build(self, shared: WorldPasses, mount: Mount, camera: PinholeCamera,
-               seen: tuple[int, ...], seed: int) -> None:
-        config, drawn = self._config, self._projection
-        lens, self._image = Lens(config.lens, config.camera), PinholeImage(
-            drawn.K, drawn.width, drawn.height)
-        self._mount, self._rover = mount, shared.rover
+        self._config, self._mount, self._shared, self._K = config, mount, shared, camera.K
+        self._faces = faces = _faces(camera, config)
+        check_size(context, faces.image)
+        for projection in faces.projections:
+            check_size(context, projection, faces.samples)
+        seen = self._seen_links()
         # Links that move in the images.
         self._links = [link for link in seen if link > 0 or not mount.on_body]
-        self._passes = self._own(ScenePasses(
-            self._context, shared, mount, config, drawn, sees_rover=bool(seen),
-            strays=lens.strays, samples=config.detail.supersampling))
-        self._development = Development(camera, self._image, lens, config.sensor,
-                                        light_of(config), seed, on_body=mount.on_body)
+        self._begun: collections.deque[tuple[RoverPose, list[Scene]]] = collections.deque()
+        self._axes = np.stack([turn[:, 2] for turn in faces.turns])
+        with self._making():
+            self._passes = [self._own(ScenePasses(
+                context, shared, TurnedMount(mount, turn), config, projection,
+                sees_rover=bool(seen), strays=self._strays_to(k), samples=faces.samples))
+                for k, (turn, projection) in enumerate(zip(faces.turns, faces.projections))]
+            self._development = Development(camera, faces.image, faces.lens, config.sensor,
+                                            light_of(config), seed, on_body=mount.on_body)
+
+    def _seen_links(self) -> tuple[int, ...]:
+        """Return the links of the rover that may be in view; all if the mount is not on it."""
+        rover = self._shared.rover
+        if not self._mount.on_body:
+            return tuple(range(1 + len(rover.legs.each)))
+        at_origin = RoverPose(np.eye(4))
+        return tuple(sorted({
+            link for turn, projection in zip(self._faces.turns, self._faces.projections)
+            for link in seen_links(rover, TurnedMount(self._mount, turn).poses(at_origin),
+                                   projection)}))
+
+    def _strays_to(self, index: int) -> Callable[[Array], bool]:
+        """Return whether sunlight strays in the lens, and a face is the one to draw it.
+
+        index: of the face; the result takes the (3,) direction to the sun in its axes
+        """
+        def strays(direction: Array) -> bool:
+            own = self._faces.turns[index] @ direction
+            return int(np.argmax(self._axes @ own)) == index and self._faces.lens.strays(own)
+        return strays
 
     @property
     def sensor(self) -> SensorModel:
@@ -82,7 +155,8 @@ class CameraRenderer(GlOwner):
     def relight(self, sun: SunConfig) -> None:
         """Move the sun; the light of the world is moved by `WorldPasses.relight`."""
         self._config = dataclasses.replace(self._config, sun=sun)
-        self._passes.relight(self._config)
+        for passes in self._passes:
+            passes.relight(self._config)
         self._development.meter(light_of(self._config))
 
     def draw(self, state: RoverPose, request: Request) -> StereoFrame:
@@ -91,67 +165,84 @@ class CameraRenderer(GlOwner):
         return self.finish()
 
     def begin(self, state: RoverPose, request: Request) -> None:
-        """Begin to draw a frame; at most `FRAMES_UNDER_WAY` may be under way."""
-        scene = self._passes.draw_geometry(request, state)
-        if not self._begun:
-            self._passes.light(scene)
-        self._begun.append(scene)
+        """Begin to draw a frame.
+
+        At most `FRAMES_UNDER_WAY` may be under way of a camera with one face, and one of others.
+        """
+        scenes, first = list[Scene](), self._passes[0]
+        # The ground is chosen once for all faces; each takes what it sees of it.
+        around = (self._shared.ground.choose(first.surroundings(state))
+                  if len(self._passes) > 1 else None)
+        for passes in self._passes:
+            scenes.append(passes.draw_geometry(request, state, around))
+            if not self._begun:     # what was chosen for a face holds until the next one
+                passes.light(scenes[-1])
+        self._begun.append((state, scenes))
 
     def finish(self) -> StereoFrame:
         """Return the frame that was begun first; one must be under way."""
-        scene = self._begun.popleft()
-        request = scene.request
-        movements = {side: scene.movement(side, self._mount, self._rover, self._image,
-                                          self._links) for side in request.lit_sides}
-        drawn = self._passes.read(scene, links=request.developed and any(
-            self._development.blurs(movement) for movement in movements.values()))
-        truth = self._read_truth(scene)
+        state, scenes = self._begun.popleft()
+        whole = self._whole(scenes, state)
+        request, develop = whole.request, self._development
+        movements = {side: whole.movement(side, self._mount, self._shared.rover,
+                                          self._faces.image, self._links)
+                     for side in request.lit_sides}
+        links = request.developed and any(map(develop.blurs, movements.values()))
+        drawn = [passes.read(scene, links=links) for passes, scene in zip(self._passes, scenes)]
+        truth = self._faces.truth(scenes)
         if self._begun:     # it is lit into the targets that have just been read
-            self._passes.light(self._begun[0])
-        return self._compose(scene, drawn, truth, movements)
-
-    def abandon(self) -> None:
-        """Forget the frames under way."""
-        self._begun.clear()
-
-    def _read_truth(self, scene: Scene) -> dict[str, NDArray[Any]]:
-        """Return the layers of truth but depth, as they were drawn."""
-        request, truth = scene.request, dict[str, NDArray[Any]]()
-        size = self._projection.height, self._projection.width
-        for side in request.sides:
-            wanted = request.truth_of(side)
-            if wanted:
-                drawn = scene.pixels.targets.truth.read(wanted, side, size, self._pad)
-                truth |= {request.name(layer, side): pixels for layer, pixels in drawn.items()}
-        return truth
-
-    def _compose(self, scene: Scene, drawn: Drawn, truth: dict[str, NDArray[Any]],
-                 movements: dict[int, Movement]) -> StereoFrame:
-        """Return the frame, and let automatic exposure follow it."""
-        request, out, develop = scene.request, dict[str, NDArray[Any]](), self._development
-        lit = self._passes.finish(scene, drawn)
+            for passes, scene in zip(self._passes, self._begun[0][1]):
+                passes.light(scene)
+        lit, depth_m = self._faces.gather(scenes, drawn, [
+            passes.finish(scene, read) for passes, scene, read in zip(self._passes, scenes,
+                                                                      drawn)])
+        out = dict[str, NDArray[Any]]()
         if 'radiance' in request.layers:
             out['radiance'] = develop.inside(lit[LEFT].radiance).copy()
         if request.developed:
-            out |= request.images(develop.take(lit, movements, scene.sun, request.frame_index))
+            out |= request.images(develop.take(lit, movements, whole.sun, request.frame_index))
         for side in request.sides:
             if request.depth_of(side):
-                name = request.name('depth', side)
-                depth_m = true_depth(develop.inside(drawn.depth_m[side]))
+                name, depth = request.name('depth', side), develop.inside(depth_m[side])
+                true_m = true_depth(depth)
                 if name in request.layers:
-                    out[f'{name}_m'] = depth_m
+                    out[f'{name}_m'] = true_m
                 if side == LEFT and request.flow:
-                    out |= self._passes.flow(scene, self._K, depth_m, truth['label'])
+                    out |= self._passes[0].flow(scenes[0], self._K, true_m, truth['label'])
         for name in request.layers.intersection(truth):
             numbers = truth[name].dtype == np.uint16    # labels and craters
             out[name] = (truth[name].astype(np.int32) if numbers
                          else np.ascontiguousarray(truth[name]))
         return StereoFrame(**out, exposure_s=self.exposure_s)
 
+    def _whole(self, scenes: list[Scene], state: RoverPose) -> Scene:
+        """Return the scene of the camera's image from those of its faces."""
+        sun: SeenSun | None = None
+        for turn, scene in zip(self._faces.turns, scenes):
+            # A disc on a seam is seen from two faces, which agree.
+            if scene.sun is not None:
+                sun = scene.sun if len(scenes) == 1 else SeenSun(turn @ scene.sun.direction,
+                                                                 scene.sun.irradiance)
+        return dataclasses.replace(
+            scenes[0], T_world_cameras=self._mount.poses(state), sun=sun,
+            shows_rover=any(scene.shows_rover for scene in scenes))
+
+    def abandon(self) -> None:
+        """Forget the frames under way."""
+        self._begun.clear()
+
     def release(self) -> None:
         """Release the GL objects."""
         self._begun.clear()
         super().release()
+
+
+def _faces(camera: PinholeCamera | FisheyeCamera,
+           config: RenderConfig) -> PinholeFace | FisheyeFaces:
+    """Return the faces of a camera."""
+    if isinstance(camera, FisheyeCamera):
+        return FisheyeFaces(camera, config)
+    return PinholeFace(camera, config)
 
 
 def light_of(config: RenderConfig) -> Light:

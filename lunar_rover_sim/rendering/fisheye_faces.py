@@ -16,12 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera import equidistant
-from lunar_rover_sim.camera.fisheye import FisheyeCamera
+from lunar_rover_sim.camera.development import LitImage
+from lunar_rover_sim.camera.fisheye import FisheyeCamera, FisheyeLens
 from lunar_rover_sim.camera.hazard import HazardCameraConfig
 from lunar_rover_sim.camera.image_geometry import FisheyeImage
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.projection import Projection
+from lunar_rover_sim.rendering.scene import Scene
+from lunar_rover_sim.rendering.scene_passes import Drawn
 
 _ALONE_RAD = math.radians(52.0)     # up to this angle to the axis one face shows all
 _STEEPEST = 3.5         # times the change of inverse depth from row to row of level ground
@@ -123,6 +127,56 @@ class FaceSampler:
         # Inverse depth of level ground changes by 1 / (focal_px above_m) a pixel; see `outlines`.
         outline = _STEEPEST / (self._face.projection.focal_px * max(above_m, 0.1))
         into[self._rows, self._columns] = _depth_at(depth_m, self._middle, outline) * self._length
+
+
+class FisheyeFaces:
+    """The faces of a fisheye, and how its image is made of them, as `PinholeFace`."""
+
+    def __init__(self, camera: FisheyeCamera, config: RenderConfig) -> None:
+        assert isinstance(config.camera, HazardCameraConfig)
+        self._size, finer = (camera.height, camera.width), config.detail.supersampling
+        self._faces = faces(camera, config.camera, finer)
+        self._samplers = [FaceSampler(camera, face, 2 * finer) for face in self._faces]
+        self.lens, self.image = FisheyeLens(config.lens, config.camera), FisheyeImage(camera)
+        self.turns = tuple(face.R_camera_face for face in self._faces)
+        self.projections = tuple(face.projection for face in self._faces)
+        self.samples = 1    # a face has as many pixels as samples are asked for
+
+    def gather(self, scenes: list[Scene], drawn: list[Drawn],
+               lit: list[dict[int, LitImage]]) -> tuple[dict[int, LitImage],
+                                                        dict[int, NDArray[np.float32]]]:
+        """Return by side what falls on the sensor, and distances with the signs of depth."""
+        request = scenes[0].request
+        links = any(face.link for face in drawn)
+        whole = {side: LitImage(np.zeros(self._size, np.float32), np.zeros(self._size, np.float32),
+                                np.zeros(self._size, np.uint8) if links else None)
+                 for side in request.lit_sides}
+        depth_m = {side: whole[side].depth_m if side in whole else np.zeros(self._size, np.float32)
+                   for side in request.sides}
+        for sampler, scene, face, images in zip(self._samplers, scenes, drawn, lit):
+            for side, image in images.items():
+                sampler.add_radiance(image.radiance, whole[side].radiance)
+                link = whole[side].link
+                if image.link is not None and link is not None:
+                    sampler.add_nearest(image.link, link)
+            for side, drawn_m in face.depth_m.items():
+                sampler.add_distance(drawn_m, scene.above_m, depth_m[side])
+        return whole, depth_m
+
+    def truth(self, scenes: list[Scene]) -> dict[str, NDArray[Any]]:
+        """Return layers of truth but depth, from the nearest pixels drawn."""
+        request, result = scenes[0].request, dict[str, NDArray[Any]]()
+        for face, sampler, scene in zip(self._faces, self._samplers, scenes):
+            size = face.projection.height, face.projection.width
+            for side in request.sides:
+                wanted = request.truth_of(side)
+                drawn = scene.pixels.targets.truth.read(wanted, side, size, (0, 0)) \
+                    if wanted else {}
+                for layer, pixels in drawn.items():
+                    into = result.setdefault(request.name(layer, side), np.zeros(
+                        (*self._size, *pixels.shape[2:]), pixels.dtype))
+                    sampler.add_nearest(pixels, into)
+        return result
 
 
 @compiled

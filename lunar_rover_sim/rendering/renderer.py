@@ -25,11 +25,9 @@ from lunar_rover_sim.rendering.canvas import FRAMES_UNDER_WAY
 from lunar_rover_sim.rendering.checked_state import checked_state
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
-from lunar_rover_sim.rendering.fisheye_renderer import FisheyeRenderer
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.rendered_scenario import RenderedScenario
 from lunar_rover_sim.rendering.scene import Request
-from lunar_rover_sim.rendering.seen_links import seen_links
 from lunar_rover_sim.rendering.world_light import WorldLight
 from lunar_rover_sim.rendering.world_passes import WorldPasses
 from lunar_rover_sim.rover.description import RoverDescription
@@ -74,10 +72,8 @@ class Renderer:
                 check_size(self._context, projection, config.detail.supersampling)
                 self._shared = WorldPasses(self._context, world, rover, config, seed)
                 self._owned.callback(self._shared.release)
-                seen = seen_links(rover, (self.rig.T_base_left, self.rig.T_base_right),
-                                  projection)
                 self._pair = CameraRenderer(self._context, self._shared, BodyMount(self.rig),
-                                            self.rig, config, seen, seed)
+                                            self.rig, config, seed)
                 self._owned.callback(self._pair.release)
         except Exception:
             self.close()
@@ -122,13 +118,8 @@ class Renderer:
                                   detail=self.config.detail.with_samples(samples))
         seed = self.seed + len(self._further) + 1 if seed is None else seed
         camera = geometry_of(config)
-        drawn: CameraRenderer | FisheyeRenderer
         with self._drawing():
-            if isinstance(camera, FisheyeCamera):
-                drawn = FisheyeRenderer(self._context, self._shared, mount, camera, own, seed)
-            else:
-                drawn = CameraRenderer(self._context, self._shared, mount, camera, own,
-                                       tuple(range(1 + self._legs)), seed)
+            drawn = CameraRenderer(self._context, self._shared, mount, camera, own, seed)
             self._owned.callback(drawn.release)
         self._further.append(FurtherCamera(self, drawn, camera))
         return self._further[-1]
@@ -245,7 +236,7 @@ class Renderer:
         with self._drawing():
             return self._pair.finish()
 
-    def render_further(self, camera: CameraRenderer | FisheyeRenderer, state: Posed,
+    def render_further(self, camera: CameraRenderer, state: Posed,
                        frame_index: int, layers: Collection[str]) -> StereoFrame:
         """Draw a frame of a camera made by `add_camera`; `FurtherCamera.render` calls it."""
         request = Request.of(layers, frame_index)
@@ -315,7 +306,7 @@ class FurtherCamera:
         drawn: What draws it.
     """
 
-    def __init__(self, renderer: Renderer, drawn: CameraRenderer | FisheyeRenderer,
+    def __init__(self, renderer: Renderer, drawn: CameraRenderer,
                  camera: PinholeCamera | FisheyeCamera) -> None:
         self._renderer, self.drawn, self.camera = renderer, drawn, camera
 
