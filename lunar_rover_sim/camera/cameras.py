@@ -92,6 +92,12 @@ class CameraEntry:
     mount: Callable[[World, float], Mount] | None = None
     stream: int | None = None
 
+    @property
+    def images(self) -> dict[str, str]:
+        """Part of a file name, such as `hazard_rear_left` → layer, of what it takes."""
+        return {output.topic.name.removesuffix('/image_raw').replace('/', '_'): output.layers[0]
+                for output in self.outputs if output.topic.name.endswith('/image_raw')}
+
     def noise_seed(self, seed: int) -> int:
         """Return the seed of its noise, which does not depend on which camera is read first.
 

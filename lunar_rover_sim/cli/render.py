@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
-from lunar_rover_sim.camera.hazard import HazardConfig, HazardMount, sides
+from lunar_rover_sim.camera.cameras import CameraEntry, chase_camera, hazard_camera
+from lunar_rover_sim.camera.chase import ChaseConfig, SAMPLES
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.options import numbers
 from lunar_rover_sim.cli.terminal import Progress, say
@@ -29,6 +29,7 @@ from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, settled, standing
 from lunar_rover_sim.rover.description import MOST_LEGS
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.sgm import SgmMatcher
@@ -80,8 +81,7 @@ def run(args: argparse.Namespace) -> int:
         with open_bag(args.at) as bag:
             folder = RecordedRun(bag).world_folder()
     scenario = Scenario.load(args.scenario, args.overrides, seed=args.seed, world=folder)
-    chase = _chase(args, scenario.render_node.chase)
-    hazards = _hazards(args.cameras, scenario.render_node.hazard)
+    others = _others(args, scenario.render_node)
     with Progress('building the world'):
         overlay = None
         if args.at is not None:
@@ -95,11 +95,10 @@ def run(args: argparse.Namespace) -> int:
         renderer = Renderer.from_scenario(scenario, world)
     with renderer:
         renderer.follow(overlay)
-        if chase is not None:
-            mount = ChaseMount(chase, renderer.config.sun.azimuth_deg, world)
-            camera = renderer.add_camera(chase, mount, samples=SAMPLES)
-        further = {name: renderer.add_camera(config, HazardMount(config))
-                   for name, config in hazards.items()}
+        mounts = [entry.mount(world, renderer.config.sun.azimuth_deg)
+                  for entry in others if entry.mount is not None]
+        drawn = [renderer.add_camera(entry.config, mount, samples=SAMPLES if isinstance(
+            entry.config, ChaseConfig) else 1) for entry, mount in zip(others, mounts)]
         matcher = SgmMatcher.from_scenario(scenario)
         make_new_folder(args.output)
         for k, T in enumerate(poses):
@@ -117,18 +116,12 @@ def run(args: argparse.Namespace) -> int:
             _save_array(out / f'{name}_disparity_px.npy', disparity.disparity_px)
             sheet = contact_sheet(frame, disparity.disparity_px, disparity.depth_m)
             _save_picture(out / f'{name}_preview.png', sheet[..., ::-1])    # it is BGR
-            if chase is not None:
+            for entry, mount, camera in zip(others, mounts, drawn):
                 mount.follow(state, k)
-                outside = settled(camera, state).left
-                assert outside is not None
-                _save_picture(out / f'{name}_chase.png', outside)
-            for hazard, taken in further.items():
-                settled(taken, state)
-                layers = ('left', 'right')[:1 + hazards[hazard].stereo]
-                pictures = taken.render(state, k, layers)
-                for layer, camera_name in zip(layers, sides(hazard, hazards[hazard])):
-                    _save_picture(out / f'{name}_hazard_{camera_name.replace("/", "_")}.png',
-                                  pictures.layer(layer))
+                settled(camera, state)
+                pictures = camera.render(state, k, entry.images.values())
+                for word, layer in entry.images.items():
+                    _save_picture(out / f'{name}_{word}.png', pictures.layer(layer))
             say(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                 f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0
@@ -150,23 +143,22 @@ def _standing(world: World, pose: Sequence[float]) -> Array:
         raise ConfigError(f'--{error}') from None
 
 
-def _chase(args: argparse.Namespace, config: ChaseConfig) -> ChaseConfig | None:
-    """Return the chase camera that is asked for."""
-    if args.chase_from is None:
-        return config if args.chase else None
-    distance_m, azimuth_deg, elevation_deg = args.chase_from
-    try:
-        return dataclasses.replace(config, distance_m=distance_m, azimuth_deg=azimuth_deg,
-                                   elevation_deg=elevation_deg)
-    except ConfigError as error:
-        raise ConfigError(f'--chase-from: {error}') from None
-
-
-def _hazards(names: list[str], offered: Mapping[str, HazardConfig]) -> dict[str, HazardConfig]:
-    """Return the hazard cameras that are asked for."""
-    for name in names:
-        if name not in offered:
+def _others(args: argparse.Namespace, config: RenderNodeConfig) -> list[CameraEntry]:
+    """Return the cameras besides the pair that are asked for."""
+    chase, found = config.chase, list[CameraEntry]()
+    if args.chase_from is not None:
+        distance_m, azimuth_deg, elevation_deg = args.chase_from
+        try:
+            chase = dataclasses.replace(chase, distance_m=distance_m, azimuth_deg=azimuth_deg,
+                                        elevation_deg=elevation_deg)
+        except ConfigError as error:
+            raise ConfigError(f'--chase-from: {error}') from None
+    if args.chase or args.chase_from is not None:
+        found.append(chase_camera(chase))
+    for name in args.cameras:
+        if name not in config.hazard:
             raise ConfigError(f'--camera {name}: no such camera; ' + (
-                nearest(name, offered) if offered else 'the scenario has none; set '
+                nearest(name, config.hazard) if config.hazard else 'the scenario has none; set '
                 f'render_node.hazard.{name}.rate_hz=5, for example'))
-    return {name: offered[name] for name in names}
+        found.append(hazard_camera(name, config.hazard[name]))
+    return found
