@@ -81,6 +81,13 @@ setup(
         'cluster': ['distributed>=2024.4'],
         # OpenUSD stages.
         'usd': [USD],
+        # Gymnasium environments.
+        'learn': ['gymnasium>=1.1'],
+        # Training of policies. Take torch from its CPU index first, or it brings CUDA.
+        'train': ['gymnasium>=1.1', 'stable-baselines3>=2.4', 'sb3-contrib>=2.4', 'torch>=2.3',
+                  'cma>=4', 'onnx>=1.16', 'tensorboard', 'tqdm'],
+        # policy_node: without it, small networks run in NumPy.
+        'policy': ['onnxruntime>=1.18'],
         # The live view in a browser.
         'view': ['foxglove-sdk>=0.14'],
         # evo is GPL: the tests compare with it, nothing that is shipped imports it.
@@ -89,7 +96,8 @@ setup(
                  'pycocotools>=2.0.8', 'pycodestyle>=2.11', 'ruff>=0.6', 'vulture>=2.11',
                  'types-PyYAML', 'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100',
                  'setuptools>=70.1', 'distributed>=2024.4', USD, 'foxglove-sdk>=0.14',
-                 'webdataset>=1.0', 'websockets>=13'],
+                 'webdataset>=1.0', 'websockets>=13', 'gymnasium>=1.1', 'onnx>=1.16',
+                 'onnxruntime>=1.18'],
         # Random changes of the code, to see which of them the tests notice.
         'mutation': ['cosmic-ray>=8.4', 'coverage>=7.4'],
         'docs': ['furo>=2024.8', 'grimp>=3', 'myst-nb>=1.1', 'sphinx>=7'],

@@ -82,6 +82,10 @@ class StudyError(LunarRoverSimError):
     """A study cannot be carried out, or its data do not suffice."""
 
 
+class LearningError(LunarRoverSimError):
+    """An environment, an action or a policy cannot be used."""
+
+
 class CampaignError(LunarRoverSimError):
     """A campaign cannot be planned, recorded or published."""
 

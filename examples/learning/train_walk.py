@@ -1,0 +1,117 @@
+"""Train a policy on `Walk` by PPO or SAC of Stable-Baselines3.
+
+    python examples/learning/train_walk.py -o runs/walk --ground highland
+
+Needs `pip install -e '.[train]'`. A run that was stopped goes on where it was. It writes
+`policy.onnx`, its card, and what TensorBoard shows. Training never sees the seeds of the study.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from sb3_vector import Sb3Vector
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
+import torch
+
+from lunar_rover_sim.learning.policy_file import save_policy
+from lunar_rover_sim.learning.tasks import make_task
+
+EVALUATED = tuple(range(20_000, 20_004))     # neither trained on nor hidden
+
+
+def main() -> None:
+    """Train, from nothing or from the checkpoint of the folder."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('-o', '--output', type=Path, required=True)
+    parser.add_argument('--algorithm', choices=('ppo', 'sac'), default='ppo')
+    parser.add_argument('--ground', default='highland')
+    parser.add_argument('--rover', default='quad')
+    parser.add_argument('--decisions', type=int, default=1_000_000)
+    parser.add_argument('--envs', type=int, default=8)
+    parser.add_argument('--every', type=int, default=50_000, help='decisions between evaluations')
+    parser.add_argument('--set', action='append', default=[], metavar='NAME=NUMBER',
+                        help='a parameter of the task')
+    parser.add_argument('--seed', type=int, default=1)
+    args = parser.parse_args()
+    args.output.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)
+    options = {'ground': args.ground, 'rover': args.rover,
+               **{name: float(value) for name, value in (one.split('=') for one in args.set)}}
+    envs = Sb3Vector('Walk', args.envs, **options)
+    envs.seed(1000 * args.seed)
+    kept = args.output / 'checkpoint.zip'
+    kinds = {'ppo': PPO, 'sac': SAC}
+    if kept.exists():
+        model = kinds[args.algorithm].load(kept, env=envs)
+    elif args.algorithm == 'ppo':
+        model = PPO('MlpPolicy', envs, n_steps=256, batch_size=256, n_epochs=6, gamma=0.98,
+                    learning_rate=5e-4, target_kl=0.03, seed=args.seed,
+                    tensorboard_log=str(args.output / 'tensorboard'),
+                    policy_kwargs={'net_arch': [64, 64], 'log_std_init': -1.2})
+    else:
+        model = SAC('MlpPolicy', envs, gamma=0.98, seed=args.seed, learning_starts=5000,
+                    tensorboard_log=str(args.output / 'tensorboard'),
+                    policy_kwargs={'net_arch': [64, 64], 'activation_fn': torch.nn.Tanh})
+    watch = Evaluation(args, options, kept)
+    left = args.decisions - model.num_timesteps
+    if left > 0:
+        model.learn(left, CallbackList([ProgressBarCallback(), watch]),
+                    reset_num_timesteps=not kept.exists())
+    watch.keep(model)
+    envs.close()
+
+
+class Evaluation(BaseCallback):
+    """Evaluates without noise on fixed seeds, and keeps checkpoint and policy."""
+
+    def __init__(self, args: argparse.Namespace, options: dict, kept: Path) -> None:
+        super().__init__()
+        self._args, self._kept, self._next = args, kept, 0
+        self._task = make_task('walk', options)
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps >= self._next:
+            self._next = self.num_timesteps + self._args.every
+            self.keep(self.model)
+        return True
+
+    def keep(self, model: PPO | SAC) -> None:
+        """Evaluate, and write checkpoint, policy and a line of the log."""
+        returns = []
+        for seed in EVALUATED:
+            observation, total, over = self._task.reset(np.random.default_rng(seed)), 0.0, False
+            while not over:
+                action, _ = model.predict(observation, deterministic=True)
+                outcome = self._task.step(action)
+                observation, total = outcome.observation, total + outcome.reward
+                over = outcome.terminated or outcome.truncated
+            returns.append(total)
+        self._task.close()
+        line = {'decisions': int(model.num_timesteps), 'return': float(np.mean(returns)),
+                'returns': np.round(returns, 2).tolist()}
+        with (self._args.output / 'log.jsonl').open('a', encoding='utf-8') as log:
+            log.write(json.dumps(line) + '\n')
+        model.logger.record('evaluation/return', line['return'])
+        model.save(self._kept)
+        save_policy(self._args.output / 'policy.onnx', layers_of(model), self._task, {
+            'algorithm': f'{self._args.algorithm.upper()} of Stable-Baselines3',
+            'decisions': int(model.num_timesteps), 'seeds': [self._args.seed]})
+
+
+def layers_of(model: PPO | SAC) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return weights and biases of the network that gives the mean action."""
+    if isinstance(model, PPO):
+        modules = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
+    else:
+        modules = [*model.actor.latent_pi, model.actor.mu]
+    return [(one.weight.detach().cpu().numpy(), one.bias.detach().cpu().numpy())
+            for one in modules if isinstance(one, torch.nn.Linear)]
+
+
+if __name__ == '__main__':
+    main()

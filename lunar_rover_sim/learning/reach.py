@@ -1,0 +1,173 @@
+"""`Reach`: come to a goal among craters and rocks, by velocity commands at 5 Hz.
+
+The packaged gait follows the commands. The policy sees where the goal is, and the true elevation
+around the rover, rocks as half balls; a map in the place of the truth is the user's own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from lunar_rover_sim.frames import Array, rpy_from_wxyz
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.learning.senses import Channel, Sample, scaled, Upright
+from lunar_rover_sim.learning.task import Driver, RoverTask, TaskConfig
+from lunar_rover_sim.parameters import param
+from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.rover.description import RoverDescription
+
+# Cells of the elevation, in base axes [m].
+AHEAD_M = tuple(round(-0.3 + 0.15 * k, 2) for k in range(11))
+ASIDE_M = tuple(round(-0.6 + 0.15 * k, 2) for k in range(9))
+REACHED = 'reached'
+
+
+@dataclasses.dataclass(frozen=True)
+class ReachConfig(TaskConfig):
+    """Parameters of `Reach`."""
+
+    episode_s: float = param(60.0, 'length of an episode', unit='s', low=0.1, high=3600.0)
+    goal_m: tuple[float, ...] = param((2.0, 4.0), 'distance of the goal, least and greatest',
+                                      unit='m', length=2, low=0.5, high=8.0)
+    reached_m: float = param(0.3, 'distance at which the goal is reached', unit='m', low=0.05)
+    progress_weight: float = param(1.0, 'reward of each metre towards the goal', low=0.0)
+    reached_reward: float = param(2.0, 'reward of the goal', low=0.0)
+    energy_weight: float = param(0.1, 'cost of energy over weight times a metre', low=0.0)
+    time_weight: float = param(0.01, 'cost of each second', low=0.0)
+
+
+class ReachDriver(Driver):
+    """Velocity commands to the packaged gait."""
+
+    decision_ns, follow_ns = 200_000_000, 20_000_000
+    channels: tuple[Channel, ...] = ()
+
+    def __init__(self, config: ReachConfig, rover: RoverDescription) -> None:
+        """Walk with the gait of a rover on the ground of a task."""
+        gait = GaitConfig().for_rover(rover)
+        self._gait = GaitController(gait, GaitCalibration.of(gait, config.ground, rover.name),
+                                    rover.legs)
+        self.upright = Upright(rover)
+        self.actions = (Channel('forward', 'm/s', 0.1, 0.1), Channel('yaw_rate', 'rad/s', 0.3))
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand."""
+        self._gait.reset()
+        self.upright.reset()
+        self.action = np.array([-1.0, 0.0])
+
+    def set_velocity(self, forward_mps: float, yaw_rate_radps: float) -> None:
+        """Set the velocity that the gait follows."""
+        self._gait.set_velocity(forward_mps, yaw_rate_radps)
+
+    def feel(self, sample: Sample) -> None:
+        """Take in a sample, and let the gait answer it."""
+        self.upright.feel(sample)
+        self._asked = self._gait.update(sample.stamp_ns, sample.angle_rad, sample.speed_radps)
+
+    def observation(self) -> np.ndarray:
+        """Return nothing: what is seen is the task's, which knows the goal."""
+        return np.empty(0, np.float32)
+
+    def decide(self, action: Array) -> None:
+        """Take an action: forward speed and yaw rate."""
+        self.action = action
+        self.set_velocity(*(channel.offset + channel.scale * number
+                            for channel, number in zip(self.actions, action.tolist())))
+
+    def legs(self) -> tuple[Array, Array]:
+        """Return leg speeds and reference angles."""
+        return self._asked.velocity_radps, self._asked.angle_rad
+
+
+class Reach(RoverTask):
+    """Come to a goal."""
+
+    name = 'reach'
+    config: ReachConfig
+    driver: ReachDriver
+    size_m = 25.6
+    obstacles = True
+
+    def make_driver(self) -> ReachDriver:
+        """Return the driver of the rover as its file describes it."""
+        return ReachDriver(self.config, self.rover)
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Goal, attitude, last action and elevations."""
+        return (Channel('goal_distance', 'm', 3.0), Channel('goal_bearing_sin', '', 1.0),
+                Channel('goal_bearing_cos', '', 1.0),
+                *(Channel(f'up_{axis}', '', 0.3) for axis in 'xy'),
+                Channel('last_forward', '', 1.0), Channel('last_yaw_rate', '', 1.0),
+                *(Channel(f'elevation/{x:g}/{y:g}', 'm', 0.1) for x in AHEAD_M for y in ASIDE_M))
+
+    def begin(self, rng: np.random.Generator) -> None:
+        """Draw the goal."""
+        distance, angle = rng.uniform(*self.config.goal_m), rng.uniform(-math.pi, math.pi)
+        start = self._simulation.state.position_m[:2]
+        self.goal_m = start + distance * np.array([math.cos(angle), math.sin(angle)])
+        self._energy_j = self._time_s = 0.0
+        self._distance_m = float(distance)
+
+    def watch(self, state: RoverState, interval_s: float) -> None:
+        """Sum up energy."""
+        self._energy_j += self.power_w(state) * interval_s
+        self._time_s += interval_s
+
+    def reward(self) -> float:
+        """Return the reward of the decision that is over."""
+        c, distance = self.config, self._now_m()
+        total = (c.progress_weight * (self._distance_m - distance)
+                 - c.energy_weight * self._energy_j / self.weight_n
+                 - c.time_weight * self._time_s
+                 + (c.reached_reward if distance < c.reached_m else 0.0))
+        self._distance_m, self._energy_j, self._time_s = distance, 0.0, 0.0
+        return total
+
+    def ending(self) -> str:
+        """Return whether the goal is reached."""
+        if self._now_m() >= self.config.reached_m:
+            return ''
+        self.counts[REACHED] += 1
+        return REACHED
+
+    def failed(self, reason: str) -> bool:
+        """Return whether an ending is a failure: the goal is none."""
+        return reason not in ('', REACHED)
+
+    def observation(self) -> np.ndarray:
+        """Return what a policy sees now, scaled."""
+        x, y, z = self.state.position_m.tolist()
+        yaw = float(rpy_from_wxyz(self.state.orientation_wxyz)[2])
+        to_goal = self.goal_m - (x, y)
+        bearing = math.atan2(to_goal[1], to_goal[0]) - yaw
+        c, s = math.cos(yaw), math.sin(yaw)
+        ahead, aside = np.meshgrid(AHEAD_M, ASIDE_M, indexing='ij')
+        places = np.stack([x + c * ahead - s * aside, y + s * ahead + c * aside], -1)
+        return scaled([math.hypot(*to_goal), math.sin(bearing), math.cos(bearing),
+                       *self.driver.upright.up[:2], *self.driver.action,
+                       *(self._elevation(places.reshape(-1, 2)) - z)], self.channels)
+
+    def _now_m(self) -> float:
+        return math.hypot(*(self.goal_m - self.state.position_m[:2]))
+
+    def _elevation(self, places: Array) -> Array:
+        """Return the heights of ground and rocks at (n, 2) places; those of the rover beyond."""
+        world = self.world
+        assert world is not None
+        height = np.nan_to_num(world.ground.height_at(places), nan=self.state.position_m[2])
+        rocks = world.rocks
+        away = np.linalg.norm(rocks.position_m[:, :2] - self.state.position_m[:2], axis=1)
+        for k in np.flatnonzero(away < 2.5):
+            radius = 0.5 * float(rocks.diameter_m[k])
+            apart = np.sum((places - rocks.position_m[k, :2]) ** 2, axis=1)
+            top = rocks.position_m[k, 2] + np.sqrt(np.maximum(radius ** 2 - apart, 0.0))
+            height = np.where(apart < radius ** 2, np.maximum(height, top), height)
+        return height
