@@ -76,10 +76,10 @@ def main() -> None:
             if time.monotonic() > end_s:
                 break
     action = np.clip(search.mean, -1.0, 1.0)
-    save_policy(args.output / 'policy.onnx', constant_layers(envs.tasks[0], action),
-                envs.tasks[0], {
-        'algorithm': f'CMA-ES, {search.countiter} generations of {args.population}',
-        'decisions': search.countiter * args.population * args.episodes * 55, 'seeds': [args.seed]})
+    facts = {'algorithm': f'CMA-ES, {search.countiter} generations of {args.population}',
+             'decisions': search.countiter * args.population * n * 55, 'seeds': [args.seed]}
+    task = envs.tasks[0]
+    save_policy(args.output / 'policy.onnx', constant_layers(task, action), task, facts)
     envs.close()
     print(f'{args.output / "policy.onnx"}: {dict(zip(names(envs), action.round(3).tolist()))}')
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 from gymnasium import spaces
@@ -33,7 +33,7 @@ class RoverEnv(gymnasium.Env[Any, np.ndarray]):
         privileged_channels: Those of a privileged observation.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {'render_modes': list(RENDER_MODES), 'render_fps': 10}
+    metadata: dict[str, Any] = {'render_modes': list(RENDER_MODES), 'render_fps': 10}
 
     def __init__(self, task: str, render_mode: str | None = None, **options: Any) -> None:
         """Make the environment of a task.

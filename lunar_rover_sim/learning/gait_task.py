@@ -7,7 +7,6 @@ factor, foot width, smoothing, gains and a factor on the commanded speed are fre
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import CUSTOM, GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.learning.senses import Channel, of_legs, Sample, scaled, Upright
-from lunar_rover_sim.learning.task import Driver, RoverTask, STATE_HZ, TaskConfig
+from lunar_rover_sim.learning.task import Driver, even, RoverTask, STATE_HZ, TaskConfig
 from lunar_rover_sim.parameters import param
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
@@ -163,8 +162,8 @@ class Gait(RoverTask):
 
     def begin(self, rng: np.random.Generator) -> None:
         """Draw the command of the episode."""
-        self._commanded = (float(rng.uniform(*self.config.forward_mps)),
-                           float(rng.uniform(*self.config.yaw_rate_radps)))
+        self._commanded = (even(rng, self.config.forward_mps),
+                           even(rng, self.config.yaw_rate_radps))
         self.driver.set_velocity(*self._commanded)
         self._energy_j = self._shaking = self._time_s = self._way_m = self._turn_rad = 0.0
         self._behind_m = self._behind_rad = 0.0

@@ -33,6 +33,7 @@ class ChasePicture:
         chase = ChaseConfig(enabled=True, distance_m=_DISTANCE_M,
                             camera=ChaseCameraConfig(width=WIDTH, height=HEIGHT))
         self._renderer = Renderer(task.world, task.simulation.rover, RenderConfig(sun=SUN))
+        self._renderer.follow(task.simulation.overlay)
         self._mount = ChaseMount(chase, SUN.azimuth_deg, task.world)
         self._camera = self._renderer.add_camera(chase, self._mount, samples=SAMPLES)
         self._frame = 0
@@ -40,9 +41,6 @@ class ChasePicture:
     def draw(self) -> np.ndarray:
         """Return (h, w, 3) uint8 of the present state."""
         state = self._task.state
-        overlay = self._task.simulation.overlay if self._task.simulation is not None else None
-        if overlay is not None:
-            self._renderer.follow(overlay)
         self._mount.follow(state, state.stamp_ns)
         pixels = self._camera.render(state, self._frame).left
         assert pixels is not None
@@ -63,7 +61,7 @@ class Window:
         if not os.environ.get('DISPLAY') and not os.environ.get('WAYLAND_DISPLAY'):
             raise ConfigError("render_mode: human: there is no display (DISPLAY is not set) for"
                               " MuJoCo's window")
-        import mujoco.viewer    # it loads GLFW
+        import mujoco.viewer  # it loads GLFW
         simulation = task.simulation
         if simulation is None:
             raise LearningError('render: there is no episode; call reset first')

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import LearningError, LunarRoverSimError, nearest, one_line
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import check_regular, config_folder
@@ -50,7 +49,6 @@ class PolicyCard:
         decisions: In training.
         seeds: Of the training.
         commit: Of the code that trained it.
-        version: Of the package.
         licence: Of the weights.
     """
 
@@ -67,7 +65,6 @@ class PolicyCard:
     decisions: int
     seeds: tuple[int, ...]
     commit: str
-    version: str
     licence: str
 
     @classmethod
@@ -82,8 +79,7 @@ class PolicyCard:
         return cls(FORMAT, task.name, task.rover.name, task.rover.legs.names, config.ground,
                    task.channels, task.actions, 1e9 / task.driver.decision_ns,
                    config.to_mapping(), str(facts['algorithm']), int(facts['decisions']),
-                   tuple(facts['seeds']), _commit(), __version__,
-                   str(facts.get('licence', 'Apache-2.0')))
+                   tuple(facts['seeds']), _commit(), str(facts.get('licence', 'Apache-2.0')))
 
     @classmethod
     def parse(cls, text: str) -> PolicyCard:
@@ -276,7 +272,7 @@ def card_text(card: PolicyCard) -> str:
     lines = [f'# Policy for {card.task} of {card.rover} on {card.ground}', '',
              f'- Found by: {card.algorithm}, {card.decisions} decisions, seeds '
              f'{", ".join(map(str, card.seeds))}.',
-             f'- Code: lunar_rover_sim {card.version}, commit {card.commit}.',
+             f'- Code: commit {card.commit}.',
              f'- Licence: {card.licence}.', f'- Decisions: {card.decision_hz:g} Hz.',
              f'- Legs: {", ".join(card.legs)}.', '',
              '| observation | unit | scale |', '|---|---|---|',

@@ -16,7 +16,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.learning.senses import Channel, Sample, scaled, Upright
-from lunar_rover_sim.learning.task import Driver, RoverTask, TaskConfig
+from lunar_rover_sim.learning.task import Driver, even, RoverTask, TaskConfig
 from lunar_rover_sim.parameters import param
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
@@ -110,11 +110,11 @@ class Reach(RoverTask):
 
     def begin(self, rng: np.random.Generator) -> None:
         """Draw the goal."""
-        distance, angle = rng.uniform(*self.config.goal_m), rng.uniform(-math.pi, math.pi)
+        distance, angle = even(rng, self.config.goal_m), rng.uniform(-math.pi, math.pi)
         start = self._simulation.state.position_m[:2]
         self.goal_m = start + distance * np.array([math.cos(angle), math.sin(angle)])
         self._energy_j = self._time_s = 0.0
-        self._distance_m = float(distance)
+        self._distance_m = distance
 
     def watch(self, state: RoverState, interval_s: float) -> None:
         """Sum up energy."""

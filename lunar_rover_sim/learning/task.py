@@ -1,8 +1,8 @@
 """What the tasks share: an episode of one rover on its ground, from conditions to an outcome.
 
-A task file (`walk.py`, `gait_task.py`, `reach.py`) says what is seen, what an action means, what is
-rewarded and when an episode ends. This one builds the episode, steps it, and watches it. None of
-them needs gymnasium.
+A task file (`walk.py`, `gait_task.py`, `reach.py`) says what is seen, what an action means, what
+is rewarded and when an episode ends. This one builds the episode, steps it, and watches it. None
+of them needs gymnasium.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.regolith.config import GroundConfig, REGOLITH, RIGID
 from lunar_rover_sim.regolith.soil import PRESETS
-from lunar_rover_sim.rover.description import DEFAULT_ROVER, RoverDescription
+from lunar_rover_sim.rover.description import DEFAULT_ROVER
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 from lunar_rover_sim.world.build import build_world
@@ -306,21 +306,26 @@ class RoverTask(abc.ABC):
             rover.total_mass_kg * self.simulation.config.gravity_mps2)
 
     def _rest(self) -> float:
-        low, high = self.config.randomise.push_every_s
-        return float(self._rng.uniform(low, high))
+        return even(self._rng, self.config.randomise.push_every_s)
 
     def _push(self) -> None:
         """Begin or end a push, where it is time."""
-        low, high = self.config.randomise.push_n
+        push_n = self.config.randomise.push_n
         now_s = self.state.stamp_ns * 1e-9
-        if high > 0.0 and now_s >= self._next_push_s:
-            angle, force = self._rng.uniform(0.0, 2.0 * math.pi), self._rng.uniform(low, high)
+        if push_n[1] > 0.0 and now_s >= self._next_push_s:
+            angle, force = self._rng.uniform(0.0, 2.0 * math.pi), even(self._rng, push_n)
             self._simulation.apply_force([force * math.cos(angle), force * math.sin(angle), 0.0])
             self._push_until_s = now_s + PUSH_S
             self._next_push_s = self._push_until_s + self._rest()
         elif now_s >= self._push_until_s:
             self._simulation.apply_force(np.zeros(3))
             self._push_until_s = math.inf
+
+
+def even(rng: np.random.Generator, between: Sequence[float]) -> float:
+    """Return a number drawn evenly from a range, least and greatest."""
+    low, high = between
+    return float(rng.uniform(low, high))
 
 
 def checked_action(action: ArrayLike, actions: Sequence[Channel]) -> Array:
@@ -355,7 +360,8 @@ def physics_of(ground: str, conditions: Conditions | None = None) -> PhysicsConf
     if friction != 1.0 or bearing != 1.0:
         given = {'friction': soil.friction * friction,
                  'bearing_mnpm3': 1e-6 * soil.zeta_npm3 * bearing}
-    return dataclasses.replace(physics, ground=GroundConfig(model=REGOLITH, preset=ground, **given))
+    return dataclasses.replace(
+        physics, ground=GroundConfig(model=REGOLITH, preset=ground, **given))
 
 
 def terrain(seed: int, size_m: float, obstacles: bool, slope_deg: float = 0.0,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 import os
-from typing import Any, ClassVar
+from typing import Any
 
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -29,8 +29,8 @@ class RoverVectorEnv(VectorEnv[Any, Any, Any]):
     first, `info['final_obs']` and `info['final_info']` are the last of the one before.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {'render_modes': [],
-                                          'autoreset_mode': AutoresetMode.SAME_STEP}
+    metadata: dict[str, Any] = {'render_modes': [],
+                                'autoreset_mode': AutoresetMode.SAME_STEP}
 
     def __init__(self, task: str, num_envs: int = 1, threads: int | None = None,
                  render_mode: str | None = None, **options: Any) -> None:
@@ -46,7 +46,8 @@ class RoverVectorEnv(VectorEnv[Any, Any, Any]):
         Raises:
             ConfigError: An option is not valid.
         """
-        for name, value in (('num_envs', num_envs), ('threads', 1 if threads is None else threads)):
+        for name, value in (('num_envs', num_envs),
+                            ('threads', 1 if threads is None else threads)):
             if not isinstance(value, int) or value < 1:
                 raise ConfigError(f'{name}: {brief(value)} is not valid; valid is >= 1')
         if render_mode is not None:

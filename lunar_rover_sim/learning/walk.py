@@ -17,7 +17,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.learning.senses import Channel, of_legs, Sample, scaled, Upright
-from lunar_rover_sim.learning.task import Driver, RoverTask, TaskConfig
+from lunar_rover_sim.learning.task import Driver, even, RoverTask, TaskConfig
 from lunar_rover_sim.parameters import param
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
@@ -177,6 +177,6 @@ class Walk(RoverTask):
         return c.reward_scale * total
 
     def _draw_command(self, rng: np.random.Generator) -> None:
-        self._commanded = np.array([rng.uniform(*self.config.forward_mps),
-                                    rng.uniform(*self.config.yaw_rate_radps)])
+        self._commanded = np.array([even(rng, self.config.forward_mps),
+                                    even(rng, self.config.yaw_rate_radps)])
         self.driver.set_velocity(*self._commanded.tolist())
