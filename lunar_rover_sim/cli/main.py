@@ -58,6 +58,8 @@ COMMANDS = {
         'pitch of the walk against a velocity interface; commands followed'),
     'validate odometry': Command(
         'validate_odometry', 'wheel odometry and its covariance against the true pose'),
+    'validate policy': Command(
+        'validate_policy', 'a policy file against its environment, term by term'),
     'validate stereo': Command('validate_stereo', 'semi-global matching against true depth'),
     'validate terramechanics': Command(
         'validate_terramechanics', 'soft ground against published numbers; walks, slopes, pull'),

@@ -30,6 +30,7 @@ class PolicyController:
     Attributes:
         policy: The policy.
         driver: What makes its observations and follows its actions.
+        observed: What the policy saw at its last decision; None before the first.
     """
 
     def __init__(self, policy: Policy, rover: RoverDescription,
@@ -60,6 +61,7 @@ class PolicyController:
     def reset(self) -> None:
         """Forget everything but the policy: the next sample is the first."""
         self._last_ns: int | None = None
+        self.observed: np.ndarray | None = None
         self._answer = LegCommand(np.zeros(self._legs), np.zeros(self._legs),
                                   np.zeros(self._legs))
         self.driver.reset()
@@ -100,9 +102,9 @@ class PolicyController:
             driver.set_velocity(*asked)
         driver.feel(sample)
         if first or now_ns % driver.decision_ns == 0:
-            stands = asked == (0.0, 0.0)
-            driver.decide(np.zeros(len(driver.actions)) if stands
-                          else self.policy.act(driver.observation()))
+            self.observed = driver.observation()
+            driver.decide(np.zeros(len(driver.actions)) if asked == (0.0, 0.0)
+                          else self.policy.act(self.observed))
         speeds, angles = driver.legs()
         self._answer = LegCommand(speeds, angles, self._answer.phase)
         return self._answer

@@ -160,6 +160,11 @@ class Gait(RoverTask):
         """Return the driver of the rover as its file describes it."""
         return GaitDriver(self.config, self.rover)
 
+    @property
+    def commanded(self) -> tuple[float, float]:
+        """The velocity that is asked for: forward [m/s] and yaw rate [rad/s]."""
+        return self._commanded
+
     def begin(self, rng: np.random.Generator) -> None:
         """Draw the command of the episode."""
         self._commanded = (even(rng, self.config.forward_mps),

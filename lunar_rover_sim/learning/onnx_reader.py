@@ -111,7 +111,10 @@ def _model(content: bytes) -> OnnxFile:
             metadata[_bytes(pair[1]).decode()] = _bytes(pair.get(2, b'')).decode()
     if graph is None:
         raise ValueError('it has no graph')
-    nodes, weights, inputs, outputs = [], {}, [], []
+    nodes: list[Node] = []
+    weights: dict[str, np.ndarray] = {}
+    inputs: list[str] = []
+    outputs: list[str] = []
     for number, value in _fields(graph):
         if number == 1:
             nodes.append(_node(_bytes(value)))
@@ -128,7 +131,10 @@ def _model(content: bytes) -> OnnxFile:
 
 
 def _node(content: bytes) -> Node:
-    kind, inputs, outputs, attributes = '', [], [], {}
+    kind = ''
+    inputs: list[str] = []
+    outputs: list[str] = []
+    attributes: dict[str, float] = {}
     for number, value in _fields(content):
         if number == 1:
             inputs.append(_bytes(value).decode())

@@ -162,6 +162,11 @@ class RoverTask(abc.ABC):
     def reward(self) -> float:
         """Return the reward of the decision that is over."""
 
+    @property
+    def commanded(self) -> tuple[float, float]:
+        """The velocity that is asked for: forward [m/s] and yaw rate [rad/s]."""
+        return 0.0, 0.0
+
     def ending(self) -> str:
         """Return why the episode ends now, beside a fall, or ''."""
         return ''
@@ -355,13 +360,12 @@ def physics_of(ground: str, conditions: Conditions | None = None) -> PhysicsConf
         contact = physics.contact
         return dataclasses.replace(physics, contact=dataclasses.replace(
             contact, sliding_friction=contact.sliding_friction * friction))
-    soil = PRESETS[ground]
-    given = {}
+    soil = GroundConfig(model=REGOLITH, preset=ground)
     if friction != 1.0 or bearing != 1.0:
-        given = {'friction': soil.friction * friction,
-                 'bearing_mnpm3': 1e-6 * soil.zeta_npm3 * bearing}
-    return dataclasses.replace(
-        physics, ground=GroundConfig(model=REGOLITH, preset=ground, **given))
+        preset = PRESETS[ground]
+        soil = dataclasses.replace(soil, friction=preset.friction * friction,
+                                   bearing_mnpm3=1e-6 * preset.zeta_npm3 * bearing)
+    return dataclasses.replace(physics, ground=soil)
 
 
 def terrain(seed: int, size_m: float, obstacles: bool, slope_deg: float = 0.0,

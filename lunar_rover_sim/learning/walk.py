@@ -139,6 +139,12 @@ class Walk(RoverTask):
         """Return the driver of the rover as its file describes it."""
         return WalkDriver(self.config, self.rover)
 
+    @property
+    def commanded(self) -> tuple[float, float]:
+        """The velocity that is asked for: forward [m/s] and yaw rate [rad/s]."""
+        forward, yaw_rate = self._commanded.tolist()
+        return forward, yaw_rate
+
     def begin(self, rng: np.random.Generator) -> None:
         """Draw the first command."""
         self._velocity = np.zeros(2)        # forward and yaw rate, as they are judged
@@ -179,4 +185,4 @@ class Walk(RoverTask):
     def _draw_command(self, rng: np.random.Generator) -> None:
         self._commanded = np.array([even(rng, self.config.forward_mps),
                                     even(rng, self.config.yaw_rate_radps)])
-        self.driver.set_velocity(*self._commanded.tolist())
+        self.driver.set_velocity(*self.commanded)
