@@ -30,7 +30,9 @@ DEAD_SPEED_MPS = 2e-4   # a slower command (forward, or at the feet by yaw) mean
 _ADVANCE_M, _HALF_TRACK_M = 0.14, 0.25
 # Bounds of a table: beyond any legged robot.
 _MAX_PHASE_RATE_HZ, _MAX_SPEED_MPS, _MAX_YAW_RATE_RADPS = 50.0, 10.0, 50.0
-_MAX_BACKWARD = 0.1     # entries may be negative by this share of the largest: feet slip
+# Feet slip, and a rover that hops while it turns on the spot drifts: entries may be negative by
+# this share of the largest.
+_MAX_BACKWARD = 0.3
 _HEADER = """\
 # Map from velocity to gait, measured on flat ground: rows are phase rates, columns are turns
 # (0 straight on, 1 on the spot). Written by `lunar_rover_sim calibrate gait`.
@@ -119,6 +121,7 @@ class GaitCalibration:
         course[:, 0], course[:, -1] = 0.0, 0.5 * math.pi
         course = np.clip(_increasing(course), 0.0, 0.5 * math.pi)
         speed = np.hypot(forward, yaw_rate * half_track)
+        speed[:, -1] = yaw_rate[:, -1] * half_track
         object.__setattr__(self, '_half_track_m', half_track)
         object.__setattr__(self, '_course', course)
         object.__setattr__(self, '_speed', speed)

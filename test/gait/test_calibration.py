@@ -182,7 +182,7 @@ def test_the_first_column_walks_and_the_last_one_turns(column):
 
 @pytest.mark.parametrize(('name', 'most'), [('forward_mps', 10.0), ('yaw_rate_radps', 50.0)])
 def test_speeds_have_bounds_and_feet_may_slip_a_little_backward(name, most):
-    """Up to a tenth of the largest; a faster phase rate is not slower by more than a tenth."""
+    """Up to 0.3 of the largest; a faster phase rate is not slower by more than a tenth."""
     at = 0 if name == 'forward_mps' else -1
 
     def table(**entries):
@@ -193,11 +193,11 @@ def test_speeds_have_bounds_and_feet_may_slip_a_little_backward(name, most):
         return GaitCalibration(**{**ROW, name: rows})
 
     largest = max(max(row) for row in ROW[name])
-    table(middle=-0.1 * largest)
+    table(middle=-0.3 * largest)
     table(slow=1.0, fast=most)
     table(slow=1.0, fast=0.9)
     with pytest.raises(ConfigError, match=f'{name}: .* is not valid'):
-        table(middle=-0.101 * largest)
+        table(middle=-0.303 * largest)
     with pytest.raises(ConfigError, match=f'{name}: .* is not valid'):
         table(slow=1.0, fast=most * 1.001)
     with pytest.raises(ConfigError, match='must not be slower by more than 10 %'):
@@ -230,11 +230,11 @@ def test_duty_factor_and_width_of_feet_lie_between_their_bounds(name, high):
      'walk forward'),
     ('{phase_rates_hz: [x], turns: [0, 1], forward_mps: [[1, 0]], yaw_rate_radps: [[0, 1]]}',
      'not a table of numbers'),
-    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1, -0.02]],'
-     ' yaw_rate_radps: [[0, 1]]}', 'forward_mps: -0.02 is not valid; valid is >= -0.01'),
+    ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1, -0.04]],'
+     ' yaw_rate_radps: [[0, 1]]}', 'forward_mps: -0.04 is not valid; valid is >= -0.03'),
     ('{phase_rates_hz: [1], turns: [0, 1], forward_mps: [[0.1, 0]],'
      ' yaw_rate_radps: [[0, 1.0e+300]]}',
-     r'yaw_rate_radps: 1e\+300 is not valid; valid is >= -5 and <= 50'),
+     r'yaw_rate_radps: 1e\+300 is not valid; valid is >= -15 and <= 50'),
     ('{phase_rates_hz: [1.0e+300], turns: [0, 1], forward_mps: [[0.1, 0]],'
      ' yaw_rate_radps: [[0, 1]]}', 'phase_rates_hz: .* <= 50'),
     ('{phase_rates_hz: [1, 2], turns: [0, 1], forward_mps: [[0.2, 0], [0.1, 0]],'
