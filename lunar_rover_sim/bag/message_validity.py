@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-BYTES_PER_PIXEL = {'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2, 'rgb8': 3, 'bgr8': 3,
-                   'rgba8': 4, 'bgra8': 4, '32FC1': 4, '32FC2': 8, '32FC3': 12}
+from lunar_rover_sim.camera.encoding import BAYER8, BAYER16, is_bayer
+
+BYTES_PER_PIXEL = {BAYER8: 1, BAYER16: 2, 'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2,
+                   'rgb8': 3, 'bgr8': 3, 'rgba8': 4, 'bgra8': 4, '32FC1': 4, '32FC2': 8,
+                   '32FC3': 12}
 QUATERNION_TOLERANCE = 1e-6
 
 _FLOATS = ('float32', 'float64')
@@ -104,10 +107,11 @@ def image_problem(image: Any) -> str:
 def pixels(image: Any) -> np.ndarray:
     """Return the (h, w) or (h, w, c) pixels of a sensor_msgs/Image, a view where possible.
 
+    Mosaics are interpolated: they become (h, w, 3) red, green, blue.
     The image must pass `image_problem`.
     """
-    kinds: dict[str, type] = {'mono16': np.uint16, '16UC1': np.uint16, '32FC1': np.float32,
-                              '32FC2': np.float32, '32FC3': np.float32}
+    kinds: dict[str, type] = {BAYER16: np.uint16, 'mono16': np.uint16, '16UC1': np.uint16,
+                              '32FC1': np.float32, '32FC2': np.float32, '32FC3': np.float32}
     kind = kinds.get(image.encoding, np.uint8)
     channels = BYTES_PER_PIXEL[image.encoding] // np.dtype(kind).itemsize
     rows = np.asarray(image.data, np.uint8).reshape(image.height, image.step)
@@ -115,6 +119,9 @@ def pixels(image: Any) -> np.ndarray:
     result: np.ndarray = np.ascontiguousarray(rows).view(kind)
     if image.is_bigendian and result.dtype.itemsize > 1:
         result = result.byteswap()
+    if is_bayer(image.encoding):
+        from lunar_rover_sim.camera.mosaic import interpolated  # OpenCV and Numba take long
+        return interpolated(result)
     return result.reshape(image.height, image.width, channels) if channels > 1 else result
 
 

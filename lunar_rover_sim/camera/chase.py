@@ -10,6 +10,7 @@ import numpy as np
 
 from lunar_rover_sim.camera.config import (CameraConfig, FurtherCameraConfig, LensConfig,
                                            SensorConfig)
+from lunar_rover_sim.camera.encoding import ENCODINGS
 from lunar_rover_sim.camera.mount import MovingMount
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array, se3
@@ -50,6 +51,7 @@ class ChaseLensConfig(LensConfig):
 class ChaseSensorConfig(SensorConfig):
     """The same sensor, exposed between dark ground and bright rover."""
 
+    encoding: str = param('rgb8', 'pixel format of the images, as of the pair', choices=ENCODINGS)
     exposure_mode: str = param(
         'auto', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '
         'auto: follows the images', choices=('sunlit', 'fixed', 'auto'))

@@ -6,7 +6,9 @@ import dataclasses
 import math
 
 from lunar_rover_sim.camera.distortion import is_invertible
+from lunar_rover_sim.camera.encoding import ENCODINGS, is_bayer
 from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.illumination.colours import BLUE, GREEN, RED, WAVELENGTHS_NM
 from lunar_rover_sim.parameters import group, param, Parameters
 
 
@@ -71,22 +73,27 @@ class LensConfig(Parameters):
         unit='deg', low=0.0, high=90.0)
     ghost_share: float = param(
         0.0, 'share of the veiling sunlight that is gathered in ghosts', low=0.0, high=1.0)
+    lateral_colour: float = param(
+        0.0, 'magnification of the red image over the green one, less 1, and of the '
+        'green one over the blue one, of colour sensors', low=0.0, high=0.01)
 
 
 @dataclasses.dataclass(frozen=True)
 class SensorConfig(Parameters):
-    """A monochrome machine-vision camera; defaults follow a Sony IMX273 binned 2 x 2.
+    """A machine-vision camera; defaults follow a Sony IMX273 binned 2 x 2.
 
     Values are of the order of that sensor's EMVA 1288 figures (3.45 um pixels, 10.7 ke- full
-    well, 2.3 e- read noise), summed over four pixels.
+    well, 2.3 e- read noise), summed over four pixels. The other encodings than mono have a mosaic
+    of filters in front, red and green in even rows, green and blue in odd ones.
     """
 
-    encoding: str = param('mono8', 'pixel format of the images',
-                          choices=('mono8', 'mono16', 'rgb8'))
+    encoding: str = param('mono8', 'pixel format of the images; mono: no colour filters; bayer: '
+                          'one colour a pixel, as read; rgb8: bayer_rggb8, interpolated as '
+                          'image_proc does it (VNG)', choices=ENCODINGS)
     bits: int = param(12, 'resolution of the converter',
                       low=8, high=16)
     companding: str = param(
-        'sqrt', 'how mono8 and rgb8 follow from the converter: linear, its upper 8 bits; sqrt, '
+        'sqrt', 'how images of 8 bits follow from the converter: linear, its upper 8 bits; sqrt, '
         'the root of the signal above black, so that shot noise is the same at all levels',
         choices=('sqrt', 'linear'))
     exposure_mode: str = param(
@@ -107,8 +114,18 @@ class SensorConfig(Parameters):
     transmission: float = param(0.9, 'of the lens', low=0.01, high=1.0)
     pixel_pitch_m: float = param(6.9e-6, 'side of a pixel', unit='m', low=0.5e-6, high=1e-4)
     electrons_per_joule: float = param(
-        6.5e17, 'photo-electrons per joule of whole sunlight on the pixel (quantum efficiency '
-        'folded with the solar spectrum)', unit='1/J', low=1e14, high=1e19)
+        6.5e17, 'without colour filters: photo-electrons per joule of whole sunlight on the pixel '
+        '(quantum efficiency folded with the solar spectrum)', unit='1/J', low=1e14, high=1e19)
+    red_response: tuple[float, ...] = param(
+        RED, 'quantum efficiency of red pixels behind their filter at 400, 420, ... 700 nm; '
+        'defaults follow a Sony IMX219', low=0.0, high=1.0, length=len(WAVELENGTHS_NM))
+    green_response: tuple[float, ...] = param(
+        GREEN, 'that of green pixels', low=0.0, high=1.0, length=len(WAVELENGTHS_NM))
+    blue_response: tuple[float, ...] = param(
+        BLUE, 'that of blue pixels', low=0.0, high=1.0, length=len(WAVELENGTHS_NM))
+    white_balance: str = param(
+        'sun', 'gains of red and blue in the converter: sun, so that a grey card under the sun is '
+        'grey; none, all 1', choices=('sun', 'none'))
     full_well_e: float = param(42800.0, 'electrons at full scale', unit='e-', low=10.0, high=1e7)
     pixel_well: float = param(
         1.05, 'electrons that a pixel holds, over full_well_e; more are lost, or bloom', low=0.1,
@@ -130,6 +147,23 @@ class SensorConfig(Parameters):
     read_noise: bool = param(True, 'read noise')
     fixed_pattern: bool = param(True, 'gain and offset of each pixel')
 
+    def validate(self) -> None:
+        """Check that a colour sensor sees all three colours."""
+        for name in ('red_response', 'green_response', 'blue_response'):
+            if not any(getattr(self, name)):
+                raise ConfigError(f'{name}: all zeros are not valid; valid is a response that is '
+                                  'above 0 at some wavelength')
+
+
+def check_mosaic(camera: CameraConfig, sensor: SensorConfig) -> None:
+    """Raise ConfigError if an image of this size has no whole cells of its mosaic."""
+    for name in ('width', 'height'):
+        size = getattr(camera, name)
+        if is_bayer(sensor.encoding) and size % 2:
+            raise ConfigError(f'camera.{name}: {size} is not valid with encoding '
+                              f'{sensor.encoding}, whose cells have 2 x 2 px; valid is an even '
+                              'number')
+
 
 @dataclasses.dataclass(frozen=True)
 class FurtherCameraConfig(Parameters):
@@ -138,3 +172,7 @@ class FurtherCameraConfig(Parameters):
     camera: CameraConfig = group(CameraConfig)
     lens: LensConfig = group(LensConfig)
     sensor: SensorConfig = group(SensorConfig)
+
+    def validate(self) -> None:
+        """Check camera and sensor against each other."""
+        check_mosaic(self.camera, self.sensor)

@@ -14,8 +14,9 @@ from lunar_rover_sim.camera.config import SensorConfig
 from lunar_rover_sim.camera.exposure import AutoExposure, first_exposure_s
 from lunar_rover_sim.camera.image_geometry import ImageGeometry
 from lunar_rover_sim.camera.lens import Lens
+from lunar_rover_sim.camera.mosaic import interpolated
 from lunar_rover_sim.camera.motion_blur import MotionBlur, Movement
-from lunar_rover_sim.camera.sensor import DevelopedCamera, ImageSensor, SensorModel
+from lunar_rover_sim.camera.sensor import DevelopedCamera, ImageSensor, SensorModel, Tint
 from lunar_rover_sim.camera.stray_light import ImagedSun, StrayLight
 from lunar_rover_sim.illumination.config import LampConfig, ReflectanceConfig, SunConfig
 
@@ -32,11 +33,13 @@ class LitImage:
             and the rover are negative.
         link: (h, w) 0, or 1 + the index of the link of the rover that a pixel shows; None where
             no link is seen.
+        tint: (h, w, 2) its colour, as `sensor.Tint`; None for sensors without colour.
     """
 
     radiance: F32
     depth_m: F32
     link: NDArray[np.uint8] | None = None
+    tint: NDArray[np.uint16] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +72,7 @@ class Development:
             seed: Of all noise.
             on_body: Whether the cameras move with the body of the rover.
         """
-        self.sensor = SensorModel(lens.camera, config)
+        self.sensor = SensorModel(lens.camera, config, lens.config)
         self._auto = AutoExposure(self.sensor) if config.exposure_mode == 'auto' else None
         self._padding = (image.width - camera.width) // 2, (image.height - camera.height) // 2
         self._blur = MotionBlur(lens.camera, config, image, on_body=on_body)
@@ -101,6 +104,7 @@ class Development:
              sun: ImagedSun | None, frame_index: int) -> dict[int, NDArray[Any]]:
         """Return the (h, w) pixels, or (h, w, 3) of rgb8, of both sides or one of a frame.
 
+        The colour of a pixel is that at the stamp; its light is gathered along its path.
         Automatic exposure follows the first of them.
 
         Args:
@@ -117,12 +121,12 @@ class Development:
         for side, image in lit.items():
             mean = self._blur.mean(image.radiance, image.depth_m, movements[side],
                                    self.exposure_s, image.link)
-            result[side] = self._chip.pixels(
-                self._lens.passed_on(mean, image.depth_m, sun, side), side, self.exposure_s,
-                frame_index)
+            passed = self._lens.passed_on(mean, image.depth_m, sun, side)
+            tint = None if image.tint is None else Tint(image.tint, np.divide(
+                mean, np.maximum(passed, 1e-9), dtype=np.float32))
+            result[side] = self._chip.pixels(passed, side, self.exposure_s, frame_index, tint)
         if self._auto is not None:
             self._auto.follow(result[first])
         if self.sensor.config.encoding == 'rgb8':
-            return {side: np.repeat(pixels[..., None], 3, axis=2)
-                    for side, pixels in result.items()}
+            return {side: interpolated(pixels) for side, pixels in result.items()}
         return result

@@ -7,8 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_ENCODINGS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'rgb8',
+BAYER8, BAYER16 = 'bayer_rggb8', 'bayer_rggb16'
+ENCODINGS = ('mono8', 'mono16', 'rgb8', BAYER8, BAYER16)      # of image sensors
+_OF_PIXELS = {('uint8', 2): 'mono8', ('uint16', 2): 'mono16', ('uint8', 3): 'rgb8',
               ('float32', 2): '32FC1'}
+
+
+def is_bayer(encoding: str) -> bool:
+    """Return whether pixels of an encoding have one colour each."""
+    return encoding in (BAYER8, BAYER16)
+
+
+def has_colour(encoding: str) -> bool:
+    """Return whether a sensor of this encoding has colour filters."""
+    return encoding == 'rgb8' or is_bayer(encoding)
 
 
 def encoding_of(pixels: NDArray[Any]) -> str:
@@ -16,4 +28,4 @@ def encoding_of(pixels: NDArray[Any]) -> str:
     """
     if pixels.dtype == np.float32 and pixels.ndim == 3:
         return f'32FC{pixels.shape[2]}'
-    return _ENCODINGS[str(pixels.dtype), pixels.ndim]
+    return _OF_PIXELS[str(pixels.dtype), pixels.ndim]

@@ -1,8 +1,9 @@
 """The image sensor: what becomes of radiance, step by step.
 
 radiance [W m-2 sr-1] -> irradiance on the sensor pi/4 L tau / N^2 -> photo-electrons in a pixel ->
-point spread, vignetting -> shot noise, dark signal, full well, fixed pattern, read noise ->
-converter. Stray light of the lens is added to the radiance before; see `stray_light`.
+point spread, vignetting -> colour filters -> shot noise, dark signal, full well, fixed pattern,
+read noise -> converter, white balance. Stray light of the lens is added to the radiance before;
+see `stray_light`.
 """
 
 from __future__ import annotations
@@ -10,22 +11,24 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from lunar_rover_sim.camera.blooming import bloom
-from lunar_rover_sim.camera.config import CameraConfig, SensorConfig
+from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
 from lunar_rover_sim.camera.distorted_image import source_pixels
+from lunar_rover_sim.camera.encoding import has_colour
+from lunar_rover_sim.camera.mosaic import filtered
 from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.illumination.colours import Bands
 
 F32 = NDArray[np.float32]
 
 _NORMAL_BITS = 14       # of the number that picks a sample of the normal distribution
-_NUMBER_TYPES = {'mono8': np.uint8, 'rgb8': np.uint8, 'mono16': np.uint16}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,13 +37,32 @@ class SensorModel:
 
     camera: CameraConfig
     config: SensorConfig
+    lens: LensConfig = LensConfig()
 
     @property
     def electrons_per_radiance_second(self) -> float:
         """Photo-electrons per pixel, per W m-2 sr-1 and second, on the axis."""
         c = self.config
         optics = 0.25 * math.pi * c.transmission / c.f_number**2
-        return optics * c.pixel_pitch_m**2 * c.electrons_per_joule
+        per_joule = self.bands[1] if self.colour else c.electrons_per_joule
+        return float(optics * c.pixel_pitch_m**2 * per_joule)
+
+    @property
+    def colour(self) -> bool:
+        """Whether the pixels have colour filters; radiance is then that of the green band."""
+        return has_colour(self.config.encoding)
+
+    @functools.cached_property
+    def bands(self) -> Array:
+        """(3,) photo-electrons per joule of sunlight of red, green and blue pixels [1/J]."""
+        c = self.config
+        return Bands((c.red_response, c.green_response, c.blue_response)).electrons_per_joule()
+
+    @property
+    def balance(self) -> Array:
+        """(2, 2) gains of the cells of the mosaic, in rows and columns."""
+        gain = self.bands[1] / self.bands if self.config.white_balance == 'sun' else np.ones(3)
+        return np.array([[gain[0], 1.0], [1.0, gain[2]]])
 
     @property
     def well_e(self) -> float:
@@ -60,12 +82,12 @@ class SensorModel:
     @property
     def output_type(self) -> type:
         """Type of the output pixels."""
-        return _NUMBER_TYPES[self.config.encoding]
+        return np.uint16 if self.config.encoding.endswith('16') else np.uint8
 
     @property
     def output_scale(self) -> tuple[float, float]:
         """Numbers of the output per number of the converter, and 1 / its largest number."""
-        bits = 16 if self.config.encoding == 'mono16' else 8
+        bits = 8 * np.dtype(self.output_type).itemsize
         return 2.0**(bits - self.config.bits), 1.0 / ((1 << bits) - 1)
 
     @property
@@ -74,7 +96,7 @@ class SensorModel:
 
         As the Mars rovers' cameras reduced 12 bits to 8 (Maki et al., 2003, J. Geophys. Res. 108).
         """
-        return self.config.companding == 'sqrt' and self.config.encoding != 'mono16'
+        return self.config.companding == 'sqrt' and self.output_type is np.uint8
 
     def linear(self, image: NDArray[Any]) -> NDArray[np.float32]:
         """Return the signal above black that pixels represent, as a share of full scale."""
@@ -95,6 +117,19 @@ class SensorModel:
         wanted = max(c.target_level - c.black_level, 0.005) * c.full_well_e
         return float(np.clip(wanted / max(radiance * self.electrons_per_radiance_second, 1e-9),
                              1e-6, 10.0))
+
+
+class Tint(NamedTuple):
+    """The colour of what a camera sees.
+
+    Attributes:
+        codes: (h, w, 2) uint16 red and blue over green, as `mosaic.TINT_ONE` stores them; 0 where
+            nothing is drawn.
+        own: (h, w) float32 share of the light that comes from what is seen, and not from the veil.
+    """
+
+    codes: NDArray[np.uint16]
+    own: F32
 
 
 class DevelopedCamera(Protocol):
@@ -124,29 +159,41 @@ class ImageSensor:
         self._gain, self._offset = _patterns(camera, model.config, seed)
         self._source = (source_pixels(model.camera) + padding if model.camera.distorted
                         else None)
+        # Magnifications of the red and the blue image, about the middle of the sensor.
+        lateral = model.lens.lateral_colour if model.colour else 0.0
+        self._sources = [_magnified(camera, self._source, 1.0 + sign * lateral)
+                         for sign in (1, -1)] if lateral else []
 
-    def pixels(self, radiance: F32, side: int, exposure_s: float,
-               frame_index: int) -> NDArray[Any]:
-        """Return (h, w) pixels of one image.
+    def pixels(self, radiance: F32, side: int, exposure_s: float, frame_index: int,
+               tint: Tint | None = None) -> NDArray[Any]:
+        """Return (h, w) pixels of one image, of colour sensors those of its mosaic.
 
         Args:
             radiance: (h, w) that the lens passes on, plus the padding [W m-2 sr-1].
             side: 0 for the left camera, 1 for the right one: each has its own pattern and noise.
             exposure_s: Exposure time.
             frame_index: Gives each frame its own noise.
+            tint: Of what is seen, for colour sensors; None: all is grey.
         """
         model, c = self._model, self._model.config
-        if self._source is not None:
-            radiance = _resampled(radiance, self._source)
-        electrons = _collected(radiance, self._gain[side], np.float32(
-            model.neighbour_weight if c.psf_sigma_px > 0.0 else 0.0),
-            np.float32(model.electrons_per_radiance_second * exposure_s),
-            np.float32(c.dark_current_e_s * exposure_s))
+        dark = np.float32(c.dark_current_e_s * exposure_s)
+        collect = functools.partial(self._collected, radiance, side, exposure_s)
+        if not model.colour:
+            electrons = collect(self._source, dark)
+        else:
+            green = collect(self._source, np.float32(0.0))
+            red, blue = ((collect(source, np.float32(0.0)) for source in self._sources)
+                         if self._sources else (green, green))
+            tint = tint or Tint(np.zeros((*radiance.shape, 2), np.uint16), radiance)
+            electrons = filtered(
+                red, green, blue, tint.codes, tint.own,
+                np.zeros((0, 0, 2), np.float32) if self._source is None else self._source,
+                (model.bands[[0, 2]] / model.bands[1]).astype(np.float32), dark)
         if c.blooming > 0.0:    # charge runs along columns before it is read
             electrons = bloom(electrons, model.well_e, c.blooming).astype(np.float32)
         # A different number for each seed, frame and side.
         key = np.random.SeedSequence([self._seed, frame_index % (1 << 63), side])
-        result = np.empty(electrons.shape, model.output_type)
+        result: NDArray[Any] = np.empty(electrons.shape, model.output_type)
         black, largest = c.black_level, float(model.largest_number)
         _convert(electrons, self._offset[side], _normal_samples(),
                  np.uint32(key.generate_state(1)[0]),
@@ -154,9 +201,38 @@ class ImageSensor:
                  np.float32(model.well_e),
                  (np.float32(largest * (1.0 - black) / c.full_well_e),
                   np.float32(black * largest), np.float32(largest)),
+                 model.colour, model.balance.astype(np.float32),
                  model.companded, np.float32(np.iinfo(model.output_type).max),
                  np.float32(model.output_scale[0]), result)
         return result
+
+    def _collected(self, radiance: F32, side: int, exposure_s: float, source: Array | None,
+                   dark: np.float32) -> F32:
+        """Return the electrons of each pixel without a filter; source: places between pixels."""
+        model, c = self._model, self._model.config
+        if source is not None:
+            radiance = _resampled(radiance, source)
+        return np.asarray(_collected(
+            radiance, self._gain[side],
+            np.float32(model.neighbour_weight if c.psf_sigma_px > 0.0 else 0.0),
+            np.float32(model.electrons_per_radiance_second * exposure_s), dark))
+
+
+def _magnified(camera: DevelopedCamera, source: Array | None, scale: float) -> Array:
+    """Return where in the drawn image the pixels of one larger by `scale` show.
+
+    source: (h, w, 2) places of the pixels of the image itself; None: they are the same
+    """
+    places = np.stack(np.meshgrid(np.arange(camera.width, dtype=float),
+                                  np.arange(camera.height, dtype=float)), axis=-1)
+    base = places if source is None else source
+    middle = 0.5 * np.array([camera.width - 1.0, camera.height - 1.0])
+    moved = base + (1.0 / scale - 1.0) * (places - middle)
+    # Within the drawn image, which has no more than the pixels themselves without distortion.
+    limit = (np.array([camera.width, camera.height]) - 1.001 if source is None
+             else base.max(axis=(0, 1)))
+    return np.asarray(np.clip(moved, 0.0 if source is None else base.min(axis=(0, 1)), limit),
+                      dtype=base.dtype)
 
 
 def _patterns(camera: DevelopedCamera, c: SensorConfig, seed: int) -> tuple[F32, F32]:
@@ -231,13 +307,15 @@ def _collected(radiance, gain, spread, sensitivity, dark):  # type: ignore[no-un
 
 @compiled
 def _convert(electrons, offset, normal, key, shot, read2, well,  # type: ignore[no-untyped-def]
-             converter, root, most, scale, result):
+             converter, balanced, balance, root, most, scale, result):
     """Add noise, and convert electrons to the numbers of the output.
 
     normal: equally probable samples; key: of the noise of this image; shot: 0 or 1; read2: square
     of the read noise [e-^2]; well: electrons that a pixel holds; converter: numbers per electron,
-    black level, largest number; root: whether the output is the root of the signal; most: largest
-    number of the output; scale: numbers of the output per number of the converter
+    black level, largest number; balanced: whether the signal is multiplied by the (2, 2) gains
+    `balance` of rows and columns, as digital numbers; root: whether the output is the root of the
+    signal; most: largest number of the output; scale: numbers of the output per number of the
+    converter
     """
     h, w = electrons.shape
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
@@ -266,6 +344,9 @@ def _convert(electrons, offset, normal, key, shot, read2, well,  # type: ignore[
             e = row[c] + np.sqrt(shot * max(row[c], zero) + read2) * noise[c]
             number = (min(e, well) + pattern[c]) * per_electron + black
             number = min(max(np.floor(number + half), zero), largest)
+            if balanced:
+                number = min(np.floor(black + (number - black) * balance[r & 1, c & 1] + half),
+                             largest)
             if root:
                 number = np.floor(np.sqrt(max(number - black, zero) * signal) * most + half)
             else:

@@ -108,11 +108,10 @@ def run(args: argparse.Namespace) -> int:
             name = f'{k:03d}'
             out = args.output
             for side in ('left', 'right'):
-                _save_picture(out / f'{name}_{side}.png', getattr(frame, side))
+                _save_picture(out / f'{name}_{side}.png', frame.picture(side))
             for layer in ('depth_m', 'normal', 'label', 'radiance', 'crater', 'shadow'):
                 _save_array(out / f'{name}_{layer}.npy', getattr(frame, layer))
-            assert frame.left is not None and frame.right is not None
-            disparity = matcher.match(frame.left, frame.right)
+            disparity = matcher.match(frame.picture('left'), frame.picture('right'))
             _save_array(out / f'{name}_disparity_px.npy', disparity.disparity_px)
             sheet = contact_sheet(frame, disparity.disparity_px, disparity.depth_m)
             _save_picture(out / f'{name}_preview.png', sheet[..., ::-1])    # it is BGR
@@ -121,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
                 settled(camera, state)
                 pictures = camera.render(state, k, entry.images.values())
                 for word, layer in entry.images.items():
-                    _save_picture(out / f'{name}_{word}.png', pictures.layer(layer))
+                    _save_picture(out / f'{name}_{word}.png', pictures.picture(layer))
             say(f'{out / name}: exposure {1e3 * frame.exposure_s:.2f} ms, '
                 f'disparity on {100 * disparity.valid.mean():.0f} % of the image')
     return 0

@@ -92,6 +92,12 @@ class ReflectanceConfig(Parameters):
                        choices=('highland', 'mare', 'rock', 'basalt'))
     albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
                                 low=0.0, high=3.0)
+    colour_spread: float = param(0.012, 'RMS variation of red over green, and of blue the other '
+                                 'way round, in patches of 5 to 23 m: titanium, iron', low=0.0,
+                                 high=0.3)
+    colour_of_fresh: float = param(0.15, 'so much less red, and more blue, is ground whose albedo '
+                                   'is higher, as powers of it: fresh soil is not yet reddened',
+                                   low=0.0, high=2.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,3 +111,5 @@ class LampConfig(Parameters):
     position_m: tuple[float, ...] = param((0.15, 0.08, 0.08), 'in base_link', unit='m', length=3)
     pitch_deg: float = param(0.0, 'downward tilt', unit='deg', low=-90.0, high=90.0)
     cone_deg: float = param(60.0, 'full angle at half intensity', unit='deg', low=1.0, high=150.0)
+    temperature_k: float = param(5000.0, 'colour of its light: that of a black body', unit='K',
+                                 low=1000.0, high=20000.0)

@@ -15,6 +15,7 @@ from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.driven_distance import driven_distance_m
 from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.camera.mosaic import eight_bits
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.inspection.heading_pictures import heading_figure
@@ -109,7 +110,7 @@ def _draw(figure: Figure, axes: Any, bag: Bag, topic: topics.Topic, message: Any
     else:
         picture = series.picture(bag, message)
         if picture.pixels.ndim == 3:
-            rgb = picture.pixels[..., :3]
+            rgb = eight_bits(picture.pixels[..., :3])
             axes.imshow(rgb[..., ::-1] if picture.encoding.startswith('bgr') else rgb)
         else:
             axes.imshow(picture.pixels, cmap='gray', vmin=0,

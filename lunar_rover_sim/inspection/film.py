@@ -374,8 +374,7 @@ class Film:
                     renderer.show_sun(renderer.light_of(path.of_step(step)))
                 state = drive.pose(drive.nearest(int(time_ns)))
                 mount.follow(state, int(time_ns))
-                pixels = camera.render(state, k).left
-                assert pixels is not None
+                pixels = camera.render(state, k).picture('left')
                 outside = gray8(pixels)[..., ::-1].copy()
                 captions.draw(outside, f'simulated time {time_ns / NS_PER_S:.1f} s', pace)
                 if plots is None:

@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 from lunar_rover_sim import topics
 from lunar_rover_sim.camera.cameras import CameraEntry, geometry_of, Output
 from lunar_rover_sim.camera.compression import compressed
+from lunar_rover_sim.camera.mosaic import shown
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
@@ -27,9 +28,10 @@ from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.sequences.instances import instances
-from lunar_rover_sim.stereo.points import grey, points_from_depth
+from lunar_rover_sim.stereo.points import points_from_depth
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 
+_SENSED = ('left', 'right')
 _NORMALS = ('normal', 'right_normal')
 _FULL_FLOW_PX, _FULL_FLOW_M = 32.0, 0.1     # whose colour is full; a choice, see `topics`
 _COLOURS: dict[str, Callable[[NDArray[np.float32]], NDArray[np.uint8]]] = {
@@ -93,6 +95,7 @@ class CameraPublisher:
             ConfigError: Where the camera cannot be in its place.
         """
         self.entry, self._renderer, self._config = entry, renderer, config
+        self._encoding = entry.config.sensor.encoding
         rig = renderer.rig
         self._camera = rig if entry.mount is None else geometry_of(entry.config)
         self._baseline_m = rig.baseline_m if entry.baseline_m is None else entry.baseline_m
@@ -198,8 +201,9 @@ class CameraPublisher:
             elif name == topics.BOXES.name:
                 self._send(name, self._boxes(layers, Header(stamp=stamp, frame_id=frame_id)))
             elif name not in _DERIVED:
-                self._send(name, image_conversions.image(layers[output.layers[0]], frame_id,
-                                                         stamp))
+                layer = output.layers[0]
+                self._send(name, image_conversions.image(
+                    layers[layer], frame_id, stamp, self._encoding if layer in _SENSED else ''))
         derived = [name for name in names if name in _DERIVED]
         if derived:
             self.raise_error(wait=True)
@@ -224,6 +228,8 @@ class CameraPublisher:
 
     def _derive(self, names: list[str], layers: dict[str, NDArray[Any]], stamp: Time) -> None:
         """Compute topics from images and publish them; runs in the thread."""
+        layers = {layer: shown(pixels, self._encoding) if layer in _SENSED else pixels
+                  for layer, pixels in layers.items()}
         for name in names:
             output = self._outputs[name]
             if name in _COMPRESSED:
@@ -249,4 +255,4 @@ class CameraPublisher:
             step = self._points_step
             self._send(topics.POINTS.name, image_conversions.point_cloud(
                 points_from_depth(depth, self._camera.K)[::step, ::step],
-                grey(layers['left'])[::step, ::step], topics.POINTS.frame_id, stamp))
+                layers['left'][::step, ::step], topics.POINTS.frame_id, stamp))

@@ -14,7 +14,9 @@ from stereo_msgs.msg import DisparityImage
 from lunar_rover_sim import frames
 from lunar_rover_sim.bag.ground_points import FLOAT32, POINT
 from lunar_rover_sim.camera.encoding import encoding_of
+from lunar_rover_sim.camera.mosaic import eight_bits
 from lunar_rover_sim.frames import Array
+from lunar_rover_sim.stereo.points import grey
 
 if TYPE_CHECKING:
     from lunar_rover_sim.camera.fisheye import FisheyeCamera
@@ -35,16 +37,17 @@ def camera_info(rig: PinholeCamera | FisheyeCamera, frame_id: str, projection: A
     return msg
 
 
-def image(pixels: NDArray, frame_id: str, stamp: Time) -> Image:
+def image(pixels: NDArray, frame_id: str, stamp: Time, encoding: str = '') -> Image:
     """Return (h, w) uint8, uint16, float32, (h, w, 3) uint8 or (h, w, c) float32 as a message.
 
-    (h, w) int32, labels and craters of at most 65535, become uint16.
+    (h, w) int32, labels and craters of at most 65535, become uint16. encoding: by default that
+    which follows from the pixels.
     """
     if pixels.dtype == np.int32:
         pixels = pixels.astype(np.uint16)
     msg = Image(header=Header(stamp=stamp, frame_id=frame_id))
     msg.height, msg.width = pixels.shape[:2]
-    msg.encoding = encoding_of(pixels)
+    msg.encoding = encoding or encoding_of(pixels)
     msg.step = pixels.strides[0] if pixels.flags.c_contiguous else pixels[0].nbytes
     msg.data = pixels.tobytes()
     return msg
@@ -57,20 +60,25 @@ def compressed_image(description: str, data: bytes, frame_id: str,
                            data=data)
 
 
-def point_cloud(points_m: NDArray[np.float32], intensity: NDArray, frame_id: str,
+def point_cloud(points_m: NDArray[np.float32], picture: NDArray, frame_id: str,
                 stamp: Time) -> PointCloud2:
-    """Return (h, w, 3) points with (h, w) intensities as an organised cloud.
+    """Return (h, w, 3) points as an organised cloud, with the brightness of a picture.
 
-    `is_dense` is false: unknown points are NaN, as in stereo_image_proc.
+    A picture in colour, (h, w, 3), adds `rgb`: 8 bits each, packed in a float as in
+    stereo_image_proc. `is_dense` is false: unknown points are NaN.
     """
+    names = ['x', 'y', 'z', 'intensity', *(['rgb'] if picture.ndim == 3 else [])]
     height, width, _ = points_m.shape
-    values = np.empty((height, width, 4), '<f4')
-    values[..., :3], values[..., 3] = points_m, intensity
+    values = np.empty((height, width, len(names)), '<f4')
+    values[..., :3], values[..., 3] = points_m, grey(picture)
+    if picture.ndim == 3:
+        red, green, blue = np.moveaxis(eight_bits(picture).astype('<u4'), -1, 0)
+        values[..., 4] = (red << 16 | green << 8 | blue).view('<f4')
     msg = PointCloud2(
-        header=Header(stamp=stamp, frame_id=frame_id), height=height, width=width, point_step=16,
-        row_step=16 * width, is_dense=False,
+        header=Header(stamp=stamp, frame_id=frame_id), height=height, width=width,
+        point_step=4 * len(names), row_step=4 * len(names) * width, is_dense=False,
         fields=[PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
-                for k, name in enumerate(('x', 'y', 'z', 'intensity'))])
+                for k, name in enumerate(names)])
     msg.data = values.tobytes()
     return msg
 

@@ -17,7 +17,10 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image, Imu
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
+from lunar_rover_sim.camera.encoding import ENCODINGS
+from lunar_rover_sim.camera.mosaic import eight_bits
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.files.paths import program_path
 from lunar_rover_sim.frames import matrix_from_wxyz, se3
@@ -33,6 +36,7 @@ from lunar_rover_sim.sequences.sensors import described_sensors, SensorSuite
 from lunar_rover_sim.slam import protocol
 from lunar_rover_sim.slam.program import SlamProgram, WHEEL_PROGRAM
 from lunar_rover_sim.slam.protocol import FrameSet
+from lunar_rover_sim.stereo.points import grey
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -136,11 +140,13 @@ class SlamNode(node_main.GraphNode):
             self._open.clear()
             self._waiting.clear()
             self._imu.clear()
-        if msg.encoding != 'mono8' or msg.step != msg.width:
+        if msg.encoding not in ENCODINGS:
             raise GraphError(f'{side}: encoding {msg.encoding!r} is not valid for slam_node; '
-                             'valid is mono8')
+                             f'valid are {", ".join(ENCODINGS)}')
+        if problem := image_problem(msg):
+            raise GraphError(f'{side}: {problem}')
         images = self._open.setdefault(stamp, {})
-        images[side] = np.frombuffer(msg.data, np.uint8).reshape(msg.height, msg.width)
+        images[side] = eight_bits(grey(pixels(msg)))
         if len(images) < len(self._sides):
             if len(self._open) > _MOST_UNPAIRED:
                 del self._open[min(self._open)]

@@ -213,7 +213,8 @@ class CameraRenderer(GlOwner):
             numbers = truth[name].dtype == np.uint16    # labels and craters
             out[name] = (truth[name].astype(np.int32) if numbers
                          else np.ascontiguousarray(truth[name]))
-        return StereoFrame(**out, exposure_s=self.exposure_s)
+        return StereoFrame(**out, exposure_s=self.exposure_s,
+                           encoding=self._config.sensor.encoding)
 
     def _whole(self, scenes: list[Scene], state: RoverPose) -> Scene:
         """Return the scene of the camera's image from those of its faces."""

@@ -39,11 +39,13 @@ class Canvas(GlOwner):
     projection: of both cameras; lit: what all frames are lit into
     """
 
-    def __init__(self, context: moderngl.Context, projection: Projection) -> None:
+    def __init__(self, context: moderngl.Context, projection: Projection, *,
+                 colour: bool = False) -> None:
         super().__init__()
         self.projection = projection
         with self._making():
-            self.lit = self._own(LitTargets(context, (projection.width, 2 * projection.height)))
+            self.lit = self._own(LitTargets(
+                context, (projection.width, 2 * projection.height), colour=colour))
             self._targets = [self._own(FrameTargets(context, self.lit))
                              for _ in range(FRAMES_UNDER_WAY)]
 

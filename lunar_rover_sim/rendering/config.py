@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
+from lunar_rover_sim.camera.config import CameraConfig, check_mosaic, LensConfig, SensorConfig
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.illumination.config import (EarthConfig, LampConfig, ReflectanceConfig,
                                                  SunConfig)
@@ -88,6 +88,7 @@ class RenderConfig(Parameters):
 
     def validate(self) -> None:
         """Check parameters that depend on each other."""
+        check_mosaic(self.camera, self.sensor)
         if self.camera.near_m >= self.camera.far_m:
             raise ConfigError(f'camera.near_m: {self.camera.near_m} is not valid; valid is '
                               f'< camera.far_m ({self.camera.far_m:g})')

@@ -148,15 +148,19 @@ class FisheyeFaces:
         """Return by side what falls on the sensor, and distances with the signs of depth."""
         request = scenes[0].request
         links = any(face.link for face in drawn)
+        colour = any(image.tint is not None for images in lit for image in images.values())
         whole = {side: LitImage(np.zeros(self._size, np.float32), np.zeros(self._size, np.float32),
-                                np.zeros(self._size, np.uint8) if links else None)
+                                np.zeros(self._size, np.uint8) if links else None,
+                                np.zeros((*self._size, 2), np.uint16) if colour else None)
                  for side in request.lit_sides}
         depth_m = {side: whole[side].depth_m if side in whole else np.zeros(self._size, np.float32)
                    for side in request.sides}
         for sampler, scene, face, images in zip(self._samplers, scenes, drawn, lit):
             for side, image in images.items():
                 sampler.add_radiance(image.radiance, whole[side].radiance)
-                link = whole[side].link
+                tint, link = whole[side].tint, whole[side].link
+                if image.tint is not None and tint is not None:
+                    sampler.add_nearest(image.tint, tint)
                 if image.link is not None and link is not None:
                     sampler.add_nearest(image.link, link)
             for side, drawn_m in face.depth_m.items():

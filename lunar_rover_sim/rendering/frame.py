@@ -8,6 +8,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.mosaic import shown
 from lunar_rover_sim.camera.rig import StereoRig
 
 LAYERS = ('left', 'right', 'depth', 'normal', 'label', 'radiance', 'crater', 'shadow')
@@ -23,7 +24,7 @@ class StereoFrame:
     the undistorted view.
 
     Attributes:
-        left: (h, w) uint8 or uint16, or (h, w, 3) uint8: the output of the left sensor.
+        left: (h, w) uint8 or uint16, or (h, w, 3) uint8 of rgb8: the output of the left sensor.
         right: The output of the right sensor, in the same form.
         depth_m: (h, w) float32 depth along the optical axis of the left camera [m]; sky +inf.
         normal: (h, w, 3) float32 unit normals of the ground grid and of rocks and rover, world
@@ -46,6 +47,7 @@ class StereoFrame:
         optical_flow: (h, w, 2) float32.
         scene_flow: (h, w, 3) float32, to another state, as `camera.flow.FlowModel` has them.
         exposure_s: Exposure time [s].
+        encoding: Of left and right, as sensor_msgs names it.
     """
 
     left: NDArray[np.generic] | None = None
@@ -64,12 +66,18 @@ class StereoFrame:
     optical_flow: NDArray[np.float32] | None = None
     scene_flow: NDArray[np.float32] | None = None
     exposure_s: float = 0.0
+    encoding: str = 'mono8'
 
     def layer(self, name: str) -> NDArray[np.generic]:
         """Return a layer by its name in LAYERS, RIGHT_TRUTH or FLOWS, which was asked for."""
         unit = '_m' if name.endswith('depth') else ''
         pixels: NDArray[np.generic] = getattr(self, name + unit)
         return pixels
+
+    def picture(self, side: str) -> NDArray[np.generic]:
+        """Return 'left' or 'right', which was asked for, as one looks at it: a mosaic as colours.
+        """
+        return shown(self.layer(side), self.encoding)
 
 
 def unknown_flows(names: Collection[str], rig: StereoRig) -> dict[str, NDArray[np.float32]]:

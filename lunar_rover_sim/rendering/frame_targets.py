@@ -16,22 +16,29 @@ from numpy.typing import NDArray
 from lunar_rover_sim.rendering.context import release_all
 from lunar_rover_sim.rendering.view import View
 
+_KINDS = {'f4': np.float32, 'f1': np.uint8, 'nu2': np.uint16}
+
 
 class LitTargets:
     """What all frames are lit into.
 
-    radiance, depth: textures of float32 [W m-2 sr-1], [m]; framebuffer: both of them. Depth is
-        along the optical axis, 0 for the sky, and negative for rocks and the rover
+    radiance, depth: textures of float32 [W m-2 sr-1], [m]. Depth is along the optical axis, 0 for
+        the sky, and negative for rocks and the rover
+    tint: texture of the colour, as shaders/tint.glsl stores it; None without colour
+    attachments: all of them; framebuffer: the same
     """
 
-    def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
+    def __init__(self, context: moderngl.Context, size: tuple[int, int], *,
+                 colour: bool = False) -> None:
         self.radiance = attachment(context, size)
         self.depth = attachment(context, size)
-        self.framebuffer = context.framebuffer([self.radiance, self.depth])
+        self.tint = context.texture(size, 2, dtype='nu2') if colour else None
+        self.attachments = [self.radiance, self.depth, *([self.tint] if self.tint else [])]
+        self.framebuffer = context.framebuffer(self.attachments)
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(self.framebuffer, self.depth, self.radiance)
+        release_all(self.framebuffer, *self.attachments)
 
 
 class FrameTargets:
@@ -49,7 +56,7 @@ class FrameTargets:
         # Each camera has its own framebuffers: when they change, the driver begins to draw.
         self._buffers = [context.depth_renderbuffer(self.size) for _ in range(2)]
         self.ground = [context.framebuffer([self.ground_depth], b) for b in self._buffers]
-        self.lit = [context.framebuffer([lit.radiance, lit.depth], b) for b in self._buffers]
+        self.lit = [context.framebuffer(lit.attachments, b) for b in self._buffers]
         self.added = [context.framebuffer([lit.radiance], b) for b in self._buffers]
         self.views = [View(context) for _ in range(2)]
         self._truth: TruthTargets | None = None
@@ -80,7 +87,9 @@ class TruthTargets:
         size = lit.radiance.size
         self._textures = [context.texture(size, 4, dtype='f1'), attachment(context, size, 4),
                           context.texture(size, 4, dtype='f1')]
-        self.framebuffers = [context.framebuffer([lit.radiance, lit.depth, *self._textures], depth)
+        if lit.tint is None:    # what is drawn there is not read
+            self._textures.insert(0, context.texture(size, 2, dtype='f1'))
+        self.framebuffers = [context.framebuffer([*lit.attachments, *self._textures], depth)
                              for depth in depths]
 
     def read(self, layers: Collection[str], side: int, size: tuple[int, int],
@@ -93,10 +102,10 @@ class TruthTargets:
         drawn = self.framebuffers[side]
         result: dict[str, NDArray[Any]] = {}
         if {'label', 'crater'} & set(layers):
-            numbers = read_image(drawn, 2, side, size, padding, 4, 'f1')
+            numbers = read_image(drawn, 3, side, size, padding, 4, 'f1')
             pairs = np.ascontiguousarray(numbers).view('<u2')
             result |= {'label': pairs[..., 0], 'crater': pairs[..., 1]}
-        for index, name, kind in ((3, 'normal', 'f4'), (4, 'shadow', 'f1')):
+        for index, name, kind in ((4, 'normal', 'f4'), (5, 'shadow', 'f1')):
             if name in layers:
                 result[name] = read_image(drawn, index, side, size, padding, 3, kind)
         return {name: result[name] for name in result if name in layers}
@@ -138,11 +147,12 @@ def read_image(target: moderngl.Framebuffer, index: int, side: int, size: tuple[
     """Read one image of attachment `index`: (h, w) or (h, w, components).
 
     side: 0 for the left image, 1 for the right; size: rows and columns drawn of each, `padding`
-    columns and rows beyond the edges of the image included; kind: of float32 or, 'f1', of bytes
+    columns and rows beyond the edges of the image included; kind: of float32, of bytes ('f1') or
+    of numbers of 16 bits ('nu2')
     """
     h, w = size
     shape = (h, w) if components == 1 else (h, w, components)
-    pixels = np.empty(shape, np.float32 if kind == 'f4' else np.uint8)
+    pixels = np.empty(shape, _KINDS[kind])
     target.read_into(pixels, viewport=(0, side * h, w, h), components=components,
                      attachment=index, alignment=1, dtype=kind)
     x, y = padding

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.mosaic import eight_bits
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.labels import (LABEL_DISTURBED, LABEL_FIRST_ROCK, LABEL_GROUND,
                                               LABEL_ROVER, LABEL_SKY)
@@ -111,9 +112,7 @@ def flow_picture(flow: NDArray[np.float32], full: float | None = None) -> U8:
 
 def gray8(image: NDArray[np.generic]) -> U8:
     """Return a (h, w, 3) BGR picture of an image of any encoding."""
-    if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)  # type: ignore[operator]
-    picture = np.asarray(image, np.uint8)
+    picture = eight_bits(image)
     return picture[..., ::-1] if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
 
 
@@ -151,7 +150,7 @@ def contact_sheet(frame: StereoFrame, disparity_px: NDArray[np.floating],
     assert frame.crater is not None and frame.shadow is not None
     with np.errstate(invalid='ignore'):
         error = np.abs(sgm_depth_m - frame.depth_m) / frame.depth_m
-    rows = [[('left', gray8(frame.left)), ('right', gray8(frame.right)),
+    rows = [[('left', gray8(frame.picture('left'))), ('right', gray8(frame.picture('right'))),
              ('ideal radiance, gamma', tone_mapped(frame.radiance)),
              ('sun green, in part blue, rover red', shadow_picture(frame.shadow))],
             [(f'true depth, {_NEAR_M:g} to {_FAR_M:g} m', depth_picture(frame.depth_m)),

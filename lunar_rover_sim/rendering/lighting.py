@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.illumination import hapke
+from lunar_rover_sim.illumination import colours, hapke
 from lunar_rover_sim.illumination.config import LOWEST_DEG
 from lunar_rover_sim.rendering.config import DetailConfig, RenderConfig
 
@@ -31,6 +33,13 @@ def lighting_constants(config: RenderConfig, sun_direction: Array) -> dict[str, 
                       math.tan(math.radians(config.tracks.compacted_theta_deg)),
                       config.tracks.compacted_c),
     }
+    red, blue = np.log(colours.ground_colour(config.reflectance.ground))
+    spread = config.reflectance.colour_spread
+    fresh = config.reflectance.colour_of_fresh
+    lamp = np.log(colours.Bands().colour_of_light(config.lamp.temperature_k))
+    values |= {'u_soil_tint': (red, blue, *colours.PHASE_SLOPE),
+               'u_rock_tint': tuple(np.log(colours.rock_colour(config.reflectance.rocks))),
+               'u_tint_spread': (spread, -spread, -fresh, fresh), 'u_lamp_tint': tuple(lamp)}
     for name, kind, factor in (('u_regolith', ground, scale), ('u_rock', rocks, 1.0)):
         values.update({f'{name}.w': kind.w * factor, f'{name}.b': kind.b, f'{name}.c': kind.c,
                        f'{name}.b_s0': kind.b_s0, f'{name}.h_s': kind.h_s})

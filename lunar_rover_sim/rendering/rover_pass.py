@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import moderngl
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,8 +46,8 @@ class RoverPass:
     def _load(self, fragment: str, **defines: int) -> moderngl.Program:
         program = load_program(self._context, 'rover', fragment, **defines)
         self._arrays[program.glo] = self._context.vertex_array(
-            program, [(self._vertices, '3f 3f 1f 1f', 'a_position', 'a_normal', 'a_albedo',
-                       'a_link')], skip_errors=True)
+            program, [(self._vertices, '3f 3f 1f 1f 2f', 'a_position', 'a_normal', 'a_albedo',
+                       'a_link', 'a_tint')], skip_errors=True)
         return program
 
     def prepare_truth(self) -> None:
@@ -139,11 +141,15 @@ def _box_corners(points: Array) -> Array:
 
 
 def _triangles(part: VisualPart, link: int) -> Array:
-    """Return the (3 f, 8) vertices of a part: position, face normal, grey albedo, link."""
+    """Return the (3 f, 10) vertices of a part: position, face normal, grey albedo, link, and the
+    logarithms of red and blue over green.
+    """
     corners = part.vertices[part.faces].astype(float)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     grey = float(np.dot(part.albedo, _LUMINANCE))
-    rest = np.broadcast_to([grey, float(link)], (len(corners), 3, 2))
+    red, green, blue = part.albedo
+    rest = np.broadcast_to([grey, float(link), math.log(red / green), math.log(blue / green)],
+                           (len(corners), 3, 4))
     return np.concatenate([corners, np.repeat(normal[:, None], 3, axis=1), rest],
-                          axis=2).reshape(-1, 8)
+                          axis=2).reshape(-1, 10)

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim.camera.development import LitImage
+from lunar_rover_sim.camera.encoding import has_colour
 from lunar_rover_sim.camera.flow import FlowModel, Moved
+from lunar_rover_sim.camera.mosaic import TINT_ONE
 from lunar_rover_sim.camera.mount import CameraPoses
 from lunar_rover_sim.camera.outlines import smooth_outlines
 from lunar_rover_sim.frames import Array
@@ -70,10 +72,13 @@ class ScenePasses(GlOwner):
 
     def _build(self, projection: Projection, samples: int) -> None:
         context, config = self._context, self._config
-        self._pixels = self._samples = self._own(Canvas(context, projection))
+        self._colour = has_colour(config.sensor.encoding)
+        colour = samples == 1 and self._colour
+        self._pixels = self._samples = self._own(Canvas(context, projection, colour=colour))
         self._times = samples
         if samples > 1:
-            self._samples = self._own(Canvas(context, projection.finer(samples)))
+            self._samples = self._own(Canvas(context, projection.finer(samples),
+                                             colour=self._colour))
         self._marked = (self._own(LinkTargets(context, self._pixels.lit.radiance.size))
                         if self._sees_rover else None)
         projection = self._samples.projection
@@ -178,7 +183,8 @@ class ScenePasses(GlOwner):
                    if side in request.lit_sides or request.depth_of(side)}
         one = self._samples is self._pixels
         samples = {side: LitImage(_read(self._samples, 0, side), depth_m[side] if one
-                                  else _read(self._samples, 1, side))
+                                  else _read(self._samples, 1, side),
+                                  tint=_tint(self._samples, side) if self._colour else None)
                    for side in request.lit_sides}
         return Drawn(samples, depth_m, self._links(scene) if links and scene.shows_rover else {})
 
@@ -192,7 +198,8 @@ class ScenePasses(GlOwner):
                 smooth_outlines(image.radiance, image.depth_m, pixel, scene.above_m)
         self._sun.draw(scene, samples)
         return {side: LitImage(_averaged(image.radiance, self._times), drawn.depth_m[side],
-                               drawn.link.get(side)) for side, image in samples.items()}
+                               drawn.link.get(side), _averaged_tint(image, self._times))
+                for side, image in samples.items()}
 
     def _draw_ground(self, scene: Scene, drawing: Drawing, side: int) -> None:
         """Draw the ground under the sun with its truth, and add the light of other sources."""
@@ -299,9 +306,27 @@ def _read(canvas: Canvas, index: int, side: int) -> NDArray[np.float32]:
     return read_image(canvas.lit.framebuffer, index, side, size)
 
 
+def _tint(canvas: Canvas, side: int) -> NDArray[np.uint16]:
+    """Return the colour of a camera, as it was lit."""
+    size = canvas.projection.height, canvas.projection.width
+    return read_image(canvas.lit.framebuffer, 2, side, size, components=2, kind='nu2')
+
+
 def _averaged(radiance: NDArray[np.float32], times: int) -> NDArray[np.float32]:
     """Return the means of the times x times samples of each pixel."""
     if times == 1:
         return radiance
     h, w = radiance.shape
     return radiance.reshape(h // times, times, w // times, times).mean(axis=(1, 3))
+
+
+def _averaged_tint(image: LitImage, times: int) -> NDArray[np.uint16] | None:
+    """Return the colour of the light of the times x times samples of each pixel."""
+    if image.tint is None or times == 1:
+        return image.tint
+    # The sky has no colour: its light is white.
+    ratio = np.where(image.tint == 0, TINT_ONE * 65535.0, image.tint).astype(np.float32)
+    light = np.maximum(image.radiance, np.float32(1e-9))
+    mean = np.maximum(_averaged(light, times), np.float32(1e-9))
+    means = [_averaged(light * ratio[..., k], times) / mean for k in range(2)]
+    return np.rint(np.minimum(np.stack(means, axis=-1), 65535.0)).astype(np.uint16)

@@ -85,7 +85,6 @@ def four_views(world: World, azimuth_deg: float,
         for title, x, y, yaw, height in places:
             state = RoverPose(standing(world, x, y, yaw, height))
             settle(renderer, state)
-            left = renderer.render(state, 0, ('left',)).left
-            assert left is not None
+            left = renderer.render(state, 0, ('left',)).picture('left')
             views.append((f'{title}, at ({x:.1f}, {y:.1f}) m', left))
     return views

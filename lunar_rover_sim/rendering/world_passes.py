@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import moderngl
+import numpy as np
 
 from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.config import EarthConfig, LampConfig, SunConfig
@@ -146,7 +147,10 @@ class WorldPasses(GlOwner):
 
     def _set_constants(self) -> None:
         sun = self.config.sun
-        self.set_uniforms(**lighting_constants(
+        # Patches of colour lie elsewhere in each world.
+        place = np.random.default_rng([max(self.world.config.seed, 0), *b'colour']).uniform(
+            -5e3, 5e3, 2)
+        self.set_uniforms(u_tint_place=tuple(place), **lighting_constants(
             self.config, sun_direction(sun.azimuth_deg, sun.elevation_deg)))
 
     def set_uniforms(self, **values: Any) -> None:

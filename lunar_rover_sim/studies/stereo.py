@@ -49,7 +49,7 @@ def study(scenario: Scenario, frames: int, figures: Path | None = None,
             assert frame.left is not None and frame.right is not None
             assert frame.depth_m is not None
             rig = renderer.rig
-            disparity = matcher.match(frame.left, frame.right)
+            disparity = matcher.match(frame.picture('left'), frame.picture('right'))
             truth_px, right_truth_px = (
                 disparity_from_depth(depth, rig.focal_px, rig.baseline_m)
                 for depth in (frame.depth_m, right_depth_m))
@@ -88,7 +88,7 @@ def _plot(frame: StereoFrame, disparity: DisparityMap, truth_px: NDArray[np.floa
     assert frame.left is not None and frame.depth_m is not None
     error = np.where(disparity.valid & (truth_px > 0.0),
                      disparity.disparity_px - truth_px, np.nan)
-    panels = [('left image', gray8(frame.left)),
+    panels = [('left image', gray8(frame.picture('left'))),
               ('true depth, 0.3 to 20 m', depth_picture(frame.depth_m)),
               ('SGM depth', depth_picture(disparity.depth_m)),
               ('disparity less true disparity, -1 px blue to +1 px red',

@@ -19,6 +19,7 @@ float softened(vec3 relative, float distance) {
 }
 
 layout(location = 0) out float o_radiance;
+#include "tint.glsl"
 
 #ifdef ROVER_SHADOW
 // The rover's silhouette as the sun sees it: signed distance [m] and depth along the sun ray.

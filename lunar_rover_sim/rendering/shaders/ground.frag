@@ -169,10 +169,14 @@ void main() {
                                        scales.x, albedo, soil);
 #else
     const float lamp_radiance = 0.0;
+    const vec3 to_lamp = vec3(0.0);
 #endif
     float scattered = matter.g * matter.g + matter.b * matter.b * 0.5 * (1.0 - normal.z);
     o_radiance = u_irradiance * (reflectance * lit + 0.25 * u_diffuse.x * albedo * scattered)
         + lamp_radiance;
+    float of_sun = u_irradiance * reflectance * lit;
+    tell_tint(soil_tint(xy, albedo), vec2(dot(u_sun, view), dot(to_lamp, view)),
+              vec3(of_sun, lamp_radiance, o_radiance - of_sun - lamp_radiance));
 #ifdef TRUTH
     tell_light(sunlit, of_rover, mu0);
 #endif

@@ -88,9 +88,18 @@ void main() {
 #ifdef LAMP
     vec3 to_lamp;
     float lamp = lamp_irradiance(v_relative, normalize(v_normal), to_lamp);
-    o_radiance += lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view), u_rock_theta,
-                               v_matter.z, matter);
+    float lamp_radiance = lamp * hapke(dot(normal, to_lamp), mu, dot(to_lamp, view), u_rock_theta,
+                                       v_matter.z, matter);
+    o_radiance += lamp_radiance;
+#else
+    const float lamp_radiance = 0.0;
+    const vec3 to_lamp = vec3(0.0);
 #endif
+    vec2 tint = mix(u_rock_tint, u_soil_tint.xy, soil) + 0.4 * u_tint_spread.zw
+        * log(max(v_matter.z, 0.2));
+    float of_sun = u_irradiance * reflectance * lit;
+    tell_tint(tint, vec2(dot(u_sun, view), dot(to_lamp, view)),
+              vec3(of_sun, lamp_radiance, o_radiance - of_sun - lamp_radiance));
     o_depth = -dot(v_relative, u_axis);
 #ifdef TRUTH
     // That of the face: the one that light is computed with is rounder.

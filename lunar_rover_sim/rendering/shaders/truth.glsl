@@ -1,8 +1,8 @@
 // What is true of a pixel: its numbers, its normal, and how much of the sun its light comes from.
-layout(location = 2) out vec4 o_ids;        // label and crater, each as low and high byte
-layout(location = 3) out vec4 o_normal;     // unit vector in world axes
+layout(location = 3) out vec4 o_ids;        // label and crater, each as low and high byte
+layout(location = 4) out vec4 o_normal;     // unit vector in world axes
 #ifndef UNLIT
-layout(location = 4) out vec4 o_shadow;     // shares of the sun's disc: seen, hidden by the rover
+layout(location = 5) out vec4 o_shadow;     // shares of the sun's disc: seen, hidden by the rover
                                             // alone; and how far from all or none is seen
 #endif
 
