@@ -207,3 +207,21 @@ def test_camera_infos_have_focal_lengths_and_a_size():
     for name in ('width', 'height'):
         assert validity.camera_info_problem(SimpleNamespace(**{**good, name: 0})) \
             == 'it has no size'
+
+
+@pytest.mark.parametrize('encoding,kind', [('bayer_rggb8', np.uint8), ('bayer_rggb16', np.uint16)])
+def test_mosaics_are_read_in_colour(encoding, kind):
+    """In both byte orders; what is too short for its encoding is told."""
+    mosaic = np.zeros((16, 20), kind)
+    mosaic[::2, ::2], mosaic[1::2, 1::2], mosaic[::2, 1::2], mosaic[1::2, ::2] = 200, 50, 100, 100
+    for big in (0, 1):
+        stored = mosaic.byteswap() if big else mosaic
+        image = SimpleNamespace(height=16, width=20, step=mosaic.strides[0], encoding=encoding,
+                                is_bigendian=big,
+                                data=np.frombuffer(stored.tobytes(), np.uint8))
+        assert validity.image_problem(image) == ''
+        pixels = validity.pixels(image)
+        assert pixels.shape == (16, 20, 3) and pixels.dtype == kind
+        assert pixels[8, 10].tolist() == [200, 100, 50]
+    image.step -= 2
+    assert 'step' in validity.image_problem(image)

@@ -15,7 +15,7 @@ from sensor_msgs.msg import Imu, JointState  # noqa: E402
 from lunar_rover_sim import frames  # noqa: E402
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
-from lunar_rover_sim.nodes import conversions  # noqa: E402
+from lunar_rover_sim.nodes import conversions, image_conversions  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuSample  # noqa: E402
@@ -143,3 +143,19 @@ def test_wheel_odometry_says_what_it_does_not_know() -> None:
         assert np.all(np.linalg.eigvalsh(matrix) > 0.0)
         np.testing.assert_allclose(matrix[np.ix_([0, 1, 5], [0, 1, 5])], known, atol=2e-8)
         assert np.all(np.diag(matrix)[2:5] >= 1e6)
+
+
+def test_a_cloud_has_the_colours_of_its_picture() -> None:
+    """Packed as in stereo_image_proc; a grey picture has none."""
+    points = np.zeros((2, 3, 3), np.float32)
+    picture = np.zeros((2, 3, 3), np.uint8)
+    picture[1, 2] = 200, 100, 50
+    grey, colour = (image_conversions.point_cloud(points, pixels, 'left',
+                                                  conversions.time_msg(0))
+                    for pixels in (picture[..., 0], picture))
+    assert [field.name for field in grey.fields] == ['x', 'y', 'z', 'intensity']
+    assert [field.name for field in colour.fields] == ['x', 'y', 'z', 'intensity', 'rgb']
+    assert (colour.point_step, colour.row_step, len(colour.data)) == (20, 60, 120)
+    last = np.frombuffer(bytes(colour.data), np.uint8)[-4:]
+    assert last.tolist() == [50, 100, 200, 0]
+    assert np.frombuffer(bytes(colour.data), np.float32)[-2] == pytest.approx(124, abs=1)

@@ -26,6 +26,7 @@ from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
 
 HAZARDS = [argument for name, value in (
     ('front.camera.width', 64), ('front.camera.height', 48),
+    ('front.sensor.encoding', 'bayer_rggb8'),
     ('front.camera.fisheye_distortion', '[0.01, 0.0, 0.0, 0.0]'), ('rear.camera.model', 'pinhole'),
     ('rear.camera.horizontal_fov_deg', 90.0), ('rear.stereo_baseline_m', 0.05),
     ('rear.orientation_rpy_deg', '[0.0, 0.0, 180.0]'), ('rear.position_m', '[-0.17, 0.0, 0.05]'))
@@ -132,6 +133,7 @@ def _check_hazards(received: dict[str, list[Any]]) -> None:
     assert (image.width, image.height) == (info.width, info.height) == (64, 48)
     assert info.header == image.header and image.header.frame_id == 'hazard_front_optical_frame'
     assert info.header.stamp.sec == 3
+    assert (image.encoding, image.step) == ('bayer_rggb8', 64)
     assert info.distortion_model == 'equidistant' and list(info.d) == [0.01, 0.0, 0.0, 0.0]
     assert np.ptp(np.frombuffer(bytes(image.data), np.uint8)) > 20
     right = received['hazard/rear/right/camera_info'][0]
@@ -153,7 +155,8 @@ def _check_chase(received: dict[str, list[Any]]) -> None:
                                                                    'pose'))
     assert (info.width, info.height) == (image.width, image.height) == (128, 72)
     assert info.header == image.header and image.header.frame_id == 'chase_optical_frame'
-    pixels = np.frombuffer(bytes(image.data), np.uint8).reshape(72, 128)
+    assert image.encoding == 'rgb8' and image.step == 3 * 128
+    pixels = np.frombuffer(bytes(image.data), np.uint8).reshape(72, 128, 3)
     assert pixels[24:48, 44:84].max() > 200 and pixels.min() < 20
     camera = np.array([pose.pose.position.x, pose.pose.position.y, pose.pose.position.z])
     assert 1.4 < np.linalg.norm(camera[:2]) < 1.5 and pose.header.frame_id == 'odom'
