@@ -1,32 +1,37 @@
-"""Tune the gait on `Gait` by CMA-ES: one constant action, judged over whole episodes.
+"""Tune the gait on `Gait`: the best of phase offsets in quarters, then CMA-ES over all parameters.
 
     python examples/learning/train_gait.py -o runs/gait --ground highland
 
-Needs `pip install -e '.[train]'`. A run that was stopped goes on where it was. It writes
-`policy.onnx`, its card, and what TensorBoard shows. Training never sees the seeds of the study.
+Needs `pip install -e '.[train]'`. One constant action is judged over whole episodes. A run that
+was stopped goes on where it was. It writes `policy.onnx`, its card, `log.jsonl`, and what
+TensorBoard shows. Training never sees the seeds of the study.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from pathlib import Path
 import pickle
 import time
 
 import cma
-import gymnasium
 import numpy as np
 from rich.progress import track
 from torch.utils.tensorboard import SummaryWriter
 
 from lunar_rover_sim.learning.policy_file import constant_layers, save_policy
+from lunar_rover_sim.learning.task import RoverTask
+from lunar_rover_sim.learning.tasks import make_task
 
-EVALUATED = 20_000      # first of the seeds that are neither trained on nor hidden
+EVALUATED = range(20_000, 20_004)       # seeds that are neither trained on nor hidden
+MOST_STARTS = 64
+FAILED = 5.0    # cost of an episode that ends early, which has no energy to pay any more
 
 
 def main() -> None:
-    """Tune, from the packaged gait or from the last generation of the folder."""
+    """Tune, from the packaged gait or from the checkpoint of the folder."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('-o', '--output', type=Path, required=True)
     parser.add_argument('--ground', default='highland')
@@ -36,71 +41,90 @@ def main() -> None:
     parser.add_argument('--minutes', type=float, default=120.0, help='stop after this time')
     parser.add_argument('--population', type=int, default=10)
     parser.add_argument('--episodes', type=int, default=2, help='of each candidate')
+    parser.add_argument('--episode', type=float, default=8.0, help='length of each [s]')
     parser.add_argument('--shaking', type=float, default=0.0, help='cost of pitch and roll rates')
-    parser.add_argument('--sigma', type=float, default=0.25)
+    parser.add_argument('--sigma', type=float, default=0.15)
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
+    task = make_task('gait', {
+        'ground': args.ground, 'rover': args.rover, 'randomise': False, 'start_s': 2.4,
+        'forward_mps': (args.speed, args.speed), 'shaking_weight': args.shaking,
+        'episode_s': args.episode})
+    end_s = time.monotonic() + 60.0 * args.minutes
     kept = args.output / 'checkpoint.pickle'
-    options = {'ground': args.ground, 'rover': args.rover, 'randomise': False, 'episode_s': 11.0,
-               'forward_mps': (args.speed, args.speed), 'shaking_weight': args.shaking}
-    envs = gymnasium.make_vec('lunar_rover_sim.learning:lunar_rover_sim/Gait-v0',
-                              num_envs=args.episodes, **options)
-    count, n = envs.single_action_space.shape[0], args.episodes
     if kept.exists():
         search = pickle.loads(kept.read_bytes())
     else:
-        search = cma.CMAEvolutionStrategy(np.zeros(count), args.sigma, {
+        start = best_phases(task, args)
+        search = cma.CMAEvolutionStrategy(start, args.sigma, {
             'popsize': args.population, 'seed': args.seed, 'bounds': [-1.0, 1.0],
             'verbose': -9})
-    end_s = time.monotonic() + 60.0 * args.minutes
     with SummaryWriter(str(args.output / 'tensorboard')) as board:
         for _ in track(range(search.countiter, args.generations), description='generations'):
-            seed = int(np.random.default_rng((args.seed, search.countiter)).integers(10_000))
+            first = int(np.random.default_rng((args.seed, search.countiter)).integers(10_000))
             candidates = search.ask()
-            costs = [-returned(envs, one, list(range(seed, seed + args.episodes)))
-                     for one in candidates]
+            costs = [cost(task, one, range(first, first + args.episodes)) for one in candidates]
             search.tell(candidates, costs)
-            board.add_scalar('cost/best', min(costs), search.countiter)
-            board.add_scalar('cost/median', float(np.median(costs)), search.countiter)
-            board.add_scalar('sigma', search.sigma, search.countiter)
             kept.write_bytes(pickle.dumps(search))
-            if search.countiter % 5 == 0 or search.countiter == 1:
-                cost = float(np.mean([-returned(envs, search.mean, list(range(first, first + n)))
-                                      for first in range(EVALUATED, EVALUATED + 6, n)]))
-                board.add_scalar('cost/evaluated', cost, search.countiter)
-                line = {'generation': search.countiter, 'evaluated': cost, 'best': min(costs),
-                        'sigma': search.sigma, 'mean': np.round(search.mean, 3).tolist()}
-                with (args.output / 'log.jsonl').open('a', encoding='utf-8') as log:
-                    log.write(json.dumps(line) + '\n')
+            line = {'generation': search.countiter, 'best': min(costs),
+                    'median': float(np.median(costs)), 'sigma': search.sigma}
+            if search.countiter % 5 == 0 or search.countiter == args.generations:
+                line['evaluated'] = cost(task, search.mean, EVALUATED)
+            for name, value in line.items():
+                board.add_scalar(f'cost/{name}', value, search.countiter)
+            log(args.output, {**line, 'mean': np.round(search.mean, 3).tolist()})
+            save(args.output, task, search, args)
             if time.monotonic() > end_s:
                 break
-    action = np.clip(search.mean, -1.0, 1.0)
-    facts = {'algorithm': f'CMA-ES, {search.countiter} generations of {args.population}',
-             'decisions': search.countiter * args.population * n * 55, 'seeds': [args.seed]}
-    task = envs.tasks[0]
-    save_policy(args.output / 'policy.onnx', constant_layers(task, action), task, facts)
-    envs.close()
-    print(f'{args.output / "policy.onnx"}: {dict(zip(names(envs), action.round(3).tolist()))}')
+    task.close()
 
 
-def names(envs: gymnasium.vector.VectorEnv) -> list[str]:
-    """Return the names of the numbers of an action."""
-    return [channel.name for channel in envs.actions]
+def best_phases(task: RoverTask, args: argparse.Namespace) -> np.ndarray:
+    """Return the action with the phase offsets, in quarters of a cycle, that cost least."""
+    phases = [k for k, one in enumerate(task.actions) if one.name.startswith('phase/')]
+    choices = list(itertools.product((-0.5, 0.0, 0.5, 1.0), repeat=len(phases)))
+    if len(choices) > MOST_STARTS:
+        chosen = np.random.default_rng(args.seed).choice(len(choices), MOST_STARTS, replace=False)
+        choices = [choices[k] for k in chosen]
+    found = []
+    for choice in track(choices, description='phase offsets'):
+        action = np.zeros(len(task.actions))
+        action[phases] = choice
+        found.append((cost(task, action, range(500, 501)), action))
+        log(args.output, {'phases': choice, 'cost': found[-1][0]})
+    return min(found, key=lambda one: one[0])[1]
 
 
-def returned(envs: gymnasium.vector.VectorEnv, action: np.ndarray, seeds: list[int]) -> float:
-    """Return the mean return of episodes with one constant action."""
-    envs.reset(seed=seeds)
-    total, alive = np.zeros(envs.num_envs), np.ones(envs.num_envs, bool)
-    actions = np.tile(action, (envs.num_envs, 1))
-    while alive.any():
-        _, rewards, terminated, truncated, _ = envs.step(actions)
-        total += np.where(alive, rewards, 0.0)
-        # An episode that falls has no energy to pay any more: it gets the cost of a miss.
-        total -= np.where(alive & terminated, 5.0, 0.0)
-        alive &= ~(terminated | truncated)
-    return float(total.mean())
+def cost(task: RoverTask, action: np.ndarray, seeds: range) -> float:
+    """Return the mean cost of episodes with one constant action."""
+    costs = []
+    for seed in seeds:
+        task.reset(np.random.default_rng(seed))
+        total, over = 0.0, False
+        while not over:
+            outcome = task.step(action)
+            total -= outcome.reward
+            over = outcome.terminated or outcome.truncated
+        costs.append(total + FAILED * outcome.terminated)
+    return float(np.mean(costs))
+
+
+def save(folder: Path, task: RoverTask, search: cma.CMAEvolutionStrategy,
+         args: argparse.Namespace) -> None:
+    """Write the mean of the search as a policy."""
+    decisions = round(args.episode * 1e9 / task.driver.decision_ns)
+    episodes = search.countiter * args.population * args.episodes + MOST_STARTS
+    save_policy(folder / 'policy.onnx', constant_layers(task, np.clip(search.mean, -1.0, 1.0)),
+                task, {'algorithm': f'phase offsets in quarters, then CMA-ES, {search.countiter}'
+                       f' generations of {args.population}',
+                       'decisions': episodes * decisions, 'seeds': [args.seed]})
+
+
+def log(folder: Path, line: dict) -> None:
+    """Add a line to the log."""
+    with (folder / 'log.jsonl').open('a', encoding='utf-8') as file:
+        file.write(json.dumps(line) + '\n')
 
 
 if __name__ == '__main__':

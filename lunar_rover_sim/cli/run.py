@@ -15,7 +15,7 @@ from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.inspection.summary import summarise
 from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_view import check_view, ViewProcess
-from lunar_rover_sim.run.plan import with_slam, without_node
+from lunar_rover_sim.run.plan import with_policy, with_slam, without_node
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--teleop', action='store_true',
                         help='drive it yourself, in real time: without drive_node, cmd_vel comes '
                         'from the page of --view or from a node of yours')
+    parser.add_argument('--policy', metavar='NAME_OR_PATH', default='',
+                        help='walk by a packaged policy or a policy file, in the place of the '
+                        'gait controller')
     options.add_overrides(parser)
 
 
@@ -61,6 +64,8 @@ def run(args: argparse.Namespace) -> int:
                              world=args.world)
     if args.teleop:
         scenario = without_node(scenario, 'drive_node')
+    if args.policy:
+        scenario = with_policy(scenario, args.policy)
     if args.slam:
         scenario = with_slam(scenario, args.slam)
     if args.world is None:

@@ -81,6 +81,10 @@ class PolicyController:
         self._command_ns = np.inf if stamp_ns is None else stamp_ns
         self._velocity = (forward_mps, yaw_rate_radps)
 
+    def take_reports(self) -> list[str]:
+        """Return nothing: there is nothing to report."""
+        return []
+
     def update(self, sample: Sample) -> LegCommand:
         """Return the command for a sample; where time goes backward, the controller is reset.
 

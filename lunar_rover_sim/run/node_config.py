@@ -93,6 +93,17 @@ class GaitNodeConfig(NodeConfig, GaitConfig):
 
 
 @dataclasses.dataclass(frozen=True)
+class PolicyNodeConfig(NodeConfig):
+    """Parameters of policy_node."""
+
+    policy: str = param('', 'ONNX file of a policy, or the name of a packaged one')
+    observation_timeout_s: float = param(
+        0.5, 'wall time without an observation after which the legs stop, in time_mode real_time',
+        unit='s', low=0.05, high=10.0)
+    wait: WaitConfig = group(WaitConfig)
+
+
+@dataclasses.dataclass(frozen=True)
 class DriveNodeConfig(NodeConfig, DriveConfig):
     """Parameters of drive_node."""
 
@@ -266,6 +277,11 @@ NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'recorder_node': RecorderNodeConfig,
     'slam_node': SlamNodeConfig,
     'lidar_node': LidarNodeConfig,
+    'policy_node': PolicyNodeConfig,
 }
-# Nodes of a run by default; slam_node needs a program, lidar_node is an extra sensor.
-DEFAULT_NODES = tuple(name for name in NODE_CONFIGS if name not in ('slam_node', 'lidar_node'))
+# One of these drives the legs.
+LEG_CONTROLLERS = 'gait_controller_node', 'policy_node'
+# Nodes of a run by default; slam_node needs a program, lidar_node is an extra sensor, policy_node
+# takes the place of gait_controller_node.
+DEFAULT_NODES = tuple(name for name in NODE_CONFIGS
+                      if name not in ('slam_node', 'lidar_node', 'policy_node'))

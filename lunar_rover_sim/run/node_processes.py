@@ -20,6 +20,7 @@ from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run import node_state
 from lunar_rover_sim.run.child_process import dies_with_parent, signal_name
+from lunar_rover_sim.run.node_config import LEG_CONTROLLERS
 from lunar_rover_sim.run.node_state import NodeState, StateReader
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
 from lunar_rover_sim.run.ros_installation import dds_environment
@@ -159,7 +160,7 @@ class NodeProcesses:
 
         The gait controller comes first: physics misses its answer in consequence.
         """
-        for name in ('gait_controller_node', 'physics_node'):
+        for name in (*LEG_CONTROLLERS, 'physics_node'):
             for state in self._told(name):
                 if state.awaits == node_state.ANSWERS and state.at_ns == now_ns:
                     return f'{name}: {state.text}'

@@ -21,7 +21,8 @@ from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.gait.calibration import packaged_calibration
 from lunar_rover_sim.parameters import replaced
 from lunar_rover_sim.rover.rover_file import save_rover
-from lunar_rover_sim.run.node_config import FRAME_TOPICS, LIDAR_TOPICS, NODE_CONFIGS
+from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LEG_CONTROLLERS, LIDAR_TOPICS,
+                                             NODE_CONFIGS)
 from lunar_rover_sim.run.publication import period_of, recorded_beside_the_pair, recorded_periodic
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import WaitConfig
@@ -33,7 +34,7 @@ WORLD_LINK = 'world'
 LOG_FOLDER = 'logs'
 
 # The order in which nodes are stopped: the recorder last, since it records the others.
-STOP_ORDER = ('drive_node', 'physics_node', 'gait_controller_node', 'render_node', 'lidar_node',
+STOP_ORDER = ('drive_node', 'physics_node', *LEG_CONTROLLERS, 'render_node', 'lidar_node',
               'slam_node', 'recorder_node')
 
 # Parameter → the one of another node that it takes over.
@@ -130,24 +131,39 @@ def _following(scenario: Scenario) -> dict[str, Any]:
 
 def _awaited(scenario: Scenario) -> dict[str, Any]:
     """Return the parameters by which the nodes of a run in lockstep wait for each other."""
-    nodes, physics, drive = scenario.run.nodes, scenario.physics_node, scenario.drive_node
-    wait = scenario.gait_controller_node.wait
-    if 'drive_node' in nodes and drive.mode != 'none' and drive.enable_stamped_cmd_vel:
-        wait = _extended(wait, {topics.CMD_VEL.name: 1.0 / drive.rate_hz})
-    if wait.topics:
-        wait = dataclasses.replace(wait, silence_s=_share(wait.silence_s, physics.wait.silence_s),
-                                   start_s=_share(wait.start_s, physics.wait.start_s))
+    nodes = scenario.run.nodes
     acknowledge = scenario.recorder_node.acknowledge or _acknowledged(scenario)
     periods_ns = {topic.graph_name: period_of(scenario, topic) for topic in topics.of_legs(
         topics.CONTRACT, scenario.rover.legs.names)}
     values: dict[str, Any] = {
-        'gait_controller_node.wait': wait, 'recorder_node.acknowledge': acknowledge,
+        **{f'{name}.wait': _wait_of(scenario, name) for name in LEG_CONTROLLERS},
+        'recorder_node.acknowledge': acknowledge,
         'recorder_node.acknowledge_periods_s': tuple(
             periods_ns.get(name, 0) / 1e9 for name in acknowledge)}
     if 'render_node' in nodes and not scenario.render_node.await_readers:
         values['render_node.await_readers'] = tuple(
             name for name in acknowledge if name in FRAME_TOPICS)
     return values
+
+
+def _wait_of(scenario: Scenario, controller: str) -> WaitConfig:
+    """Return what a controller of the legs waits for."""
+    physics, drive = scenario.physics_node, scenario.drive_node
+    wait: WaitConfig = getattr(scenario, controller).wait
+    if 'drive_node' in scenario.run.nodes and drive.mode != 'none' and (
+            drive.enable_stamped_cmd_vel):
+        wait = _extended(wait, {topics.CMD_VEL.name: 1.0 / drive.rate_hz})
+    if not wait.topics:
+        return wait
+    return dataclasses.replace(wait, silence_s=_share(wait.silence_s, physics.wait.silence_s),
+                               start_s=_share(wait.start_s, physics.wait.start_s))
+
+
+def _controller_waits(scenario: Scenario) -> tuple[str, ...]:
+    """Return the topics that the controller of the legs waits for."""
+    name = 'policy_node' if 'policy_node' in scenario.run.nodes else 'gait_controller_node'
+    topics_of: tuple[str, ...] = getattr(scenario, name).wait.topics
+    return topics_of
 
 
 def _awaits_lidar(scenario: Scenario) -> bool:
@@ -175,11 +191,30 @@ def without_node(scenario: Scenario, name: str) -> Scenario:
     return replaced(scenario, {'run.nodes': tuple(n for n in scenario.run.nodes if n != name)})
 
 
+def with_policy(scenario: Scenario, policy: str) -> Scenario:
+    """Return the scenario with policy_node in the place of gait_controller_node.
+
+    Args:
+        scenario: The scenario.
+        policy: A file, or the name of a packaged policy.
+
+    Raises:
+        LearningError: The policy cannot be read, or is not for the rover of the scenario.
+    """
+    # It takes a second to import, which other runs need not wait for.
+    from lunar_rover_sim.learning.controller import PolicyController
+    controller = PolicyController.load(policy, scenario.rover)
+    nodes = tuple('policy_node' if name == 'gait_controller_node' else name
+                  for name in scenario.run.nodes)
+    return replaced(scenario, {'run.nodes': nodes,
+                               'policy_node.policy': str(controller.policy.path.resolve())})
+
+
 def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
     """Return topic → lag [s] of the run's own nodes for which physics waits."""
     awaited = {}
     nodes = scenario.run.nodes
-    if 'gait_controller_node' in nodes:
+    if not set(nodes).isdisjoint(LEG_CONTROLLERS):
         awaited[topics.JOINT_COMMANDS.name] = 0.0
     if 'render_node' in nodes:
         awaited[topics.LEFT_INFO.name] = _RENDERER_LAG_FRAMES * frame_s
@@ -227,13 +262,15 @@ def awaits_others(scenario: Scenario) -> bool:
     """Return whether time waits for programs that a resolved scenario does not start."""
     of_run = {topic.name for topic in topics.of_legs(topics.CONTRACT, scenario.rover.legs.names)
               if topic.node in scenario.run.nodes}
+    if 'policy_node' in scenario.run.nodes:
+        of_run.add(topics.JOINT_COMMANDS.name)
     return not of_run.issuperset((*scenario.physics_node.wait.topics,
-                                  *scenario.gait_controller_node.wait.topics))
+                                  *_controller_waits(scenario)))
 
 
 def _participants(scenario: Scenario) -> tuple[str, ...]:
     """Return the topics that any node of a resolved scenario waits for, and cmd_vel."""
-    awaited = [*scenario.physics_node.wait.topics, *scenario.gait_controller_node.wait.topics]
+    awaited = [*scenario.physics_node.wait.topics, *_controller_waits(scenario)]
     if 'drive_node' in scenario.run.nodes:
         awaited.append(topics.CMD_VEL.name)
     # Recorded ones are waited for, so that the bag has them from the first frame on.

@@ -29,7 +29,8 @@ from lunar_rover_sim.parameters import merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
-                                             LidarNodeConfig, NODE_CONFIGS, PhysicsNodeConfig,
+                                             LEG_CONTROLLERS, LidarNodeConfig, NODE_CONFIGS,
+                                             PhysicsNodeConfig, PolicyNodeConfig,
                                              RecorderNodeConfig, RenderNodeConfig, SlamNodeConfig)
 from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
 from lunar_rover_sim.run.shared_config import LOCKSTEP, MAX_DURATION_S, NodeConfig
@@ -60,6 +61,9 @@ class RunConfig(Parameters):
         if self.world_hash and not re.fullmatch('[0-9a-f]{32}', self.world_hash):
             raise ConfigError(f'world_hash: {self.world_hash!r} is not valid; valid are 32 '
                               'hexadecimal digits, or nothing for any world')
+        if set(self.nodes).issuperset(LEG_CONTROLLERS):
+            raise ConfigError(f'nodes: {" and ".join(LEG_CONTROLLERS)} are not valid together; '
+                              'valid is one of them')
         for name in self.nodes:
             if self.nodes.count(name) > 1:
                 raise ConfigError(f'nodes: {name} is given {self.nodes.count(name)} times; valid '
@@ -82,6 +86,7 @@ class Scenario:
     recorder_node: RecorderNodeConfig
     slam_node: SlamNodeConfig
     lidar_node: LidarNodeConfig
+    policy_node: PolicyNodeConfig
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Iterable[str] | Mapping[str, Any] = (), *,

@@ -1,0 +1,181 @@
+"""What nodes that drive the legs have in common: joint states in, joint commands out, in step."""
+
+from __future__ import annotations
+
+import abc
+import collections
+from typing import Any, Protocol
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Twist, TwistStamped
+from sensor_msgs.msg import JointState
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import time_ns
+from lunar_rover_sim.errors import GaitError
+from lunar_rover_sim.gait.controller import LegCommand, MAX_COMMAND
+from lunar_rover_sim.nodes import conversions, node_main, qos
+from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
+from lunar_rover_sim.nodes.time_jump import TimeJump
+from lunar_rover_sim.nodes.velocity_subscription import VelocitySubscription
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.node_config import GaitNodeConfig, PolicyNodeConfig
+
+
+class Controller(Protocol):
+    """What turns velocities and states into leg commands."""
+
+    def reset(self) -> None:
+        """Forget time, phases and command."""
+
+    def set_velocity(self, forward_mps: float, yaw_rate_radps: float,
+                     stamp_ns: int | None = None) -> None:
+        """Command a velocity; raise GaitError for one that is not valid."""
+
+    def take_reports(self) -> list[str]:
+        """Return the reports since the last call."""
+
+
+class LegControllerNode(node_main.GraphNode, abc.ABC):
+    """Answers every joint state with a joint command that bears its stamp.
+
+    Where it waits for a stamped cmd_vel in lockstep, it uses the newest one whose stamp is not
+    later than that of the state. So the answer depends on stamps, not on the time of arrival.
+
+    Attributes:
+        needs: Topics without which there is nothing to answer.
+        legs: Of the rover.
+        config: The parameters.
+        states: Joint states that are not answered yet.
+    """
+
+    needs: tuple[str, ...] = (topics.JOINT_STATES.name,)
+
+    def __init__(self, name: str, kind: type[GaitNodeConfig] | type[PolicyNodeConfig]) -> None:
+        super().__init__(name)
+        config = declare(self, kind)
+        rover = load_rover(config.rover or None)
+        self.legs = rover.legs
+        self._controller = self.make_controller(config, rover)
+        self.config = config
+        self._waits = config.lockstep and topics.CMD_VEL.name in config.wait.topics
+        self.states: collections.deque[JointState] = collections.deque()
+        self._velocities: collections.deque[TwistStamped] = collections.deque()
+        self._now_ns = 0
+        self._jump = TimeJump(self)
+
+        self._message = JointState()    # refilled for every answer
+        self._publisher = self.create_publisher(JointState, topics.JOINT_COMMANDS.name,
+                                                qos.offered(topics.JOINT_COMMANDS))
+        # In lockstep the first answer is held until everybody reads it.
+        self._matching = ReaderDiscovery(
+            self, [self._publisher],
+            tuple(dict.fromkeys([*config.wait.topics, *config.participants]))
+            if config.lockstep else ())
+        self._listener = LockstepListener(self, config.wait, config.lockstep, self._newest_ns,
+                                          self._answer_while_open,
+                                          {topics.CMD_VEL: self._velocities.append}
+                                          if self._waits else None)
+        self._velocity = None if self._waits else VelocitySubscription(self, self._set_velocity)
+        self.create_subscription(JointState, topics.JOINT_STATES.name, self._state_callback,
+                                 qos.requested(topics.JOINT_STATES, config.lockstep))
+        self.prepare(config)
+        self.create_timer(0.5, self._watch)
+        self.report_ready(config, waits=(*self.needs, *config.wait.topics))
+
+    @abc.abstractmethod
+    def make_controller(self, config: Any, rover: RoverDescription) -> Controller:
+        """Return what drives the legs."""
+
+    @abc.abstractmethod
+    def command_for(self, state: JointState) -> LegCommand:
+        """Return the command for a state."""
+
+    def prepare(self, config: Any) -> None:
+        """Prepare what else the node needs, before it reports that it is ready."""
+
+    def next_state(self) -> JointState | None:
+        """Return the state to be answered next, of `states`; None where something is missing."""
+        return self.states[0] if self.states else None
+
+    def forget(self) -> None:
+        """Drop what belongs to a time before the present one."""
+
+    def destroy_node(self) -> None:
+        """Leave the graph, as the reader of Twist too."""
+        if self._velocity is not None:
+            self._velocity.close()
+        super().destroy_node()
+
+    def _state_callback(self, msg: JointState) -> None:
+        if self._jump.has_occurred(time_ns(msg.header.stamp)):
+            self.states.clear()
+            self._velocities.clear()
+            self._listener.restart()
+            self._controller.reset()
+            self.forget()
+        if not self.states:
+            # Nobody had to answer before. At the start that may have been minutes.
+            self._listener.note_progress()
+        self.states.append(msg)
+        self._listener.judge_early()
+        self._answer_while_open()
+
+    def _newest_ns(self) -> int | None:
+        if not self.states:
+            return self._now_ns or None
+        return time_ns(self.states[-1].header.stamp)
+
+    def _answer_while_open(self) -> None:
+        while self._matching.is_complete and (state := self.next_state()) is not None:
+            now_ns = time_ns(state.header.stamp)
+            if self._waits:
+                if not self._listener.gate.is_open(now_ns):
+                    return
+                self._use_velocities(now_ns)
+            self.states.popleft()
+            self._now_ns = now_ns
+            self._answer(state)
+            self._listener.note_progress()
+
+    def _answer(self, state: JointState) -> None:
+        command = self.command_for(state)
+        self.publish(command, state.header.stamp)
+
+    def publish(self, command: LegCommand, stamp: Time) -> None:
+        """Publish a command."""
+        self._publisher.publish(conversions.fill_joint_state(
+            self._message, self.legs, command.angle_rad, command.velocity_radps, None, stamp))
+
+    def _use_velocities(self, now_ns: int) -> None:
+        """Hand the controller the velocity commands with stamps up to `now_ns`."""
+        while self._velocities:
+            stamp_ns = time_ns(self._velocities[0].header.stamp)
+            if stamp_ns > now_ns:
+                return
+            self._set_velocity(self._velocities.popleft().twist, stamp_ns)
+
+    def _set_velocity(self, twist: Twist, command_ns: int | None = None) -> None:
+        # Outside lockstep a command counts from the newest state.
+        command_ns = self._now_ns if command_ns is None else command_ns
+        forward_mps, yaw_rate_radps = conversions.velocity_of(twist)
+        try:
+            self._controller.set_velocity(forward_mps, yaw_rate_radps, command_ns)
+        except GaitError:
+            self.warnings.add('velocity', f'cmd_vel: linear.x = {forward_mps}, angular.z = '
+                              f'{yaw_rate_radps} refused',
+                              f'; valid is -{MAX_COMMAND:g} to {MAX_COMMAND:g}')
+        for report in self._controller.take_reports():
+            self.get_logger().warning(report)
+
+    def work(self) -> None:
+        """Answer the states that were held until all readers were matched."""
+        self._answer_while_open()
+
+    def _watch(self) -> None:
+        if self._waits and self.states:
+            self._listener.check_silence(time_ns(self.states[0].header.stamp))
+
