@@ -178,4 +178,3 @@ class LegControllerNode(node_main.GraphNode, abc.ABC):
     def _watch(self) -> None:
         if self._waits and self.states:
             self._listener.check_silence(time_ns(self.states[0].header.stamp))
-

@@ -1,0 +1,132 @@
+"""policy_node: it answers as the gait controller does, pairs states with the IMU, and stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.ros
+rclpy = pytest.importorskip('rclpy')
+pytest.importorskip('onnx')
+
+from peer import LEGS  # noqa: E402
+from sensor_msgs.msg import Imu, JointState  # noqa: E402
+
+from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.errors import LearningError  # noqa: E402
+from lunar_rover_sim.learning.controller import PolicyController  # noqa: E402
+from lunar_rover_sim.learning.policy_file import save_policy  # noqa: E402
+from lunar_rover_sim.learning.senses import Sample  # noqa: E402
+from lunar_rover_sim.learning.tasks import make_task  # noqa: E402
+from lunar_rover_sim.nodes.policy_node import PolicyNode  # noqa: E402
+from lunar_rover_sim.rover.rover_file import load_rover  # noqa: E402
+from lunar_rover_sim.run.plan import with_policy  # noqa: E402
+from lunar_rover_sim.run.recording import record  # noqa: E402
+from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
+
+TIMEOUT_S = 0.2
+
+
+@pytest.fixture(scope='module')
+def policy_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a policy with random weights."""
+    path = tmp_path_factory.mktemp('policy') / 'walk.onnx'
+    task, rng = make_task('walk', {'ground': 'rigid'}), np.random.default_rng(2)
+    layers = [(rng.normal(0.0, 0.2, (4, len(task.channels))), rng.normal(0.0, 0.3, 4))]
+    save_policy(path, layers, task, {'algorithm': 'none', 'decisions': 0, 'seeds': [1]})
+    return path
+
+
+def test_a_run_is_walked_by_the_policy(policy_file: Path, tmp_path: Path) -> None:
+    """Each state is answered, with what the policy gives for the recorded messages."""
+    scenario = Scenario.load('flat', {
+        'run.nodes': ['physics_node', 'gait_controller_node', 'drive_node', 'recorder_node'],
+        'world.size_m': 12.8}, duration_s=2.0)
+    scenario = with_policy(scenario, policy_file)
+    assert 'gait_controller_node' not in scenario.run.nodes
+    recording = record(scenario, tmp_path / 'run')
+    names = ('joint_states', 'imu/data_raw', 'cmd_vel', 'joint_commands')
+    found: dict[str, dict[int, Any]] = {name: {} for name in names}
+    assert recording.bag is not None
+    with open_bag(recording.bag) as bag:
+        for topic, _, message in bag.messages([f'/{name}' for name in names]):
+            stamp = message.header.stamp
+            found[topic.lstrip('/')][stamp.sec * 10**9 + stamp.nanosec] = message
+    states, commands = found['joint_states'], found['joint_commands']
+    assert list(commands) == list(states)[:len(commands)] and len(commands) >= 200
+    controller = PolicyController.load(policy_file, load_rover())
+    largest = 0.0
+    for stamp_ns, state in states.items():
+        if stamp_ns not in commands:
+            break
+        if stamp_ns in found['cmd_vel']:
+            twist = found['cmd_vel'][stamp_ns].twist
+            controller.set_velocity(twist.linear.x, twist.angular.z, stamp_ns)
+        imu = found['imu/data_raw'][stamp_ns]
+        rate, force = imu.angular_velocity, imu.linear_acceleration
+        expected = controller.update(Sample(
+            stamp_ns, np.array(state.position), np.array(state.velocity), np.array(state.effort),
+            np.array([rate.x, rate.y, rate.z]), np.array([force.x, force.y, force.z])))
+        np.testing.assert_allclose(commands[stamp_ns].velocity, expected.velocity_radps,
+                                   atol=1e-6)
+        largest = max(largest, float(np.abs(expected.velocity_radps).max()))
+    assert largest > 0.3
+
+
+def test_a_policy_of_another_rover_does_not_start(policy_file: Path) -> None:
+    """The reason comes before any node is started."""
+    with pytest.raises(LearningError, match='is a policy for rover quad'):
+        with_policy(Scenario.load('flat', rover='hexapod'), policy_file)
+
+
+@pytest.fixture()
+def node(policy_file: Path, domain: int) -> Iterator[PolicyNode]:
+    """Give a node in this process, in real time."""
+    rclpy.init(args=['--ros-args', '-p', f'policy:={policy_file}', '-p', 'time_mode:=real_time',
+                     '-p', f'observation_timeout_s:={TIMEOUT_S}'])
+    made = PolicyNode()
+    try:
+        yield made
+    finally:
+        made.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_it_stands_still_when_observations_stop(node: PolicyNode) -> None:
+    """States without IMU are not answered; after the timeout the legs are told to stop."""
+    sent: list[JointState] = []
+    node.publish = lambda command, stamp: sent.append(          # type: ignore[method-assign]
+        (stamp.nanosec, command.velocity_radps))
+    callbacks = {one.topic_name: one.callback for one in node.subscriptions}
+
+    def state(stamp_ns: int) -> None:
+        message = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4, effort=[0.0] * 4)
+        message.header.stamp.nanosec = stamp_ns
+        callbacks['/joint_states'](message)
+
+    def imu(stamp_ns: int) -> None:
+        message = Imu()
+        message.header.stamp.nanosec, message.linear_acceleration.z = stamp_ns, 1.62
+        callbacks['/imu/data_raw'](message)
+
+    state(5_000_000)
+    assert not sent
+    imu(5_000_000)
+    imu(15_000_000)         # before its state; that of 10 ms is lost
+    state(10_000_000)
+    state(15_000_000)
+    assert [stamp for stamp, _ in sent] == [5_000_000, 15_000_000]
+    state(20_000_000)
+    time.sleep(TIMEOUT_S + 0.05)
+    for timer in node.timers:
+        timer.callback()
+    stamp, velocities = sent[-1]
+    assert len(sent) == 3 and stamp == 15_000_000 and not np.any(velocities)
+    for timer in node.timers:
+        timer.callback()
+    assert len(sent) == 3   # once
