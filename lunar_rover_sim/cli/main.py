@@ -53,6 +53,8 @@ COMMANDS = {
         'slam', 'what SLAM programs need: settings files, vocabularies; running them on bags'),
     'validate imu': Command(
         'validate_imu', 'Allan deviation of the IMU at rest against its configured noise'),
+    'validate learning': Command(
+        'validate_learning', 'policies against the packaged gait on hidden seeds'),
     'validate locomotion': Command(
         'validate_locomotion',
         'pitch of the walk against a velocity interface; commands followed'),

@@ -106,7 +106,8 @@ def _in_nodes(task: RoverTask, policy: Policy, seed: int, count: int) -> np.ndar
     controller = PolicyController(policy, task.rover)
     controller.set_velocity(*task.commanded)
     steps = 1_000_000_000 // STATE_HZ // simulation.config.step_ns
-    state, seen = simulation.state, []
+    state = simulation.state
+    seen: list[np.ndarray | None] = []
     while len(seen) < count:
         legs = controller.update(Sample.of(state))
         if state.stamp_ns % controller.driver.decision_ns == 0:

@@ -25,7 +25,7 @@ class GaitControllerNode(LegControllerNode):
 
     def make_controller(self, config: GaitNodeConfig, rover: RoverDescription) -> GaitController:
         """Return the gait controller of the rover."""
-        config = config.for_rover(rover)
+        self._own = config = config.for_rover(rover)
         calibration = GaitCalibration.of(config, rover=rover.name)
         for difference in differences(calibration.conditions, rover_conditions(rover)):
             self.get_logger().warning(f'calibration: measured with {difference}')
@@ -34,7 +34,7 @@ class GaitControllerNode(LegControllerNode):
 
     def prepare(self, config: Any) -> None:
         """Let parameters of the gait change."""
-        on_change(self, self._gait.config, self._gait.configure)
+        on_change(self, self._own, self._gait.configure)
 
     def command_for(self, state: JointState) -> LegCommand:
         """Return the command for a state."""

@@ -161,9 +161,9 @@ def _wait_of(scenario: Scenario, controller: str) -> WaitConfig:
 
 def _controller_waits(scenario: Scenario) -> tuple[str, ...]:
     """Return the topics that the controller of the legs waits for."""
-    name = 'policy_node' if 'policy_node' in scenario.run.nodes else 'gait_controller_node'
-    topics_of: tuple[str, ...] = getattr(scenario, name).wait.topics
-    return topics_of
+    by_policy = 'policy_node' in scenario.run.nodes
+    controller = scenario.policy_node if by_policy else scenario.gait_controller_node
+    return controller.wait.topics
 
 
 def _awaits_lidar(scenario: Scenario) -> bool:

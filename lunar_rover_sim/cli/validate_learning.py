@@ -1,0 +1,57 @@
+"""`lunar_rover_sim validate learning`: policies against the packaged gait on hidden seeds."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
+from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.paths import check_folder
+from lunar_rover_sim.learning.policy_file import Policy, policy_names, policy_path
+from lunar_rover_sim.learning.task import GROUNDS as ALL_GROUNDS
+from lunar_rover_sim.studies.learning import (Case, GROUNDS, HIDDEN_SEEDS, PACKAGED, report_text,
+                                              SLOPES_DEG, study)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = ('Walk with the packaged gait and with policies over the same worlds,'
+                          ' which no training saw, and compare them in pairs.')
+    parser.add_argument('policies', nargs='*', metavar='POLICY',
+                        help='packaged policies or files; by default all packaged ones')
+    options.add_folder(parser, 'folder for learning.md and learning.csv; walks that the CSV has'
+                       ' are not made again')
+    parser.add_argument('--grounds', nargs='+', choices=ALL_GROUNDS, default=list(GROUNDS),
+                        metavar='GROUND', help=f'(default: {" ".join(GROUNDS)})')
+    options.add_number(parser, '--slopes', 0.0, 30.0, nargs='+', default=list(SLOPES_DEG),
+                       unit='deg', metavar='DEG', help='uphill')
+    options.add_number(parser, '--seeds', 1, len(HIDDEN_SEEDS), kind=int,
+                       default=len(HIDDEN_SEEDS), help='number of worlds')
+    parser.add_argument('--rover', default='quad', metavar='NAME_OR_PATH',
+                        help='a packaged rover or a rover file (default: quad)')
+    options.add_workers(parser, 'processes that walk')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Walk, compare and print."""
+    check_folder(args.output)
+    args.output.mkdir(parents=True, exist_ok=True)
+    policies = args.policies or policy_names()
+    for policy in policies:
+        Policy(policy)
+    walkers = [PACKAGED, *(name if name in policy_names() else str(policy_path(name).resolve())
+                           for name in policies)]
+    cases = [Case(walker, ground, slope, seed, args.rover)
+             for slope in args.slopes for ground in args.grounds
+             for seed in HIDDEN_SEEDS[:args.seeds] for walker in walkers]
+    path: Path = args.output / 'learning.csv'
+    with Progress('walking') as progress:
+        walks = study(cases, path, args.workers, progress)
+    text = report_text(walks)
+    atomic_write(args.output / 'learning.md', text, StudyError)
+    print_markdown(text)
+    say(f'{path}: {len(walks)} walks')
+    return 0

@@ -1,0 +1,256 @@
+"""The learning study: policies held against the packaged gait on seeds that no training saw.
+
+Each walker follows a velocity command straight on and uphill over the relief of regolith, as the
+nodes would make it walk: a state every 5 ms, each answered. All walkers have the same worlds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import csv
+import dataclasses
+import functools
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.camera.rig import StereoRig
+from lunar_rover_sim.errors import ConfigError, PhysicsError, StudyError
+from lunar_rover_sim.evaluation.statistics import Comparison, Mean
+from lunar_rover_sim.files.atomic import atomic_write
+from lunar_rover_sim.files.wording import markdown_table
+from lunar_rover_sim.gait.calibration import GaitCalibration
+from lunar_rover_sim.gait.config import GaitConfig
+from lunar_rover_sim.gait.controller import GaitController, LegCommand
+from lunar_rover_sim.inspection.tracking import prediction_miss
+from lunar_rover_sim.learning.controller import PolicyController
+from lunar_rover_sim.learning.senses import Sample
+from lunar_rover_sim.learning.task import FALLEN_DEG, physics_of, STATE_HZ, terrain
+from lunar_rover_sim.physics.foot_motion import SlipMeter
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
+from lunar_rover_sim.studies.parallel import map_in_processes
+
+PACKAGED = 'packaged'
+GROUNDS, SLOPES_DEG = ('rigid', 'highland', 'highland_loose'), (0.0, 8.0)
+# Of reliefs; training draws its seeds below 10,000 and is watched on some of 20,000.
+HIDDEN_SEEDS = tuple(range(90_000, 90_020))
+SPEED_MPS, SKIP_S, DURATION_S = 0.12, 3.0, 9.0
+FRAME_HZ = 20.0         # of the constant-velocity tracker
+_SLIP_EVERY = 4         # states
+_STUCK = 0.1            # share of the commanded way below which a rover is stuck
+_SIZE_M = 12.8
+WALKED = 'walked'
+_NAN = math.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One walk to be made.
+
+    Attributes:
+        walker: `packaged`, or a policy: its name or file.
+        ground: Rigid, or a soil.
+        slope_deg: Uphill.
+        seed: Of the relief.
+        rover: Its name or file.
+    """
+
+    walker: str
+    ground: str
+    slope_deg: float
+    seed: int
+    rover: str = 'quad'
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicyWalk:
+    """What was measured of a walk after its start.
+
+    Attributes:
+        case: The walk.
+        outcome: walked, stuck, dug in, fallen, or the error of the simulation.
+        speed_mps: Along the course.
+        tracking_error: Of the speed, as a share of the commanded one.
+        drift_mps: Across the course.
+        transport: Electric energy over weight times way, NaN where it does not get on.
+        slip: Of all feet.
+        pitch_rate_rms_radps: About the y axis of the base.
+        miss_px: Median by which a constant-velocity tracker mispredicts at `FRAME_HZ` [px].
+    """
+
+    case: Case
+    outcome: str
+    speed_mps: float = _NAN
+    tracking_error: float = _NAN
+    drift_mps: float = _NAN
+    transport: float = _NAN
+    slip: float = _NAN
+    pitch_rate_rms_radps: float = _NAN
+    miss_px: float = _NAN
+
+
+MEASURED = tuple(field.name for field in dataclasses.fields(PolicyWalk)[2:])
+# Column → title and digits; lower is better in each.
+QUANTITIES = {'transport': ('cost of transport', 3), 'pitch_rate_rms_radps':
+              ('pitch rate RMS [rad/s]', 3), 'miss_px': ('predicted miss [px]', 2),
+              'tracking_error': ('tracking error', 3), 'slip': ('slip', 3)}
+
+
+def walk(case: Case) -> PolicyWalk:
+    """Walk a case, and return what was measured; what cannot be simulated is a result, too."""
+    rover = load_rover(case.rover)
+    world = terrain(case.seed, _SIZE_M, False, case.slope_deg)
+    try:
+        with Simulation(world, rover, physics_of(case.ground)) as simulation:
+            return _measured(case, simulation, answer_of(case, rover))
+    except (ConfigError, PhysicsError) as error:
+        return PolicyWalk(case, str(error))
+
+
+def answer_of(case: Case, rover: RoverDescription) -> Callable[[Sample], LegCommand]:
+    """Return what answers the states of a walk: the packaged gait of the ground, or a policy."""
+    if case.walker == PACKAGED:
+        gait = GaitConfig().for_rover(rover)
+        controller = GaitController(gait, GaitCalibration.of(gait, case.ground, rover.name),
+                                    rover.legs)
+        controller.set_velocity(SPEED_MPS, 0.0)
+        return lambda sample: controller.update(sample.stamp_ns, sample.angle_rad,
+                                                sample.speed_radps)
+    policy = PolicyController.load(case.walker, rover)
+    policy.set_velocity(SPEED_MPS, 0.0)
+    return policy.update
+
+
+def study(cases: Sequence[Case], path: Path, workers: int = 1,
+          progress: Callable[[int, int], object] = lambda done, total: None) -> list[PolicyWalk]:
+    """Walk all cases, write each to a CSV as it is done, and return them in their order.
+
+    Walks that are in the CSV already are not made again: a study that was stopped goes on.
+
+    Raises:
+        StudyError: The CSV is none of this study, or cannot be written.
+    """
+    done = {found.case: found for found in read_walks(path)} if path.exists() else {}
+    todo = [case for case in cases if case not in done]
+
+    def keep(found: PolicyWalk, count: int, total: int) -> None:
+        done[found.case] = found
+        write_walks(path, list(done.values()))
+        progress(count, total)
+
+    map_in_processes(walk, todo, workers, keep)
+    return [done[case] for case in cases]
+
+
+def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
+    """Write walks as CSV."""
+    text = io.StringIO(newline='')
+    writer = csv.writer(text)
+    names = [field.name for field in dataclasses.fields(Case)]
+    writer.writerow([*names, 'outcome', *MEASURED])
+    for one in walks:
+        writer.writerow([*dataclasses.astuple(one.case), one.outcome,
+                         *(f'{getattr(one, name):.6g}' for name in MEASURED)])
+    atomic_write(path, text.getvalue(), StudyError)
+
+
+def read_walks(path: Path) -> list[PolicyWalk]:
+    """Read what `write_walks` wrote."""
+    try:
+        with path.open(encoding='utf-8', newline='') as file:
+            return [PolicyWalk(Case(row['walker'], row['ground'], float(row['slope_deg']),
+                                    int(row['seed']), row['rover']), row['outcome'],
+                               *(float(row[name]) for name in MEASURED))
+                    for row in csv.DictReader(file)]
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise StudyError(f'{path}: is no table of this study: {error}') from None
+
+
+def report_text(walks: Sequence[PolicyWalk]) -> str:
+    """Return tables of all grounds and slopes: means, and each walker against the packaged gait.
+
+    Differences are those of medians of pairs; p and effect (rank-biserial) of Wilcoxon's test.
+    """
+    lines = ['Means with 95 % bootstrap intervals. p and effect are of the paired test against the'
+             ' packaged gait on the same worlds; an effect of -1 is lower in every world.']
+    for ground, slope in dict.fromkeys((one.case.ground, one.case.slope_deg) for one in walks):
+        here = [one for one in walks if (one.case.ground, one.case.slope_deg) == (ground, slope)]
+        by_walker = {name: sorted((one for one in here if one.case.walker == name),
+                                  key=lambda one: one.case.seed)
+                     for name in dict.fromkeys(one.case.walker for one in here)}
+        packaged = by_walker.get(PACKAGED, [])
+        rows = []
+        for name, found in by_walker.items():
+            cells = [Path(name).stem, f'{sum(one.outcome == WALKED for one in found)}/'
+                     f'{len(found)}']
+            for column, (_, digits) in QUANTITIES.items():
+                values = np.array([getattr(one, column) for one in found])
+                cell = Mean.of(values).text(digits)
+                if name != PACKAGED and [one.case.seed for one in packaged] == [
+                        one.case.seed for one in found]:
+                    compared = Comparison.of(
+                        values, [getattr(one, column) for one in packaged])
+                    cell += f'; p = {compared.p:.2g}, {compared.effect:+.2f}'
+                cells.append(cell)
+            rows.append(cells)
+        lines += ['', f'## {ground}, {slope:g}° uphill', '', *markdown_table(
+            ('walker', 'walked', *(title for title, _ in QUANTITIES.values())), rows)]
+    return '\n'.join([*lines, ''])
+
+
+def _measured(case: Case, simulation: Simulation,
+              answer: Callable[[Sample], LegCommand]) -> PolicyWalk:
+    rover, config = simulation.rover, simulation.config
+    period_s, steps = 1.0 / STATE_HZ, 1_000_000_000 // STATE_HZ // config.step_ns
+    noise = ImuNoise(ImuConfig(), STATE_HZ, np.random.default_rng(case.seed))
+    feet, poses, energy_j, pitch = SlipMeter(len(rover.legs.each)), [], 0.0, 0.0
+    every = round(STATE_HZ / FRAME_HZ)
+    state, begin, outcome = simulation.state, simulation.state, WALKED
+    first, last = round(SKIP_S * STATE_HZ), round(DURATION_S * STATE_HZ)
+    for k in range(1, last + 1):
+        simulation.command(answer(Sample.of(state, noise)).velocity_radps)
+        state = simulation.advance(steps)
+        if _tilt_deg(state) > FALLEN_DEG:
+            return PolicyWalk(case, 'fallen')
+        if k == first:
+            begin = state
+        elif k > first:
+            power = rover.motor.electric_power_w(state.motor_torque_nm,
+                                                 state.joint_velocity_radps)
+            energy_j += float(np.maximum(power, 0.0).sum()) * period_s
+            pitch += float(state.angular_velocity_radps[1]) ** 2
+            if k % _SLIP_EVERY == 0:
+                feet.add(simulation.foot_motion, _SLIP_EVERY * period_s)
+        if k >= first and k % every == 0:
+            poses.append(state.T_world_base)
+    time_s = (last - first) * period_s
+    way = state.position_m - begin.position_m
+    uphill = math.cos(math.radians(case.slope_deg))
+    distance, drift = float(way[0]) / uphill, float(way[1])
+    if distance < _STUCK * SPEED_MPS * time_s:
+        outcome = 'stuck'
+    if simulation.ground_contact is not None and simulation.ground_contact.dug_in:
+        outcome = 'dug in'
+    weight_n = rover.total_mass_kg * config.gravity_mps2
+    miss = prediction_miss(np.array(poses), _rig(rover), rover.standing_height_m, FRAME_HZ)
+    return PolicyWalk(
+        case, outcome, distance / time_s, abs(distance / time_s / SPEED_MPS - 1.0),
+        drift / time_s, energy_j / weight_n / distance if outcome == WALKED else _NAN, feet.total,
+        math.sqrt(pitch / (last - first)), _NAN if miss is None else miss.median_px)
+
+
+def _tilt_deg(state: RoverState) -> float:
+    _, x, y, _ = state.orientation_wxyz.tolist()
+    return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
+
+
+@functools.lru_cache(maxsize=2)
+def _rig(rover: RoverDescription) -> StereoRig:
+    return StereoRig(rover, CameraConfig())

@@ -1,0 +1,64 @@
+"""The learning study: what is measured of a walk, how walkers are compared, and what is kept."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.learning.randomisation import Randomisation
+from lunar_rover_sim.studies import learning
+from lunar_rover_sim.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk,
+                                              read_walks, report_text, study, walk, WALKED)
+
+
+def made(walker, seed, transport, outcome=WALKED):
+    return PolicyWalk(Case(walker, 'rigid', 0.0, seed), outcome, 0.12, 0.01, 0.0, transport, 0.02,
+                      0.3, 2.5)
+
+
+def test_hidden_seeds_are_not_those_of_training():
+    low, high = Randomisation().terrain_seed
+    assert min(HIDDEN_SEEDS) > high >= low and len(set(HIDDEN_SEEDS)) == 20
+
+
+def test_the_packaged_gait_walks_as_its_calibration_says():
+    found = walk(Case(PACKAGED, 'rigid', 0.0, HIDDEN_SEEDS[0]))
+    assert found.outcome == WALKED
+    # The calibration's own tolerance; relief and whole cycles take some of it.
+    assert found.tracking_error < 0.1 and abs(found.drift_mps) < 0.03
+    assert 0.4 < found.transport < 3.0 and 0.1 < found.pitch_rate_rms_radps < 1.0
+    assert 0.0 <= found.slip < 0.2 and found.miss_px > 0.1
+
+
+def test_pairs_tell_a_difference_that_means_hide():
+    rng = np.random.default_rng(1)
+    base = rng.uniform(1.0, 2.0, 20)
+    walks = [made(PACKAGED, k, value) for k, value in enumerate(base)]
+    walks += [made('better', k, value - 0.05) for k, value in enumerate(base)]
+    row = next(line for line in report_text(walks).splitlines() if line.startswith('| better'))
+    cell = row.split('|')[3]
+    p = float(cell.split('p = ')[1].split(',')[0])
+    assert p < 0.01 and '-1.00' in cell and '20/20' in row
+
+
+def test_a_study_that_was_stopped_goes_on(tmp_path, monkeypatch):
+    made_of = []
+
+    def counted(case):
+        made_of.append(case)
+        return made(case.walker, case.seed, 1.5)
+
+    monkeypatch.setattr(learning, 'walk', counted)
+    cases = [Case(PACKAGED, 'rigid', 0.0, seed) for seed in HIDDEN_SEEDS[:4]]
+    path = tmp_path / 'learning.csv'
+    study(cases[:2], path)
+    found = study(cases, path)
+    assert made_of == cases and [one.case for one in found] == cases
+    assert read_walks(path) == found
+    fallen = dataclasses.replace(found[0], outcome='fallen', transport=float('nan'))
+    learning.write_walks(path, [fallen])
+    assert np.isnan(read_walks(path)[0].transport)
+    path.write_text('a,b\n1,2\n')
+    with pytest.raises(StudyError, match='is no table of this study'):
+        study(cases, path)
