@@ -65,7 +65,7 @@ class ChaseConfig(FurtherCameraConfig):
 
     enabled: bool = param(False, 'offer chase/image_raw and chase/camera_info')
     rate_hz: int = param(10, 'images per second; a divisor of frame_rate_hz', unit='Hz', low=1,
-                         high=200)
+                         high=200, live=True)
     mode: str = param(FOLLOW, 'follow: it moves with the rover; tripod: it stands at position_m '
                       'and turns towards the rover', choices=(FOLLOW, TRIPOD))
     distance_m: float = param(1.5, 'from the rover', unit='m', low=0.2, high=500.0)

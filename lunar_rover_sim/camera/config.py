@@ -98,14 +98,15 @@ class SensorConfig(Parameters):
         choices=('sqrt', 'linear'))
     exposure_mode: str = param(
         'sunlit', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '
-        'auto: follows the images', choices=('sunlit', 'fixed', 'auto'))
+        'auto: follows the images', choices=('sunlit', 'fixed', 'auto'), live=True)
     exposure_s: float = param(1e-3, 'exposure time in mode fixed, and first one in mode auto',
-                              unit='s', low=0.0, open_low=True, high=10.0)
+                              unit='s', low=0.0, open_low=True, high=10.0, live=True)
     target_level: float = param(0.40, 'level that sunlit and auto aim at, of full scale', low=0.01,
-                                high=0.95)
+                                high=0.95, live=True)
     auto_lag: float = param(0.6, 'share of the old exposure that auto keeps per frame', low=0.0,
-                            high=0.99)
-    auto_max_s: float = param(0.02, 'longest exposure of auto', unit='s', low=1e-5, high=10.0)
+                            high=0.99, live=True)
+    auto_max_s: float = param(0.02, 'longest exposure of auto', unit='s', low=1e-5, high=10.0,
+                              live=True)
     motion_blur: bool = param(True, 'light is gathered while the rover moves, over the exposure')
     line_time_s: float = param(
         0.0, 'from the exposure of one row to that of the next: rolling shutter; 0: global, all '

@@ -87,6 +87,17 @@ class Development:
         if self._auto is None or self.exposure_s == 0.0:
             self.exposure_s = first_exposure_s(self.sensor, light.sun, light.lamp, light.ground)
 
+    def expose(self, config: SensorConfig, light: Light) -> None:
+        """Take other parameters of the exposure, from the next image on.
+
+        Args:
+            config: The image sensors; all but their exposure must be as before.
+            light: Of the first exposure.
+        """
+        self.sensor = SensorModel(self.sensor.camera, config)
+        self._auto = AutoExposure(self.sensor) if config.exposure_mode == 'auto' else None
+        self.meter(light)
+
     def inside(self, image: NDArray[Any]) -> NDArray[Any]:
         """Return the part of a padded image that the camera shows."""
         x, y = self._padding

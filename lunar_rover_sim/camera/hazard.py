@@ -82,7 +82,7 @@ class HazardConfig(FurtherCameraConfig):
     """A hazard camera: where it is on the rover, and what it is made of."""
 
     rate_hz: int = param(5, 'images per second; a divisor of frame_rate_hz', unit='Hz', low=1,
-                         high=200)
+                         high=200, live=True)
     position_m: tuple[float, ...] = param(
         (0.17, 0.0, 0.02), 'of the lens in base_link; of a pair, of the middle between both',
         unit='m', low=-10.0, high=10.0, length=3)

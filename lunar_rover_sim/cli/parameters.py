@@ -99,6 +99,12 @@ def markdown(sections: Sections | None = None) -> str:
     return '\n'.join(lines).rstrip()
 
 
+def parameter_names() -> list[str]:
+    """Return the names of all parameters, as --set takes them."""
+    return [row.name if section == SHARED else f'{section}.{row.name}'
+            for section, rows in _sections().items() for row in rows]
+
+
 def _sections() -> Sections:
     classes = {SHARED: NodeConfig, 'run': RunConfig, 'world': WorldConfig,
                'rover': RoverDescription, **NODE_CONFIGS}

@@ -38,9 +38,9 @@ class SunConfig(Parameters):
     """The position and the light of the sun. It stands still unless it has a date."""
 
     azimuth_deg: float = param(60.0, 'direction to the sun from x (east) towards y (north)',
-                               unit='deg', low=-360.0, high=360.0)
+                               unit='deg', low=-360.0, high=360.0, live=True)
     elevation_deg: float = param(6.0, 'height of the centre of the disc above the horizontal',
-                                 unit='deg', low=LOWEST_DEG, high=90.0)
+                                 unit='deg', low=LOWEST_DEG, high=90.0, live=True)
     angular_diameter_deg: float = param(0.533, 'apparent diameter of the disc', unit='deg',
                                         low=0.01, high=5.0)
     irradiance: float = param(1361.0, 'normal irradiance; 0 switches the sun off',

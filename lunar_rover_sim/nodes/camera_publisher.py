@@ -122,7 +122,17 @@ class CameraPublisher:
         self.configure(config)
 
     def configure(self, config: RenderNodeConfig) -> None:
-        """Use changed live parameters: those of compression and points."""
+        """Use changed live parameters: those of compression, points, exposure and rates."""
+        entry = next(one for one in config.cameras if one.name == self.entry.name)
+        sensor = entry.config.sensor
+        if sensor != self.entry.config.sensor:
+            if entry.mount is None:
+                self._renderer.expose(sensor)
+            elif self._drawn is not None:
+                self._drawn.drawn.expose(sensor)
+        self.entry, self._config = entry, config
+        self._outputs = {output.topic.name: output for output in entry.outputs
+                         if output.topic.name in self._publishers}
         self._points_step = config.stereo.points2.step_px
         self._compression = dict(zip(_COMPRESSED, (config.stereo.left.image_raw.compressed,
                                                    config.stereo.right.image_raw.compressed)))

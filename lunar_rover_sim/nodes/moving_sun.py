@@ -9,6 +9,7 @@ from rclpy.node import Node
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.rendering.renderer import Renderer
@@ -31,30 +32,39 @@ class MovingSun:
                                                 qos.offered(topics.SUN))
         self._pool = ThreadPoolExecutor(1)
         self._coming: Future[WorldLight] | None = None
-        self._drawn = self._announced = self._coming_step = 0
+        # Steps of the path, and its number: parameters may give another one.
+        self._drawn = self._announced = self._coming_step = (0, 0)
+        self._number = 0
         self._publish(0)
+
+    def follow(self, sun: SunConfig, stamp_ns: int) -> None:
+        """Show another sun, one without a date, from a stamp on."""
+        self._path, self._number = SunPath(sun), self._number + 1
+        self._publish(0, stamp_ns)
+
+    def _step(self, stamp_ns: int) -> tuple[int, int]:
+        return self._number, self._path.step(stamp_ns)
 
     def announce(self, stamp_ns: int) -> None:
         """Publish the direction at a stamp, if it is that of another step."""
-        step = self._path.step(stamp_ns)
-        if step != self._announced:
-            self._publish(step)
+        if self._step(stamp_ns) != self._announced:
+            self._publish(self._path.step(stamp_ns))
 
     def is_due(self, stamp_ns: int) -> bool:
         """Return whether `light` will move the sun; no frame may be under way then."""
         if self._coming is not None and self._coming.done():
             return True
-        return self._lockstep and self._path.step(stamp_ns) != self._drawn
+        return self._lockstep and self._step(stamp_ns) != self._drawn
 
     def light(self, stamp_ns: int) -> None:
         """Give a frame that is about to be drawn its light."""
-        step = self._path.step(stamp_ns)
+        step = self._step(stamp_ns)
         if self._coming is not None and self._coming.done():
             self._renderer.show_sun(self._coming.result())
             self._drawn, self._coming = self._coming_step, None
         if step == self._drawn or self._coming is not None:
             return
-        sun = self._path.of_step(step)
+        sun = self._path.of_step(step[1])
         if self._lockstep:
             self._renderer.show_sun(self._renderer.light_of(sun))
             self._drawn = step
@@ -66,12 +76,13 @@ class MovingSun:
         """Wait for what is being computed."""
         self._pool.shutdown(cancel_futures=True)
 
-    def _publish(self, step: int) -> None:
+    def _publish(self, step: int, stamp_ns: int | None = None) -> None:
         """Publish the direction of a step, stamped with the time from which it holds."""
-        self._announced, sun = step, self._path.of_step(step)
+        self._announced, sun = (self._number, step), self._path.of_step(step)
+        stamp_ns = self._path.start_ns(step) if stamp_ns is None else stamp_ns
         message = Vector3Stamped()
         message.header.frame_id = self._frame_id
-        message.header.stamp = conversions.time_msg(self._path.start_ns(step))
+        message.header.stamp = conversions.time_msg(stamp_ns)
         direction = sun_direction(sun.azimuth_deg, sun.elevation_deg)
         message.vector.x, message.vector.y, message.vector.z = map(float, direction)
         self._publisher.publish(message)

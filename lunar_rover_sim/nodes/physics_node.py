@@ -8,13 +8,14 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
 from lunar_rover_sim.nodes.ground_publisher import GroundPublisher
 from lunar_rover_sim.nodes.lockstep_listener import LockstepListener
 from lunar_rover_sim.nodes.own_world import load_own_world
 from lunar_rover_sim.nodes.pacing import Stepping, WallPace
-from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.parameters import declare, on_change
 from lunar_rover_sim.nodes.physics_diagnostics import PhysicsDiagnostics
 from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
 from lunar_rover_sim.nodes.requested_sensors import RequestedSensors
@@ -51,8 +52,8 @@ class PhysicsNode(node_main.GraphNode):
             self, self._simulation.overlay, world.ground, config.ground_period_ns,
             topics.GROUND_CHANGES.frame(config.separate_truth)))
         changes = [] if self._ground is None else [self._ground.changes]
-        platform = Platform(self._simulation, world, config.sun, config.seed,
-                            1e-9 * config.state_period_ns)
+        self._platform = platform = Platform(self._simulation, world, config.sun, config.seed,
+                                             1e-9 * config.state_period_ns)
         self._requested = RequestedSensors(self, mounted(config, platform), unpublished(
             config.separate_truth, config.publish_clock, config.ground.deforms))
         self._matching = ReaderDiscovery(
@@ -91,8 +92,16 @@ class PhysicsNode(node_main.GraphNode):
             self.create_timer(config.state_period_ns / 1e9 / config.real_time_factor,
                               self._advance_by_wall_clock)
         self.create_timer(0.5, self._watch)
+        on_change(self, config, self._configure)
         self.report_ready(config, f'world {world.hash[:12]}', config.wait.topics,
                           config.without_effect())
+
+    def _configure(self, config: PhysicsNodeConfig) -> None:
+        """Use changed live parameters: the sun that sensors see."""
+        if config.sun.date:
+            raise ConfigError('sun.azimuth_deg, sun.elevation_deg: follow from sun.date '
+                              f'({config.sun.date}); they can change where it is empty')
+        self._platform.sun.follow(config.sun)
 
     def close(self) -> None:
         """Release the simulation."""

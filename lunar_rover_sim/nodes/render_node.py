@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
@@ -88,9 +89,7 @@ class RenderNode(node_main.GraphNode):
         cameras = config.cameras
         # States begin periods of frames as they arrive, frames those of all images as they are
         # drawn.
-        self._arrived = Periods([config.frame_period_ns], config.lockstep)
-        self._due = Periods([output.period_ns for camera in cameras for output in camera.outputs],
-                            config.lockstep)
+        self._begin_periods(config)
         self._jump = TimeJump(self)
         self._single: tuple[int, bytes] | None = None   # odometry between periods, the only one
         self._single_s = 0.0
@@ -122,7 +121,7 @@ class RenderNode(node_main.GraphNode):
         LabelPublisher(self, self._renderer.rocks, world.craters, world.hash,
                        rover.legs.names)
         refuse_other_worlds(self, config.world, world, config.lockstep)
-        on_change(self, config, self._pair.configure)
+        on_change(self, config, self._configure)
         Diagnostics(self, {'Frame rate': self._frame_rate_status, 'Drops': self._drops.status})
         self.report_ready(config, f'world {world.hash[:12]}', (config.truth.name,))
 
@@ -137,6 +136,32 @@ class RenderNode(node_main.GraphNode):
         self._renderer.close()
         for camera in self._cameras:
             camera.raise_error()
+
+    def _begin_periods(self, config: RenderNodeConfig) -> None:
+        self._arrived = Periods([config.frame_period_ns], config.lockstep)
+        self._due = Periods([output.period_ns for camera in config.cameras
+                             for output in camera.outputs], config.lockstep)
+
+    def _configure(self, config: RenderNodeConfig) -> None:
+        """Use changed live parameters; raise ConfigError for what cannot change now."""
+        before = self._config
+        rates, before_rates = ([(output.topic, output.period_ns) for camera in of.cameras
+                                for output in camera.outputs] for of in (config, before))
+        if rates != before_rates and config.lockstep:
+            raise ConfigError('frame_rate_hz, depth_every, rate_hz: cannot change in time_mode '
+                              'lockstep, where others wait for frames; valid is real_time')
+        if config.sun != before.sun:
+            if config.sun.date:
+                raise ConfigError('sun.azimuth_deg, sun.elevation_deg: follow from sun.date '
+                                  f'({config.sun.date}); they can change where it is empty')
+            self._sun.follow(config.sun, 0 if self._newest is None else self._newest.stamp_ns)
+            self.get_logger().info('the sun has moved for images alone; sensors that see it '
+                                   'follow sun.* of physics_node')
+        for camera in self._cameras:
+            camera.configure(config)
+        self._config = config
+        if rates != before_rates:
+            self._begin_periods(config)
 
     # Input
 

@@ -16,6 +16,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.camera.config import SensorConfig
 from lunar_rover_sim.camera.development import Development, Light, LitImage
 from lunar_rover_sim.camera.distorted_image import padding
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
@@ -158,6 +159,11 @@ class CameraRenderer(GlOwner):
         for passes in self._passes:
             passes.relight(self._config)
         self._development.meter(light_of(self._config))
+
+    def expose(self, sensor: SensorConfig) -> None:
+        """Take other parameters of the exposure; see `Development.expose`."""
+        self._config = dataclasses.replace(self._config, sensor=sensor)
+        self._development.expose(sensor, light_of(self._config))
 
     def draw(self, state: RoverPose, request: Request) -> StereoFrame:
         """Return a frame; none may be under way."""

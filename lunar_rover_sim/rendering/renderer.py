@@ -11,7 +11,7 @@ import moderngl
 
 from lunar_rover_sim.arguments import check_scenario
 from lunar_rover_sim.camera.cameras import geometry_of
-from lunar_rover_sim.camera.config import FurtherCameraConfig
+from lunar_rover_sim.camera.config import FurtherCameraConfig, SensorConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.camera.rig import PinholeCamera, StereoRig
@@ -157,6 +157,15 @@ class Renderer:
             self._shared.relight(light)
             for camera in (self._pair, *(further.drawn for further in self._further)):
                 camera.relight(light.sun)
+
+    def expose(self, sensor: SensorConfig) -> None:
+        """Take other parameters of the exposure of the pair, from the next image on.
+
+        Args:
+            sensor: The image sensors; all but their exposure must be as before.
+        """
+        self.config = dataclasses.replace(self.config, sensor=sensor)
+        self._pair.expose(sensor)
 
     def follow(self, overlay: Overlay | None) -> None:
         """Draw the tracks in an overlay, such as `Simulation.overlay`, from now on.

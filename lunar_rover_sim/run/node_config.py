@@ -154,10 +154,10 @@ class RenderNodeConfig(NodeConfig, RenderConfig):
     hazard: Named[HazardConfig] = named(HazardConfig)
     frame_rate_hz: int = param(20, 'stereo pairs per second; its period is a whole number of '
                                'state periods. A walking body pitches: at 10 Hz trackers lose it',
-                               unit='Hz', low=1, high=200)
+                               unit='Hz', low=1, high=200, live=True)
     depth_every: int = param(2, 'matching (disparity, depth, points) and true depth are made of '
                              'every n-th frame, for those who read them; 1: of every frame',
-                             unit='frames', low=1, high=200)
+                             unit='frames', low=1, high=200, live=True)
     await_readers: tuple[str, ...] = param((), 'topics that must have subscribers before the '
                                            'first frame is drawn in lockstep',
                                            choices=FRAME_TOPICS)

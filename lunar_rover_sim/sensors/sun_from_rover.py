@@ -25,6 +25,10 @@ class SunFromRover:
         self._path = SunPath(sun_of_date(sun, reported_site(world.report)))
         self._step = -1
 
+    def follow(self, sun: SunConfig) -> None:
+        """Show another sun, one without a date."""
+        self._path, self._step = SunPath(sun), -1
+
     def seen(self, state: RoverState, position_m: tuple[float, ...],
              stamp_ns: int) -> SeenSun | None:
         """Return what a (3,) place in base_link sees of the sun, None if nothing."""

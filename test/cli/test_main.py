@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 import json
+from pathlib import Path
 import pkgutil
 import re
 import resource
@@ -172,6 +173,22 @@ def test_json_has_no_number_that_json_lacks(capsys: pytest.CaptureFixture[str]) 
     terminal.print_json({'ate_m': float('nan'), 'pairs': [(1, float('inf'))], 'name': 'Größe'})
     text = capsys.readouterr().out
     assert json.loads(text) == {'ate_m': None, 'pairs': [[1, None]], 'name': 'Größe'}
+
+
+def test_completion_of_scenarios_and_parameters(capsys: pytest.CaptureFixture[str],
+                                                tmp_path: Path) -> None:
+    """In a real bash, as the key Tab asks for it."""
+    assert main(['completion', 'bash']) == 0
+    (tmp_path / 'script').write_text(capsys.readouterr().out)
+    for line, wanted in (('run basel', {'baseline'}),
+                         ('run flat --set render_node.sun.el', {'render_node.sun.elevation_deg='}),
+                         ('parameters world.cr', {'world.craters'}), ('run flat --dur',
+                                                                      {'--duration'})):
+        asked = subprocess.run(
+            ['bash', '-c', f'source ./script; COMP_WORDS=(lunar_rover_sim {line}); '
+             'COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _shtab_lunar_rover_sim; '
+             'echo ${COMPREPLY[@]}'], cwd=tmp_path, capture_output=True, text=True)
+        assert set(asked.stdout.split()) == wanted, line
 
 
 @pytest.mark.parametrize('shell', ['bash', 'zsh'])

@@ -12,13 +12,14 @@ import pytest
 pytestmark = pytest.mark.ros
 rclpy = pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import PoseStamped  # noqa: E402
+from geometry_msgs.msg import PoseStamped, Vector3Stamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from peer import at_rest_odometry, ended, Peer, running, SMALL_CAMERA  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2  # noqa: E402
 from stereo_msgs.msg import DisparityImage  # noqa: E402
+from waiting import wait_until  # noqa: E402
 
 from lunar_rover_sim.bag.messages import time_ns  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
@@ -272,3 +273,45 @@ def test_render_node_listens_before_it_is_seen(world_folder: Path,
     finally:
         rclpy.shutdown()
     assert {'/odom', '/joint_states'} <= heard[0]
+
+
+def test_light_exposure_and_rates_change_while_it_runs(peer: Peer, world_folder: Path) -> None:
+    """What `ros2 param set` changes is seen in the next images; refusals say what is valid."""
+    images = peer.listen(Image, 'stereo/left/image_raw')
+    poses = peer.node.create_publisher(Odometry, 'odom', 10)
+    odometry = at_rest_odometry()
+    odometry.header.stamp.sec = 3
+
+    def put(**values: Any) -> Any:
+        return [(result.successful, result.reason) for result in peer.call(
+            SetParameters, 'render_node/set_parameters', SetParameters.Request(
+                parameters=[Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+                            for name, value in values.items()])).results]
+
+    def brightness() -> float:
+        """Return the mean of the image of the next second."""
+        odometry.header.stamp.sec += 1
+        peer.spin_until(lambda: bool(images)
+                        and images[-1].header.stamp.sec == odometry.header.stamp.sec,
+                        meanwhile=lambda: poses.publish(odometry))
+        return float(np.mean(images[-1].data))
+
+    with running('render_node', '-p', f'world:={world_folder}', *SMALL_CAMERA,
+                 '-p', 'sensor.exposure_mode:=fixed', '-p', 'sensor.exposure_s:=0.002',
+                 '-p', 'sensor.companding:=linear', '-p', 'sun.elevation_deg:=5.0'):
+        before = brightness()
+        suns = peer.echo(Vector3Stamped, 'sun')
+        peer.spin_until(lambda: len(suns) == 1)
+        assert put(sensor__exposure_s=0.004) == [(True, '')]
+        assert brightness() > 1.3 * before
+        assert put(sensor__exposure_s=0.002) == [(True, '')]
+        assert brightness() == pytest.approx(before, rel=0.1)
+        assert put(sun__elevation_deg=40.0, frame_rate_hz=10) == [(True, ''), (True, '')]
+        peer.spin_until(lambda: len(suns) > 1)
+        assert suns[-1].vector.z == pytest.approx(np.sin(np.radians(40.0)))
+        wait_until(lambda: brightness() > 1.5 * before)     # it is computed beside the drawing
+        for name, value, valid in (('sun__elevation_deg', 95.0, '90'),
+                                   ('sensor__exposure_mode', 'manual', 'auto, fixed, sunlit')):
+            ((successful, reason),) = put(**{name: value})
+            assert not successful and valid in reason
+        assert not put(sun__date='2026-11-28T00:00:00Z')[0][0]      # read-only
