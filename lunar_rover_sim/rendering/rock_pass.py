@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import coarse, facets, OCTAHEDRON, octahedron_axes
+from lunar_rover_sim.rendering.rock_meshes import (coarse, facets, OCTAHEDRON, octahedron_axes,
+                                                     worn)
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
@@ -19,9 +20,11 @@ _INSTANCE = '3f 3f 3f 3f 4f 4f /i'
 _NAMES = ('i_position', 'i_x', 'i_y', 'i_z', 'i_light', 'i_matter')
 _FLOATS = 20
 # Rocks smaller than _COARSE_PX are drawn as hulls of _COARSE_VERTICES vertices, those smaller than
-# _TINY_PX as octahedra.
+# _TINY_PX as octahedra; larger ones worn, with the finer meshes, the larger they look.
 _COARSE_PX, _COARSE_VERTICES = 14.0, 10
 _TINY_PX = 5.0
+_LEVELS, _LEVELS_PX = (4, 3, 2), (160.0, 45.0)
+_KINDS = len(_LEVELS) + 1       # of a shape
 _RADIUS = 0.75          # of a ball around a rock of diameter 1
 
 
@@ -53,14 +56,15 @@ class RockPass:
         self._diameter = rocks.diameter_m.astype(np.float32)
         self.boxes: Array = np.zeros((0, 2, 3))
         self._axes = np.stack([octahedron_axes(shape) for shape in shapes]).astype(np.float32)
-        # A kind is a shape, fine or coarse; the last kind are octahedra, which stand for all.
-        self._tiny = 2 * len(shapes)
+        # A kind is a shape with its detail; the last kind are octahedra, which stand for all.
+        self._tiny = _KINDS * len(shapes)
         self._instances: dict[int, moderngl.Buffer] = {}
         self._counts: dict[int, int] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
         self._vertices: list[moderngl.Buffer] = []
         for shape in shapes:
-            for mesh in (shape, coarse(shape, _COARSE_VERTICES)):
+            for mesh in (*(worn(shape, level) for level in _LEVELS),
+                         coarse(shape, _COARSE_VERTICES)):
                 self._vertices.append(context.buffer(facets(mesh).tobytes()))
         self._vertices.append(context.buffer(facets(OCTAHEDRON).tobytes()))
 
@@ -79,8 +83,9 @@ class RockPass:
         self.boxes = np.stack([centre - reach, centre + reach], axis=1)
         size = self._diameter[visible] * np.float32(focal_px)
         shape = self.rocks.shape[visible]
-        kind_of = np.where(size < _TINY_PX * distance, self._tiny,
-                           2 * shape + (size < _COARSE_PX * distance))
+        detail = sum((size < limit * distance).astype(np.int64)
+                     for limit in (*_LEVELS_PX, _COARSE_PX))
+        kind_of = np.where(size < _TINY_PX * distance, self._tiny, _KINDS * shape + detail)
         order = np.argsort(kind_of, kind='stable')
         data = self._data[visible[order]]
         kinds, starts, counts = np.unique(kind_of[order], return_index=True, return_counts=True)
@@ -96,7 +101,7 @@ class RockPass:
         """Write the instances of one kind."""
         if kind not in self._instances:
             members = len(self.rocks) if kind == self._tiny else \
-                int((self.rocks.shape == kind // 2).sum())
+                int((self.rocks.shape == kind // _KINDS).sum())
             self._instances[kind] = self._context.buffer(reserve=4 * _FLOATS * members,
                                                          dynamic=True)
         self._instances[kind].write(data.tobytes())

@@ -62,6 +62,7 @@ def build_world(config: WorldConfig, seed: int = 0, progress: Progress | None = 
     library = shapes.library()
     rocks = rockfield.scatter(config.rocks, grids[0], library, drawn, config.clear_radius_m,
                               builder.rng('rocks'))
+    grids = (rockfield.fillets(config.rocks, grids[0], rocks, builder.rng('fillets')), *grids[1:])
     tell('hash', 0.95)
     world = world_folder.sealed(World(grids, albedo, rocks, library, config, '', drawn,
                                       builder.report))

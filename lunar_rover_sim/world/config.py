@@ -117,15 +117,26 @@ class CraterConfig(Parameters):
                                 low=0.0, high=0.15)
 
 
+# Fragments per 100 m2 larger than y mm, K y^-b, at the landing sites of Surveyor (Shoemaker and
+# Morris, in Surveyor Program Results, NASA SP-184, 1969): K and b.
+SITES: dict[str, tuple[float, float]] = {
+    'surveyor_1': (5.0e5, 2.11), 'surveyor_3': (3.3e6, 2.56), 'surveyor_5': (1.25e6, 2.65),
+    'surveyor_6': (1.91e6, 2.51), 'surveyor_7': (7.9e5, 1.82)}
+
+
 @dataclasses.dataclass(frozen=True)
 class RockConfig(Parameters):
     """Rocks on the ground.
 
     Cumulative fractional area F(>D) = k exp(-q D), the form of Golombek & Rapp (1997), with
     q(k) = 0.5648 + 0.01258 / k as fitted to the Moon by Li & Wu (2018); Di et al. (2016) counted
-    k = 0.0125 at the Chang'e-3 site. Rocks rise above the ground by about 0.6 of their diameter or
-    less (Demidov & Basilevsky 2014).
+    k = 0.0125 at the Chang'e-3 site. That form has few stones of 3 to 10 cm; `site` takes the power
+    law that was counted at a Surveyor instead. Rocks rise above the ground by about 0.6 of their
+    diameter or less (Demidov & Basilevsky 2014).
     """
+
+    site: str = param('', 'number of rocks: as counted at this site (see `rockfield`); empty: '
+                      'abundance and decay_per_m', choices=('', *SITES))
 
     abundance: float = param(0.0125, 'k: area covered by rocks of all sizes; 0: no rocks',
                              low=0.0, high=0.3)
@@ -139,6 +150,10 @@ class RockConfig(Parameters):
                           high=0.9)
     near_craters: float = param(4.0, 'density around the rim of a fresh crater, relative to that '
                                 'of the plain, minus 1', low=0.0, high=100.0)
+    max_height: float = param(0.6, 'greatest height above the ground, in diameters; a rock that '
+                              'would stand out more is buried deeper', low=0.05, high=2.0)
+    fillet: float = param(0.06, 'mean height of the soil that has gathered around rocks of five '
+                          'cells and more, in diameters', low=0.0, high=0.2)
     tilt_deg: float = param(8.0, 'RMS tilt against the ground', unit='deg', low=0.0, high=90.0)
     albedo_variation: float = param(0.06, 'RMS variation of the albedo factor among rocks',
                                     low=0.0, high=0.3)
@@ -238,6 +253,10 @@ PRESETS: dict[str, dict[str, Any]] = {
     'low_albedo': {
         'relief': {'far_rms_slope_deg': 1.6, 'far_hurst': 0.76},
         'rocks': {'abundance': 0.010},
+    },
+    'mare_apollo': {
+        'relief': {'far_rms_slope_deg': 1.6, 'far_hurst': 0.76},
+        'rocks': {'site': 'surveyor_1'},
     },
     'flat': {
         'relief': {'rms_slope_deg': 0.0, 'far_rms_slope_deg': 0.0},

@@ -10,15 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, product_wxyz
-from lunar_rover_sim.world.config import RockConfig
+from lunar_rover_sim.world.config import RockConfig, SITES
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.grid import HeightGrid
-from lunar_rover_sim.world.lattice import ALBEDO_STEP, on_lattice, significant
+from lunar_rover_sim.world.lattice import (ALBEDO_STEP, height_step_m, on_lattice, round_to,
+                                           significant)
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 from lunar_rover_sim.world.window import window_of
 
 logger = logging.getLogger(__name__)
 
+_FILLET_CELLS = 5.0     # of the grid, along the diameter of the smallest rock with a fillet
 _POSITION_STEP_M, _ORIENTATION_STEP = 2.0**-20, 2.0**-24
 
 
@@ -38,8 +40,14 @@ def number_per_m2(config: RockConfig, diameter_m: Array) -> Array:
     """Return the cumulative number N(>D) per m2, up to the largest diameter.
 
     The area of a rock is pi D^2 / 4, so dN = -4 / (pi D^2) dF = 4 k q / pi exp(-q D) / D^2 dD
-    (Golombek & Rapp 1997 integrate it in the same way).
+    (Golombek & Rapp 1997 integrate it in the same way). At a site of `config.SITES` it is the power
+    law that was counted there.
     """
+    if config.site:
+        factor, exponent = SITES[config.site]
+        sizes = np.minimum(np.asarray(diameter_m, float), config.max_diameter_m)
+        return np.asarray(0.01 * factor * 1000.0**-exponent * (
+            sizes**-exponent - config.max_diameter_m**-exponent))
     q = decay_per_m(config)
     edge = np.geomspace(config.min_diameter_m, config.max_diameter_m, 4097)
     density = 4.0 * config.abundance * q / np.pi * np.exp(-q * edge) / edge ** 2
@@ -98,9 +106,38 @@ def laid(config: RockConfig, ground: Elevation, shapes: tuple[RockShape, ...], x
     # With this beta distribution most rocks are buried shallowly, and some up to the crown.
     buried = rng.beta(2.4, 2.4 * (1.0 - config.burial) / config.burial, count)
     position, orientation = _settle(ground, shapes, shape, diameter, xy_m, buried,
-                                    np.radians(config.tilt_deg), rng)
+                                    config.max_height, np.radians(config.tilt_deg), rng)
     albedo = np.clip(1.0 + config.albedo_variation * rng.standard_normal(count), 0.6, 1.4)
     return _rocks(shape, size, position, orientation, albedo, classes)
+
+
+def fillets(config: RockConfig, ground: HeightGrid, rocks: Rocks,
+            rng: np.random.Generator) -> HeightGrid:
+    """Return ground on which soil has gathered around the feet of rocks.
+
+    Meteoroids throw soil about, and rocks keep what falls beside them: the longer they lie there,
+    the higher. It is highest at the rock, and falls to nothing 0.35 diameters away.
+    """
+    cell, n = ground.cell_m, ground.n
+    share = rng.uniform(0.0, 2.0, len(rocks))
+    if config.fillet == 0.0 or not np.any(rocks.diameter_m > _FILLET_CELLS * cell):
+        return ground
+    soil = np.zeros((n, n), np.float32)
+    for k in np.flatnonzero(rocks.diameter_m > _FILLET_CELLS * cell):
+        diameter = rocks.diameter_m[k]
+        x, y = rocks.position_m[k, :2] / cell + 0.5 * (n - 1)
+        window = window_of(x, y, 0.85 * diameter / cell, n)
+        if window is None:
+            continue
+        rows, columns = np.ogrid[window]
+        away = np.sqrt((columns - x)**2 + (rows - y)**2) * cell / diameter
+        outside = np.clip((away - 0.42) / 0.35, 0.0, 1.0)
+        height = config.fillet * share[k] * diameter * (1.0 - outside * outside)**2
+        soil[window] = np.maximum(soil[window], height)
+    heights = ground.heights_m + soil
+    round_to(heights, height_step_m(cell))
+    heights.setflags(write=False)
+    return HeightGrid(heights, cell)
 
 
 def _diameters(config: RockConfig, area_m2: float, rng: np.random.Generator) -> Array:
@@ -185,7 +222,7 @@ def apart(xy: Array, diameter: Array) -> NDArray[np.bool_]:
 
 
 def _settle(ground: Elevation, shapes: tuple[RockShape, ...], shape: NDArray, diameter: Array,
-            xy: Array, buried: Array, tilt_rad: float,
+            xy: Array, buried: Array, max_height: float, tilt_rad: float,
             rng: np.random.Generator) -> tuple[Array, Array]:
     """Return centroids (m, 3) and orientations (m, 4) of rocks that sit in the ground."""
     count = len(diameter)
@@ -211,6 +248,7 @@ def _settle(ground: Elevation, shapes: tuple[RockShape, ...], shape: NDArray, di
         chosen = shape == index
         z = np.einsum('mi,vi->mv', up[chosen], kind.vertices.astype(float))
         low[chosen], high[chosen] = z.min(axis=1, initial=0.0), z.max(axis=1, initial=0.0)
+    buried = np.maximum(buried, 1.0 - max_height / (high - low))
     foot = height - buried * (high - low) * diameter
     # On a wall or in a pit the ground falls away under the rock, which sinks until its foot is in.
     beneath = ground.height_at(xy[:, None] + 0.65 * reach).min(axis=1) - 0.03 * diameter

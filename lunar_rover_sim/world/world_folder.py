@@ -34,7 +34,7 @@ from lunar_rover_sim.world.rocks import Rocks, RockShape
 FORMAT = 1
 # Version of the way from parameters to a world: raised when the same parameters and seed give
 # another one. It stands in the folder and in the name in the cache.
-RECIPE = 6
+RECIPE = 7
 _MAX_SAMPLES = 8193 ** 2
 _MAX_BYTES_ARRAY = 64_000_000
 _MAX_BYTES_YAML = 1_000_000

@@ -1,11 +1,11 @@
-"""What is drawn on rocks: facets of their own, soil at the foot and on what faces up."""
+"""What rocks look like: relief of their own, soil at the foot and on what faces up."""
 
 import dataclasses
 
 import camera_scene as scene
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
+import trimesh
 
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import sun_direction
@@ -13,7 +13,9 @@ from lunar_rover_sim.illumination import hapke
 from lunar_rover_sim.illumination.config import ReflectanceConfig
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
 from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.rock_meshes import facets, MOST_APART, worn
 from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.world.shapes import library
 
 SIDE = 0.8              # of the block before the cameras [m]; the other one looks 8 px wide
 AZIMUTH_DEG = 125.0
@@ -52,26 +54,52 @@ def looks(frames):
     return ratio, height
 
 
-def test_faces_are_broken_into_facets_of_a_fifth_of_the_rock(looks):
-    """Patches of a brightness of their own, whose mean is that of the face."""
-    ratio, height = looks
-    rows, columns = np.nonzero(height > 0.3 * SIDE)
-    face = ratio[rows[0]:rows[-1], columns.min() + 2:columns.max() - 1]
-    px = face.shape[1]      # a diameter
-    assert px > 80
-    # Lumps and grain are finer than a twentieth of the rock.
-    patches = gaussian_filter(face, 0.04 * px)
-    patches = patches / patches.mean() - 1.0
-    assert 0.08 < patches.std() < 0.4
-    assert 0.8 < face.mean() < 1.2
+@pytest.mark.parametrize('shape', library(), ids=lambda shape: shape.name)
+def test_drawn_rocks_have_relief_and_stay_near_their_hulls(shape):
+    """As large in outline as the hull, from which no point is far; edges worn, hollows between."""
+    mesh = worn(shape, 4)
+    drawn = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    hull = trimesh.Trimesh(shape.vertices, shape.faces)
+    assert drawn.is_watertight and drawn.volume > 0.0
+    # The way to the hull along the ray from the centroid, both ways.
+    rays = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
+    planes = np.einsum('ij,ij->i', hull.face_normals, hull.triangles[:, 0])
+    reach = 1.0 / np.max(np.maximum(rays @ hull.face_normals.T, 0.0) / planes, axis=1)
+    apart = np.linalg.norm(mesh.vertices, axis=1) - reach
+    assert np.abs(apart).max() < MOST_APART
+    assert 0.01 < apart.std() < 0.04
+    # Not convex: hollows of a few hundredths of the volume.
+    assert 0.01 < 1.0 - drawn.volume / drawn.convex_hull.volume < 0.15
+    # The mean outline is a quarter of the surface of the convex hull.
+    assert drawn.convex_hull.area == pytest.approx(hull.area, rel=0.06)
 
-    def correlation(lag):
-        shift = round(lag * px)
-        return np.mean(patches[:, shift:] * patches[:, :-shift]) / patches.var()
-    assert correlation(0.05) > 0.6 and abs(correlation(0.35)) < 0.35
-    # Within a facet brightness is even: most of it changes at its borders.
-    change = np.abs(np.diff(gaussian_filter(face, 0.015 * px), axis=1))
-    assert np.quantile(change, 0.5) < 0.4 * np.quantile(change, 0.95)
+
+def test_what_is_drawn_is_what_is_lit():
+    """Normals are those of the mesh, so that no face towards the sun is black."""
+    for shape in library()[::5]:
+        mesh = worn(shape, 4)
+        data = facets(mesh)
+        corners = data[:, :3].reshape(-1, 3, 3)
+        face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        face /= np.linalg.norm(face, axis=1, keepdims=True)
+        cosine = np.einsum('ij,ikj->ik', face, data[:, 3:].reshape(-1, 3, 3))
+        assert np.quantile(cosine, 0.01) > 0.85
+
+
+def test_faces_towards_the_sun_are_lit():
+    """A boulder of each kind, the sun behind the camera: nothing of it is black."""
+    shapes = library()
+    for index in (0, 4, 8, 12):
+        stones = scene.rocks([(2.0, 0.0, 0.3)], SIDE)
+        world = scene.plane(cell_m=0.2, stones=stones, shape=shapes[index])
+        config = scene.config(20.0, 180.0, detail=ROUGH, camera=CameraConfig(320, 240, 50.0))
+        with Renderer(world, scene.ROVER, config) as renderer:
+            frame = renderer.render(RoverPose(scene.pose(z=0.4)), 0, ('radiance', 'label',
+                                                                      'shadow'))
+        rock = (frame.label == LABEL_FIRST_ROCK) & (frame.shadow[..., 1] == 0)
+        seen = frame.radiance[rock]
+        assert rock.sum() > 3000
+        assert np.quantile(seen, 0.01) > 0.25 * np.median(seen)
 
 
 def test_rocks_of_a_few_pixels_have_none(frames):

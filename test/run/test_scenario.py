@@ -16,8 +16,8 @@ from lunar_rover_sim.run.lockstep import StampGate, WrittenStamps
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario, scenario_names
 
-NAMES = ('baseline', 'dem', 'feature_sparse', 'flat', 'low_albedo', 'permanent_shadow',
-         'soft')
+NAMES = ('baseline', 'dem', 'feature_sparse', 'flat', 'low_albedo', 'mare_apollo',
+         'permanent_shadow', 'soft')
 
 
 def test_the_named_scenarios_are_there() -> None:

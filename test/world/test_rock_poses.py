@@ -12,7 +12,7 @@ from lunar_rover_sim.world.grid import HeightGrid
 
 LIBRARY = shapes.library()
 N, CELL = 257, 0.1     # 25.6 m
-MANY = {'abundance': 0.06, 'min_diameter_m': 0.04, 'max_diameter_m': 1.0}
+MANY = {'max_height': 2.0, 'abundance': 0.06, 'min_diameter_m': 0.04, 'max_diameter_m': 1.0}
 
 
 def scatter(east=0.0, north=0.0, craters=None, seed=0, clear_radius_m=0.0, **values):

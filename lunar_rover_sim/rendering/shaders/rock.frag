@@ -17,33 +17,6 @@ uniform float u_rock_theta;
 uniform Hapke u_rock, u_regolith;
 uniform float u_rough;          // how rough rocks are, and how much soil lies on them; 1 is usual
 
-const float CELLS = 5.5;        // facets along the diameter of a rock
-const float FACET = 0.75;       // usual tilt of a facet against the face that it lies on
-const float FACETS_PX = 12.0;   // rocks that look smaller have none
-
-vec3 random_in(vec3 cell) {
-    uvec3 c = uvec3(ivec3(cell)) * uvec3(0x9e3779b9u, 0x85ebca6bu, 0xc2b2ae35u);
-    uint h = c.x ^ c.y ^ c.z;
-    h = (h ^ (h >> 15)) * 0x846ca68bu;
-    h ^= h >> 16;
-    return vec3(uvec3(h, h >> 10, h >> 20) & 0x3ffu) * (1.0 / 1023.0) - 0.5;
-}
-
-// Tilt of the facet at a place: the same within each of the cells around random points (Worley, A
-// cellular texture basis function, 1996), of which the eight nearest candidates are looked at.
-vec3 facet(vec3 at) {
-    vec3 corner = floor(at - 0.5), tilt = vec3(0.0);
-    float nearest = 1e9;
-    for (int k = 0; k < 8; k++) {
-        vec3 cell = corner + vec3(k & 1, (k >> 1) & 1, k >> 2);
-        vec3 random = random_in(cell);
-        vec3 apart = cell + 0.5 + 0.9 * random - at;
-        float square = dot(apart, apart);
-        if (square < nearest) { nearest = square; tilt = random.zxy; }
-    }
-    return tilt;
-}
-
 void main() {
     vec3 normal = normalize(v_normal);
     vec3 view = -normalize(v_relative);
@@ -58,17 +31,11 @@ void main() {
     vec2 lumps = textureLod(u_tile_a, plane * scale.x + v_index * 0.6180339, level.x).xy;
     vec2 grain = textureLod(u_tile_a, plane * scale.y + v_index * 0.381966, level.y).xy;
     vec2 tilt = u_grain.w * (lumps - 0.501961) + u_grain.y * (grain - 0.501961);
-    // Rocks are broken: faces have facets of their own. Soil lies banked up at the foot, and thinly
-    // on what faces up.
-    float seen = v_diameter / (dot(v_relative, u_axis) * u_pixel * FACETS_PX) - 1.0;
-    vec3 own = 17.0 * fract(v_index * vec3(0.618034, 0.754878, 0.569840));
-    vec3 rough = u_rough * FACET * clamp(seen, 0.0, 1.0)
-        * facet(CELLS * v_local / v_diameter + own);
+    // Soil lies banked up at the foot, and thinly on what faces up.
     float bank = v_diameter * (0.1 + 0.25 * (lumps.x - 0.35));
     float soil = 1.0 - smoothstep(0.4 * bank, bank, v_height);
     soil = max(soil, 0.5 * smoothstep(0.7, 0.95, normal.z + 0.6 * (lumps.y - 0.5)));
     soil *= min(u_rough, 1.0);
-    normal = normalize(normal + (1.0 - soil) * rough);
     normal = normalize(mix(normal, vec3(0.5 * normal.xy, 0.87), soil));
     vec3 side = normalize(cross(normal, vec3(0.37, 0.71, 0.6)));
     normal = normalize(normal + tilt.x * side + tilt.y * cross(normal, side));
