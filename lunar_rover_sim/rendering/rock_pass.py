@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.frames import Array, matrix_from_wxyz
 from lunar_rover_sim.rendering.context import enable, load_program, release_all
 from lunar_rover_sim.rendering.projection import ViewVolume
-from lunar_rover_sim.rendering.rock_meshes import (coarse, facets, OCTAHEDRON, octahedron_axes,
-                                                     worn)
+from lunar_rover_sim.rendering.rock_meshes import coarse, facets, OCTAHEDRON, octahedron_axes, worn
 from lunar_rover_sim.rendering.surface import Surface
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 

@@ -40,8 +40,8 @@ def number_per_m2(config: RockConfig, diameter_m: Array) -> Array:
     """Return the cumulative number N(>D) per m2, up to the largest diameter.
 
     The area of a rock is pi D^2 / 4, so dN = -4 / (pi D^2) dF = 4 k q / pi exp(-q D) / D^2 dD
-    (Golombek & Rapp 1997 integrate it in the same way). At a site of `config.SITES` it is the power
-    law that was counted there.
+    (Golombek & Rapp 1997 integrate it in the same way). At a site of `config.SITES` it is the
+    power law that was counted there.
     """
     if config.site:
         factor, exponent = SITES[config.site]

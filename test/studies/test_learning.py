@@ -8,8 +8,8 @@ import pytest
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.learning.randomisation import Randomisation
 from lunar_rover_sim.studies import learning
-from lunar_rover_sim.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk,
-                                              read_walks, report_text, study, walk, WALKED)
+from lunar_rover_sim.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk, read_walks,
+                                              report_text, study, walk, WALKED)
 
 
 def made(walker, seed, transport, outcome=WALKED):

@@ -181,8 +181,8 @@ def test_soil_gathers_around_rocks():
     assert len(rocks) > 5 and at_rocks.min() >= 0.0 and at_rocks.max() <= 0.121
     assert at_rocks.mean() == pytest.approx(0.06, abs=0.03)
     y, x = np.mgrid[-5:5:401j, -5:5:401j]
-    away = np.min([np.hypot(x - px, y - py) / d for (px, py, _), d in zip(rocks.position_m,
-                                                                        rocks.diameter_m)], axis=0)
+    away = np.min([np.hypot(x - px, y - py) / d for (px, py, _), d in zip(
+        rocks.position_m, rocks.diameter_m)], axis=0)
     assert not raised.heights_m[away > 0.78].any()
     none = dataclasses.replace(config, fillet=0.0)
     assert rockfield.fillets(none, ground, rocks, np.random.default_rng(2)) is ground
