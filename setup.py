@@ -71,6 +71,7 @@ setup(
         'rosbags>=0.11,<1',
         # Written in C: rosbags then writes and opens a bag of 25 topics twice as fast.
         'ruamel.yaml.clib>=0.2.12',
+        'scikit-image>=0.22',
         'scipy>=1.11',
         'trimesh>=4',
     ],

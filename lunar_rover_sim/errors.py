@@ -86,6 +86,10 @@ class LearningError(LunarRoverSimError):
     """An environment, an action or a policy cannot be used."""
 
 
+class NavigationError(LunarRoverSimError):
+    """Depth, poses or goals that a navigator cannot use."""
+
+
 class CampaignError(LunarRoverSimError):
     """A campaign cannot be planned, recorded or published."""
 

@@ -246,6 +246,24 @@ SLAM_POSE = Topic('slam/pose', 'geometry_msgs/msg/PoseStamped', EVENT, 'slam_nod
 SLAM_STATUS = Topic('slam/status', 'diagnostic_msgs/msg/DiagnosticArray', FRAME, 'slam_node', '',
                     'initialising, tracking or lost, with the stamp of the frame; in lockstep of '
                     'every frame')
+TRAVERSABILITY = Topic('map/traversability', 'nav_msgs/msg/OccupancyGrid', DEPTH_FRAME,
+                       'mapping_node', frames.ODOM_FRAME, '0 free to 99, 100 not to be crossed, '
+                       '-1 unknown; map_load_time is the stamp of the newest depth in it')
+ELEVATION = Topic('map/elevation', 'sensor_msgs/msg/PointCloud2', EVENT, 'mapping_node',
+                  frames.ODOM_FRAME, 'x, y, z [m] and standard deviation of z of the known cells, '
+                  'every mapping_node.elevation_period_s')
+GRID_MAP = Topic('map/grid_map', 'grid_map_msgs/msg/GridMap', EVENT, 'mapping_node',
+                 frames.ODOM_FRAME, 'elevation, variance, traversability, beside map/elevation, '
+                 'where grid_map_msgs is installed', on_request=True)
+PLAN = Topic('plan', 'nav_msgs/msg/Path', EVENT, 'navigator_node', frames.ODOM_FRAME,
+             'what the navigator follows; sent when it changes, empty without a plan')
+GOAL = Topic('goal', 'geometry_msgs/msg/PoseStamped', EVENT, 'navigator_node', frames.ODOM_FRAME,
+             'what it drives to, sent when that changes')
+NAVIGATOR_STATUS = Topic('navigator/status', 'diagnostic_msgs/msg/DiagnosticArray', EVENT,
+                         'navigator_node', '', 'waiting, following, looking, backing off, arrived '
+                         'or failed, with its reason; sent when that changes')
+NAVIGATED = Topic('navigator/finished', 'std_msgs/msg/Header', EVENT, 'navigator_node', '',
+                  'stamp at which a run ends, since the navigator has arrived or given up')
 TELEPORT = Topic('teleport', 'geometry_msgs/msg/PoseStamped', EVENT, 'pose_bridge_node', '',
                  'base_link in the world of the other simulator; the frame is what that wants',
                  on_request=True)
@@ -263,7 +281,11 @@ CONTRACT: tuple[Topic, ...] = (
     NORMALS, OPTICAL_FLOW, SCENE_FLOW, *OF_RIGHT, *OF_COLOURS, LABEL_INFO, BOXES, LABEL_CLASSES,
     VISION_INFO, CHASE_IMAGE, CHASE_INFO, CHASE_POSE, *OF_HAZARD, *OF_LIDAR,
     LIDAR_SCANNED, SUN, WORLD_HASH, ROBOT_DESCRIPTION, SCENARIO, TF, TF_STATIC,
-    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TELEPORT, BRIDGED_JOINTS, SHOWN)
+    RECORDED, DIAGNOSTICS, SLAM_POSE, SLAM_STATUS, TRAVERSABILITY, ELEVATION, GRID_MAP, PLAN,
+    GOAL, NAVIGATOR_STATUS, NAVIGATED, TELEPORT, BRIDGED_JOINTS, SHOWN)
+# What the navigator reads; its users publish it.
+GOAL_POSE = Topic('goal_pose', 'geometry_msgs/msg/PoseStamped', EVENT, '')
+WAYPOINTS = Topic('waypoints', 'nav_msgs/msg/Path', EVENT, '')
 # One of each with every stereo pair: the first that is recorded tells of all.
 OF_PAIRS: tuple[Topic, ...] = (LEFT_IMAGE, LEFT_INFO)
 # Of a package that may not be installed.

@@ -198,6 +198,17 @@ def add_number(parser: Any, name: str, low: float, high: float = math.inf, *, he
                         **options)
 
 
+def place(text: str) -> tuple[float, float]:
+    """Return the place that `X,Y` names [m], for argparse; raise ConfigError for anything else."""
+    try:
+        x, y = (float(part) for part in text.split(','))
+    except ValueError:
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ConfigError(f'{text}: is no place; valid is X,Y [m], for example 8,3')
+    return x, y
+
+
 def number(name: str, low: float, high: float = math.inf, unit: str = '', above: bool = False,
            kind: type = float) -> Callable[[str], Any]:
     """Return what turns the text of an option into a number within bounds, for argparse.

@@ -11,11 +11,15 @@ import time
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.inspection.summary import summarise
+from lunar_rover_sim.parameters import replaced
+from lunar_rover_sim.path_following.config import SHAPES
 from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.run.live_view import check_view, ViewProcess
-from lunar_rover_sim.run.plan import with_policy, with_slam, without_node
+from lunar_rover_sim.run.plan import (navigated_duration_s, with_navigator, with_policy,
+                                      with_route, with_slam, without_node)
 from lunar_rover_sim.run.recording import record, Recording
 from lunar_rover_sim.run.ros_installation import require_ros
 from lunar_rover_sim.run.scenario import Scenario
@@ -35,6 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_world(parser)
     parser.add_argument('--domain', type=int, metavar='N',
                         help='ROS_DOMAIN_ID to use; by default a free one of this machine')
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument('--goal', type=options.place, metavar='X,Y', help='drive there [m], by '
+                       'what the cameras see: mapping_node and navigator_node take the place of '
+                       'drive_node; the run ends when the rover has arrived or given up')
+    where.add_argument('--route', choices=[shape for shape in SHAPES if shape != 'none'],
+                       help='drive a ready-made route of the size drive_node.shape_size_m')
+    parser.add_argument('--avoid', action='store_true', help='with --route: around obstacles, by '
+                        'what the cameras see, from one waypoint of it to the next')
     parser.add_argument('--slam', metavar='COMMAND', default='',
                         help='SLAM program to feed, with its arguments; it speaks the protocol of '
                              'docs/reference/slam_protocol.md')
@@ -66,6 +78,15 @@ def run(args: argparse.Namespace) -> int:
         scenario = without_node(scenario, 'drive_node')
     if args.policy:
         scenario = with_policy(scenario, args.policy)
+    if args.avoid and args.route is None:
+        raise ConfigError('--avoid: needs --route; a --goal is always driven to around obstacles')
+    if args.goal is not None:
+        scenario = with_navigator(scenario, [args.goal])
+    elif args.route is not None:
+        scenario = with_route(scenario, args.route, args.avoid)
+    if 'navigator_node' in scenario.run.nodes and args.duration is None \
+            and (args.goal is not None or args.avoid):
+        scenario = replaced(scenario, {'run.duration_s': navigated_duration_s(scenario)})
     if args.slam:
         scenario = with_slam(scenario, args.slam)
     if args.world is None:

@@ -148,10 +148,13 @@ def rates(rover: RoverData, report: CheckReport) -> None:
 
 
 def duration(rover: RoverData, report: CheckReport) -> None:
-    """The recording is as long as its scenario runs."""
+    """The recording is as long as its scenario runs, or until its navigator was done."""
     meant_s = rover.scenario.number('run', 'duration_s', 0.0)
     if not meant_s:
         return
+    navigated = rover.scan.topics.get(topics.NAVIGATED.name)
+    if navigated is not None and navigated.stamps_ns:
+        meant_s = min(meant_s, navigated.stamps_ns[0] / NS_PER_S)
     step = rover.frame_ns or rover.state_ns or 1
     meant_ns = math.ceil(round(meant_s * NS_PER_S) / step) * step
     problems = []

@@ -13,8 +13,9 @@ import signal
 import sys
 from types import FrameType
 
-NODES = ('drive_node', 'gait_controller_node', 'lidar_node', 'physics_node', 'policy_node',
-         'pose_bridge_node', 'recorder_node', 'render_node', 'slam_node',
+NODES = ('drive_node', 'gait_controller_node', 'lidar_node', 'mapping_node', 'navigator_node',
+         'physics_node', 'policy_node', 'pose_bridge_node', 'recorder_node', 'render_node',
+         'slam_node',
          'trajectory_recorder_node', 'view_node')
 
 _USAGE = """usage: {node} [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, node_main, qos, simulation_services
@@ -72,6 +73,9 @@ class PhysicsNode(node_main.GraphNode):
             self.create_subscription(
                 JointState, topics.JOINT_COMMANDS.name, self._command_callback,
                 qos.requested(topics.JOINT_COMMANDS, lockstep=False))
+        if config.end_when_navigated:
+            self.create_subscription(Header, topics.NAVIGATED.name, self._navigated_callback,
+                                     qos.requested(topics.NAVIGATED, config.lockstep))
         self._stepping = Stepping(self._wake_from_thread)
         self._step_service = simulation_services.offer(self, self)
         self.create_service(Trigger, '~/reset', self._reset_callback)
@@ -172,6 +176,12 @@ class PhysicsNode(node_main.GraphNode):
 
     def _at_end(self) -> bool:
         return 0 < self._end_ns <= self._now_ns
+
+    def _navigated_callback(self, msg: Header) -> None:
+        end_ns = max(time_ns(msg.stamp), self._now_ns + 1)
+        if not 0 < self._end_ns <= end_ns:
+            self._end_ns = end_ns
+            self.get_logger().info(f'ends at {end_ns / 1e9:.3f} s: the navigator is done')
 
     def _finish(self) -> None:
         self.get_logger().info(f'finished at {self._now_ns / 1e9:.3f} s')

@@ -60,6 +60,7 @@ class RecorderNode(node_main.GraphNode):
         self._written = WrittenStamps({self._full(name): ns for name, ns in
                                        config.period_ns_by_topic().items()})
         self._clock_name = self._full(topics.CLOCK.name)
+        self._navigated_name = self._full(topics.NAVIGATED.name)
         self._jump = TimeJump(self)
         self._subscribed: set[str] = set()
         self._rate, self._drops, self._newest_told_ns = Rate(0.0), Drops(), -1
@@ -198,6 +199,9 @@ class RecorderNode(node_main.GraphNode):
                 self.get_logger().warning(
                     f'{name}: is stamped more than {_LATEST_NS // NS_PER_S} s after /clock (with '
                     'wall time?); its messages get the time of their arrival in the bag')
+            if name == self._navigated_name:
+                # From here on a run is complete that ends at this stamp.
+                self._duration_s = min(self._duration_s, stamp_ns / 1e9)
             if is_clock and self._jump.has_occurred(stamp_ns):
                 self._newest_ns = self._sent_ns = 0
                 self._written.restart()

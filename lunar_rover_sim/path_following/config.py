@@ -8,7 +8,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.parameters import param, Parameters
 
 MODES = ('none', 'profile', 'waypoints', 'spline')
-SHAPES = ('none', 'circle', 'square', 'figure_eight', 'out_and_back')
+SHAPES = ('none', 'circle', 'square', 'figure_eight', 'out_and_back', 'tour')
 
 
 @dataclasses.dataclass(frozen=True)

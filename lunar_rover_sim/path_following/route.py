@@ -96,6 +96,9 @@ def shape_points(shape: str, size_m: float) -> tuple[Array, bool]:
         angle = np.linspace(0.0, 2.0 * np.pi, 129)[:-1]
         loop = 0.5 * size_m * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=-1)
         return np.vstack([loop, loop * [1.0, -1.0]]), True
+    if shape == 'tour':
+        return size_m * np.array([[0.0, 0.0], [0.55, -0.35], [1.0, 0.0], [0.75, 0.5],
+                                  [0.15, 0.45]]), True
     if shape == 'out_and_back':
         # A drop-shaped loop at the far end lets the rover turn back without a stop.
         turn = min(0.2 * size_m, 0.7)
@@ -106,7 +109,7 @@ def shape_points(shape: str, size_m: float) -> tuple[Array, bool]:
         y = np.concatenate([np.zeros(3), turn * np.array([0.0, 0.8, 0.0, -0.8, 0.0]), np.zeros(3)])
         return catmull_rom(np.stack([x, y], axis=-1), closed=False), False
     raise ConfigError(f'shape: {shape!r} is not valid; valid are circle, square, figure_eight,'
-                      ' out_and_back')
+                      ' out_and_back, tour')
 
 
 def catmull_rom(points_m: ArrayLike, closed: bool, alpha: float = 0.5) -> Array:

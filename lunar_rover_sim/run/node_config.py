@@ -16,6 +16,8 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.named_sets import Named
+from lunar_rover_sim.navigation.config import (MapConfig, NavigatorConfig, POSES,
+                                               TraversabilityConfig, TRUTH)
 from lunar_rover_sim.parameters import group, named, param, Parameters
 from lunar_rover_sim.path_following.config import DriveConfig
 from lunar_rover_sim.physics.config import PhysicsConfig
@@ -46,6 +48,8 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
                                     low=0.01, high=100.0)
     duration_s: float = param(0.0, 'simulated time after which the node ends; 0 for never',
                               unit='s', low=0.0, high=MAX_DURATION_S)
+    end_when_navigated: bool = param(False, 'end at the stamp of navigator/finished, where that '
+                                     'is before duration_s; a run with navigator_node sets it')
     start_paused: bool = param(False, 'wait for ~/pause or ~/step before time starts')
     publish_tf: bool = param(True, 'publish odom to base_link and to base_footprint; false '
                              'where an estimator does. The legs and sensors on base_link are '
@@ -269,6 +273,46 @@ class SlamNodeConfig(NodeConfig):
         return self.sensor.endswith('inertial')
 
 
+STEREO, TRUE_DEPTH, LIDAR = 'stereo', 'true_depth', 'lidar'
+DEPTH_TOPICS = {STEREO: topics.DEPTH, TRUE_DEPTH: topics.TRUE_DEPTH, LIDAR: topics.LIDAR_DESKEWED}
+_POSE = ('truth: odom; wheels: wheel/odometry, with pitch and roll of imu/data_raw; slam: '
+         'slam/pose, anchored at the start of the rover')
+
+
+@dataclasses.dataclass(frozen=True)
+class MappingNodeConfig(NodeConfig):
+    """Parameters of mapping_node."""
+
+    pose: str = param(TRUTH, 'pose by which it maps. ' + _POSE, choices=POSES)
+    depth: str = param(STEREO, 'depth that it maps: stereo/depth/image, ground_truth/depth/image '
+                       'or lidar/points_deskewed', choices=(STEREO, TRUE_DEPTH, LIDAR))
+    elevation_period_s: float = param(1.0, 'period of map/elevation', unit='s', low=0.05,
+                                      high=3600.0)
+    map: MapConfig = group(MapConfig)
+    limits: TraversabilityConfig = group(TraversabilityConfig)
+    camera: CameraConfig = group(CameraConfig)
+
+
+@dataclasses.dataclass(frozen=True)
+class NavigatorNodeConfig(NodeConfig, NavigatorConfig):
+    """Parameters of navigator_node."""
+
+    pose: str = param(TRUTH, 'pose by which it drives. ' + _POSE, choices=POSES)
+    rate_hz: int = param(20, 'rate of cmd_vel', unit='Hz', low=1, high=200)
+    map_lag_s: float = param(0.25, 'in lockstep a command is made from the map and, with slam, '
+                             'the pose of so long before: what a real rover computes meanwhile',
+                             unit='s', low=0.05, high=5.0)
+    map_period_s: float = param(0.1, 'period of map/traversability; a run sets that of the depth',
+                                unit='s', low=0.005, high=10.0)
+    end_after_s: float = param(1.0, 'time after arrival, or after giving up, at which a run ends; '
+                               'negative: it goes on for its whole duration', unit='s', low=-1.0,
+                               high=3600.0)
+    half_width_m: float = param(0.0, 'half the width of the rover; 0: by its description',
+                                unit='m', low=0.0, high=10.0)
+    enable_stamped_cmd_vel: bool = param(True, 'publish cmd_vel as TwistStamped (true) or Twist '
+                                         '(false), as drive_node')
+
+
 NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'physics_node': PhysicsNodeConfig,
     'gait_controller_node': GaitNodeConfig,
@@ -278,10 +322,12 @@ NODE_CONFIGS: dict[str, type[NodeConfig]] = {
     'slam_node': SlamNodeConfig,
     'lidar_node': LidarNodeConfig,
     'policy_node': PolicyNodeConfig,
+    'mapping_node': MappingNodeConfig,
+    'navigator_node': NavigatorNodeConfig,
 }
 # One of these drives the legs.
 LEG_CONTROLLERS = 'gait_controller_node', 'policy_node'
 # Nodes of a run by default; slam_node needs a program, lidar_node is an extra sensor, policy_node
-# takes the place of gait_controller_node.
-DEFAULT_NODES = tuple(name for name in NODE_CONFIGS
-                      if name not in ('slam_node', 'lidar_node', 'policy_node'))
+# takes the place of gait_controller_node, and the navigator that of drive_node.
+DEFAULT_NODES = ('physics_node', 'gait_controller_node', 'drive_node', 'render_node',
+                 'recorder_node')

@@ -20,9 +20,10 @@ from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.gait.calibration import packaged_calibration
 from lunar_rover_sim.parameters import replaced
+from lunar_rover_sim.path_following.route import make_route
 from lunar_rover_sim.rover.rover_file import save_rover
-from lunar_rover_sim.run.node_config import (FRAME_TOPICS, LEG_CONTROLLERS, LIDAR_TOPICS,
-                                             NODE_CONFIGS)
+from lunar_rover_sim.run.node_config import (DEPTH_TOPICS, FRAME_TOPICS, LEG_CONTROLLERS, LIDAR,
+                                             LIDAR_TOPICS, NODE_CONFIGS)
 from lunar_rover_sim.run.publication import period_of, recorded_beside_the_pair, recorded_periodic
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import WaitConfig
@@ -35,19 +36,22 @@ LOG_FOLDER = 'logs'
 
 # The order in which nodes are stopped: the recorder last, since it records the others.
 STOP_ORDER = ('drive_node', 'physics_node', *LEG_CONTROLLERS, 'render_node', 'lidar_node',
-              'slam_node', 'recorder_node')
+              'slam_node', 'mapping_node', 'navigator_node', 'recorder_node')
 
 # Parameter → the one of another node that it takes over.
 _FOLLOWS = {
     'physics_node.ground_rate_hz': 'render_node.frame_rate_hz',
     'physics_node.sun': 'render_node.sun',
     'lidar_node.reflectance': 'render_node.reflectance',
+    'mapping_node.camera': 'render_node.camera',
     'slam_node.camera': 'render_node.camera',
     'slam_node.frame_rate_hz': 'render_node.frame_rate_hz',
     'slam_node.imu': 'physics_node.imu',
     'slam_node.imu_rate_hz': 'physics_node.state_rate_hz',
     'slam_node.gravity_mps2': 'physics_node.gravity_mps2'}
 
+_WAYPOINT_STEP_M = 1.5      # between the waypoints that the navigator gets of a route
+_WAY_TIMES = 3.0            # the time that a way may take, over that of the straight one
 _ALIKE = 0.7        # least similarity of a mistyped name, from 0 to 1
 _RENDERER_LAG_FRAMES = 2
 _RECORDER_LAG_S = 0.5
@@ -118,10 +122,16 @@ def _following(scenario: Scenario) -> dict[str, Any]:
             gait.calibration or packaged_calibration(physics.ground.name, scenario.rover.name),
         'render_node.await_ground': render.await_ground or ground_gives,
         'lidar_node.await_ground': lidar.await_ground or ground_gives}
+    if 'navigator_node' in nodes:
+        values['physics_node.end_when_navigated'] = scenario.navigator_node.end_after_s >= 0.0
+        values['navigator_node.map_period_s'] = (
+            lidar.period_ns if scenario.mapping_node.depth == LIDAR else render.depth_period_ns
+        ) / 1e9
     if awaits_lidar and not lidar.await_readers:
         values['lidar_node.await_readers'] = tuple(
             name for name in LIDAR_TOPICS
-            if name in scenario.recorder_node.topics and 'recorder_node' in nodes)
+            if (name in scenario.recorder_node.topics and 'recorder_node' in nodes)
+            or name == _mapped(scenario))
     if 'lidar_node' in nodes and not awaits_lidar and not _records_scans(scenario):
         # lidar_node follows the rover only while somebody reads one of its topics.
         values['recorder_node.exclude'] = tuple(dict.fromkeys(
@@ -141,8 +151,9 @@ def _awaited(scenario: Scenario) -> dict[str, Any]:
         'recorder_node.acknowledge_periods_s': tuple(
             periods_ns.get(name, 0) / 1e9 for name in acknowledge)}
     if 'render_node' in nodes and not scenario.render_node.await_readers:
-        values['render_node.await_readers'] = tuple(
-            name for name in acknowledge if name in FRAME_TOPICS)
+        mapped = [name for name in (_mapped(scenario),) if name in FRAME_TOPICS]
+        values['render_node.await_readers'] = tuple(dict.fromkeys(
+            [*(name for name in acknowledge if name in FRAME_TOPICS), *mapped]))
     return values
 
 
@@ -153,6 +164,9 @@ def _wait_of(scenario: Scenario, controller: str) -> WaitConfig:
     if 'drive_node' in scenario.run.nodes and drive.mode != 'none' and (
             drive.enable_stamped_cmd_vel):
         wait = _extended(wait, {topics.CMD_VEL.name: 1.0 / drive.rate_hz})
+    navigator = scenario.navigator_node
+    if 'navigator_node' in scenario.run.nodes and navigator.enable_stamped_cmd_vel:
+        wait = _extended(wait, {topics.CMD_VEL.name: 1.0 / navigator.rate_hz})
     if not wait.topics:
         return wait
     return dataclasses.replace(wait, silence_s=_share(wait.silence_s, physics.wait.silence_s),
@@ -166,11 +180,18 @@ def _controller_waits(scenario: Scenario) -> tuple[str, ...]:
     return controller.wait.topics
 
 
+def _mapped(scenario: Scenario) -> str:
+    """Return the topic of the depth that mapping_node reads; '' where it takes no part."""
+    if 'mapping_node' not in scenario.run.nodes:
+        return ''
+    return DEPTH_TOPICS[scenario.mapping_node.depth].name
+
+
 def _awaits_lidar(scenario: Scenario) -> bool:
     """Return whether time waits for scans: those that the run records, or that the user names."""
     if 'lidar_node' not in scenario.run.nodes or 'lidar_node' in scenario.run.may_fail:
         return False
-    return (_records_scans(scenario)
+    return (_records_scans(scenario) or _mapped(scenario) in LIDAR_TOPICS
             or topics.LIDAR_SCANNED.name in scenario.physics_node.wait.topics)
 
 
@@ -210,6 +231,59 @@ def with_policy(scenario: Scenario, policy: str) -> Scenario:
                                'policy_node.policy': str(controller.policy.path.resolve())})
 
 
+def with_navigator(scenario: Scenario, goals_m: Sequence[tuple[float, float]]) -> Scenario:
+    """Return the scenario with mapping_node, and navigator_node in place of drive_node.
+
+    Args:
+        goals_m: Waypoints, the last of which is the goal; none: those of the scenario.
+
+    Raises:
+        ConfigError: If there is no goal at all.
+    """
+    nodes = [name for name in scenario.run.nodes
+             if name not in ('drive_node', 'mapping_node', 'navigator_node')]
+    values: dict[str, Any] = {'run.nodes': (*nodes, 'mapping_node', 'navigator_node')}
+    if goals_m:
+        *between, (x, y) = goals_m
+        values |= {'navigator_node.has_goal': True, 'navigator_node.goal_x_m': float(x),
+                   'navigator_node.goal_y_m': float(y),
+                   'navigator_node.waypoints_x_m': tuple(float(p[0]) for p in between),
+                   'navigator_node.waypoints_y_m': tuple(float(p[1]) for p in between)}
+    scenario = replaced(scenario, values)
+    if not scenario.navigator_node.goals:
+        raise ConfigError('navigator_node.has_goal: false is not valid here; valid is a goal or '
+                          'waypoints')
+    return scenario
+
+
+def with_route(scenario: Scenario, shape: str, avoid: bool) -> Scenario:
+    """Return the scenario with a ready-made route from its start on.
+
+    Args:
+        shape: One of `drive_node.shape`; its size is `drive_node.shape_size_m`.
+        avoid: The navigator drives it, from one waypoint to the next; else drive_node, blindly.
+    """
+    scenario = replaced(scenario, {
+        'drive_node.shape': shape, 'drive_node.relative': False,
+        'drive_node.mode': (scenario.drive_node.mode if scenario.drive_node.mode in
+                            ('waypoints', 'spline') else 'spline')})
+    if not avoid:
+        return scenario
+    start, drive = scenario.physics_node.start, scenario.drive_node
+    route = make_route(drive, (start.x_m, start.y_m), math.radians(start.yaw_deg))
+    count = max(2, math.ceil(route.length_m / _WAYPOINT_STEP_M))
+    return with_navigator(scenario, [(float(x), float(y)) for x, y in route.at(
+        [route.length_m * k / count for k in range(1, count + 1)])])
+
+
+def navigated_duration_s(scenario: Scenario) -> float:
+    """Return a time in which the navigator has arrived, or never will [s]."""
+    start, nav = scenario.physics_node.start, scenario.navigator_node
+    points = [(start.x_m, start.y_m), *nav.goals]
+    way = sum(math.dist(a, b) for a, b in zip(points, points[1:]))
+    return 60.0 + math.ceil(_WAY_TIMES * way / nav.speed_mps)
+
+
 def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
     """Return topic → lag [s] of the run's own nodes for which physics waits."""
     awaited = {}
@@ -222,6 +296,12 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
         # One frame more: it is tracked while the next one is drawn.
         awaited[topics.SLAM_STATUS.name] = round((_RENDERER_LAG_FRAMES + 1) * frame_s, 9)
     scan_s = scenario.lidar_node.period_ns / 1e9
+    if 'mapping_node' in nodes:
+        # As many frames more: it maps while the next ones are drawn.
+        period_s = (scan_s if _mapped(scenario) in LIDAR_TOPICS
+                    else scenario.render_node.depth_period_ns / 1e9)
+        awaited[topics.TRAVERSABILITY.name] = round(
+            period_s + (_RENDERER_LAG_FRAMES + 1) * frame_s, 9)
     if _awaits_lidar(scenario):
         # A scan is computed after its last state, while physics goes on by one more scan.
         awaited[topics.LIDAR_SCANNED.name] = round(
@@ -232,8 +312,10 @@ def _answers(scenario: Scenario, frame_s: float) -> dict[str, float]:
         if 'render_node' in nodes:
             # Images are written after they are published, and the renderer may lag.
             least = _RENDERER_LAG_FRAMES + 2
-            if 'slam_node' in nodes:
+            if 'slam_node' in nodes or 'mapping_node' in nodes:
                 least += 1
+            if 'mapping_node' in nodes:
+                least += scenario.render_node.depth_every
             lag_s = max(min(lag_s, _RECORDER_LAG_FRAMES * frame_s), least * frame_s)
         if _awaits_lidar(scenario):
             lag_s = max(lag_s, _RECORDER_LAG_SCANS * scan_s)
@@ -271,7 +353,7 @@ def awaits_others(scenario: Scenario) -> bool:
 def _participants(scenario: Scenario) -> tuple[str, ...]:
     """Return the topics that any node of a resolved scenario waits for, and cmd_vel."""
     awaited = [*scenario.physics_node.wait.topics, *_controller_waits(scenario)]
-    if 'drive_node' in scenario.run.nodes:
+    if not {'drive_node', 'navigator_node'}.isdisjoint(scenario.run.nodes):
         awaited.append(topics.CMD_VEL.name)
     # Recorded ones are waited for, so that the bag has them from the first frame on.
     awaited += recorded_beside_the_pair(scenario)

@@ -29,9 +29,10 @@ from lunar_rover_sim.parameters import merge, nearest, nest, param, Parameters
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.run.node_config import (DEFAULT_NODES, DriveNodeConfig, GaitNodeConfig,
-                                             LEG_CONTROLLERS, LidarNodeConfig, NODE_CONFIGS,
-                                             PhysicsNodeConfig, PolicyNodeConfig,
-                                             RecorderNodeConfig, RenderNodeConfig, SlamNodeConfig)
+                                             LEG_CONTROLLERS, LidarNodeConfig, MappingNodeConfig,
+                                             NavigatorNodeConfig, NODE_CONFIGS, PhysicsNodeConfig,
+                                             PolicyNodeConfig, RecorderNodeConfig,
+                                             RenderNodeConfig, SlamNodeConfig)
 from lunar_rover_sim.run.params_files import MAX_BYTES, ROS_KEY, section_names, SHARED
 from lunar_rover_sim.run.shared_config import LOCKSTEP, MAX_DURATION_S, NodeConfig
 from lunar_rover_sim.world.cache import cached
@@ -87,6 +88,8 @@ class Scenario:
     slam_node: SlamNodeConfig
     lidar_node: LidarNodeConfig
     policy_node: PolicyNodeConfig
+    mapping_node: MappingNodeConfig
+    navigator_node: NavigatorNodeConfig
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Iterable[str] | Mapping[str, Any] = (), *,

@@ -1,0 +1,198 @@
+"""Plans over a grid of costs, by scikit-image's `MCP_Geometric`."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter1d
+from skimage.graph import MCP_Geometric
+
+from lunar_rover_sim.frames import Array, path_length
+from lunar_rover_sim.navigation.config import PlanConfig
+from lunar_rover_sim.navigation.traversability import LETHAL, Traversability, UNKNOWN
+
+_ESCAPE = 20.0          # cost of ground that is too near to an obstacle while the rover leaves it
+_SMOOTH_CELLS = 2.5
+_SEARCH_M = 1.0         # a goal that cannot be reached is replaced by one this near to it
+
+
+@dataclasses.dataclass(frozen=True)
+class Disc:
+    """Ground that the rover knows more of than the map: where it bumped, or saw nothing.
+
+    Attributes:
+        cost: What a way through it costs more; inf: it must not be crossed.
+        until_ns: When it is forgotten [ns].
+    """
+
+    x_m: float
+    y_m: float
+    radius_m: float
+    cost: float
+    until_ns: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A way to the goal, or to the edge of the map towards it.
+
+    Attributes:
+        points_m: (n, 2) from the rover on.
+        cost: Of the way and, where it ends before the goal, of the straight rest as if free.
+        reaches_goal: Whether it ends at the goal itself.
+        off_goal_m: How far from a goal that cannot be reached it ends; 0 if it goes on beyond
+            the map.
+    """
+
+    points_m: Array
+    cost: float
+    reaches_goal: bool
+    off_goal_m: float = 0.0
+
+    @property
+    def length_m(self) -> float:
+        """Length of the way [m]."""
+        return path_length(self.points_m)
+
+
+class Planner:
+    """Finds ways over the costs of one map."""
+
+    def __init__(self, grid: Traversability, config: PlanConfig, half_width_m: float,
+                 rover_xy_m: ArrayLike, discs: tuple[Disc, ...] = ()) -> None:
+        self._grid, self._rover = grid, np.asarray(rover_xy_m, float)[:2]
+        self.unknown = grid.cost == UNKNOWN
+        blind = self._within(self._rover, config.blind_m)
+        self.unknown &= ~blind
+        lethal = grid.cost >= LETHAL
+        more = np.zeros(grid.cost.shape)
+        for disc in discs:
+            inside = self._within((disc.x_m, disc.y_m), disc.radius_m)
+            if math.isinf(disc.cost):
+                lethal |= inside
+            else:
+                more[inside] += disc.cost
+        apart = cv2.distanceTransform((~lethal).astype(np.uint8), cv2.DIST_L2, 5) * grid.cell_m
+        room = half_width_m + config.margin_m
+        self.lethal = lethal
+        self.blocked = apart < room
+        share = np.clip(grid.cost.astype(float), 0.0, 99.0) / 99.0
+        cost = 1.0 + config.rough_cost * share + more
+        near = np.clip((room + config.near_m - apart) / max(config.near_m, 1e-6), 0.0, 1.0)
+        cost += config.near_cost * near ** 2
+        cost[self.unknown] += config.unknown_cost
+        # The rover may stand where it would not go.
+        around = self._within(self._rover, room + 2.0 * grid.cell_m)
+        cost[around & self.blocked] += _ESCAPE
+        cost[self.blocked & ~around] = -1.0     # not to be crossed
+        self._cost = cost
+
+    def plan(self, goal_xy_m: ArrayLike) -> Plan | None:
+        """Return the cheapest way to a goal; None if there is none, or the rover is off the map.
+
+        A goal beyond the map is approached at the edge from which way and straight rest cost
+        least. A goal on an obstacle is replaced by the nearest place that can be reached.
+        """
+        goal = np.asarray(goal_xy_m, float)[:2]
+        start, end = self._cell(self._rover), self._cell(goal)
+        if not self._inside(start):
+            return None
+        search = MCP_Geometric(self._cost, fully_connected=True)
+        if self._inside(end) and self._cost[end] > 0.0:
+            total, _ = search.find_costs([start], [end])
+            if math.isfinite(total[end]):
+                return self._made(search.traceback(end), goal, float(total[end]), goal)
+        total, _ = search.find_costs([start])
+        n = len(total)
+        rows, columns = np.mgrid[0:n, 0:n]
+        x, y = self._centre(rows, columns)
+        rest = np.hypot(x - goal[0], y - goal[1])
+        if self._inside(end):
+            near = np.where(np.isfinite(total) & (rest <= _SEARCH_M), rest, np.inf)
+            best = np.unravel_index(int(np.argmin(near)), near.shape)
+            if not math.isfinite(near[best]):
+                return None
+            found = self._made(search.traceback(best), None, float(total[best]), goal)
+            return dataclasses.replace(found, off_goal_m=float(rest[best]))
+        edge = np.full(total.shape, np.inf)
+        for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
+            edge[side] = total[side] * self._grid.cell_m + rest[side]
+        best = np.unravel_index(int(np.argmin(edge)), edge.shape)
+        if not math.isfinite(edge[best]):
+            return None
+        return self._made(search.traceback(best), None, float(total[best]), goal)
+
+    def cost_along(self, points_m: Array, goal_xy_m: ArrayLike) -> float:
+        """Return the cost of a way (n, 2), and of the straight rest to the goal; inf if blocked.
+
+        What lies beyond the map counts as free.
+        """
+        goal = np.asarray(goal_xy_m, float)[:2]
+        if len(points_m) < 2:
+            return math.inf
+        steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+        cost = self._at(self._cost, points_m[1:], 1.0)
+        if np.any(cost < 0.0):
+            return math.inf
+        return float(np.sum(steps * cost) + np.linalg.norm(points_m[-1] - goal))
+
+    def unknown_along_m(self, points_m: Array, from_m: float, to_m: float) -> tuple[float, Array]:
+        """Return how much of a part of a way is unknown [m], and where that begins (2,) [m]."""
+        steps = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        if along[-1] <= from_m:
+            return 0.0, points_m[-1]
+        at = np.arange(from_m, min(to_m, along[-1]), 0.5 * self._grid.cell_m)
+        points = np.stack([np.interp(at, along, points_m[:, k]) for k in (0, 1)], axis=-1)
+        unknown = self._at(self.unknown, points, False)
+        first = points[int(np.argmax(unknown))] if unknown.any() else points_m[-1]
+        return 0.5 * self._grid.cell_m * float(np.count_nonzero(unknown)), first
+
+    def _made(self, cells: list[tuple[int, int]], end_m: Array | None, total: float,
+              goal: Array) -> Plan:
+        rows, columns = np.array(cells).T
+        points = np.stack(self._centre(rows, columns), axis=-1)
+        points[0] = self._rover
+        if end_m is not None:
+            points[-1] = end_m
+        if len(points) < 2:
+            points = np.stack([self._rover, points[-1]])
+        smooth = points.copy()
+        for k in (0, 1):
+            smooth[1:-1, k] = gaussian_filter1d(points[:, k], _SMOOTH_CELLS,
+                                                mode='nearest')[1:-1]
+        if not np.any(self._at(self._cost, smooth[1:-1], 1.0) < 0.0):
+            points = smooth
+        rest = float(np.linalg.norm(points[-1] - goal))
+        return Plan(points, total * self._grid.cell_m + rest, end_m is not None)
+
+    def _cell(self, xy_m: ArrayLike) -> tuple[int, int]:
+        column, row = np.floor((np.asarray(xy_m, float) - self._grid.origin_m)
+                               / self._grid.cell_m).astype(int)
+        return int(row), int(column)
+
+    def _inside(self, cell: tuple[int, int]) -> bool:
+        n = len(self._grid.cost)
+        return 0 <= cell[0] < n and 0 <= cell[1] < n
+
+    def _centre(self, rows: NDArray, columns: NDArray) -> tuple[Array, Array]:
+        cell, origin = self._grid.cell_m, self._grid.origin_m
+        return origin[0] + (columns + 0.5) * cell, origin[1] + (rows + 0.5) * cell
+
+    def _within(self, xy_m: ArrayLike, radius_m: float) -> NDArray[np.bool_]:
+        n = len(self._grid.cost)
+        steps = (np.arange(n) + 0.5) * self._grid.cell_m
+        dx = self._grid.origin_m[0] + steps - np.asarray(xy_m, float)[0]
+        dy = self._grid.origin_m[1] + steps - np.asarray(xy_m, float)[1]
+        return np.asarray(dx[None, :] ** 2 + dy[:, None] ** 2 <= radius_m ** 2)
+
+    def _at(self, values: NDArray, points_m: Array, outside: float) -> NDArray:
+        cells = np.floor((points_m - self._grid.origin_m) / self._grid.cell_m).astype(int)
+        n = len(values)
+        inside = np.all((cells >= 0) & (cells < n), axis=-1)
+        columns, rows = np.clip(cells, 0, n - 1).T
+        return np.where(inside, values[rows, columns], outside)

@@ -1,0 +1,112 @@
+"""Poses for map and navigator from estimators that do not give the whole pose in `odom`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lunar_rover_sim.frames import Array, inverse, matrix_from_wxyz, se3, wxyz_from_rpy
+
+_LEVEL_S = 4.0      # over which the accelerometer levels the gyroscope: several steps
+
+
+class AnchoredPoses:
+    """Poses of a SLAM program in a map of its own, anchored at the first one.
+
+    A rover knows where it starts. Afterwards only the estimate counts.
+    """
+
+    def __init__(self, T_base_sensor: ArrayLike) -> None:
+        """Take poses of a sensor that is mounted at T_base_sensor (4, 4)."""
+        self._T_sensor_base = inverse(T_base_sensor)
+        self._T_world_map: Array | None = None
+
+    def restart(self) -> None:
+        """Anchor anew with the next pose."""
+        self._T_world_map = None
+
+    @property
+    def is_anchored(self) -> bool:
+        """Whether a pose has been anchored."""
+        return self._T_world_map is not None
+
+    def base(self, T_map_sensor: ArrayLike, T_world_base: ArrayLike | None = None) -> Array:
+        """Return T_world_base (4, 4) of a pose.
+
+        Args:
+            T_map_sensor: (4, 4) of the estimate.
+            T_world_base: (4, 4) start of the rover, needed for the first pose only.
+        """
+        T_map_base = np.asarray(T_map_sensor, float) @ self._T_sensor_base
+        if self._T_world_map is None:
+            self._T_world_map = np.asarray(T_world_base, float) @ inverse(T_map_base)
+        return self._T_world_map @ T_map_base
+
+
+class LevelledWheels:
+    """Wheel odometry, which is planar, with pitch and roll of the IMU.
+
+    The gyroscope gives them from step to step; the accelerometer levels it slowly (complementary
+    filter). Height follows from the way and its pitch.
+    """
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self._roll = self._pitch = self._z = 0.0
+        self._imu_ns: int | None = None
+        self._start: Array | None = None    # (3,) x, y, yaw of the odometry at the start
+        self._T_world_start: Array = np.eye(4)
+        self._before: Array | None = None
+
+    def add_imu(self, stamp_ns: int, rate_radps: ArrayLike, force_mps2: ArrayLike) -> None:
+        """Take a sample: rates (3,) and specific force (3,), base axes."""
+        rate, force = np.asarray(rate_radps, float), np.asarray(force_mps2, float)
+        if not (np.isfinite(rate).all() and np.isfinite(force).all()):
+            return
+        roll = math.atan2(force[1], force[2])
+        pitch = math.atan2(-force[0], math.hypot(force[1], force[2]))
+        if self._imu_ns is None:
+            self._roll, self._pitch = roll, pitch
+        else:
+            dt = (stamp_ns - self._imu_ns) * 1e-9
+            share = min(max(dt / _LEVEL_S, 0.0), 1.0)
+            c, s = math.cos(self._roll), math.sin(self._roll)
+            tangent = math.tan(max(-1.4, min(1.4, self._pitch)))
+            self._roll += dt * (rate[0] + tangent * (s * rate[1] + c * rate[2]))
+            self._pitch += dt * (c * rate[1] - s * rate[2])
+            self._roll += share * math.remainder(roll - self._roll, 2.0 * math.pi)
+            self._pitch += share * (pitch - self._pitch)
+        self._imu_ns = stamp_ns
+
+    def base(self, xy_yaw: ArrayLike, T_world_base: ArrayLike | None = None) -> Array:
+        """Return T_world_base (4, 4) at a pose (3,) of the odometry: x, y [m] and yaw [rad].
+
+        Args:
+            T_world_base: (4, 4) start of the rover, needed for the first pose only.
+        """
+        pose = np.asarray(xy_yaw, float)
+        if self._start is None or self._before is None:
+            T = np.asarray(T_world_base, float)
+            yaw = math.atan2(T[1, 0], T[0, 0])
+            self._T_world_start = se3(matrix_from_wxyz(wxyz_from_rpy(0.0, 0.0, yaw)), T[:3, 3])
+            self._start = self._before = pose
+        step = pose[:2] - self._before[:2]
+        along = step[0] * math.cos(pose[2]) + step[1] * math.sin(pose[2])
+        self._z -= along * math.sin(self._pitch)
+        self._before = pose
+        turn = _planar(self._start)
+        T_start_now = inverse(turn) @ _planar(pose)
+        yaw = math.atan2(T_start_now[1, 0], T_start_now[0, 0])
+        T_start_now[:3, :3] = matrix_from_wxyz(wxyz_from_rpy(self._roll, self._pitch, yaw))
+        T_start_now[2, 3] = self._z
+        return self._T_world_start @ T_start_now
+
+
+def _planar(xy_yaw: Array) -> Array:
+    return se3(matrix_from_wxyz(wxyz_from_rpy(0.0, 0.0, float(xy_yaw[2]))),
+               (xy_yaw[0], xy_yaw[1], 0.0))

@@ -1,0 +1,122 @@
+"""Conversions of maps, plans and goals to and from ROS 2 messages."""
+
+from __future__ import annotations
+
+import array
+import importlib
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid, Path
+import numpy as np
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+
+from lunar_rover_sim.bag.messages import time_ns
+from lunar_rover_sim.errors import NavigationError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.navigation.elevation_map import Elevation
+from lunar_rover_sim.navigation.traversability import Traversability
+from lunar_rover_sim.nodes.conversions import time_msg
+
+_FIELDS = ('x', 'y', 'z', 'stddev')
+
+
+def occupancy_grid(grid: Traversability, frame_id: str, stamp: Time) -> OccupancyGrid:
+    """Return the costs of a map; `map_load_time` is the stamp of the newest depth in it."""
+    msg = OccupancyGrid(header=Header(stamp=stamp, frame_id=frame_id))
+    msg.info.map_load_time = time_msg(grid.stamp_ns)
+    msg.info.resolution = float(grid.cell_m)
+    msg.info.height, msg.info.width = grid.cost.shape
+    msg.info.origin.position.x, msg.info.origin.position.y = grid.origin_m.tolist()
+    msg.info.origin.orientation.w = 1.0
+    msg.data = array.array('b', grid.cost.tobytes())
+    return msg
+
+
+def traversability_of(msg: OccupancyGrid) -> Traversability:
+    """Return the costs of a message; raise NavigationError if it is no square, level map.
+
+    Without `map_load_time` the stamp of the header is that of its newest depth.
+    """
+    info, origin = msg.info, msg.info.origin
+    cells = np.array(msg.data, np.int8)
+    if info.width != info.height or len(cells) != info.width * info.height or not info.width:
+        raise NavigationError(f'map: {info.width} x {info.height} cells with {len(cells)} values '
+                              'are not valid; valid is a square')
+    if abs(origin.orientation.z) > 1e-6 or not info.resolution > 0.0:
+        raise NavigationError('map: turned, or without resolution; valid are axes of its frame')
+    stamp = time_ns(info.map_load_time) or time_ns(msg.header.stamp)
+    return Traversability(stamp, np.array([origin.position.x, origin.position.y]),
+                          float(info.resolution), cells.reshape(info.height, info.width))
+
+
+def elevation_cloud(elevation: Elevation, frame_id: str, stamp: Time) -> PointCloud2:
+    """Return the known cells: x, y, z [m] and the standard deviation of z [m]."""
+    rows, columns = np.nonzero(np.isfinite(elevation.height_m))
+    x, y = elevation.centres_m
+    values = np.stack([x[columns], y[rows], elevation.height_m[rows, columns],
+                       np.sqrt(elevation.variance_m2[rows, columns])], axis=-1).astype('<f4')
+    msg = PointCloud2(header=Header(stamp=stamp, frame_id=frame_id), height=1, width=len(values),
+                      point_step=16, row_step=16 * len(values), is_dense=True,
+                      fields=[PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32,
+                                         count=1) for k, name in enumerate(_FIELDS)])
+    msg.data = values.tobytes()
+    return msg
+
+
+def grid_map_type() -> Any:
+    """Return grid_map_msgs/GridMap; None where the package is not installed."""
+    try:
+        return importlib.import_module('grid_map_msgs.msg').GridMap
+    except ImportError:
+        return None
+
+
+def fill_grid_map(msg: Any, elevation: Elevation, grid: Traversability, frame_id: str,
+                  stamp: Time) -> Any:
+    """Write elevation, variance and traversability (0 to 1) into a GridMap, and return it.
+
+    Its cells run from the greatest x and y on, column after column, as in ANYbotics' grid_map.
+    """
+    layout = importlib.import_module('std_msgs.msg')
+    msg.header = Header(stamp=stamp, frame_id=frame_id)
+    n, cell = len(elevation.height_m), elevation.cell_m
+    msg.info.resolution, msg.info.length_x, msg.info.length_y = cell, n * cell, n * cell
+    middle = elevation.origin_m + 0.5 * n * cell
+    msg.info.pose.position.x, msg.info.pose.position.y = middle.tolist()
+    msg.info.pose.orientation.w = 1.0
+    share = np.where(grid.cost < 0, np.nan, 1.0 - grid.cost / 100.0)
+    layers = {'elevation': elevation.height_m, 'variance': elevation.variance_m2,
+              'traversability': share}
+    msg.layers, msg.basic_layers = list(layers), ['elevation']
+    for values in layers.values():
+        one = layout.Float32MultiArray()
+        one.layout.dim = [
+            layout.MultiArrayDimension(label='column_index', size=n, stride=n * n),
+            layout.MultiArrayDimension(label='row_index', size=n, stride=n)]
+        one.data = values[::-1, ::-1].ravel().astype(np.float32).tolist()
+        msg.data.append(one)
+    return msg
+
+
+def path(points_m: Array, frame_id: str, stamp: Time) -> Path:
+    """Return (n, 2) points as a path; every pose looks to the next."""
+    msg = Path(header=Header(stamp=stamp, frame_id=frame_id))
+    if len(points_m) < 2:
+        return msg
+    ahead = np.diff(points_m, axis=0)
+    headings = np.arctan2(*np.concatenate([ahead, ahead[-1:]]).T[::-1])
+    for (x, y), heading in zip(points_m.tolist(), headings.tolist()):
+        msg.poses.append(goal((x, y), frame_id, stamp, heading))
+    return msg
+
+
+def goal(xy_m: Any, frame_id: str, stamp: Time, heading_rad: float = 0.0) -> PoseStamped:
+    """Return a place as a pose."""
+    pose = PoseStamped(header=Header(stamp=stamp, frame_id=frame_id))
+    pose.pose.position.x, pose.pose.position.y = (float(v) for v in xy_m)
+    pose.pose.orientation.z = float(np.sin(0.5 * heading_rad))
+    pose.pose.orientation.w = float(np.cos(0.5 * heading_rad))
+    return pose

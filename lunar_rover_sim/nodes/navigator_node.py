@@ -1,0 +1,235 @@
+"""navigator_node: maps, poses and goals to velocities."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
+import numpy as np
+from std_msgs.msg import Header
+
+from lunar_rover_sim import frames, topics
+from lunar_rover_sim.bag.messages import header_ns
+from lunar_rover_sim.bag.stamps import stamp_ns
+from lunar_rover_sim.errors import NavigationError
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.navigation.config import SLAM, TraversabilityConfig
+from lunar_rover_sim.navigation.navigator import ARRIVED, FAILED, Navigator, NavigatorCommand
+from lunar_rover_sim.navigation.planner import Plan
+from lunar_rover_sim.navigation.traversability import Limits, Traversability
+from lunar_rover_sim.nodes import conversions, map_conversions, node_main, qos
+from lunar_rover_sim.nodes.nav2_action import NavigateToPoseServer
+from lunar_rover_sim.nodes.parameters import declare
+from lunar_rover_sim.nodes.pose_source import PoseSource
+from lunar_rover_sim.nodes.reader_discovery import ReaderDiscovery
+from lunar_rover_sim.rover.rover_file import load_rover
+from lunar_rover_sim.run.node_config import NavigatorNodeConfig
+from lunar_rover_sim.seconds import NS_PER_S
+from lunar_rover_sim.world.world_folder import load_world
+
+_KEPT_MAPS = 50
+
+
+class NavigatorNode(node_main.GraphNode):
+    """Answers the true odometry of every command period with a velocity that bears its stamp.
+
+    In lockstep it answers from the map and, with slam, the pose of `map_lag_s` before, whatever
+    has arrived meanwhile: the same run gives the same commands.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('navigator_node')
+        self._config = config = declare(self, NavigatorNodeConfig)
+        rover = load_rover(config.rover or None)
+        half_extent_m = None
+        if config.world:
+            half_extent_m = load_world(config.world, verify=False).ground.half_extent_m
+        half_width_m = config.half_width_m or Limits.of(
+            rover, TraversabilityConfig()).half_width_m
+        self._navigator = Navigator(config, half_width_m, half_extent_m)
+        self._period_ns = NS_PER_S // config.rate_hz
+        self._map_ns = round(config.map_period_s * 1e9)
+        self._lag_ns = round(config.map_lag_s * 1e9)
+        self._first_period = 0 if config.lockstep else -1
+        self._maps: deque[tuple[int, Traversability]] = deque(maxlen=_KEPT_MAPS)
+        self._due: deque[int] = deque()
+        self._status = ''
+        self._plan: Plan | None = None
+        self._goals: tuple[Array, ...] = ()
+        self._restart()
+        self._poses = PoseSource(self, config, config.pose, rover, self.wake, self._restart)
+        self.create_subscription(Odometry, config.truth.name, self._odom_callback,
+                                 qos.requested(topics.ODOM, config.lockstep), raw=True)
+        self.create_subscription(OccupancyGrid, topics.TRAVERSABILITY.name, self._map_callback,
+                                 qos.requested(topics.TRAVERSABILITY, config.lockstep))
+        self.create_subscription(PoseStamped, topics.GOAL_POSE.name, self._goal_callback,
+                                 qos.newest())
+        self.create_subscription(Path, topics.WAYPOINTS.name, self._waypoints_callback,
+                                 qos.newest())
+        stamped = config.enable_stamped_cmd_vel
+        self._publisher = self.create_publisher(TwistStamped if stamped else Twist,
+                                                topics.CMD_VEL.name, qos.offered(topics.CMD_VEL))
+        self._outputs = {topic: self.create_publisher(kind, topic.name, qos.offered(topic))
+                         for topic, kind in ((topics.PLAN, Path), (topics.GOAL, PoseStamped),
+                                             (topics.NAVIGATOR_STATUS, DiagnosticArray),
+                                             (topics.NAVIGATED, Header))}
+        self._action = NavigateToPoseServer.make(self, self._set_goals)
+        self._matching = ReaderDiscovery(self, [self._publisher, *self._outputs.values()],
+                                         config.participants if config.lockstep else ())
+        self.report_ready(config, waits=tuple(dict.fromkeys(
+            (config.truth.name, topics.TRAVERSABILITY.name, *self._poses.waits))))
+
+    def _restart(self) -> None:
+        self._last_period = self._first_period
+        self._maps.clear()
+        self._due.clear()
+        self._navigator.reset()
+        self._status, self._plan, self._goals = '', None, ()
+        self._is_done = False
+
+    # Input
+
+    def _odom_callback(self, raw: bytes) -> None:
+        now_ns = stamp_ns(topics.ODOM.type, raw)
+        if now_ns is None or now_ns // self._period_ns == self._last_period \
+                or now_ns // self._period_ns == self._first_period:
+            return
+        self._last_period = now_ns // self._period_ns
+        if not self._config.lockstep:
+            self._due.clear()
+        self._due.append(now_ns)
+        self.wake()
+
+    def _map_callback(self, msg: OccupancyGrid) -> None:
+        try:
+            self._maps.append((header_ns(msg), map_conversions.traversability_of(msg)))
+        except NavigationError as error:
+            self.warnings.add('map', f'{error}; it is not used')
+            return
+        self.wake()
+
+    def _goal_callback(self, msg: PoseStamped) -> None:
+        self._set_goals([msg])
+
+    def _waypoints_callback(self, msg: Path) -> None:
+        for pose in msg.poses:
+            pose.header.frame_id = pose.header.frame_id or msg.header.frame_id
+        self._set_goals(msg.poses)
+
+    def _set_goals(self, poses: Sequence[PoseStamped]) -> str:
+        """Drive to these poses; return '' or, with a warning, why they are refused."""
+        try:
+            self._navigator.set_goals([self._in_odom(pose) for pose in poses])
+        except NavigationError as error:
+            self.get_logger().warning(f'refused: {error}')
+            return str(error)
+        self._is_done = False
+        return ''
+
+    def _in_odom(self, goal: PoseStamped) -> Array:
+        """Return a goal (2,) in the frame of the poses; raise NavigationError for other frames."""
+        point = np.array([goal.pose.position.x, goal.pose.position.y])
+        frame = goal.header.frame_id.lstrip('/')
+        if frame in ('', self._poses.frame_id, frames.ODOM_FRAME):
+            return point
+        if frame in (frames.BASE_FRAME, frames.FOOTPRINT_FRAME, frames.TRUE_BASE_FRAME):
+            found = self._poses.newest(1 << 62)
+            if found is None:
+                raise NavigationError(f'goal: no pose is known yet to bring it from {frame} to '
+                                      f'{self._poses.frame_id}')
+            T = found[1]
+            return np.asarray(T[:2, :2] @ point + T[:2, 3], float)
+        raise NavigationError(f'goal: frame {frame!r} has no transform here; valid are '
+                              f'{self._poses.frame_id}, {frames.BASE_FRAME}')
+
+    # Output
+
+    def work(self) -> None:
+        """Answer the odometry for which map and pose have come, if the readers are matched."""
+        while self._due and self._matching.is_complete and self._is_ready(self._due[0]):
+            self._answer(self._due.popleft())
+
+    def _is_ready(self, now_ns: int) -> bool:
+        if not self._config.lockstep:
+            return True
+        if self._poses.answered_ns < self._pose_due(now_ns):
+            return False
+        # Maps come at multiples of their period, from the first one on.
+        due = (now_ns - self._lag_ns) // self._map_ns * self._map_ns
+        return due <= 0 or bool(self._maps) and self._maps[-1][0] >= due
+
+    def _pose_due(self, now_ns: int) -> int:
+        """Return the stamp [ns] up to which the source of the pose must have answered."""
+        if self._config.pose != SLAM:
+            return now_ns
+        due = now_ns - self._lag_ns
+        return max(due // self._map_ns * self._map_ns, 0)
+
+    def _answer(self, now_ns: int) -> None:
+        lockstep = self._config.lockstep
+        pose = self._poses.newest(self._pose_due(now_ns) if lockstep else now_ns)
+        up_to = now_ns - self._lag_ns if lockstep else now_ns
+        grid = next((grid for stamp, grid in reversed(self._maps) if stamp <= up_to), None)
+        if grid is not None and grid.stamp_ns <= 1:
+            grid = None
+        T = np.full((4, 4), np.nan) if pose is None else pose[1]
+        turn = (frames.wxyz_from_matrix(T[:3, :3]) if np.isfinite(T).all()
+                else np.full(4, np.nan))
+        command = self._navigator.update(now_ns, None if pose is None else pose[0], T[:3, 3],
+                                         turn, grid)
+        stamp = conversions.time_msg(now_ns)
+        velocity = command.forward_mps, command.yaw_rate_radps
+        if self._config.enable_stamped_cmd_vel:
+            self._publisher.publish(conversions.twist_stamped(*velocity, stamp))
+        else:
+            self._publisher.publish(conversions.twist(*velocity))
+        self._tell(command, stamp, now_ns)
+
+    def _tell(self, command: NavigatorCommand, stamp: Any, now_ns: int) -> None:
+        for note in self._navigator.notes:
+            self.get_logger().info(f'{now_ns / 1e9:.2f} s: {note}')
+        self._navigator.notes.clear()
+        frame_id, plan, goals = self._poses.frame_id, self._navigator.plan, self._navigator.goals_m
+        if plan is not self._plan:
+            self._plan = plan
+            points = np.zeros((0, 2)) if plan is None else plan.points_m
+            self._outputs[topics.PLAN].publish(map_conversions.path(points, frame_id, stamp))
+        if goals and (not self._goals or goals[0] is not self._goals[0]):
+            self._outputs[topics.GOAL].publish(map_conversions.goal(goals[0], frame_id, stamp))
+        self._goals = goals
+        if command.status != self._status:
+            self._status = command.status
+            self._outputs[topics.NAVIGATOR_STATUS].publish(_status(command, stamp))
+            if command.status == FAILED:
+                self.get_logger().warning(f'gave up at {now_ns / 1e9:.2f} s: {command.reason}')
+        if self._action is not None:
+            self._action.tell(command, stamp)
+        if command.status in (ARRIVED, FAILED) and not self._is_done:
+            self._is_done = True
+            if self._config.end_after_s >= 0.0:
+                # At a whole second: there every topic with a period has a message.
+                end = now_ns + round(self._config.end_after_s * 1e9)
+                end = -(-end // NS_PER_S) * NS_PER_S
+                self._outputs[topics.NAVIGATED].publish(Header(stamp=conversions.time_msg(end)))
+
+
+def _status(command: NavigatorCommand, stamp: Any) -> DiagnosticArray:
+    level = DiagnosticStatus.WARN if command.status == FAILED else DiagnosticStatus.OK
+    array = DiagnosticArray(status=[DiagnosticStatus(
+        level=level, name='navigator', message=command.status,
+        values=[KeyValue(key='reason', value=command.reason)])])
+    array.header.stamp = stamp
+    return array
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return node_main.run(NavigatorNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

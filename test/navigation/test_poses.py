@@ -1,0 +1,51 @@
+"""Poses of estimators in the frame of the start."""
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.frames import (matrix_from_wxyz, rpy_from_wxyz, se3, wxyz_from_matrix,
+                                    wxyz_from_rpy)
+from lunar_rover_sim.navigation.poses import AnchoredPoses, LevelledWheels
+from lunar_rover_sim.rover.mounts import optical_poses
+from lunar_rover_sim.rover.rover_file import load_rover
+
+
+def pose(x, y, z, roll=0.0, pitch=0.0, yaw=0.0):
+    return se3(matrix_from_wxyz(wxyz_from_rpy(roll, pitch, yaw)), (x, y, z))
+
+
+def test_poses_of_a_slam_map_are_anchored_at_the_start():
+    T_base_camera = optical_poses(load_rover(None))[0]
+    start, later = pose(3.0, -2.0, 0.1, 0.02, -0.05, 1.0), pose(4.0, -1.0, 0.2, 0.1, 0.0, 1.4)
+    T_map_world = pose(9.0, 8.0, 7.0, 0.3, 0.2, 0.1)
+    poses = AnchoredPoses(T_base_camera)
+    assert not poses.is_anchored
+    for true in (start, later):
+        found = poses.base(T_map_world @ true @ T_base_camera, start)
+        np.testing.assert_allclose(found, true, atol=1e-12)
+    poses.restart()
+    assert not poses.is_anchored
+
+
+def test_wheels_with_an_imu_climb_a_slope():
+    wheels, pitch, g = LevelledWheels(), np.radians(-8.0), 1.62     # nose up
+    force = np.array([-np.sin(pitch), 0.0, np.cos(pitch)]) * g
+    start = pose(1.0, 2.0, 0.5, 0.0, pitch, np.pi / 2)
+    for k in range(1001):
+        wheels.add_imu(k * 5_000_000, (0.0, 0.0, 0.0), force)
+        T = wheels.base((0.0005 * k, 0.0, 0.0), start)
+    assert T[:3, 3] == pytest.approx((1.0, 2.5, 0.5 + 0.5 * np.sin(-pitch)), abs=1e-3)
+    assert rpy_from_wxyz(wxyz_from_matrix(T[:3, :3])) == pytest.approx((0.0, pitch, np.pi / 2),
+                                                                       abs=1e-6)
+
+
+def test_the_gyroscope_carries_a_fast_pitch_which_the_accelerometer_would_miss():
+    wheels, g = LevelledWheels(), 1.62
+    wheels.base((0.0, 0.0, 0.0), np.eye(4))
+    wheels.add_imu(0, (0.0, 0.0, 0.0), (0.0, 0.0, g))
+    for k in range(1, 41):      # 0.2 s of 0.5 rad/s, with a push that looks like another slope
+        wheels.add_imu(k * 5_000_000, (0.0, 0.5, 0.0), (0.4 * g, 0.0, g))
+    T = wheels.base((0.0, 0.0, 0.0))
+    assert rpy_from_wxyz(wxyz_from_matrix(T[:3, :3]))[1] == pytest.approx(0.1, abs=0.03)
+    wheels.add_imu(41 * 5_000_000, (np.nan, 0.0, 0.0), (0.0, 0.0, g))
+    assert np.isfinite(wheels.base((0.0, 0.0, 0.0))).all()

@@ -1,0 +1,78 @@
+"""What a rover can cross, by its description."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from lunar_rover_sim.navigation.config import TraversabilityConfig
+from lunar_rover_sim.navigation.elevation_map import Elevation
+from lunar_rover_sim.navigation.traversability import (belly_clearance_m, LETHAL, Limits,
+                                                       traversability, UNKNOWN)
+from lunar_rover_sim.rover.rover_file import load_rover
+
+LIMITS = Limits.of(load_rover(None), TraversabilityConfig())
+
+
+def elevation(height, known=None):
+    values = np.broadcast_to(np.asarray(height, np.float32), (64, 64)).copy()
+    if known is not None:
+        values[~known] = np.nan
+    variance = np.where(np.isfinite(values), np.float32(1e-8), np.float32(np.nan))
+    return Elevation(7, np.array([-1.6, -1.6]), 0.05, values, variance)
+
+
+def rock(height_m, width=2):
+    values = np.zeros((64, 64), np.float32)
+    values[30:30 + width, 30:30 + width] = height_m
+    return elevation(values)
+
+
+def test_the_limits_are_those_of_the_rover():
+    rover = load_rover(None)
+    # Spokes of 8 cm, 30 degrees from the vertical at most; the chassis hangs 2 cm below the axle.
+    assert belly_clearance_m(rover) == pytest.approx(0.08 * math.cos(math.pi / 6) - 0.02)
+    assert LIMITS.step_m == pytest.approx(0.048)
+    assert LIMITS.half_width_m == pytest.approx(0.113)
+    longer = dataclasses.replace(rover, legs=dataclasses.replace(rover.legs, spoke_length_m=0.16))
+    assert Limits.of(longer, TraversabilityConfig()).step_m > 0.09
+    assert Limits.of(rover, TraversabilityConfig(max_step_m=0.1)).step_m == 0.1
+
+
+@pytest.mark.parametrize('height_m, lethal', [(0.02, False), (0.035, False), (0.06, True),
+                                              (0.3, True), (-0.08, True)])
+def test_rocks_and_holes_are_judged_by_their_height(height_m, lethal):
+    grid = traversability(rock(height_m), LIMITS)
+    assert (grid.cost[30:32, 30:32] == LETHAL).all() == lethal
+    assert (grid.cost == LETHAL).any() == lethal
+    assert grid.cost[5, 5] == 0 and grid.stamp_ns == 7
+
+
+def test_a_low_rock_costs_more_than_the_plain():
+    cost = traversability(rock(0.035), LIMITS).cost
+    assert cost[30, 30] > 20 > cost[50, 50]
+
+
+@pytest.mark.parametrize('slope_deg, lethal', [(10.0, False), (18.0, False), (25.0, True)])
+def test_slopes(slope_deg, lethal):
+    x = np.arange(64) * 0.05 * math.tan(math.radians(slope_deg))
+    cost = traversability(elevation(np.broadcast_to(x, (64, 64))), LIMITS).cost
+    assert (cost[10:-10, 10:-10] == LETHAL).all() == lethal
+
+
+def test_unknown_is_unknown_but_small_holes_are_filled():
+    known = np.ones((64, 64), bool)
+    known[20:22, 20:22] = False
+    known[40:60, 40:60] = False
+    cost = traversability(elevation(0.0, known), LIMITS).cost
+    assert (cost[20:22, 20:22] == 0).all()
+    assert (cost[45:55, 45:55] == UNKNOWN).all()
+    nothing = traversability(elevation(0.0, np.zeros((64, 64), bool)), LIMITS).cost
+    assert (nothing == UNKNOWN).all()
+
+
+def test_heights_that_may_be_errors_forbid_nothing():
+    high = rock(0.06)
+    unsure = dataclasses.replace(high, variance_m2=np.full((64, 64), 0.03 ** 2, np.float32))
+    assert not (traversability(unsure, LIMITS).cost == LETHAL).any()
