@@ -116,7 +116,8 @@ def test_manifest_names_ros_dependencies(manifest: ET.Element) -> None:
 
 def test_manifest_names_python_dependencies(manifest: ET.Element, prefix: Path) -> None:
     """Every requirement of the wheel has a rosdep key, or is listed as one for pip."""
-    other_names = {'opencv-python-headless': 'opencv', 'pyyaml': 'yaml', 'pillow': 'pil'}
+    other_names = {'opencv-python-headless': 'opencv', 'pyyaml': 'yaml', 'pillow': 'pil',
+                   'scikit-image': 'skimage'}
     declared = {str(element.text).removeprefix('python3-').removesuffix('-pip')
                 for element in manifest.findall('exec_depend')}
     by_pip = re.search(r'install with pip: ([\w., ]+)\. --', (ROOT / 'package.xml').read_text())

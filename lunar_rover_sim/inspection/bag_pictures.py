@@ -19,6 +19,7 @@ from lunar_rover_sim.camera.mosaic import eight_bits
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.inspection.heading_pictures import heading_figure
+from lunar_rover_sim.inspection.map_pictures import map_figure
 from lunar_rover_sim.inspection.sensor_pictures import (chase_figure, hazard_figures, lidar_figure,
                                                         truth_figures)
 from lunar_rover_sim.run.recorded_run import RecordedRun
@@ -35,8 +36,8 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     and truth of each hazard camera; chase.png; lidar.png; heading_and_power.png sun sensor, star
     tracker and wheel odometry against the truth, motor currents and power;
     trajectory.png over the hillshade of the world, where its folder is found (`world` names
-    it); attitude.png and imu.png over time. Pictures of topics that the bag does not hold are left
-    out. Raises BagError where nothing can be shown, WorldError where `world` is another world.
+    it); attitude.png and imu.png over time; map.png maps with plan and goal. Pictures of topics
+    that the bag does not hold are left out. Raises BagError where nothing can be shown, WorldError where `world` is another world.
     """
     output = Path(output)
     paths: list[Path] = []
@@ -63,6 +64,7 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
             if len(odometry.stamps_ns):
                 _trajectory(bag, odometry, world, save)
                 _attitude(odometry, save)
+                map_figure(bag, odometry, save)
         if bag.has(topics.IMU_RAW.name):
             _imu(bag, save)
     if not paths:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 import math
 from pathlib import Path
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.bag.checksums import damage, has_end
 from lunar_rover_sim.bag.marker import METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag

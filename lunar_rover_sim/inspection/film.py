@@ -1,4 +1,4 @@
-"""A film of a recorded drive: the rover from outside, what its camera saw, pitch and slip.
+"""A film of a recorded drive: the rover from outside, what its camera saw, map, pitch and slip.
 
 The view from outside is drawn anew from the true states, the changes of the ground and the
 scenario in the bag; no ROS is needed.
@@ -31,6 +31,7 @@ from lunar_rover_sim.errors import BagError, ConfigError, WorldError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.illumination.sun_path import SunPath
+from lunar_rover_sim.inspection.map_pictures import goal_of, map_picture, MapMessage, path_of
 from lunar_rover_sim.physics.foot_motion import FootObserver
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.regolith.overlay import Overlay
@@ -315,6 +316,7 @@ class Film:
             self._nodes = run.nodes
             self.chase = self._nodes.render.chase
             self._factor = recorded_factor(bag)
+            self._has_map = bag.has(topics.TRAVERSABILITY.name)
             if not options.bare and not bag.has(topics.LEFT_IMAGE.name):
                 raise BagError(f'{path}: holds no {topics.LEFT_IMAGE.name}; --bare makes a film '
                                'without it')
@@ -385,21 +387,28 @@ class Film:
                                    for topic in (topics.LEFT_IMAGE, topics.DISPARITY))
                 captions.label(left, 'left camera')
                 captions.label(disparity, 'disparity')
-                strip = np.hstack([left, disparity, plots.at(time_ns / NS_PER_S)])
+                parts = [left, disparity, plots.at(time_ns / NS_PER_S)]
+                if self._has_map:
+                    known = _map(bag, shown, size, state.T_world_base)
+                    captions.label(known, 'map and plan')
+                    parts.insert(2, known)
+                strip = np.hstack(parts)
                 yield np.vstack([outside, strip])
 
     def _plots(self, width: int) -> Plots:
         drive, span_s = self._drive, self.times_ns[[0, -1]] / NS_PER_S
         slip = drive.slip(self._nodes.rover, self.world.ground,
                           self._nodes.physics.gravity_mps2)
-        return Plots((width // 2, width * 3 // 16), (float(span_s[0]), float(span_s[1])),
+        share = 4 if self._has_map else 2
+        return Plots((width // share, width * 3 // 16), (float(span_s[0]), float(span_s[1])),
                      (drive.stamps_ns / NS_PER_S, drive.pitch_deg()), slip)
 
 
 def _along(bag: Bag, times_ns: NDArray[np.int64],
            overlay: Overlay | None) -> Iterator[tuple[int, dict[str, RawMessage]]]:
     """Yield each time with the newest image of each topic; update the overlay up to it."""
-    names = [topic.name for topic in (topics.LEFT_IMAGE, topics.DISPARITY, topics.GROUND_CHANGES)
+    names = [topic.name for topic in (topics.LEFT_IMAGE, topics.DISPARITY, topics.GROUND_CHANGES,
+                                      topics.TRAVERSABILITY, topics.PLAN, topics.GOAL)
              if bag.has(topic.name)]
     contract = {bag.resolve(name): name for name in names}
     shown: dict[str, RawMessage] = {}
@@ -417,6 +426,22 @@ def _along(bag: Bag, times_ns: NDArray[np.int64],
             shown[name] = message
     for time_ns in times_ns[k:]:
         yield int(time_ns), shown
+
+
+def _map(bag: Bag, shown: dict[str, RawMessage], size: tuple[int, int],
+         T_world_base: Array) -> U8:
+    """Return RGB pixels of the newest map with plan and goal; a dark picture without one."""
+    found = {name: bag.decode(message.data, message.msgtype)
+             for name in (topics.TRAVERSABILITY.name, topics.PLAN.name, topics.GOAL.name)
+             if (message := shown.get(name)) is not None}
+    if topics.TRAVERSABILITY.name not in found:
+        return np.full((size[1], size[0], 3), 16, np.uint8)
+    plan, goal = found.get(topics.PLAN.name), found.get(topics.GOAL.name)
+    return _fitted(map_picture(
+        MapMessage.of(found[topics.TRAVERSABILITY.name]), 2 * size[1], T_world_base[:3, 3],
+        float(np.arctan2(T_world_base[1, 0], T_world_base[0, 0])),
+        np.zeros((0, 2)) if plan is None else path_of(plan),
+        None if goal is None else goal_of(goal)), size)
 
 
 def _picture(bag: Bag, message: RawMessage | None, topic: topics.Topic) -> U8:

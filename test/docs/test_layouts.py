@@ -24,7 +24,8 @@ CONFIG = Path(__file__).parents[2] / 'config'
 SHOWN = {'sensor_msgs/msg/Image': 'Image', 'sensor_msgs/msg/PointCloud2': 'PointCloud2',
          'sensor_msgs/msg/LaserScan': 'LaserScan', 'nav_msgs/msg/Odometry': 'Odometry',
          'geometry_msgs/msg/PoseStamped': 'Pose', 'geometry_msgs/msg/WrenchStamped': 'Wrench',
-         'geometry_msgs/msg/TwistStamped': 'TwistStamped'}
+         'geometry_msgs/msg/TwistStamped': 'TwistStamped',
+         'nav_msgs/msg/OccupancyGrid': 'Map', 'nav_msgs/msg/Path': 'Path'}
 # Images of two or three floats: RViz shows their colours, Foxglove makes colours of them.
 FLOATS = {topic.name.removesuffix('/image_color') for topic in topics.OF_COLOURS}
 COLOURS = {topic.name for topic in topics.OF_COLOURS}
@@ -54,6 +55,8 @@ NOT_SHOWN = {
     'scenario': 'text, YAML',
     'lidar/scanned': 'a stamp, by which lockstep waits',
     'recorder/written': 'a stamp, by which lockstep waits',
+    'map/grid_map': 'of grid_map_msgs, which needs a plugin; the same is shown as a cloud',
+    'navigator/finished': 'a stamp, at which a run ends',
     'pose_bridge/shown': 'a stamp, by which lockstep waits',
     'teleport': 'a request to another simulator',
     'pose_bridge/joint_states': 'joint_states, for another simulator'}
@@ -88,6 +91,9 @@ PROPERTIES: dict[str, set[str]] = {
     'Pose': {'Topic', 'Shape', 'Color', 'Alpha', 'Axes Length', 'Axes Radius'},
     'Wrench': {'Topic', 'Accept NaN Values', 'Force Color', 'Torque Color', 'Alpha',
                'Force Arrow Scale', 'Torque Arrow Scale', 'Arrow Width', 'History Length'},
+    'Map': {'Topic', 'Update Topic', 'Alpha', 'Color Scheme', 'Draw Behind', 'Use Timestamp'},
+    'Path': {'Topic', 'Color', 'Alpha', 'Line Style', 'Line Width', 'Buffer Length', 'Offset',
+             'Pose Style'},
     'TwistStamped': {'Topic', 'Linear Color', 'Angular Color', 'Alpha', 'Linear Arrow Scale',
                      'Angular Arrow Scale', 'Arrow Width', 'Hide Small Values',
                      'History Length'}}
@@ -222,6 +228,6 @@ def test_rviz_has_no_property_that_its_displays_lack() -> None:
 
 
 def test_colours_are_of_fields_that_clouds_have(displays: dict[str, dict[str, Any]]) -> None:
-    fields = {*POINT.names, *ground_points.POINT.names}
+    fields = {'z', *POINT.names, *ground_points.POINT.names}
     assert {display['Channel Name'] for display in displays.values()
             if 'Channel Name' in display} <= fields
