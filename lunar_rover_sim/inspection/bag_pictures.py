@@ -37,7 +37,8 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     tracker and wheel odometry against the truth, motor currents and power;
     trajectory.png over the hillshade of the world, where its folder is found (`world` names
     it); attitude.png and imu.png over time; map.png maps with plan and goal. Pictures of topics
-    that the bag does not hold are left out. Raises BagError where nothing can be shown, WorldError where `world` is another world.
+    that the bag does not hold are left out. Raises BagError where nothing can be shown,
+    WorldError where `world` is another world.
     """
     output = Path(output)
     paths: list[Path] = []
