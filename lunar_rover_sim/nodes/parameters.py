@@ -71,7 +71,10 @@ def on_change(node: Node, config: C, apply: Callable[[C], None]) -> None:
 
     def callback(parameters: list[Parameter]) -> SetParametersResult:
         values = {name: value for name, value, *_ in current[0].flatten()}
-        values.update({p.name: _plain(p.value) for p in parameters if p.name in values})
+        given = {p.name: _plain(p.value) for p in parameters if p.name in values}
+        if not given:       # those that rclpy declares
+            return SetParametersResult(successful=True)
+        values.update(given)
         try:
             changed = type(config).from_mapping(values)
             apply(changed)
