@@ -20,8 +20,7 @@ import psutil
 import pytest
 from waiting import LIMIT_S
 
-from lunar_rover_sim.run.ros_domain import OwnDomain
-from lunar_rover_sim.run.ros_installation import dds_environment
+from lunar_rover_sim.run.ros_domain import dds_environment, OwnDomain
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
 

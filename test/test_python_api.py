@@ -20,7 +20,7 @@ import worlds
 import lunar_rover_sim
 from lunar_rover_sim import LunarRoverSimError, open_bag, record, Scenario, topics
 from lunar_rover_sim.bag.content_hash import bag_hash, topic_hashes
-from lunar_rover_sim.bag.recording_pace import recorded_factor
+from lunar_rover_sim.bag.totals import recorded_factor
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError
 

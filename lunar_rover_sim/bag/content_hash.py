@@ -22,7 +22,7 @@ import struct
 from rosbags.typesys.base import TypesysError
 
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.simulated_end import AT_WALL_TIME, is_one_of
+from lunar_rover_sim.bag.totals import AT_WALL_TIME, is_one_of
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.topics import RECORDED
 

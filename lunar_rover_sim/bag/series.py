@@ -121,3 +121,18 @@ def _rows(bag: Bag, topic: str, row: Callable[[Any], tuple[float, ...]],
         rows.append(row(message))
     return (np.array(stamps, dtype=np.int64),
             np.array(rows, dtype=float).reshape(len(rows), width))
+
+
+def hazard_topics(bag: Bag) -> dict[str, dict[topics.Topic, str]]:
+    """Return camera → the contract's topics of hazard cameras → their names in the bag.
+
+    Cameras are named as below `hazard/`, one of a pair with /left or /right, in the order of their
+    names. Topics without messages are left out.
+    """
+    found: dict[str, dict[topics.Topic, str]] = {}
+    for full in bag.types:
+        name = full.removeprefix(bag.namespace + '/')
+        known = topics.of_hazard(name)
+        if known is not None and bag.counts[full]:
+            found.setdefault(known[1], {})[known[0]] = name
+    return dict(sorted(found.items()))

@@ -27,8 +27,8 @@ import yaml
 
 from lunar_rover_sim.bag import marker
 from lunar_rover_sim.bag.qos import as_recorded, contract_qos, qos_values
-from lunar_rover_sim.bag.recording_pace import REAL_TIME_FACTOR
 from lunar_rover_sim.bag.stamps import StampTable
+from lunar_rover_sim.bag.totals import REAL_TIME_FACTOR
 from lunar_rover_sim.errors import BagError, one_line
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
 

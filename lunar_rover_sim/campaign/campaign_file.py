@@ -2,21 +2,181 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import dataclasses
+import itertools
 import math
 from pathlib import Path
 import re
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
+
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.campaign.design import DESIGNS, GRID, SOBOL
-from lunar_rover_sim.campaign.distribution import Distribution
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import find_file
 from lunar_rover_sim.files.yaml_text import parse_yaml, read_text
-from lunar_rover_sim.parameters import param, Parameters
+from lunar_rover_sim.parameters import nearest, param, Parameters
 from lunar_rover_sim.sequences.export import FORMATS
+
+LATIN_HYPERCUBE, SOBOL, RANDOM, GRID = 'latin_hypercube', 'sobol', 'random', 'grid'
+DESIGNS = (SOBOL, LATIN_HYPERCUBE, RANDOM, GRID)
+
+
+def unit_points(design: str, count: int, dimensions: int, seed: int) -> NDArray[np.float64]:
+    """Return (count, dimensions) points in [0, 1), the same for the same arguments.
+
+    latin_hypercube: each of `count` equal slices of each dimension holds one point (McKay, Beckman
+    and Conover, 1979). sobol: a scrambled low-discrepancy sequence (Owen, 1998), of which more
+    episodes are a continuation. random: independent points.
+    """
+    generator = np.random.default_rng(seed)
+    if not count or not dimensions:
+        return np.zeros((count, dimensions))
+    if design == LATIN_HYPERCUBE:
+        return qmc.LatinHypercube(dimensions, seed=generator).random(count)
+    if design == SOBOL:
+        # Sobol points are balanced for powers of two: draw the next power, keep the first ones.
+        sampler = qmc.Sobol(dimensions, scramble=True, seed=generator)
+        return sampler.random_base2(max(count - 1, 0).bit_length())[:count]
+    return generator.random((count, dimensions))
+
+
+def grid_rows(values: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
+    """Return all combinations of the values, the last one changing fastest."""
+    return list(itertools.product(*values))
+
+
+def episode_seed(seed: int, index: int) -> int:
+    """Return the seed of an episode, in [0, 2^31): independent streams from one seed."""
+    return int(np.random.SeedSequence([seed, index]).generate_state(1)[0] & 0x7fffffff)
+
+
+KINDS = ('uniform', 'log_uniform', 'normal', 'integer', 'choice')
+MAX_CHOICES = 1000
+MAX_LEVELS = 1000
+_CUT_SIGMAS = 3.0
+_LARGEST = 1e12
+# Digits that are kept: enough for any parameter, and files stay readable.
+_DIGITS = 9
+
+
+@dataclasses.dataclass(frozen=True)
+class Distribution:
+    """One distribution; `numbers` are its two numbers, or its values for a choice.
+
+    Attributes:
+        levels: Number of values in a grid; 0 if the file names none.
+    """
+
+    kind: str
+    numbers: tuple[Any, ...]
+    levels: int = 0
+
+    @classmethod
+    def parse(cls, name: str, text: object) -> Distribution:
+        """Return the distribution that a campaign file describes; ConfigError names `name`."""
+        if not isinstance(text, Mapping):
+            raise ConfigError(f'{name}: {brief(text)} is not a distribution; valid is a mapping '
+                              f'with one of {", ".join(KINDS)}')
+        for key in text:
+            if key not in (*KINDS, 'levels'):
+                raise ConfigError(f'{name}: no such distribution {brief(key)}; '
+                                  f'{nearest(str(key), KINDS)}')
+        kinds = [kind for kind in KINDS if kind in text]
+        if len(kinds) != 1:
+            raise ConfigError(f'{name}: {len(kinds)} distributions given; valid is one of '
+                              f'{", ".join(KINDS)}')
+        kind, numbers = kinds[0], text[kinds[0]]
+        if isinstance(numbers, (str, bytes)) or not isinstance(numbers, Sequence):
+            raise ConfigError(f'{name}.{kind}: {brief(numbers)} is not a list')
+        levels = text.get('levels', 0)
+        if not _is_int(levels) or not 0 <= levels <= MAX_LEVELS:
+            raise ConfigError(f'{name}.levels: {brief(levels)} is not valid; valid is a whole '
+                              f'number from 2 to {MAX_LEVELS}')
+        if kind == 'choice':
+            if not 1 <= len(numbers) <= MAX_CHOICES:
+                raise ConfigError(f'{name}.choice: {len(numbers)} values given; valid are 1 to '
+                                  f'{MAX_CHOICES}')
+            return cls(kind, tuple(numbers), len(numbers))
+        if levels == 1:
+            raise ConfigError(f'{name}.levels: 1 is not valid; valid is 2 or more, or a choice')
+        return cls(kind, _two_numbers(f'{name}.{kind}', kind, numbers), levels)
+
+    def quantile(self, probability: float) -> Any:
+        """Return the value below which a share in [0, 1] of the distribution lies."""
+        if self.kind == 'choice':
+            return self.numbers[min(int(probability * len(self.numbers)), len(self.numbers) - 1)]
+        a, b = self.numbers
+        if self.kind == 'integer':
+            return min(a + int(probability * (b - a + 1)), b)
+        if self.kind == 'log_uniform':
+            value = math.exp(math.log(a) + probability * (math.log(b) - math.log(a)))
+        elif self.kind == 'normal':
+            value = _normal(probability, a, b)
+        else:
+            value = a + probability * (b - a)
+        rounded = _rounded(value)
+        if self.kind == 'normal' or a <= rounded <= b:
+            return rounded
+        return _rounded(min(max(rounded, a), b))
+
+    def grid(self) -> list[Any]:
+        """Return the values of a grid, in order."""
+        if self.kind == 'choice':
+            return list(self.numbers)
+        if self.kind == 'integer':
+            a, b = self.numbers
+            count = min(self.levels, b - a + 1)
+            return [a + round(k * (b - a) / max(count - 1, 1)) for k in range(count)]
+        return [self.quantile(k / (self.levels - 1)) for k in range(self.levels)]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what `parse` reads."""
+        result: dict[str, Any] = {self.kind: list(self.numbers)}
+        if self.levels and self.kind != 'choice':
+            result['levels'] = self.levels
+        return result
+
+
+def _two_numbers(name: str, kind: str, numbers: Sequence[Any]) -> tuple[Any, Any]:
+    valid = _is_int if kind == 'integer' else _is_number
+    if len(numbers) != 2 or not all(valid(n) for n in numbers):
+        what = 'whole numbers' if kind == 'integer' else 'finite numbers'
+        raise ConfigError(f'{name}: {brief(numbers)} is not valid; valid are two {what} of at '
+                          f'most {_LARGEST:g}')
+    a, b = numbers
+    if kind == 'normal':
+        if not b > 0.0:
+            raise ConfigError(f'{name}: standard deviation {b} is not valid; valid is > 0')
+    elif not a < b:
+        raise ConfigError(f'{name}: {brief(numbers)} is not valid; valid is lower, then upper')
+    if kind == 'log_uniform' and not a > 0.0:
+        raise ConfigError(f'{name}: {a} is not valid; valid is > 0')
+    return (a, b) if kind == 'integer' else (float(a), float(b))
+
+
+def _normal(probability: float, mean: float, sd: float) -> float:
+    """Return the quantile of a normal distribution cut off at `_CUT_SIGMAS`."""
+    low = ndtr(-_CUT_SIGMAS)
+    return float(mean + sd * ndtri(low + probability * (1.0 - 2.0 * low)))
+
+
+def _rounded(value: float) -> float:
+    return float(f'{value:.{_DIGITS}g}')
+
+
+def _is_int(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= _LARGEST
+
+
+def _is_number(value: object) -> bool:
+    return _is_int(value) or (isinstance(value, float) and math.isfinite(value)
+                              and abs(value) <= _LARGEST)
+
 
 MAX_CAMPAIGN_BYTES = 1 << 18
 MAX_EPISODES = 100_000

@@ -13,15 +13,14 @@ from lunar_rover_sim import __version__
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.campaign.croissant import (contents, croissant, DEPTH, IMAGES, IMU, LABELS,
                                                 LIDAR, STEREO)
-from lunar_rover_sim.campaign.dataset import failures, manifests
-from lunar_rover_sim.campaign.episode_table import episode_table
+from lunar_rover_sim.campaign.dataset import episode_table, failures, manifests
 from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, CARD_FILE, CROISSANT_FILE,
                                              EPISODE_TABLE, README_FILE)
 from lunar_rover_sim.campaign.manifest import json_text, read_json
 from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.wording import counted
+from lunar_rover_sim.files.paths import counted
 from lunar_rover_sim.sensors.registry import card_contents
 
 LARGEST = 1e18     # of a statistic

@@ -12,7 +12,7 @@ from typing import Any
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.campaign.episode_table import FIRST_COLUMNS
+from lunar_rover_sim.campaign.dataset import FIRST_COLUMNS
 from lunar_rover_sim.campaign.layout import CARD_FILE, EPISODE_TABLE, EPISODES
 from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.sensors.registry import card_contents

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+import csv
 import dataclasses
 import hashlib
+import io
 import json
 import os
 from pathlib import Path
@@ -17,9 +19,26 @@ from lunar_rover_sim.campaign.episode_plans import EpisodePlan
 from lunar_rover_sim.campaign.layout import (CAMPAIGN_FILE, EPISODES, ERROR_FILE, FAILED,
                                              LOCK_FILE, PARTIAL, TOKEN_FILE)
 from lunar_rover_sim.campaign.manifest import MANIFEST, read_json, why_unfinished, write_json
+from lunar_rover_sim.campaign.statistics import MEANINGS
 from lunar_rover_sim.errors import CampaignError
 from lunar_rover_sim.files.atomic import atomic_write, sync_folder
 from lunar_rover_sim.files.paths import lock
+
+# Columns that are no statistics, with their meanings.
+FIRST_COLUMNS = {'folder': 'folder of the episode in the data set',
+                 'bag_hash': 'hash of the contents of its bag'}
+
+
+def episode_table(card: dict[str, Any]) -> str:
+    """Return the table of a data card; what is not known is empty, text is UTF-8."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator='\n')
+    writer.writerow([*FIRST_COLUMNS, *MEANINGS])
+    for name, episode in card['episodes'].items():
+        values = [episode['statistics'].get(column) for column in MEANINGS]
+        writer.writerow([f'{EPISODES}/{name}', episode.get('bag_hash') or '',
+                         *(value if isinstance(value, (int, float)) else '' for value in values)])
+    return file.getvalue()
 
 
 @dataclasses.dataclass

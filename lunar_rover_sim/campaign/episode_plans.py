@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from lunar_rover_sim.arguments import brief
-from lunar_rover_sim.campaign.campaign_file import BASE, Campaign
-from lunar_rover_sim.campaign.design import episode_seed, GRID, grid_rows, unit_points
+from lunar_rover_sim.campaign.campaign_file import (BASE, Campaign, episode_seed, GRID, grid_rows,
+                                                    unit_points)
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.gait.calibration import is_packaged
 from lunar_rover_sim.run.node_config import NODE_CONFIGS

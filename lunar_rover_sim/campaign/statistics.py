@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import common_stamps, picture, read_imu, read_odometry
-from lunar_rover_sim.bag.simulated_end import simulated_end_ns
+from lunar_rover_sim.bag.totals import driven_distance_m, every_step, simulated_end_ns
 from lunar_rover_sim.inspection.disparity_error import disparity_map, is_textured
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.sequences.sensors import recorded_sensors

@@ -15,9 +15,8 @@ from rich.text import Text
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import combine, topic_hashes
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.recording_pace import recorded_factor
 from lunar_rover_sim.bag.recovery import recover
-from lunar_rover_sim.bag.simulated_end import simulated_end_ns
+from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
 from lunar_rover_sim.camera.chase import ChaseConfig, HEADING, SAMPLES, SUN, TRIPOD, tripod_problem
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.options import numbers
@@ -35,7 +34,7 @@ from lunar_rover_sim.sequences.export import export, FORMATS, WEBDATASET
 from lunar_rover_sim.sequences.left_out import hazards_left_out, sensors_left_out
 from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
 from lunar_rover_sim.sequences.webdataset import ShardOptions
-from lunar_rover_sim.usd.suffixes import stage_bytes
+from lunar_rover_sim.usd.output import stage_bytes
 
 _USD = 'usd'
 _DATED = tuple(name for name, kind in FORMATS.items() if kind.is_dated)

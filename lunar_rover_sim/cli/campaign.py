@@ -14,8 +14,8 @@ from lunar_rover_sim.campaign.schedulers import run_local, run_on_cluster
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.files.wording import counted
-from lunar_rover_sim.run.ros_installation import require_ros
+from lunar_rover_sim.files.paths import counted
+from lunar_rover_sim.run.ros_domain import require_ros
 
 _CHECKED = 100     # episodes whose parameters a dry run checks; each takes some 10 ms
 

@@ -21,7 +21,7 @@ from lunar_rover_sim.run.live_view import check_view, ViewProcess
 from lunar_rover_sim.run.plan import (navigated_duration_s, with_navigator, with_policy,
                                       with_route, with_slam, without_node)
 from lunar_rover_sim.run.recording import record, Recording
-from lunar_rover_sim.run.ros_installation import require_ros
+from lunar_rover_sim.run.ros_domain import require_ros
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.run.shared_config import REAL_TIME
 

@@ -26,7 +26,7 @@ from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.usd.suffixes import is_stage, stage_bytes
+from lunar_rover_sim.usd.output import is_stage, stage_bytes
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.export import write as write_mesh
 from lunar_rover_sim.world.map_sheet import write as write_sheet
@@ -275,8 +275,8 @@ def _export_mesh(args: argparse.Namespace, output: Path) -> None:
 
 def _export_stage(args: argparse.Namespace, output: Path) -> None:
     # Here, because OpenUSD is an optional dependency.
+    from lunar_rover_sim.usd.drive_stage import settings_of
     from lunar_rover_sim.usd.output import check_output, check_prim_name
-    from lunar_rover_sim.usd.recorded_drive import settings_of
     from lunar_rover_sim.usd.world_stage import write_world
     check_output(output, args.overwrite)
     name = check_prim_name(args.name if args.name is not None else 'World')

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Slerp
 
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.trajectory import Trajectory, wxyz
-from lunar_rover_sim.files.wording import counted
+from lunar_rover_sim.files.paths import counted
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 

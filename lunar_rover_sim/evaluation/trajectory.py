@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.bag.driven_distance import driven_distance_m
+from lunar_rover_sim.bag.totals import driven_distance_m
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.frames import Array, distance_along
 

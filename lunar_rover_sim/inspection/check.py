@@ -15,7 +15,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.checksums import damage, has_end
 from lunar_rover_sim.bag.marker import METADATA_NAME
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.simulated_end import is_at_wall_time
+from lunar_rover_sim.bag.totals import is_at_wall_time
 from lunar_rover_sim.inspection import checks, message_checks, tracking
 from lunar_rover_sim.inspection.report import CheckReport, Status
 from lunar_rover_sim.inspection.rover_data import (measured_period_ns, read_rover_data, RoverData,

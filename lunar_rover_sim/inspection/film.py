@@ -24,8 +24,7 @@ from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.messages import header_ns, joint_order, odometry_row, xyz
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
-from lunar_rover_sim.bag.recording_pace import recorded_factor
-from lunar_rover_sim.bag.simulated_end import simulated_end_ns
+from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
 from lunar_rover_sim.errors import BagError, ConfigError, WorldError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3

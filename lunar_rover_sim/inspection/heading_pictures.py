@@ -29,7 +29,7 @@ _COLOURS = 'tab:blue', 'tab:orange', 'tab:green', 'tab:red'
 _MA_PER_A = 1000.0
 _TIME = 'time [s]'
 _MARGIN = 0.02          # of the time
-# Topics with panels of their own, here or in `sensor_pictures`.
+# Topics with panels of their own, here or in `bag_pictures`.
 _DRAWN = (topics.IMU_RAW, topics.SUN_SENSOR, topics.STAR_TRACKER, topics.WHEEL_ODOM,
           *topics.POWER, topics.SOLAR_POWER)
 _ROOM = 1.35            # over the curves, for the legend

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.simulated_end import is_at_wall_time
+from lunar_rover_sim.bag.totals import is_at_wall_time
 from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.inspection.bag_scan import TopicScan

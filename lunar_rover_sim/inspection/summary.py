@@ -9,10 +9,9 @@ from pathlib import Path
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.content_hash import bag_hash
-from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
 from lunar_rover_sim.bag.messages import xyz
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.simulated_end import simulated_end_ns
+from lunar_rover_sim.bag.totals import driven_distance_m, every_step, simulated_end_ns
 from lunar_rover_sim.inspection import tracking
 from lunar_rover_sim.inspection.tracking import PredictionMiss
 from lunar_rover_sim.seconds import NS_PER_S

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.camera.cameras import CameraEntry, geometry_of, Output
@@ -22,14 +22,18 @@ from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.errors import RenderError
 from lunar_rover_sim.nodes import conversions, image_conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
-from lunar_rover_sim.nodes.vision_conversions import detections, vision_messages
+from lunar_rover_sim.nodes.vision_conversions import (detections, label_info, vision_info,
+                                                      vision_messages)
 from lunar_rover_sim.rendering import layer_pictures
+from lunar_rover_sim.rendering.labels import class_names, vocabulary
 from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.sequences.instances import instances
 from lunar_rover_sim.stereo.points import points_from_depth
 from lunar_rover_sim.stereo.sgm import SgmMatcher
+from lunar_rover_sim.world.craters import Craters
+from lunar_rover_sim.world.rocks import Rocks
 
 _SENSED = ('left', 'right')
 _NORMALS = ('normal', 'right_normal')
@@ -266,3 +270,41 @@ class CameraPublisher:
             self._send(topics.POINTS.name, image_conversions.point_cloud(
                 points_from_depth(depth, self._camera.K)[::step, ::step],
                 layers['left'][::step, ::step], topics.POINTS.frame_id, stamp))
+
+
+class LabelPublisher:
+    """Publishes the vocabulary once; a bag of it is as large as the catalogues of the world.
+
+    Where vision_msgs is installed, its LabelInfo and VisionInfo as well.
+    """
+
+    def __init__(self, node: Node, rocks: Rocks, craters: Craters, world_hash: str,
+                 legs: Sequence[str]) -> None:
+        """Wait for readers; rocks: near and far ones, in the order of their labels.
+
+        legs: names of those of the rover
+        """
+        self._node = node
+        self._publishers: dict[str, Any] = {}
+        self._offer(topics.LABEL_INFO, String,
+                    lambda: String(data=vocabulary(rocks, craters, world_hash, legs)))
+        msg = vision_messages()
+        if msg is not None:
+            header = Header(frame_id=topics.LABEL_CLASSES.frame_id)
+            self._offer(topics.LABEL_CLASSES, msg.LabelInfo,
+                        lambda: label_info(msg, class_names(len(rocks), legs), header))
+            self._offer(topics.VISION_INFO, msg.VisionInfo,
+                        lambda: vision_info(msg, world_hash, header))
+
+    def _offer(self, topic: topics.Topic, message_type: type, make: Callable[[], Any]) -> None:
+        """Publish what `make` returns when a topic is first read."""
+        sent: list[bool] = []
+
+        def on_match(event: object) -> None:
+            if not sent and getattr(event, 'current_count') > 0:
+                sent.append(True)
+                self._publishers[topic.name].publish(make())
+
+        self._publishers[topic.name] = self._node.create_publisher(
+            message_type, topic.name, qos.offered(topic),
+            event_callbacks=PublisherEventCallbacks(matched=on_match))

@@ -60,7 +60,7 @@ def main() -> int:
     from lunar_rover_sim.errors import LunarRoverSimError
     from lunar_rover_sim.files.paths import check_open_files
     from lunar_rover_sim.run.node_state import fail
-    from lunar_rover_sim.run.ros_installation import dds_environment, require_ros
+    from lunar_rover_sim.run.ros_domain import dds_environment, require_ros
     try:
         check_open_files()
         require_ros()

@@ -25,7 +25,7 @@ from rclpy.task import Future
 
 from lunar_rover_sim import __version__
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError
-from lunar_rover_sim.nodes import qos_overrides
+from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.nodes.message_types import name_of
 from lunar_rover_sim.run.node_state import fail, NodeState, READY, tell
 from lunar_rover_sim.run.params_files import arguments_of_program
@@ -95,7 +95,7 @@ class GraphNode(Node):
     def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
         """Create a publisher whose QoS the parameters `qos_overrides` may change."""
         if self._has_parameters:    # rclpy's own publishers are made before
-            kwargs.setdefault('qos_overriding_options', qos_overrides.OPTIONS)
+            kwargs.setdefault('qos_overriding_options', qos.OPTIONS)
         return super().create_publisher(*args, **kwargs)
 
     def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
@@ -105,7 +105,7 @@ class GraphNode(Node):
         The parameters `qos_overrides` may change its QoS.
         """
         if self._has_parameters:
-            kwargs.setdefault('qos_overriding_options', qos_overrides.OPTIONS)
+            kwargs.setdefault('qos_overriding_options', qos.OPTIONS)
         return super().create_subscription(msg_type, topic, self.guarded(callback), *args,
                                            **kwargs)
 
@@ -186,7 +186,7 @@ def run(factory: Callable[[], GraphNode], args: list[str] | None = None) -> int:
         _init(sys.argv if args is None else args)
         spinner = executor()
         node = factory()
-        qos_overrides.check_topics(node)
+        qos.check_topics(node)
         spinner.add_node(node)
         while not stopped and not node.ending:
             node.spin()

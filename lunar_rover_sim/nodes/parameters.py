@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.named_sets import NAME
-from lunar_rover_sim.nodes import qos_overrides
+from lunar_rover_sim.nodes import qos
 from lunar_rover_sim.parameters import nearest, ParamInfo
 from lunar_rover_sim.run.shared_config import NodeConfig
 
@@ -22,7 +22,7 @@ _ARRAY_TYPES = {'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
                 'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
                 'tuple[str, ...]': Parameter.Type.STRING_ARRAY}
 # Parameters that rclpy itself gives every node.
-_RESERVED = ('use_sim_time', 'start_type_description_service', qos_overrides.PREFIX)
+_RESERVED = ('use_sim_time', 'start_type_description_service', qos.PREFIX)
 
 
 def declare(node: Node, cls: type[C]) -> C:
@@ -32,7 +32,7 @@ def declare(node: Node, cls: type[C]) -> C:
     Raises ConfigError if an override has the wrong type, is out of range, or has a name that is
     not declared.
     """
-    qos_overrides.check_values(node)
+    qos.check_values(node)
     defaults = cls()
     # rclpy's annotation of the result is wrong.
     declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))

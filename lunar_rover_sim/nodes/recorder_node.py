@@ -17,8 +17,7 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.marker import why_short
 from lunar_rover_sim.bag.recorded_scenario import scenario_of_text
-from lunar_rover_sim.bag.recording_pace import RecordingPace
-from lunar_rover_sim.bag.simulated_end import is_at_wall_time
+from lunar_rover_sim.bag.totals import is_at_wall_time, RecordingPace
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.nodes import conversions, node_main, qos

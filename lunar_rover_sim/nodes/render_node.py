@@ -18,10 +18,9 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
 from lunar_rover_sim.nodes import conversions, node_main, qos
-from lunar_rover_sim.nodes.camera_publisher import CameraPublisher, Periods
+from lunar_rover_sim.nodes.camera_publisher import CameraPublisher, LabelPublisher, Periods
 from lunar_rover_sim.nodes.diagnostics import Diagnostics, Drops, Rate, SubjectStatus
 from lunar_rover_sim.nodes.ground_listener import GroundListener
-from lunar_rover_sim.nodes.label_publisher import LabelPublisher
 from lunar_rover_sim.nodes.moving_sun import MovingSun
 from lunar_rover_sim.nodes.own_world import load_own_world, refuse_other_worlds
 from lunar_rover_sim.nodes.parameters import declare, on_change

@@ -16,6 +16,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
@@ -27,9 +28,45 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import ViewNodeConfig
 from lunar_rover_sim.run.live_page import Extra
 from lunar_rover_sim.run.live_view import HOST, LiveView
-from lunar_rover_sim.run.view_transforms import OdometryTransforms, transforms_of
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import load_world
+
+
+def transforms_of(topic: str) -> str:
+    """Return the tf topic that belongs to a topic of odometry; '' for any other topic.
+
+    Odometry of wheels, of SLAM, or of the truth beside an estimator does not place base_link.
+    """
+    scope, _, name = topic.rpartition('/')
+    truth = topics.TRUE_ODOM.name.rpartition('/')[0]
+    return f'{scope}/{topics.TF.name}' if name == topics.ODOM.name and \
+        scope.rpartition('/')[2] != truth else ''
+
+
+class OdometryTransforms:
+    """Makes tf2_msgs/TFMessage of nav_msgs/Odometry, both as on the wire."""
+
+    def __init__(self, store: Typestore) -> None:
+        self._store = store
+
+    def of(self, raw: bytes) -> bytes:
+        """Return the transform from the frame of an odometry to its child."""
+        odometry = self._store.deserialize_cdr(raw, topics.ODOM.type)
+        pose = odometry.pose.pose   # type: ignore[attr-defined]
+        position = pose.position
+        transform = self._make('geometry_msgs/msg/Transform', rotation=pose.orientation,
+                               translation=self._make('geometry_msgs/msg/Vector3', x=position.x,
+                                                      y=position.y, z=position.z))
+        stamped = self._make(
+            'geometry_msgs/msg/TransformStamped', transform=transform,
+            header=odometry.header,                     # type: ignore[attr-defined]
+            child_frame_id=odometry.child_frame_id)     # type: ignore[attr-defined]
+        message = self._make(topics.TF.type, transforms=[stamped])
+        return bytes(self._store.serialize_cdr(message, topics.TF.type))
+
+    def _make(self, msgtype: str, **fields: Any) -> Any:
+        return self._store.types[msgtype](**fields)
+
 
 _POLL_S = 0.2
 _HISTORY = 5

@@ -25,7 +25,7 @@ from rosbags.typesys import get_typestore, Stores
 from lunar_rover_sim.errors import ConfigError, with_extra
 from lunar_rover_sim.run.child_process import dies_with_parent, end_group, signal_name
 from lunar_rover_sim.run.live_page import Extra, PageServer
-from lunar_rover_sim.run.node_processes import ros_environment
+from lunar_rover_sim.run.ros_domain import ros_environment
 
 HOST = '127.0.0.1'
 TWIST = 'geometry_msgs/msg/Twist'

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 import dataclasses
-import os
 from pathlib import Path
 import re
 import signal
@@ -23,7 +22,7 @@ from lunar_rover_sim.run.child_process import dies_with_parent, signal_name
 from lunar_rover_sim.run.node_config import LEG_CONTROLLERS
 from lunar_rover_sim.run.node_state import NodeState, StateReader
 from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
-from lunar_rover_sim.run.ros_installation import dds_environment
+from lunar_rover_sim.run.ros_domain import ros_environment
 
 # Statuses of a node that has done its work. SIGALRM ends one that DDS keeps from leaving
 # (`nodes.node_main.bound_leaving`).
@@ -34,30 +33,6 @@ _STOP_S = 15.0
 _STOP_AT_WORK_S = 60.0
 _POLL_S = 0.05
 _STOP_AFTER_FAILURE_S = 2.0
-
-_ENVIRONMENT = {
-    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    'PYTHONUNBUFFERED': '1',
-    # Five processes share the cores; threads of linear algebra would only fight for them.
-    'OPENBLAS_NUM_THREADS': '1',
-    # glibc keeps the memory of freed images. Otherwise the recorder spends half of its time on
-    # page faults.
-    'MALLOC_MMAP_THRESHOLD_': str(32 << 20),
-    'MALLOC_TRIM_THRESHOLD_': str(64 << 20),
-    'MALLOC_TOP_PAD_': str(4 << 20),
-    # `node_logs` reads the lines of rclpy's logger, which a shell may have told to look otherwise.
-    'RCUTILS_COLORIZED_OUTPUT': '0',
-    'RCUTILS_CONSOLE_OUTPUT_FORMAT': '[{severity}] [{time}] [{name}]: {message}',
-}
-
-
-def ros_environment(domain: int) -> dict[str, str]:
-    """Return the environment of a process that takes part in the graph of a ROS domain."""
-    environment = {**dds_environment(), **os.environ, **_ENVIRONMENT,
-                   'ROS_DOMAIN_ID': str(domain)}
-    # It would override ROS_AUTOMATIC_DISCOVERY_RANGE.
-    environment.pop('ROS_LOCALHOST_ONLY', None)
-    return environment
 
 
 class NodeProcesses:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.ground_history import ground_at
+from lunar_rover_sim.bag.ground_points import ground_at
 from lunar_rover_sim.bag.messages import transform_matrix
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario

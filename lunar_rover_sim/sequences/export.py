@@ -20,7 +20,7 @@ from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import picture
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.atomic import partial_folder
-from lunar_rover_sim.files.wording import counted
+from lunar_rover_sim.files.paths import counted
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
 from lunar_rover_sim.sequences.coco import CocoSequence

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 import dataclasses
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.hazard_topics import hazard_topics
 from lunar_rover_sim.bag.reader import Bag
-from lunar_rover_sim.bag.series import CameraCalibration, read_calibration
+from lunar_rover_sim.bag.series import CameraCalibration, hazard_topics, read_calibration
 from lunar_rover_sim.camera.hazard import HazardConfig, HazardRig
 from lunar_rover_sim.errors import BagError, ConfigError
 from lunar_rover_sim.frames import Array

@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.files.images import png_bytes
-from lunar_rover_sim.files.wording import counted
+from lunar_rover_sim.files.paths import counted
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.sequences.further import RecordedCamera
 from lunar_rover_sim.sequences.instances import check_pinhole
-from lunar_rover_sim.sequences.posed import PosedSequence
 from lunar_rover_sim.sequences.sensor_samples import (carried, CARRIED, KEPT_NS, LATE_NS,
                                                       SensorSamples)
-from lunar_rover_sim.sequences.sequence import PngWriter
+from lunar_rover_sim.sequences.sequence import PngWriter, PosedSequence
 from lunar_rover_sim.sequences.shards import (DEFAULT_SIZE, index_text, key_part, npy_bytes,
                                               ShardWriter)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import SlamError
 from lunar_rover_sim.evaluation.statistics import Median, Share
-from lunar_rover_sim.files.wording import markdown_table
+from lunar_rover_sim.files.paths import markdown_table
 from lunar_rover_sim.files.yaml_text import read_yaml
 from lunar_rover_sim.slam.drives import Judged
 from lunar_rover_sim.slam.estimators import join

@@ -18,7 +18,7 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.frames import Array, se3
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.usd.conventions import place_matrix, set_foreign
-from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdGeom
+from lunar_rover_sim.usd.output import Gf, Sdf, Usd, UsdGeom
 
 LEFT, RIGHT = 'left_camera', 'right_camera'
 # From the axes of UsdGeom (y up, looking along -z) to optical ones (y down, along z).

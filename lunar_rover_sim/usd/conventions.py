@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lunar_rover_sim.frames import wxyz_from_matrix
-from lunar_rover_sim.usd.pixar import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdSemantics, Vt
+from lunar_rover_sim.usd.output import Gf, Kind, Sdf, Usd, UsdGeom, UsdPhysics, UsdSemantics, Vt
 
 GRAVITY_PRIM = 'PhysicsScene'
 

@@ -11,6 +11,7 @@ untouched ground.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+import dataclasses
 import logging
 import os
 from pathlib import Path
@@ -20,10 +21,11 @@ import numpy as np
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.errors import UsdError
+from lunar_rover_sim.errors import BagError, UsdError
 from lunar_rover_sim.frames import Array, BASE_FRAME, IMU_FRAME, matrix_from_wxyz
 from lunar_rover_sim.regolith.overlay import CELL_M
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.usd.cameras import LEFT, RIGHT
@@ -31,13 +33,44 @@ from lunar_rover_sim.usd.conventions import new_stage, quaternion, vector
 from lunar_rover_sim.usd.drive_tracks import (can_hold_tracks, continuous, DriveMotion,
                                               link_motion, read_ground_changes, read_motion,
                                               Series, write_tracks)
-from lunar_rover_sim.usd.output import check_output, write_stage
-from lunar_rover_sim.usd.pixar import Gf, Sdf, Tf, Usd, UsdPhysics
-from lunar_rover_sim.usd.recorded_drive import recorded_drive, RecordedDrive
+from lunar_rover_sim.usd.output import (check_output, Gf, is_package, Sdf, Tf, Usd, UsdPhysics,
+                                        write_stage)
 from lunar_rover_sim.usd.rover_stage import compose_rover, JOINTS
-from lunar_rover_sim.usd.suffixes import is_package
-from lunar_rover_sim.usd.world_stage import compose_world, HASH_KEY
+from lunar_rover_sim.usd.world_stage import compose_world, HASH_KEY, StageSettings
 from lunar_rover_sim.world.model import World
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordedDrive:
+    """The rover, its cameras and the physics of a recording."""
+
+    rover: RoverDescription
+    physics: PhysicsNodeConfig
+    render: RenderNodeConfig
+
+    @property
+    def stage_settings(self) -> StageSettings:
+        """What the stage of the world is to be made for."""
+        return settings_of(self.physics, self.render)
+
+
+def settings_of(physics: PhysicsNodeConfig, render: RenderNodeConfig) -> StageSettings:
+    """Return what the stage of a world is to be made for, by the parameters of the nodes."""
+    return StageSettings(render.sun, render.reflectance, physics.gravity_mps2,
+                         physics.contact.sliding_friction, render.detail)
+
+
+def recorded_drive(bag: Bag) -> RecordedDrive:
+    """Return what the scenario of a bag says.
+
+    Raises UsdError where there is none, or it is not of this version.
+    """
+    try:
+        found = RecordedRun(bag).nodes
+    except BagError as error:
+        raise UsdError(str(error)) from None
+    return RecordedDrive(found.rover, found.physics, found.render)
+
 
 logger = logging.getLogger(__name__)
 

@@ -28,7 +28,7 @@ from lunar_rover_sim.rover.description import Legs, RoverDescription
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.usd.conventions import add_mesh, integers, label, place, points
 from lunar_rover_sim.usd.ground import tile_cells, triangles
-from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdGeom, Vt
+from lunar_rover_sim.usd.output import Gf, Sdf, Usd, UsdGeom, Vt
 from lunar_rover_sim.world.grid import HeightGrid
 
 

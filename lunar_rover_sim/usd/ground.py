@@ -17,7 +17,7 @@ from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.usd.conventions import (add_mesh, integers, label, place, points,
                                              single_quaternion)
 from lunar_rover_sim.usd.material import bind, bind_contact
-from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
+from lunar_rover_sim.usd.output import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, Vt
 from lunar_rover_sim.world.fine_relief import slopes
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.levels import axis_m

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.illumination.hapke import HapkeParameters, reflectance
-from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdPhysics, UsdShade
+from lunar_rover_sim.usd.output import Gf, Sdf, Usd, UsdPhysics, UsdShade
 
 # Of the microfacet lobe: index of refraction 1, so that it has no reflectance at normal incidence.
 IOR = 1.0

@@ -25,8 +25,8 @@ from lunar_rover_sim.usd.conventions import (add_mesh, label, new_stage, place, 
                                              points, set_foreign, single_quaternion)
 from lunar_rover_sim.usd.material import (add_contact_material, add_material, bind, bind_contact,
                                           Look, TWINS, write_twins)
-from lunar_rover_sim.usd.output import check_prim_name, write_stage
-from lunar_rover_sim.usd.pixar import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
+from lunar_rover_sim.usd.output import (check_prim_name, Gf, Sdf, Usd, UsdGeom, UsdPhysics,
+                                        UsdShade, write_stage)
 
 JOINTS = 'joints'
 _ROUGHNESS = 1.0

@@ -16,8 +16,8 @@ from lunar_rover_sim.usd import ground
 from lunar_rover_sim.usd.conventions import add_gravity, label, new_stage, place
 from lunar_rover_sim.usd.material import (add_contact_material, add_material, bind, bind_contact,
                                           fit_shading, Look, TWINS, write_twins)
-from lunar_rover_sim.usd.output import check_prim_name, write_stage
-from lunar_rover_sim.usd.pixar import Sdf, Usd, UsdGeom, UsdLux, UsdShade
+from lunar_rover_sim.usd.output import (check_prim_name, Sdf, Usd, UsdGeom, UsdLux, UsdShade,
+                                        write_stage)
 from lunar_rover_sim.world.far_albedo import far_albedo
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World

@@ -8,11 +8,11 @@ import logging
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 import scipy.ndimage
 
 from lunar_rover_sim.arguments import check_argument
-from lunar_rover_sim.world import crater_population, curvature
+from lunar_rover_sim.world import crater_population
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world import relief, rockfield, shapes, stamping
 from lunar_rover_sim.world import tile as measured
@@ -20,10 +20,37 @@ from lunar_rover_sim.world import world_folder
 from lunar_rover_sim.world.config import DEM, MESH, WorldConfig
 from lunar_rover_sim.world.craters import Craters
 from lunar_rover_sim.world.dem import open_dem
-from lunar_rover_sim.world.grid import HeightGrid
-from lunar_rover_sim.world.lattice import ALBEDO_STEP, height_step_m, on_lattice, round_to
+from lunar_rover_sim.world.grid import ALBEDO_STEP, height_step_m, HeightGrid, on_lattice, round_to
+from lunar_rover_sim.world.levels import axis_m
 from lunar_rover_sim.world.mesh import MeshSource
 from lunar_rover_sim.world.model import World
+
+MOON_RADIUS_M = 1_737_400.0     # of the reference sphere of LOLA (Smith et al., 2010)
+_STRIP = 64                     # rows bent at once
+
+
+def drop_m(square_m2: ArrayLike, level_radius_m: float) -> NDArray[np.float64]:
+    """Return how far the sphere lies below the plane, for squares of distances [m^2].
+
+    Args:
+        level_radius_m: Ground nearer than that to the origin is level.
+    """
+    beyond = np.maximum(np.asarray(square_m2, np.float64) - level_radius_m * level_radius_m, 0.0)
+    return beyond / (2.0 * MOON_RADIUS_M)
+
+
+def bend(heights: NDArray[np.float32], cell_m: float, level_radius_m: float) -> None:
+    """Subtract the drop from (n, n) heights over the plane; in place.
+
+    It consists of sums, products and quotients alone, which all machines round alike. So it needs
+    no lattice, on which a plain would have terraces.
+    """
+    square = axis_m(len(heights), cell_m)
+    square *= square
+    for start in range(0, len(heights), _STRIP):
+        rows = slice(start, start + _STRIP)
+        heights[rows] -= drop_m(square[rows, None] + square, level_radius_m).astype(np.float32)
+
 
 logger = logging.getLogger(__name__)
 
@@ -184,7 +211,7 @@ class _Builder:
             heights -= np.float32(offset)
             round_to(heights, height_step_m(cell))
         for heights, cell in arrays[1:]:
-            curvature.bend(heights, cell, math.sqrt(0.5) * self.config.size_m)
+            bend(heights, cell, math.sqrt(0.5) * self.config.size_m)
         for (child, cell), parent in zip(arrays[-2::-1], arrays[::-1]):
             nest.close_seam(child, cell, HeightGrid(*parent))
         for (child, _), (heights, _) in zip(arrays, arrays[1:]):

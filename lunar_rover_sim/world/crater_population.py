@@ -9,7 +9,7 @@ from lunar_rover_sim.errors import WorldError
 from lunar_rover_sim.world.config import CraterConfig
 from lunar_rover_sim.world.crater_profile import profile_table
 from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.lattice import on_lattice, significant
+from lunar_rover_sim.world.grid import on_lattice, significant
 
 GEOMETRIC_SATURATION = 1.54  # N(>D) D^2 (Gault, 1970)
 REFERENCE_DIAMETER_M = 10.0

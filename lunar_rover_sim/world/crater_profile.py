@@ -10,7 +10,7 @@ from scipy.linalg import solve_banded
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.world.config import CraterConfig
-from lunar_rover_sim.world.lattice import on_lattice
+from lunar_rover_sim.world.grid import on_lattice
 
 RADII = np.linspace(0.0, 5.0, 401)  # of the profile table, in crater radii
 REACH = 2.6                         # radii beyond which a crater is not drawn

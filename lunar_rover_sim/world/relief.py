@@ -16,7 +16,7 @@ import scipy.fft
 import scipy.special
 
 from lunar_rover_sim.world.config import ReliefConfig
-from lunar_rover_sim.world.lattice import height_step_m, round_to
+from lunar_rover_sim.world.grid import height_step_m, round_to
 
 Spectrum = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 

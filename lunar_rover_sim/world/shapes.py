@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
-from lunar_rover_sim.world.lattice import on_lattice
+from lunar_rover_sim.world.grid import on_lattice
 from lunar_rover_sim.world.rocks import RockShape
 
 FACETED, ROUNDED = 9, 7

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.world.config import CraterConfig
 from lunar_rover_sim.world.crater_profile import profile_table, RADII, REACH
 from lunar_rover_sim.world.craters import Craters
-from lunar_rover_sim.world.lattice import ALBEDO_STEP, on_lattice
+from lunar_rover_sim.world.grid import ALBEDO_STEP, on_lattice
 from lunar_rover_sim.world.relief import smoothstep
 from lunar_rover_sim.world.window import window_of
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from lunar_rover_sim.bag.driven_distance import driven_distance_m, every_step
+from lunar_rover_sim.bag.totals import driven_distance_m, every_step
 
 
 def test_rocking_is_no_distance():

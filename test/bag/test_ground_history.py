@@ -7,8 +7,7 @@ from synthetic_ground import ground_items
 import trimesh
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.ground_history import ground_at
-from lunar_rover_sim.bag.ground_points import changes_of, POINT
+from lunar_rover_sim.bag.ground_points import changes_of, ground_at, POINT
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import BagError, WorldError
 from lunar_rover_sim.regolith.overlay import Overlay

@@ -9,9 +9,9 @@ import synthetic_bag as synthetic
 import yaml
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag import marker, recording_pace
+from lunar_rover_sim.bag import marker, totals
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.recording_pace import recorded_factor, RecordingPace
+from lunar_rover_sim.bag.totals import recorded_factor, RecordingPace
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.inspection.film import pace_caption
@@ -29,7 +29,7 @@ class Wall:
 @pytest.fixture
 def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
     clock = Wall()
-    monkeypatch.setattr(recording_pace, 'time', clock)
+    monkeypatch.setattr(totals, 'time', clock)
     return clock
 
 

@@ -9,7 +9,7 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.simulated_end import simulated_end_ns
+from lunar_rover_sim.bag.totals import simulated_end_ns
 from lunar_rover_sim.bag.writer import BagWriter
 from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.cli.main import main

@@ -26,9 +26,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import UInt32
 
 from lunar_rover_sim.nodes.node_main import executor
-from lunar_rover_sim.run.node_processes import ros_environment
-from lunar_rover_sim.run.ros_domain import OwnDomain
-from lunar_rover_sim.run.ros_installation import dds_environment
+from lunar_rover_sim.run.ros_domain import dds_environment, OwnDomain, ros_environment
 
 _SIZES = 2 * (2_500_000, 3_700_000, 3_700_000, 1_200_000, 1_200_000, 1_200_000, 500_000, 500_000,
               500_000, 500_000)

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from lunar_rover_sim.campaign.campaign_file import Campaign, load_campaign, parse_campaign
-from lunar_rover_sim.campaign.design import (episode_seed, LATIN_HYPERCUBE, RANDOM, SOBOL,
-                                             unit_points)
-from lunar_rover_sim.campaign.distribution import Distribution
+from lunar_rover_sim.campaign.campaign_file import (Campaign, Distribution, episode_seed,
+                                                    LATIN_HYPERCUBE, load_campaign, parse_campaign,
+                                                    RANDOM, SOBOL, unit_points)
 from lunar_rover_sim.campaign.episode_plans import draw, episode, plan
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import ConfigError

@@ -10,7 +10,7 @@ from physics_scene import ROVER
 import worlds
 
 from lunar_rover_sim.compiled import compiled
-from lunar_rover_sim.lidar import free_sight, ray_march, returns
+from lunar_rover_sim.lidar import ray_caster, ray_march, returns
 from lunar_rover_sim.lidar.config import LidarConfig
 from lunar_rover_sim.lidar.lidar import Lidar
 from lunar_rover_sim.regolith.overlay import Overlay
@@ -24,7 +24,7 @@ STATE = RoverPose(np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0],
 def versions() -> int:
     """Return for how many types of arguments functions are compiled."""
     return sum(len(getattr(function, 'signatures', ()))
-               for module in (free_sight, ray_march, returns)
+               for module in (ray_caster, ray_march, returns)
                for function in vars(module).values())
 
 

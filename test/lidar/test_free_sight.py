@@ -10,10 +10,9 @@ import worlds
 from lunar_rover_sim.frames import matrix_from_wxyz, wxyz_from_rpy
 from lunar_rover_sim.lidar import ray_march
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
-from lunar_rover_sim.lidar.free_sight import box_around, free_distances
 from lunar_rover_sim.lidar.optics import VLP16
 from lunar_rover_sim.lidar.ray_arrays import HeightPyramid, RockHulls, SoftCells
-from lunar_rover_sim.lidar.ray_caster import NOTHING, RayCaster
+from lunar_rover_sim.lidar.ray_caster import box_around, free_distances, NOTHING, RayCaster
 from lunar_rover_sim.regolith.overlay import Overlay
 
 RANGE_M = 60.0

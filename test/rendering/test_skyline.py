@@ -11,9 +11,8 @@ from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
 from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
-from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.build import build_world, MOON_RADIUS_M
 from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.curvature import MOON_RADIUS_M
 
 FINER = 8
 

@@ -13,7 +13,7 @@ import yaml
 from lunar_rover_sim import frames
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import config_path
-from lunar_rover_sim.rover.base_footprint import footprint_pose
+from lunar_rover_sim.nodes.state_publisher import footprint_pose
 from lunar_rover_sim.rover.description import (Chassis, ImuMount, Legs, LidarMount, rectangle,
                                                RoverDescription, StereoMount)
 from lunar_rover_sim.rover.mjcf import IMU_SITE, rover_spec, tip_geom

@@ -10,8 +10,8 @@ import time
 import pytest
 from waiting import LIMIT_S
 
-from lunar_rover_sim.run.node_processes import NodeLogs, ros_environment
-from lunar_rover_sim.run.ros_domain import ClockReader
+from lunar_rover_sim.run.node_processes import NodeLogs
+from lunar_rover_sim.run.ros_domain import ClockReader, ros_environment
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 

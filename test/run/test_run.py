@@ -21,8 +21,8 @@ from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.run.node_processes import NodeProcesses
 from lunar_rover_sim.run.plan import NodePlan, resolve
+from lunar_rover_sim.run.recording import Limits
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.run.supervisor import Limits
 
 pytestmark = pytest.mark.ros
 

@@ -13,8 +13,8 @@ from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run import node_processes
 from lunar_rover_sim.run.node_processes import is_at_work, NodeProcesses
 from lunar_rover_sim.run.plan import NodePlan, resolve
+from lunar_rover_sim.run.recording import Limits, supervise
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.run.supervisor import Limits, supervise
 
 NOW_NS = 3_000_000_000
 SILENT = 'physics_node: no answer for 4 s at 3.000 s of simulated time on stereo/left/camera_info'

@@ -12,7 +12,7 @@ import synthetic_bag as synthetic
 from synthetic_ground import ground_items
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.ground_history import ground_at
+from lunar_rover_sim.bag.ground_points import ground_at
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.usd.drive_stage import write_drive

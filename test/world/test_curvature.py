@@ -7,9 +7,8 @@ import worlds
 from lunar_rover_sim.illumination.config import ReflectanceConfig, SunConfig
 from lunar_rover_sim.illumination.sunlight import Sunlight
 from lunar_rover_sim.world import levels as nest
-from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.build import build_world, drop_m, MOON_RADIUS_M
 from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.curvature import drop_m, MOON_RADIUS_M
 
 WIDE = {'size_m': 12.8, 'surroundings': {'extent_m': 6000.0, 'samples': 513}}
 CORNER_M = 6.4 * 2.0**0.5

@@ -14,9 +14,8 @@ from world.elevation_models import config, hills, MOON, refused, write_tiff
 import worlds
 
 from lunar_rover_sim.errors import ConfigError, WorldError
-from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.build import build_world, drop_m
 from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.curvature import drop_m
 from lunar_rover_sim.world.dem import open_dem
 
 REAL = pathlib.Path(__file__).resolve().parents[3] / 'shared' / 'data' / 'moon_npole_80m.tif'

@@ -11,9 +11,8 @@ from waiting import LIMIT_S
 import worlds
 
 from lunar_rover_sim.world import levels as nest
-from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.build import build_world, drop_m
 from lunar_rover_sim.world.config import LEVEL_RATIO, preset, WorldConfig
-from lunar_rover_sim.world.curvature import drop_m
 from lunar_rover_sim.world.grid import HeightGrid
 
 

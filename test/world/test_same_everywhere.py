@@ -6,10 +6,9 @@
 import numpy as np
 import pytest
 
-from lunar_rover_sim.world.build import build_world
+from lunar_rover_sim.world.build import build_world, drop_m
 from lunar_rover_sim.world.config import WorldConfig
-from lunar_rover_sim.world.curvature import drop_m
-from lunar_rover_sim.world.lattice import ALBEDO_STEP, height_step_m, on_lattice, significant
+from lunar_rover_sim.world.grid import ALBEDO_STEP, height_step_m, on_lattice, significant
 from lunar_rover_sim.world.levels import axis_m
 from lunar_rover_sim.world.world_folder import load_world, RECIPE, save_world
 

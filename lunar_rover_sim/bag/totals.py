@@ -1,0 +1,141 @@
+"""Totals of a bag: its simulated end, the distance driven, the pace of its recording.
+
+The bag time of the last message is not its end: /diagnostics, log lines and programs without
+use_sim_time stamp with wall time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+import math
+import time
+from typing import TypeVar
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag.reader import Bag, information
+from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
+
+_NEAR_NS = 5_000_000_000    # a bag at one clock has a state so near its end
+
+
+def simulated_end_ns(bag: Bag) -> int:
+    """Return the bag time of the last state [ns], else that of the last frame.
+
+    Where a bag holds neither, it is that of the last message which does not bear wall time by its
+    nature; 0 where there is none. The states are those of all rovers in the bag. Only the end of
+    the bag is read, all of it where the last message is of another clock. Raises BagError where
+    the bag is damaged.
+    """
+    for names in _by_preference(bag):
+        for start_ns in (max(0, bag.end_ns - _NEAR_NS), None) if names else ():
+            end_ns = max((message.time_ns for message in bag.raw(names, start_ns)), default=None)
+            if end_ns is not None:
+                return end_ns
+    return 0
+
+
+def _by_preference(bag: Bag) -> Iterator[list[str]]:
+    """Yield the topics from which the end is read, most reliable first."""
+    for rates in ((STATE,), (FRAME, DEPTH_FRAME)):
+        known = [topic.name for topic in topics.of_legs(topics.CONTRACT, topics.legs_of(bag.types))
+                 if topic.rate in rates]
+        yield [f'{namespace}/{name}' for namespace in {'', *bag.namespaces} for name in known
+               if f'{namespace}/{name}' in bag.types]
+    yield [name for name in bag.types if not is_at_wall_time(name)]
+
+
+AT_WALL_TIME: Mapping[str, str] = {
+    'rosout': 'log lines have wall time',
+    'parameter_events': 'have wall time',
+    'transition_event': 'life cycle of a node, at wall time',
+    'diagnostics': 'health of processes, at wall time',
+    'statistics': 'wall-time statistics of the middleware',
+}
+
+
+def is_at_wall_time(topic: str) -> bool:
+    """Return whether a topic, under any namespace, bears wall time."""
+    return is_one_of(topic, AT_WALL_TIME)
+
+
+def is_one_of(topic: str, names: Iterable[str]) -> bool:
+    """Return whether a topic has one of these names, under any namespace."""
+    return any(('/' + topic).endswith('/' + name) for name in names)
+
+
+STEP_NS = 100_000_000
+
+T = TypeVar('T')
+
+
+def every_step(stamped: Iterable[tuple[int, T]]) -> Iterator[tuple[int, T]]:
+    """Yield the first (stamp [ns], item) of every 0.1 s since the first stamp, and the last one.
+
+    What it yields is what it yields of its own result.
+    """
+    first_ns = step = None
+    last: tuple[int, T] | None = None
+    for entry in stamped:
+        if first_ns is None:
+            first_ns = entry[0]
+        number = (entry[0] - first_ns) // STEP_NS
+        last = entry if number == step else None
+        if number != step:
+            step = number
+            yield entry
+    if last is not None:
+        yield last
+
+
+def driven_distance_m(positions_m: Iterable[tuple[int, Sequence[float]]]) -> float:
+    """Return the distance driven [m] through (stamp [ns], (x, y, ...)) in the order of time."""
+    total = 0.0
+    before: Sequence[float] | None = None
+    for _, position in every_step(positions_m):
+        if before is not None:
+            total += math.hypot(position[0] - before[0], position[1] - before[1])
+        before = position
+    return total
+
+
+REAL_TIME_FACTOR = 'real_time_factor'   # key in custom_data of metadata.yaml
+
+
+def recorded_factor(bag: Bag) -> float | None:
+    """Return the real-time factor of a recording; None where its metadata does not say."""
+    # A bag may be a single file, and its metadata another tool's.
+    with suppress(OSError, LookupError, TypeError, ValueError):
+        factor = float(information(bag.path)['custom_data'][REAL_TIME_FACTOR])
+        return factor if math.isfinite(factor) and factor > 0.0 else None
+    return None
+
+
+class RecordingPace:
+    """Measures the real-time factor of a recording while it goes on.
+
+    It counts from the moment when bag time first moves on: what nodes do before their first step,
+    such as building a world, is not part of it. A time that starts anew goes on counting.
+    """
+
+    def __init__(self) -> None:
+        self._newest_ns = self._advanced_ns = 0
+        self._start_s: float | None = None
+        self._end_s = 0.0
+
+    def note(self, newest_ns: int) -> None:
+        """Take the newest bag time [ns] at this moment."""
+        if newest_ns > self._newest_ns:
+            self._end_s = time.monotonic()
+            if self._start_s is None:
+                self._start_s = self._end_s
+            else:
+                self._advanced_ns += newest_ns - self._newest_ns
+        self._newest_ns = newest_ns
+
+    @property
+    def real_time_factor(self) -> float | None:
+        """Simulated time over wall time so far; None before bag time has moved on twice."""
+        if self._start_s is None or self._end_s <= self._start_s:
+            return None
+        return self._advanced_ns / 1e9 / (self._end_s - self._start_s)
