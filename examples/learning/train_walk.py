@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+import time
 
 import numpy as np
 from sb3_vector import Sb3Vector
@@ -34,6 +35,7 @@ def main() -> None:
     parser.add_argument('--decisions', type=int, default=1_000_000)
     parser.add_argument('--envs', type=int, default=8)
     parser.add_argument('--every', type=int, default=50_000, help='decisions between evaluations')
+    parser.add_argument('--minutes', type=float, default=120.0, help='stop after this time')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=NUMBER',
                         help='a parameter of the task')
     parser.add_argument('--seed', type=int, default=1)
@@ -72,13 +74,14 @@ class Evaluation(BaseCallback):
     def __init__(self, args: argparse.Namespace, options: dict, kept: Path) -> None:
         super().__init__()
         self._args, self._kept, self._next = args, kept, 0
+        self._end_s = time.monotonic() + 60.0 * args.minutes
         self._task = make_task('walk', options)
 
     def _on_step(self) -> bool:
         if self.num_timesteps >= self._next:
             self._next = self.num_timesteps + self._args.every
             self.keep(self.model)
-        return True
+        return time.monotonic() < self._end_s
 
     def keep(self, model: PPO | SAC) -> None:
         """Evaluate, and write checkpoint, policy and a line of the log."""
@@ -100,7 +103,8 @@ class Evaluation(BaseCallback):
         model.save(self._kept)
         save_policy(self._args.output / 'policy.onnx', layers_of(model), self._task, {
             'algorithm': f'{self._args.algorithm.upper()} of Stable-Baselines3',
-            'decisions': int(model.num_timesteps), 'seeds': [self._args.seed]})
+            'decisions': int(model.num_timesteps), 'seeds': [self._args.seed]},
+            squashed=isinstance(model, SAC))
 
 
 def layers_of(model: PPO | SAC) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -217,7 +217,7 @@ def policy_path(name_or_path: str | Path) -> Path:
 
 
 def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], task: RoverTask,
-                facts: Mapping[str, Any]) -> None:
+                facts: Mapping[str, Any], squashed: bool = False) -> None:
     """Write a policy and its card: `PATH.onnx` and `PATH.md`, each whole or not at all.
 
     Args:
@@ -225,6 +225,7 @@ def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], tas
         layers: Weights (out, in) and biases (out,) of each; between them is tanh.
         task: It was trained on.
         facts: As `PolicyCard.of` takes them.
+        squashed: Whether tanh follows the last layer, too.
 
     Raises:
         LearningError: The package onnx is missing, the network is too large or does not fit the
@@ -238,12 +239,12 @@ def save_policy(path: Path, layers: Sequence[tuple[np.ndarray, np.ndarray]], tas
     for k, (weight, bias) in enumerate(layers):
         weights += [numpy_helper.from_array(weight.astype(np.float32), f'weight_{k}'),
                     numpy_helper.from_array(bias.astype(np.float32), f'bias_{k}')]
-        end = k == len(layers) - 1
+        end = k == len(layers) - 1 and not squashed
         out = 'action' if end else f'sum_{k}'
         nodes.append(helper.make_node('Gemm', [last, f'weight_{k}', f'bias_{k}'], [out],
                                       transB=1))
         if not end:
-            last = f'layer_{k}'
+            last = 'action' if k == len(layers) - 1 else f'layer_{k}'
             nodes.append(helper.make_node('Tanh', [out], [last]))
 
     def numbers(name: str, count: int) -> Any:

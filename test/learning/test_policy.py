@@ -162,6 +162,10 @@ def test_a_constant_policy_of_gait_agrees_with_its_environment(tmp_path):
     save_policy(tmp_path / 'gait.onnx', constant_layers(task, action), task, FACTS)
     policy = Policy(tmp_path / 'gait.onnx')
     np.testing.assert_allclose(policy.act(np.zeros(22, np.float32)), action, atol=1e-6)
+    save_policy(tmp_path / 'tanh.onnx', constant_layers(task, action), task, FACTS, squashed=True)
+    for runtime in ('onnxruntime', 'numpy'):
+        np.testing.assert_allclose(Policy(tmp_path / 'tanh.onnx', runtime).act(
+            np.zeros(22, np.float32)), np.tanh(action), atol=1e-6)
     assert all(check.holds for check in validate_policy(policy, duration_s=1.0))
 
 

@@ -1,0 +1,78 @@
+"""Decisions of the environments: `python test/benchmarks/bench_learning.py [--task Gait]`.
+
+For 1, 16 and 64 environments on rigid and soft ground, interleaved so that other load hits all
+alike: decisions a minute of wall time and of processor time, of all threads. With --policy, the
+time of one decision of `PolicyController`, by onnxruntime and by NumPy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import gymnasium
+import numpy as np
+
+from lunar_rover_sim.learning.controller import PolicyController
+from lunar_rover_sim.learning.policy_file import Policy
+from lunar_rover_sim.learning.senses import Sample
+from lunar_rover_sim.learning.tasks import make_task
+from lunar_rover_sim.rover.rover_file import load_rover
+
+COUNTS, GROUNDS, ROUNDS = (1, 16, 64), ('rigid', 'highland'), 3
+DECISIONS = {'Walk': 960, 'Gait': 96, 'Reach': 96}      # of each round, of all environments
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--task', choices=tuple(DECISIONS), default='Walk')
+    parser.add_argument('--policy', help='a policy of Walk: time its decisions instead')
+    args = parser.parse_args()
+    if args.policy:
+        decide(args.policy)
+        return
+    cases = {(ground, count): gymnasium.make_vec(
+        f'lunar_rover_sim.learning:lunar_rover_sim/{args.task}-v0', num_envs=count, ground=ground)
+        for ground in GROUNDS for count in COUNTS}
+    for envs in cases.values():
+        envs.reset(seed=1)
+    found: dict[tuple[str, int], list[tuple[float, float]]] = {case: [] for case in cases}
+    for _ in range(ROUNDS):
+        for case, envs in cases.items():
+            steps = max(2, DECISIONS[args.task] // envs.num_envs)
+            actions = np.zeros(envs.action_space.shape)
+            wall, cpu = time.perf_counter(), time.process_time()
+            for _ in range(steps):
+                envs.step(actions)
+            made = 60.0 * steps * envs.num_envs
+            found[case].append((made / (time.perf_counter() - wall),
+                                made / (time.process_time() - cpu)))
+    print(f'{args.task}: decisions a minute of wall time, and of processor time')
+    for (ground, count), pairs in found.items():
+        wall, cpu = np.median(pairs, axis=0)
+        print(f'{ground:9s} {count:3d} environments  {wall:9,.0f} {cpu:9,.0f}'
+              f'   ({min(c for _, c in pairs):,.0f} to {max(c for _, c in pairs):,.0f})')
+
+
+def decide(path: str) -> None:
+    """Print the processor time of a decision, and of the runtime in it."""
+    card = Policy(path).card
+    task = make_task(card.task, {**card.options, 'randomise': False})
+    task.reset(np.random.default_rng(1))
+    for runtime in ('onnxruntime', 'numpy'):
+        controller = PolicyController(Policy(path, runtime), load_rover(card.rover))
+        controller.set_velocity(0.12, 0.0)
+        period_ns, times = controller.driver.decision_ns, []
+        for k in range(2000):
+            sample = Sample.of(task.state)
+            object.__setattr__(sample, 'stamp_ns', k * period_ns)
+            start = time.process_time()
+            controller.update(sample)
+            times.append(time.process_time() - start)
+        print(f'{runtime}: {1e3 * np.median(times):.3f} ms a decision, p99 '
+              f'{1e3 * np.percentile(times, 99):.3f} ms')
+
+
+if __name__ == '__main__':
+    main()
