@@ -21,7 +21,7 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError, PhysicsError, StudyError
 from lunar_rover_sim.evaluation.statistics import Comparison, Mean
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.wording import markdown_table
+from lunar_rover_sim.files.paths import markdown_table
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController, LegCommand
