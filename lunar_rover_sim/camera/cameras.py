@@ -2,7 +2,8 @@
 
 An entry says what a camera is made of, where it is, and what is published of it. Publisher,
 renderer, recording and checks know no other kinds: a colour camera is an entry whose sensor has
-another encoding, a camera at the back an entry with another place.
+another encoding, a camera at the back an entry with another place. Every command imports it with
+the parameters: geometry and lenses, which import SciPy, stand elsewhere.
 """
 
 from __future__ import annotations
@@ -15,11 +16,8 @@ import numpy as np
 from lunar_rover_sim import topics
 from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.camera.config import FurtherCameraConfig
-from lunar_rover_sim.camera.fisheye import FisheyeCamera
-from lunar_rover_sim.camera.hazard import (fixed_frames, HazardCameraConfig, HazardConfig,
-                                           HazardMount, sides)
+from lunar_rover_sim.camera.hazard import fixed_frames, HazardConfig, HazardMount, sides
 from lunar_rover_sim.camera.mount import Mount
-from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.topics import Topic
@@ -137,10 +135,3 @@ def chase_camera(config: ChaseConfig) -> CameraEntry:
                Output(topics.CHASE_INFO, (), period_ns), Output(topics.CHASE_POSE, (), period_ns))
     return CameraEntry('chase', config, outputs, config.rate_hz,
                        mount=lambda world, sun_deg: ChaseMount(config, sun_deg, world), stream=1)
-
-
-def geometry_of(config: FurtherCameraConfig) -> PinholeCamera | FisheyeCamera:
-    """Return where a camera images what: a pinhole or a fisheye, as its parameters ask for it."""
-    camera = config.camera
-    return (FisheyeCamera(camera) if isinstance(camera, HazardCameraConfig) and camera.is_fisheye
-            else PinholeCamera(camera))

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lunar_rover_sim.camera import equidistant
+from lunar_rover_sim.camera.config import FurtherCameraConfig
 from lunar_rover_sim.camera.hazard import HazardCameraConfig
 from lunar_rover_sim.camera.lens import Lens
+from lunar_rover_sim.camera.rig import PinholeCamera
 from lunar_rover_sim.frames import Array
 
 
@@ -111,3 +113,10 @@ class FisheyeLens(Lens):
         It is 1 as far as the image shows and falls smoothly to 0 at the hood's angle.
         """
         return self._past_hood(angle_rad)
+
+
+def geometry_of(config: FurtherCameraConfig) -> PinholeCamera | FisheyeCamera:
+    """Return where a camera images what: a pinhole or a fisheye, as its parameters ask for it."""
+    camera = config.camera
+    return (FisheyeCamera(camera) if isinstance(camera, HazardCameraConfig) and camera.is_fisheye
+            else PinholeCamera(camera))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.camera.cameras import geometry_of
+from lunar_rover_sim.camera.fisheye import geometry_of
 from lunar_rover_sim.camera.hazard import HazardConfig, sides
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.inspection.bag_scan import BagScan

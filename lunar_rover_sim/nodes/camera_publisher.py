@@ -15,8 +15,9 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header, String
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.camera.cameras import CameraEntry, geometry_of, Output
+from lunar_rover_sim.camera.cameras import CameraEntry, Output
 from lunar_rover_sim.camera.compression import compressed
+from lunar_rover_sim.camera.fisheye import geometry_of
 from lunar_rover_sim.camera.mosaic import shown
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.errors import RenderError

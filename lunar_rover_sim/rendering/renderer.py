@@ -10,9 +10,8 @@ from types import TracebackType
 import moderngl
 
 from lunar_rover_sim.arguments import check_scenario
-from lunar_rover_sim.camera.cameras import geometry_of
 from lunar_rover_sim.camera.config import FurtherCameraConfig, SensorConfig
-from lunar_rover_sim.camera.fisheye import FisheyeCamera
+from lunar_rover_sim.camera.fisheye import FisheyeCamera, geometry_of
 from lunar_rover_sim.camera.mount import BodyMount, Mount
 from lunar_rover_sim.camera.rig import PinholeCamera, StereoRig
 from lunar_rover_sim.camera.sensor import SensorModel

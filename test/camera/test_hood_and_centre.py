@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from lunar_rover_sim.camera.cameras import geometry_of
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig
 from lunar_rover_sim.camera.distortion import distort, is_invertible
 from lunar_rover_sim.camera.encoding import encoding_of
-from lunar_rover_sim.camera.fisheye import FisheyeCamera, FisheyeLens
+from lunar_rover_sim.camera.fisheye import FisheyeCamera, FisheyeLens, geometry_of
 from lunar_rover_sim.camera.hazard import HazardCameraConfig, HazardConfig
 from lunar_rover_sim.camera.lens import Lens
 from lunar_rover_sim.camera.rig import PinholeCamera

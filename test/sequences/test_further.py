@@ -14,7 +14,7 @@ import synthetic_bag
 import yaml
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.camera.cameras import geometry_of
+from lunar_rover_sim.camera.fisheye import geometry_of
 from lunar_rover_sim.camera.hazard import HazardCameraConfig, HazardConfig, HazardRig
 from lunar_rover_sim.frames import inverse
 from lunar_rover_sim.rendering.labels import LABEL_FIRST_ROCK
