@@ -27,8 +27,10 @@ from lunar_rover_sim.files.paths import check_path
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.film import Film, FilmOptions
+from lunar_rover_sim.inspection.replay import replay
 from lunar_rover_sim.inspection.report import Status
 from lunar_rover_sim.inspection.summary import missing_tf
+from lunar_rover_sim.run.companion_config import VIEW_PORT
 from lunar_rover_sim.seconds import EPOCH_NS, NS_PER_S
 from lunar_rover_sim.sequences.export import export, FORMATS, WEBDATASET
 from lunar_rover_sim.sequences.left_out import hazards_left_out, sensors_left_out
@@ -60,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_recorded_world(command)
     _add_video(add('video', 'a film of the drive: the rover from outside, left image, disparity, '
                    'pitch and slip', _video))
+    command = add('view', 'play the bag in a browser, without ROS, until Ctrl-C', _view)
+    options.add_number(command, '--port', 1024, 65535, kind=int, default=VIEW_PORT,
+                       metavar='PORT', help='of this machine')
+    options.add_number(command, '--speed', 0.0, 100.0, above=True, default=1.0,
+                       metavar='FACTOR', help='simulated seconds per second')
+    options.add_recorded_world(command)
     command = add('recover', 'make a bag readable whose recording was cut off', _recover)
     options.add_new_folder(command, 'write the readable bag there, for instance where the disk of '
                            'the other one is full; by default it takes its place', required=False)
@@ -159,6 +167,16 @@ def _preview(args: argparse.Namespace) -> int:
         raise ConfigError(f'--output: {output} is the bag itself; name another folder')
     for path in preview(args.bag, output, args.world):
         print(path)
+    return 0
+
+
+def _view(args: argparse.Namespace) -> int:
+    say(f'http://localhost:{args.port}; or in Foxglove and Lichtblick ws://localhost:{args.port}; '
+        'Ctrl-C ends it')
+    with Progress('waiting for a browser') as progress:
+        progress.start('playing', None, 's')
+        replay(args.bag, args.port, args.speed, args.world,
+               on_time=lambda now_s: progress.named(f'at {now_s:.1f} s'))
     return 0
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import math
 import queue
 import struct
@@ -11,67 +10,25 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import Twist
-import numpy as np
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 from rosbags.typesys import get_typestore, Stores
-from rosbags.typesys.store import Typestore
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import time_ns
 from lunar_rover_sim.bag.stamps import StampTable
-from lunar_rover_sim.files.images import png_bytes
 from lunar_rover_sim.nodes import node_main, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import ViewNodeConfig
-from lunar_rover_sim.run.live_page import Extra
+from lunar_rover_sim.run.live_map import map_pages
 from lunar_rover_sim.run.live_view import HOST, LiveView
-from lunar_rover_sim.world.model import World
+from lunar_rover_sim.run.view_transforms import OdometryTransforms, transforms_of
 from lunar_rover_sim.world.world_folder import load_world
-
-
-def transforms_of(topic: str) -> str:
-    """Return the tf topic that belongs to a topic of odometry; '' for any other topic.
-
-    Odometry of wheels, of SLAM, or of the truth beside an estimator does not place base_link.
-    """
-    scope, _, name = topic.rpartition('/')
-    truth = topics.TRUE_ODOM.name.rpartition('/')[0]
-    return f'{scope}/{topics.TF.name}' if name == topics.ODOM.name and \
-        scope.rpartition('/')[2] != truth else ''
-
-
-class OdometryTransforms:
-    """Makes tf2_msgs/TFMessage of nav_msgs/Odometry, both as on the wire."""
-
-    def __init__(self, store: Typestore) -> None:
-        self._store = store
-
-    def of(self, raw: bytes) -> bytes:
-        """Return the transform from the frame of an odometry to its child."""
-        odometry = self._store.deserialize_cdr(raw, topics.ODOM.type)
-        pose = odometry.pose.pose   # type: ignore[attr-defined]
-        position = pose.position
-        transform = self._make('geometry_msgs/msg/Transform', rotation=pose.orientation,
-                               translation=self._make('geometry_msgs/msg/Vector3', x=position.x,
-                                                      y=position.y, z=position.z))
-        stamped = self._make(
-            'geometry_msgs/msg/TransformStamped', transform=transform,
-            header=odometry.header,                     # type: ignore[attr-defined]
-            child_frame_id=odometry.child_frame_id)     # type: ignore[attr-defined]
-        message = self._make(topics.TF.type, transforms=[stamped])
-        return bytes(self._store.serialize_cdr(message, topics.TF.type))
-
-    def _make(self, msgtype: str, **fields: Any) -> Any:
-        return self._store.types[msgtype](**fields)
-
 
 _POLL_S = 0.2
 _HISTORY = 5
-_MAP_PX = 1000
-_ROCKS = 2000       # the largest ones are on the map
 _TWIST = struct.Struct('<4x6d')
 
 
@@ -87,13 +44,9 @@ class ViewNode(node_main.GraphNode):
         config = declare(self, ViewNodeConfig)
         self._begun: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._drivers: dict[str, Publisher] = {}
-        self._facts: dict[str, Any] = {'drivers': []}
-        pages: Extra = {'/live.json': lambda: json.dumps(self._facts).encode()}
-        if config.world:
-            world = load_world(config.world, verify=False)
-            self._facts.update(_facts_of(world))
-            picture = png_bytes(world.relief_picture(_MAP_PX))
-            pages['/map.png'] = lambda: picture
+        self._others: list[str] = []        # nodes that drive
+        pages = map_pages(load_world(config.world, verify=False) if config.world else None,
+                          lambda: self._others)
         self._view = LiveView(config.port, self._begun.put, self._on_drive, pages)
         store = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(store)
@@ -118,7 +71,7 @@ class ViewNode(node_main.GraphNode):
                 self._types[topic] = types[0]
                 self._make_transforms(topic)
         self._view.offer_again()
-        self._facts['drivers'] = sorted(
+        self._others = sorted(
             info.node_name for topic in self._types if topic.endswith(f'/{topics.CMD_VEL.name}')
             for info in self.get_publishers_info_by_topic(topic)
             if info.node_name != self.get_name())
@@ -194,15 +147,6 @@ class ViewNode(node_main.GraphNode):
         message = Twist()
         message.linear.x, *_, message.angular.z = _TWIST.unpack_from(data)
         self._drivers[topic].publish(message)
-
-
-def _facts_of(world: World) -> dict[str, Any]:
-    """Return what the map of the page shows beside the relief: (x, y, radius) of rocks [m]."""
-    rocks = world.rocks
-    radius_m = 0.5 * rocks.size_classes_m[rocks.size]
-    largest = np.argsort(-radius_m, kind='stable')[:_ROCKS]
-    shown = np.column_stack([rocks.position_m[largest, :2], radius_m[largest]])
-    return {'half_extent_m': world.ground.half_extent_m, 'rocks': shown.round(3).tolist()}
 
 
 def main(args: list[str] | None = None) -> int:

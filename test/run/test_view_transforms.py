@@ -8,7 +8,7 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import pose_matrix, transform_matrix
-from lunar_rover_sim.nodes.view_node import OdometryTransforms, transforms_of
+from lunar_rover_sim.run.view_transforms import OdometryTransforms, transforms_of
 
 
 @pytest.mark.parametrize(('topic', 'transforms'), [

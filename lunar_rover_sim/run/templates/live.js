@@ -172,7 +172,8 @@ function plot(name, label, stampS, value) {
 function onOdometry(message, stampS) {
   const {position: p, orientation: q} = message.pose.pose, degrees = 180 / Math.PI;
   const yaw = Math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
-  pose = {x: p.x, y: p.y, yaw};
+  if (pose && stampS < pose.stampS) path = [];     // time has begun anew
+  pose = {x: p.x, y: p.y, yaw, stampS};
   const last = path[path.length - 1];
   if (last && Math.hypot(p.x - last[0], p.y - last[1]) > 1) path = [];    // placed anew
   if (!last || Math.hypot(p.x - last[0], p.y - last[1]) > PATH_STEP_M) path.push([p.x, p.y]);
