@@ -13,6 +13,7 @@ import functools
 import math
 from typing import Any, NamedTuple, Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
@@ -119,6 +120,10 @@ class SensorModel:
                              1e-6, 10.0))
 
 
+# Spots half a pixel to either side of where a ray would meet the sensor, seen by square pixels.
+_FOUR_SPOTS = np.array([0.25, 0.5, 0.25], np.float32)
+
+
 class Tint(NamedTuple):
     """The colour of what a camera sees.
 
@@ -177,6 +182,9 @@ class ImageSensor:
         """
         model, c = self._model, self._model.config
         dark = np.float32(c.dark_current_e_s * exposure_s)
+        if model.colour and c.low_pass_filter:
+            radiance = np.asarray(cv2.sepFilter2D(radiance, -1, _FOUR_SPOTS, _FOUR_SPOTS,
+                                                  borderType=cv2.BORDER_REPLICATE), np.float32)
         collect = functools.partial(self._collected, radiance, side, exposure_s)
         if not model.colour:
             electrons = collect(self._source, dark)

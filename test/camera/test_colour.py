@@ -114,9 +114,10 @@ def test_sixteen_bits_are_interpolated_too():
 
 
 def test_lateral_colour_magnifies_red_and_shrinks_blue():
-    model = SensorModel(CAMERA, RAW, LensConfig(lateral_colour=0.005))
+    sharp = dataclasses.replace(RAW, low_pass_filter=False)
+    model = SensorModel(CAMERA, sharp, LensConfig(lateral_colour=0.005))
     share = np.tile(np.linspace(0.1, 0.9, 320, dtype=np.float32), (240, 1))    # a ramp
-    full = RAW.full_well_e / (model.electrons_per_radiance_second * 1e-3)
+    full = sharp.full_well_e / (model.electrons_per_radiance_second * 1e-3)
     seen = ImageSensor(RIG, model, 0).pixels(share * np.float32(full), 0, 1e-3, 0) / 65535
     column = np.arange(320)
     for place, sign in (((0, 0), 1), ((0, 1), 0), ((1, 0), 0), ((1, 1), -1)):
@@ -157,3 +158,26 @@ def test_responses_and_encodings_that_are_none_are_refused():
         SensorConfig(green_response=(0.5, 0.5))
     with pytest.raises(ConfigError, match='bayer_rggb8'):
         SensorConfig(encoding='bayer_grbg8')
+
+
+def test_the_low_pass_filter_keeps_light_and_takes_false_colours():
+    """Grey stones of a pixel, at random: what is coloured of them is false."""
+    rng = np.random.default_rng(5)
+    field = np.where(rng.random((240, 320)) < 0.05, 0.6, 0.2).astype(np.float32)
+
+    def seen(low_pass):
+        config = dataclasses.replace(RAW, encoding='bayer_rggb8', bits=12,
+                                     low_pass_filter=low_pass)
+        model = SensorModel(CAMERA, config, LensConfig())
+        full = config.full_well_e / (model.electrons_per_radiance_second * 1e-3)
+        return ImageSensor(RIG, model, 0).pixels(field * np.float32(full), 0, 1e-3, 0)
+
+    sharp, soft = seen(False), seen(True)
+
+    def chroma(pixels):
+        image = interpolated(pixels).astype(float)
+        return float((image[..., [0, 2]] - image[..., [1]]).std())
+
+    assert chroma(soft) < 0.4 * chroma(sharp)
+    light = SensorModel(CAMERA, RAW).linear
+    assert light(soft).mean() == pytest.approx(light(sharp).mean(), rel=0.01)
