@@ -26,8 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        ' are not made again')
     parser.add_argument('--grounds', nargs='+', choices=ALL_GROUNDS, default=list(GROUNDS),
                         metavar='GROUND', help=f'(default: {" ".join(GROUNDS)})')
-    options.add_number(parser, '--slopes', 0.0, 30.0, nargs='+', default=list(SLOPES_DEG),
-                       unit='deg', metavar='DEG', help='uphill')
+    parser.add_argument('--slopes', nargs='+', type=options.number('--slopes', 0.0, 30.0, 'deg'),
+                        default=list(SLOPES_DEG), metavar='DEG',
+                        help=f'uphill [deg] (default: {" ".join(f"{s:g}" for s in SLOPES_DEG)})')
     options.add_number(parser, '--seeds', 1, len(HIDDEN_SEEDS), kind=int,
                        default=len(HIDDEN_SEEDS), help='number of worlds')
     parser.add_argument('--rover', default='quad', metavar='NAME_OR_PATH',
