@@ -32,6 +32,7 @@ COMMANDS = {
                                                  'tracked_share', 'poses'}),
     'slam run': ('{bag} -o {new} --sensor stereo', {'system', 'ate_m', 'estimate_frame',
                                                     'tracked_share', 'reason'}),
+    'validate policy': ('smooth --duration 0.4', {'policy', 'tolerance', 'holds', 'terms'}),
     'world info': ('{world}', {'hash', 'seed', 'levels', 'rocks', 'craters', 'size_bytes'}),
 }
 
