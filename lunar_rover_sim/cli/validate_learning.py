@@ -9,7 +9,6 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import check_folder
 from lunar_rover_sim.learning.policy_file import Policy, policy_names, policy_path
 from lunar_rover_sim.learning.task import GROUNDS as ALL_GROUNDS
 from lunar_rover_sim.studies.learning import (Case, GROUNDS, HIDDEN_SEEDS, PACKAGED, report_text,
@@ -38,11 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Walk, compare and print."""
-    check_folder(args.output)
-    args.output.mkdir(parents=True, exist_ok=True)
     policies = args.policies or policy_names()
     for policy in policies:
         Policy(policy)
+    args.output.mkdir(parents=True, exist_ok=True)
     walkers = [PACKAGED, *(name if name in policy_names() else str(policy_path(name).resolve())
                            for name in policies)]
     cases = [Case(walker, ground, slope, seed, args.rover)
