@@ -39,7 +39,7 @@ def test_every_name_is_there_and_documented() -> None:
     ('import lunar_rover_sim', ('mujoco', 'moderngl', 'cv2', 'rclpy', 'numpy')),
     # Every node reads one: what is loaded here delays the start of each of them.
     ('from lunar_rover_sim import Scenario; Scenario.load("flat")',
-     ('mujoco', 'moderngl', 'cv2', 'rclpy', 'scipy', 'matplotlib', 'numba')),
+     ('mujoco', 'moderngl', 'cv2', 'rclpy', 'scipy', 'matplotlib', 'numba', 'jinja2')),
 ])
 def test_import_is_light(program: str, absent: tuple[str, ...]) -> None:
     """The package loads no physics, renderer or ROS, and reading a scenario does not either."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 import fcntl
 import hashlib
 import os
@@ -12,8 +11,6 @@ import resource
 import stat
 import sys
 import tempfile
-
-import jinja2
 
 from lunar_rover_sim.errors import ConfigError, LunarRoverSimError, nearest
 
@@ -224,21 +221,3 @@ def markdown_table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list
     """Return the lines of a table in Markdown; a `|` within a cell is escaped."""
     return ['| ' + ' | '.join(cell.replace('|', r'\|') for cell in row) + ' |'
             for row in (titles, ['---'] * len(titles), *rows)]
-
-
-def template(package: str, name: str, **filters: Callable[..., object]) -> jinja2.Template:
-    """Return a template from the folder `templates` of a package, such as `lunar_rover_sim.slam`.
-
-    Values are escaped as HTML. A value that is missing is an error, not an empty text.
-    filters: functions that the template knows by these names, besides those of Jinja2
-    """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader(package), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(filters)
-    return environment.get_template(name)
-
-
-def data_uri(content: bytes, media_type: str) -> str:
-    """Return a file as a data URI, which holds it in the page itself."""
-    return f'data:{media_type};base64,{base64.b64encode(content).decode("ascii")}'

@@ -15,7 +15,7 @@ import numpy as np
 
 from lunar_rover_sim.errors import ConfigError, SlamError
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import data_uri, template
+from lunar_rover_sim.files.templates import data_uri, template
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.slam import table
 from lunar_rover_sim.slam.drives import csv_of_drives, Judged, text_of_seeds
