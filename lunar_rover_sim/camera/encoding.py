@@ -29,3 +29,8 @@ def encoding_of(pixels: NDArray[Any]) -> str:
     if pixels.dtype == np.float32 and pixels.ndim == 3:
         return f'32FC{pixels.shape[2]}'
     return _OF_PIXELS[str(pixels.dtype), pixels.ndim]
+
+
+def eight_bits(pixels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return pixels of 8 or 16 bits as 8 bits."""
+    return np.asarray(pixels >> 8 if pixels.dtype == np.uint16 else pixels, np.uint8)

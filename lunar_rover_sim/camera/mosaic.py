@@ -33,11 +33,6 @@ def shown(pixels: NDArray[Any], encoding: str) -> NDArray[Any]:
     return interpolated(pixels) if is_bayer(encoding) else pixels
 
 
-def eight_bits(pixels: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return pixels of 8 or 16 bits as 8 bits."""
-    return np.asarray(pixels >> 8 if pixels.dtype == np.uint16 else pixels, np.uint8)
-
-
 @compiled
 def filtered(red, green, blue, tint, own, source,  # type: ignore[no-untyped-def]
              sensitivity, dark):

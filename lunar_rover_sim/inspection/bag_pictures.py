@@ -18,7 +18,7 @@ from lunar_rover_sim.bag.message_validity import lidar_cloud_problem, lidar_poin
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.series import hazard_topics
 from lunar_rover_sim.bag.totals import driven_distance_m
-from lunar_rover_sim.camera.mosaic import eight_bits
+from lunar_rover_sim.camera.encoding import eight_bits
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.files.figures import save_figure
 from lunar_rover_sim.inspection.heading_pictures import heading_figure

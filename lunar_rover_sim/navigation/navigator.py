@@ -20,7 +20,7 @@ from lunar_rover_sim.navigation.config import NavigatorConfig
 from lunar_rover_sim.navigation.planner import Disc, Plan, Planner
 from lunar_rover_sim.navigation.traversability import Traversability
 from lunar_rover_sim.path_following.config import DriveConfig
-from lunar_rover_sim.path_following.pursuit import PurePursuit
+from lunar_rover_sim.path_following.driver import PurePursuit
 from lunar_rover_sim.path_following.route import Route
 from lunar_rover_sim.seconds import NS_PER_S
 

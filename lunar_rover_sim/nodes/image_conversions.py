@@ -13,10 +13,8 @@ from stereo_msgs.msg import DisparityImage
 
 from lunar_rover_sim import frames
 from lunar_rover_sim.bag.ground_points import FLOAT32, POINT
-from lunar_rover_sim.camera.encoding import encoding_of
-from lunar_rover_sim.camera.mosaic import eight_bits
+from lunar_rover_sim.camera.encoding import eight_bits, encoding_of
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.stereo.points import grey
 
 if TYPE_CHECKING:
     from lunar_rover_sim.camera.fisheye import FisheyeCamera
@@ -70,6 +68,7 @@ def point_cloud(points_m: NDArray[np.float32], picture: NDArray, frame_id: str,
     names = ['x', 'y', 'z', 'intensity', *(['rgb'] if picture.ndim == 3 else [])]
     height, width, _ = points_m.shape
     values = np.empty((height, width, len(names)), '<f4')
+    from lunar_rover_sim.stereo.points import grey  # OpenCV: physics_node starts without it
     values[..., :3], values[..., 3] = points_m, grey(picture)
     if picture.ndim == 3:
         red, green, blue = np.moveaxis(eight_bits(picture).astype('<u4'), -1, 0)

@@ -19,8 +19,7 @@ from sensor_msgs.msg import Image, Imu
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.message_validity import image_problem, pixels
 from lunar_rover_sim.bag.messages import header_ns, time_ns, xyz
-from lunar_rover_sim.camera.encoding import ENCODINGS
-from lunar_rover_sim.camera.mosaic import eight_bits
+from lunar_rover_sim.camera.encoding import eight_bits, ENCODINGS
 from lunar_rover_sim.errors import ConfigError, GraphError
 from lunar_rover_sim.files.paths import program_path
 from lunar_rover_sim.frames import matrix_from_wxyz, se3

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.camera.mosaic import eight_bits
+from lunar_rover_sim.camera.encoding import eight_bits
 from lunar_rover_sim.rendering.frame import StereoFrame
 from lunar_rover_sim.rendering.labels import (LABEL_DISTURBED, LABEL_FIRST_ROCK, LABEL_GROUND,
                                               LABEL_ROVER, LABEL_SKY)
