@@ -43,6 +43,8 @@ COMMANDS = {
     'demo': Command('demo', 'record a first drive, check it and draw pictures of it'),
     'evaluate images': Command(
         'evaluate_images', 'compare the images of two renderers, cameras or worlds'),
+    'evaluate map': Command(
+        'evaluate_map', 'judge the maps of a recorded drive against its world'),
     'evaluate trajectory': Command(
         'evaluate', 'judge an estimated trajectory against the truth; `evaluate` alone does it'),
     'parameters': Command('parameters', 'list all parameters, by node and section'),
@@ -58,6 +60,9 @@ COMMANDS = {
     'validate locomotion': Command(
         'validate_locomotion',
         'pitch of the walk against a velocity interface; commands followed'),
+    'validate navigation': Command(
+        'validate_navigation',
+        'goals by what the rover sees, against the true map and a blind route'),
     'validate odometry': Command(
         'validate_odometry', 'wheel odometry and its covariance against the true pose'),
     'validate policy': Command(

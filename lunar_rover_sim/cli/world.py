@@ -31,6 +31,8 @@ from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.export import write as write_mesh
 from lunar_rover_sim.world.map_sheet import write as write_sheet
 from lunar_rover_sim.world.model import World
+from lunar_rover_sim.world.orbital import (HEIGHTS, OrbitalErrors, PHOTO, SUFFIXES, write_features,
+                                           write_map)
 from lunar_rover_sim.world.shade import horizon_deg, rms_slope_deg
 from lunar_rover_sim.world.site import reported_site, Site
 from lunar_rover_sim.world.world_folder import load_world, save_world
@@ -58,8 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='leave the camera views out; they need EGL')
     options.add_overwrite(preview)
     _add_export(options.add_action(
-        actions, 'export', 'a mesh file (GLB, OBJ, PLY) or an OpenUSD stage; the tracks of a '
-        'recording in a mesh file, or as heights (NPZ)', run_export))
+        actions, 'export', 'a mesh file (GLB, OBJ, PLY), a map (GeoTIFF, GeoJSON) or an OpenUSD '
+        'stage; the tracks of a recording in a mesh file, or as heights (NPZ)', run_export))
     _add_sun(options.add_action(
         actions, 'sun', 'sun, Earth and light at a place on the Moon over time', run_sun))
 
@@ -68,8 +70,9 @@ def _add_export(export: argparse.ArgumentParser) -> None:
     export.add_argument('folder', nargs='?', help='world folder (default with --at: the world of'
                         ' the recording)')
     options.add_output(export, check_file, 'FILE', 'file to write; its suffix says the format: '
-                       '.glb, .obj, .ply, or .usd, .usda, .usdc, .usdz for a stage; with --at '
-                       'also .npz: x, y, height, height change and compaction [m]')
+                       '.glb, .obj, .ply, .tif (heights, or with --photo an orthophoto), '
+                       '.geojson (rocks and craters), or .usd, .usda, .usdc, .usdz for a stage; '
+                       'with --at also .npz: x, y, height, height change and compaction [m]')
     options.add_overwrite(export)
     mesh = export.add_argument_group('mesh files')
     mesh.add_argument('--stride', type=int, default=0, metavar='N',
@@ -80,6 +83,18 @@ def _add_export(export: argparse.ArgumentParser) -> None:
                       'left on soft ground')
     mesh.add_argument('--time', type=float, metavar='S', help='simulated time of these tracks [s]'
                       ' (default: the end)')
+    maps = export.add_argument_group('maps: what an orbiter knows of the fine ground')
+    options.add_number(maps, '--resolution', 0.001, unit='m', default=1.0, metavar='M',
+                       help='side of a pixel of .tif')
+    maps.add_argument('--photo', action='store_true', help='an orthophoto, lit by --sun, in place '
+                      'of heights')
+    options.add_number(maps, '--height-error', 0.0, unit='m', default=0.0, metavar='M',
+                       help='standard deviation of the heights')
+    options.add_number(maps, '--shift-error', 0.0, unit='m', default=0.0, metavar='M',
+                       help='standard deviation of the shift of the whole map')
+    options.add_number(maps, '--noise', 0.0, 1.0, default=0.0,
+                       help='standard deviation of the brightness of a photo, of full scale')
+    options.add_number(maps, '--error-seed', 0, kind=int, default=1, help='seed of these errors')
     stage = export.add_argument_group('stages')
     options.add_scenario_option(stage, 'where sun, reflectance, gravity and friction are from '
                                 '(default: their defaults)')
@@ -239,6 +254,9 @@ def run_export(args: argparse.Namespace) -> int:
                 '--no-surroundings': args.no_surroundings}
     of_mesh = {'--stride': args.stride, '--no-rocks': args.no_rocks,
                '--surroundings': args.surroundings}
+    is_map = output.suffix.lower() in SUFFIXES
+    if is_map:
+        return _export_map(args, output)
     foreign = of_mesh if is_stage(output) else of_stage
     for name, value in foreign.items():
         if value:
@@ -256,6 +274,22 @@ def run_export(args: argparse.Namespace) -> int:
         options.refuse_existing(output, args.overwrite)
         _export_mesh(args, output)
     say(f'{output}: {stage_bytes(output) / 1e6:.1f} MB')
+    return 0
+
+
+def _export_map(args: argparse.Namespace, output: Path) -> int:
+    """Write heights, a photo, or rocks and craters."""
+    if args.folder is None or args.at is not None:
+        raise ConfigError(f'export: {output.name} needs the folder of a world, without --at')
+    options.refuse_existing(output, args.overwrite)
+    world = load_world(args.folder)
+    if output.suffix.lower() == '.geojson':
+        say(f'{output}: {write_features(world, output)} rocks and craters')
+        return 0
+    sun = options.checked_sun(args.sun) if args.sun is not None else (60.0, 6.0)
+    write_map(world, output, args.resolution, PHOTO if args.photo else HEIGHTS,
+              OrbitalErrors(args.height_error, args.shift_error, args.noise, args.error_seed), sun)
+    say(f'{output}: {output.stat().st_size / 1e6:.2f} MB')
     return 0
 
 

@@ -24,6 +24,10 @@ class MapConfig(Parameters):
         'it; 0: depth without noise', unit='px', low=0.0, high=10.0)
     range_stddev_m: float = param(0.01, 'error of a range that does not grow with it: of a LiDAR,'
                                   ' or of the calibration', unit='m', low=0.0, high=1.0)
+    grazing: float = param(
+        0.6, 'depth of a surface that falls away from the camera by more than this share of the '
+        'line of sight is not used: what a matcher sees there is mostly the edge before it; 1: '
+        'all is used', low=0.05, high=1.0)
     height_stddev_m: float = param(0.005, 'error of a height in a frame, however near', unit='m',
                                    low=1e-4, high=0.5)
     least_hits: int = param(2, 'frames that must have seen a cell before it is known', low=1,
@@ -32,11 +36,11 @@ class MapConfig(Parameters):
                         'map and does not enter it', low=1.0, high=20.0)
     contradictions: int = param(4, 'frames in a row that must contradict a cell before it takes '
                                 'their height', low=1, high=100)
-    drift: float = param(0.01, 'error of height that the pose gains per metre driven', low=0.0,
+    drift: float = param(0.01, 'error of height that an estimated pose gains per metre', low=0.0,
                          high=1.0)
     level_stddev_m: float = param(
-        0.02, 'error of height of the pose from frame to frame, which is corrected by fitting '
-        'the frame to the map; 0: the pose is trusted', unit='m', low=0.0, high=1.0)
+        0.02, 'error of height of an estimated pose from frame to frame, which is corrected by '
+        'fitting the frame to the map; 0: the pose is trusted', unit='m', low=0.0, high=1.0)
     level_stddev_deg: float = param(
         1.0, 'error of pitch and roll of the pose, corrected likewise; 0: the pose is trusted',
         unit='deg', low=0.0, high=20.0)
@@ -52,6 +56,12 @@ class MapConfig(Parameters):
         if self.min_range_m >= self.max_range_m:
             raise ConfigError(f'min_range_m: {self.min_range_m:g} is not valid; valid is < '
                               f'max_range_m = {self.max_range_m:g} [m]')
+
+    def by_pose(self, pose: str) -> MapConfig:
+        """Return the parameters for a source of poses: the truth needs no correction."""
+        if pose != TRUTH:
+            return self
+        return dataclasses.replace(self, drift=0.0, level_stddev_m=0.0, level_stddev_deg=0.0)
 
     @property
     def cells(self) -> int:

@@ -107,7 +107,8 @@ class ElevationMap:
         self._sums[:] = 0.0
         _scatter_depth(np.ascontiguousarray(depth_m), u, v, T, self._corner, self.config.cell_m,
                        self.config.min_range_m, self.config.max_range_m, noise,
-                       self.config.range_stddev_m, self.config.height_stddev_m, self._sums)
+                       self.config.range_stddev_m, self.config.height_stddev_m,
+                       self.config.grazing, self._sums)
         self._take_in(np.asarray(position_m, float))
         return anew
 
@@ -228,9 +229,10 @@ def _roll(array: NDArray, rows: int, columns: int) -> None:
 @compiled
 def _scatter_depth(depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.int64],
                    cell_m: float, near_m: float, far_m: float, noise: float, range_m: float,
-                   floor_m: float, sums: Array) -> None:
+                   floor_m: float, grazing: float, sums: Array) -> None:
     n = sums.shape[1]
     rows, columns = depth.shape
+    apart = max(1, rows // 240)     # rows, between which a surface falls
     x0, y0 = corner[0] * cell_m, corner[1] * cell_m
     for r in range(rows):
         for c in range(columns):
@@ -244,6 +246,20 @@ def _scatter_depth(depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.
             iy = int(math.floor((T[1, 3] + z * dy - y0) / cell_m))
             if ix < 0 or iy < 0 or ix >= n or iy >= n:
                 continue
+            if grazing < 1.0 and apart <= r < rows - apart:
+                # Along a line of sight the way is z |d|, the height z dz: of the rows above, which
+                # look farther, and below.
+                far, near = depth[r - apart, c], depth[r + apart, c]
+                step = apart * (v[1] - v[0])
+                far_h = far * (dz - T[2, 1] * step)
+                near_h = near * (dz + T[2, 1] * step)
+                far_x = far * (dx - T[0, 1] * step) - near * (dx + T[0, 1] * step)
+                far_y = far * (dy - T[1, 1] * step) - near * (dy + T[1, 1] * step)
+                level = math.hypot(dx, dy)
+                way = (far_x * dx + far_y * dy) / level
+                sight = dz / level      # its slope, negative
+                if sight < 0.0 and way > 0.0 and far_h - near_h < grazing * sight * way:
+                    continue
             height = T[2, 3] + z * dz
             along = z * z * noise + range_m
             # Along the ray, and across it on ground that is not level (slopes of 0.1).

@@ -42,7 +42,7 @@ class MappingNode(node_main.GraphNode):
         # Of true depth and of a LiDAR the error does not grow with the range.
         self._baseline_m = self._rig.baseline_m if config.depth == STEREO else 0.0
         self._limits = Limits.of(rover, config.limits)
-        self._map = ElevationMap(config.map)
+        self._map = ElevationMap(config.map.by_pose(config.pose))
         self._newest: Traversability | None = None
         self._pending: deque[Any] = deque()
         self._elevation_ns = round(config.elevation_period_s * 1e9)

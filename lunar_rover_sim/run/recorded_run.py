@@ -22,7 +22,7 @@ from lunar_rover_sim.parameters import merge
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.mounts import imu_pose, lidar_pose, optical_poses
-from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
+from lunar_rover_sim.run.node_config import MappingNodeConfig, PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.plan import WORLD_LINK
 from lunar_rover_sim.run.scenario import SHARED
 from lunar_rover_sim.seconds import NS_PER_S
@@ -36,11 +36,12 @@ FRAMES = {'base': BASE_FRAME, 'imu': IMU_FRAME, 'left': LEFT_OPTICAL_FRAME,
 
 @dataclasses.dataclass(frozen=True)
 class RecordedNodes:
-    """The rover, its physics, and its cameras and their light."""
+    """The rover, its physics, its cameras and their light, and how it maps."""
 
     rover: RoverDescription
     physics: PhysicsNodeConfig
     render: RenderNodeConfig
+    mapping: MappingNodeConfig
 
 
 class RecordedRun:
@@ -92,7 +93,8 @@ class RecordedRun:
         try:
             return RecordedNodes(
                 rover, PhysicsNodeConfig.from_mapping(node('physics_node'), 'physics_node'),
-                RenderNodeConfig.from_mapping(node('render_node'), 'render_node'))
+                RenderNodeConfig.from_mapping(node('render_node'), 'render_node'),
+                MappingNodeConfig.from_mapping(node('mapping_node'), 'mapping_node'))
         except ConfigError as error:
             raise self._of_another_version(error) from None
 

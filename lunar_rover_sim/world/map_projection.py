@@ -80,6 +80,26 @@ def site_in_world(world: World, lon_deg: float, lat_deg: float) -> Site | None:
         return site_of(crs, *there)
 
 
+def projected_origin(world: World) -> tuple[CRS | None, tuple[float, float]]:
+    """Return the CRS of the elevation model of a world, and its origin in it [m].
+
+    None and (0, 0) for a world whose report names none, as a generated one.
+
+    Raises:
+        WorldError: If the report names a CRS that is none.
+    """
+    origin = reported_site(world.report)
+    if origin is None or not world.report.get('crs'):
+        return None, (0.0, 0.0)
+    with rasterio.Env(), stderr_to_log(logger):
+        crs = _reported_crs(world)
+        middle = transformed(lon_lat_crs(crs), crs, origin.lon_deg, origin.lat_deg)
+        if middle is None:
+            raise WorldError(f'report: longitude {origin.lon_deg:g}, latitude {origin.lat_deg:g} '
+                             'is not in its CRS')
+        return crs, middle
+
+
 def _reported_crs(world: World) -> CRS:
     """Return the CRS that the report names, as a code of an authority or as WKT."""
     text = world.report.get('crs')

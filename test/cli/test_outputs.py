@@ -18,6 +18,7 @@ WORDS = {
     'bag preview': ['bag'], 'bag video': ['bag'], 'bag recover': ['bag'], 'bag export': ['bag'],
     'benchmark': [], 'calibrate gait': [], 'campaign': ['polar_suns'],
     'dataset shards': ['dataset'], 'dataset show': ['dataset'], 'evaluate images': ['a', 'b'],
+    'evaluate map': ['bag'], 'validate navigation': [],
     'evaluate trajectory': ['a.txt', 'b.txt'], 'render': ['flat'], 'rover export': [],
     'run': ['flat'], 'slam settings': ['flat'], 'slam run': ['bag'],
     'slam table': ['part'], 'slam train-vocabulary': ['images'], 'validate imu': [],

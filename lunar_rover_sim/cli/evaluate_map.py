@@ -1,0 +1,59 @@
+"""`lunar_rover_sim evaluate map`: the maps of a recorded drive against its world."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import console, print_json, say, table
+from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.evaluation.map_evaluation import CELL_M, evaluate_maps, NEAR_M, Rates
+from lunar_rover_sim.files.atomic import atomic_write
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        f'Error of the elevation and of the flags of rocks in cells of {100 * CELL_M:g} cm, by'
+        ' distance from the rover. A rock counts from the height on that the rover does not'
+        ' cross; a flag beside it counts as one of it.')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='recording with map/elevation')
+    parser.add_argument('--world', type=Path, metavar='FOLDER', help='of the drive, where it is '
+                        'not beside the bag or in the cache')
+    options.add_number(parser, '--maps', 1, kind=int, default=40,
+                       help='maps that are judged, spread over the drive')
+    options.add_folder(parser, 'folder for map_evaluation.json and a picture', required=False)
+    options.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Judge, print a table, write results."""
+    picture = None if args.output is None else args.output / 'map_evaluation.png'
+    if args.output is not None:
+        args.output.mkdir(parents=True, exist_ok=True)
+    result = evaluate_maps(args.bag, args.world, args.maps, picture)
+    if args.output is not None:
+        atomic_write(args.output / 'map_evaluation.json',
+                     json.dumps(result.to_mapping(), indent=2) + '\n', EvaluationError)
+    if args.json:
+        print_json(result.to_mapping())
+        return 0
+    rows = table(('distance [m]', 'cells', 'RMS [m]', 'median [m]', 'precision', 'recall'), 1)
+    for one in (*result.by_distance, result.near):
+        rows.add_row(*_row(one))
+    console().print(rows)
+    say(f'{result.maps} maps, sun at {result.sun_deg:g} deg; the last row is all within '
+        f'{NEAR_M:g} m; rocks count from {result.rock_m:.3f} m on; median error '
+        f'{result.offset_m:+.4f} m')
+    if picture is not None:
+        say(picture)
+    return 0
+
+
+def _row(rates: Rates) -> tuple[str, ...]:
+    def number(value: float, digits: int) -> str:
+        return f'{value:.{digits}f}' if value == value else '-'
+    return (f'{rates.low_m:g} to {rates.high_m:g}', str(rates.cells), number(rates.rms_m, 4),
+            number(rates.median_m, 4), number(rates.precision, 2), number(rates.recall, 2))

@@ -1,0 +1,66 @@
+"""`lunar_rover_sim validate navigation`: goals by what the rover sees."""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+from lunar_rover_sim.cli import options
+from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
+from lunar_rover_sim.errors import ConfigError
+from lunar_rover_sim.navigation.config import TRUTH, WHEELS
+from lunar_rover_sim.run.scenario import scenario_names
+from lunar_rover_sim.studies import navigation
+from lunar_rover_sim.studies.navigation_drives import DRIVERS
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.description = (
+        'Drives to a goal on the world of each seed: by what the rover sees, by the true map'
+        ' (the bound), and straight ahead, blindly. Depth is that of rays with the errors of the'
+        ' matcher and the shadows of the sun; no ROS and no images are needed. Writes'
+        ' navigation.md, navigation.csv and navigation.png.')
+    parser.add_argument('scenarios', nargs='*', default=['baseline'], metavar='SCENARIO',
+                        help=f'of {", ".join(scenario_names())} (default: baseline)')
+    options.add_overrides(parser)
+    options.add_number(parser, '--seeds', 1, kind=int, default=30, help='number of worlds')
+    options.add_number(parser, '--first-seed', 0, kind=int, default=1,
+                       help='seed of the first world')
+    options.add_number(parser, '--distance', 1.0, unit='m', default=10.0, metavar='M',
+                       help='distance of the goal')
+    options.add_number(parser, '--limit', 10.0, unit='s', default=400.0, metavar='S',
+                       help='simulated time after which a drive ends')
+    parser.add_argument('--sun', type=options.number('--sun', 0.1, 90.0, 'deg'), default=[6.0],
+                        nargs='+', metavar='ELEVATION',
+                        help='elevations of the sun [deg] (default: 6)')
+    parser.add_argument('--drivers', nargs='+', choices=DRIVERS, default=list(DRIVERS),
+                        help='who drives (default: all)')
+    parser.add_argument('--poses', nargs='+', default=[TRUTH], metavar='POSE',
+                        help='by which pose the rover that sees maps and drives: truth, wheels, or'
+                             ' drift=SHARE, the truth that walks off by so much of the way'
+                             ' (default: truth)')
+    options.add_workers(parser, 'processes that share the drives', None)
+    options.add_folder(parser, 'folder to write to', 'navigation')
+    parser.add_argument('--resume', action='store_true',
+                        help='go on with an interrupted study: finished drives are kept')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Drive and write the report."""
+    for pose in args.poses:
+        if pose not in (TRUTH, WHEELS) and not re.fullmatch(r'drift=0?\.\d+', pose):
+            raise ConfigError(f'--poses: {pose!r} is not valid; valid are truth, wheels, '
+                              'drift=SHARE, for example drift=0.02')
+    settings = (f'{args.distance:g} m, {args.limit:g} s\n' + '\n'.join(args.overrides) + '\n')
+    store = navigation.DriveStore(args.output, settings, args.resume)
+    todo = navigation.cases(args.scenarios, args.sun, args.drivers, args.poses,
+                            range(args.first_seed, args.first_seed + args.seeds))
+    with Progress('driving', len(todo)) as progress:
+        drives = navigation.study(
+            todo, store, args.distance, args.limit, args.overrides, args.workers,
+            lambda case, drive, done: progress(
+                done, note=f'{case.scenario} {case.seed} {case.driver}: {drive.outcome}'))
+    print_markdown(navigation.write_all(drives, args.distance, args.output))
+    say(args.output)
+    return 0

@@ -1,0 +1,232 @@
+"""Maps of a recorded drive against the true surface of its world.
+
+As the Lunar Autonomy Challenge scores maps: in cells of 15 cm, the error of the elevation and a
+flag for rocks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from matplotlib.figure import Figure
+import numpy as np
+from numpy.typing import NDArray
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.bag import series
+from lunar_rover_sim.bag.messages import header_ns
+from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.errors import EvaluationError
+from lunar_rover_sim.evaluation.true_surface import TrueSurface
+from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.frames import Array
+from lunar_rover_sim.navigation.traversability import LETHAL, Limits
+from lunar_rover_sim.run.recorded_run import RecordedRun
+
+CELL_M = 0.15
+DISTANCES_M = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.4)
+NEAR_M = 4.0
+_SAMPLES = 5            # rays along a side of a cell
+
+
+class Rates(NamedTuple):
+    """Errors of the cells at some distance from the rover.
+
+    Attributes:
+        low_m, high_m: The distance.
+        cells: Known cells that were judged.
+        rms_m: Of the error of the elevation.
+        median_m: Of its absolute value.
+        precision: Share of the flagged cells that hold a rock, or lie beside one.
+        recall: Share of the cells with a rock that are flagged, or lie beside one that is.
+    """
+
+    low_m: float
+    high_m: float
+    cells: int
+    rms_m: float
+    median_m: float
+    precision: float
+    recall: float
+
+
+@dataclasses.dataclass(frozen=True)
+class MapEvaluation:
+    """The maps of one drive.
+
+    Attributes:
+        maps: How many were judged.
+        near: All within `NEAR_M`.
+        by_distance: By distance from the rover.
+        rock_m: Height from which a rock counts: that which the rover does not cross.
+        offset_m: Median error of the elevation: of the height of an estimated pose, say.
+        sun_deg: Elevation of the sun.
+    """
+
+    maps: int
+    near: Rates
+    by_distance: tuple[Rates, ...]
+    rock_m: float
+    offset_m: float
+    sun_deg: float
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values, None for NaN."""
+        def plain(value: Any) -> Any:
+            return None if isinstance(value, float) and value != value else value
+
+        def rates(of: Rates) -> dict[str, Any]:
+            return {name: plain(value) for name, value in of._asdict().items()}
+        return {'maps': self.maps, 'rock_m': self.rock_m, 'offset_m': plain(self.offset_m),
+                'sun_deg': plain(self.sun_deg), 'near': rates(self.near),
+                'by_distance': [rates(one) for one in self.by_distance]}
+
+
+class _Cells(NamedTuple):
+    """Judged cells of one or more maps: (n,) each."""
+
+    distance_m: Array
+    error_m: Array
+    flagged: NDArray[np.bool_]
+    rock: NDArray[np.bool_]
+    beside_flag: NDArray[np.bool_]
+    beside_rock: NDArray[np.bool_]
+    centre_m: Array
+
+
+def evaluate_maps(path: Path, world: Path | None = None, most: int = 40,
+                  output: Path | None = None) -> MapEvaluation:
+    """Judge the maps of a bag, up to so many, spread over the drive.
+
+    Args:
+        world: Folder of its world, where that is not found beside the bag or in the cache.
+        most: Maps that are judged.
+        output: PNG of the errors of the last map; None: none.
+
+    Raises:
+        EvaluationError: If the bag holds no map, or its world is not found.
+    """
+    with open_bag(path) as bag:
+        if not bag.has(topics.ELEVATION.name) or not bag.has(topics.TRAVERSABILITY.name):
+            raise EvaluationError(f'{path}: holds no {topics.ELEVATION.name} and '
+                                  f'{topics.TRAVERSABILITY.name}; mapping_node publishes them')
+        run = RecordedRun(bag)
+        found = run.world(world)
+        if found is None:
+            raise EvaluationError(f'{path}: its world is not found; name its folder with --world')
+        nodes = run.nodes
+        limits = Limits.of(nodes.rover, nodes.mapping.limits)
+        surface = TrueSurface(found)
+        odometry = series.read_odometry(bag)
+        stamps = [message.time_ns for message in bag.raw([topics.ELEVATION.name])]
+        chosen = sorted({stamps[int(k)] for k in
+                         np.linspace(0, len(stamps) - 1, min(most, len(stamps))).round()})
+        parts = [cells for stamp in chosen
+                 if (cells := _judged(bag, stamp, odometry, surface, limits.step_m)) is not None]
+    if not parts:
+        raise EvaluationError(f'{path}: no map holds a known cell')
+    every = _Cells(*(np.concatenate(values) for values in zip(*parts)))
+    if output is not None:
+        _plot(parts[-1], output)
+    bins = tuple(_rates(every, low, high) for low, high in zip(DISTANCES_M, DISTANCES_M[1:]))
+    return MapEvaluation(len(parts), _rates(every, 0.0, NEAR_M), bins, limits.step_m,
+                         float(np.median(every.error_m)), nodes.render.sun.elevation_deg)
+
+
+def _judged(bag: Bag, stamp: int, odometry: series.Odometry, surface: TrueSurface,
+            rock_m: float) -> _Cells | None:
+    """Judge the map of one stamp; None where it knows nothing."""
+    cloud = next((m for _, _, m in bag.messages([bag.resolve(topics.ELEVATION.name)], stamp,
+                                                stamp + 1)), None)
+    grid = next((m for _, _, m in bag.messages([bag.resolve(topics.TRAVERSABILITY.name)], stamp,
+                                               stamp + 1)), None)
+    if cloud is None or grid is None or not cloud.width or header_ns(grid) != stamp:
+        return None
+    points = np.frombuffer(bytes(cloud.data), '<f4').reshape(-1, 4).astype(float)
+    # Cells of the same raster in every map.
+    places = np.floor(points[:, :2] / CELL_M).astype(int)
+    corner = places.min(axis=0) - 1
+    shape = tuple((places.max(axis=0) - corner + 2)[::-1])
+    flat = np.ravel_multi_index(tuple((places - corner).T[::-1]), shape)
+    count = np.bincount(flat, minlength=shape[0] * shape[1]).reshape(shape)
+    height = np.bincount(flat, points[:, 2], shape[0] * shape[1]).reshape(shape)
+    # Of nine cells of 5 cm at least five are known.
+    known = count >= 0.5 * (CELL_M / grid.info.resolution) ** 2
+    if not known.any():
+        return None
+    rows, columns = np.nonzero(known)
+    low = (np.stack([columns, rows], axis=-1) + corner) * CELL_M
+    inside = (np.arange(_SAMPLES) + 0.5) * CELL_M / _SAMPLES
+    offsets = np.stack(np.meshgrid(inside, inside), axis=-1).reshape(-1, 2)
+    true, rise = surface.heights(low[:, None] + offsets)
+    is_rock = np.zeros(shape, bool)
+    is_rock[rows, columns] = rise.max(axis=1) > rock_m
+    is_flagged = _flags(grid, corner, shape)
+    k = max(int(np.searchsorted(odometry.stamps_ns, stamp, side='right')) - 1, 0)
+    centre = low + 0.5 * CELL_M
+    distance = np.linalg.norm(centre - odometry.positions_m[k, :2], axis=1)
+    error = height[rows, columns] / count[rows, columns] - true.mean(axis=1)
+    fine = np.isfinite(error)
+    return _Cells(*(values[fine] for values in (
+        distance, error, is_flagged[rows, columns], is_rock[rows, columns],
+        _grown(is_flagged)[rows, columns], _grown(is_rock)[rows, columns], centre)))
+
+
+def _flags(grid: Any, corner: NDArray[np.integer], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return which cells hold a place that is not to be crossed."""
+    info = grid.info
+    cost = np.asarray(grid.data, np.int8).reshape(info.height, info.width)
+    rows, columns = np.nonzero(cost >= LETHAL)
+    x = info.origin.position.x + (columns + 0.5) * info.resolution
+    y = info.origin.position.y + (rows + 0.5) * info.resolution
+    place = np.floor(np.stack([y, x], axis=-1) / CELL_M).astype(int) - corner[::-1]
+    inside = np.all((place >= 0) & (place < shape), axis=1)
+    flags = np.zeros(shape, bool)
+    flags[tuple(place[inside].T)] = True
+    return flags
+
+
+def _grown(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the flags and the cells beside them."""
+    padded = np.pad(flags, 1)
+    n, m = flags.shape
+    grown = np.zeros_like(flags)
+    for row in range(3):
+        for column in range(3):
+            grown |= padded[row:row + n, column:column + m]
+    return grown
+
+
+def _rates(cells: _Cells, low_m: float, high_m: float) -> Rates:
+    here = (cells.distance_m >= low_m) & (cells.distance_m < high_m)
+    count = int(np.count_nonzero(here))
+    nan = float('nan')
+    if not count:
+        return Rates(low_m, high_m, 0, nan, nan, nan, nan)
+    error = cells.error_m[here]
+    flagged, rock = here & cells.flagged, here & cells.rock
+
+    def share(of: NDArray[np.bool_], with_: NDArray[np.bool_]) -> float:
+        total = int(np.count_nonzero(of))
+        return float(np.count_nonzero(of & with_) / total) if total else nan
+    return Rates(low_m, high_m, count, float(np.sqrt(np.mean(error ** 2))),
+                 float(np.median(np.abs(error))), share(flagged, cells.beside_rock),
+                 share(rock, cells.beside_flag))
+
+
+def _plot(cells: _Cells, path: Path) -> None:
+    figure = Figure(figsize=(11.0, 5.0), layout='constrained')
+    left, right = figure.subplots(1, 2)
+    shown = left.scatter(*cells.centre_m.T, c=100.0 * cells.error_m, s=9, marker='s', vmin=-5.0,
+                         vmax=5.0, cmap='coolwarm')
+    figure.colorbar(shown, ax=left, label='error of the elevation [cm]')
+    colour = np.where(cells.rock & cells.beside_flag, 'tab:green',
+                      np.where(cells.rock, 'tab:red',
+                               np.where(cells.flagged, 'tab:orange', '0.85')))
+    right.scatter(*cells.centre_m.T, c=colour, s=9, marker='s')
+    right.set_title('rocks: green found, red missed; orange: flagged without one', fontsize=9)
+    for axes in (left, right):
+        axes.set(aspect='equal', xlabel='x, east [m]', ylabel='y, north [m]')
+    save_figure(figure, path, EvaluationError)

@@ -1,0 +1,290 @@
+"""Drives to a goal without ROS: physics, seen depth, map and navigator in one loop.
+
+A command is made from the map and the pose that a graph in lockstep has at that time: maps are
+`MAP_LAG_S` old.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+
+from lunar_rover_sim.errors import PhysicsError
+from lunar_rover_sim.evaluation.true_surface import TrueSurface
+from lunar_rover_sim.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
+from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.navigation.config import MapConfig, TRUTH, WHEELS
+from lunar_rover_sim.navigation.elevation_map import ElevationMap
+from lunar_rover_sim.navigation.navigator import ARRIVED, FAILED, Navigator, TILT
+from lunar_rover_sim.navigation.planner import Planner
+from lunar_rover_sim.navigation.poses import LevelledWheels
+from lunar_rover_sim.navigation.traversability import Limits, traversability, Traversability
+from lunar_rover_sim.path_following.driver import DONE, Driver, STOPPED
+from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.state import RoverState
+from lunar_rover_sim.physics.tip_over import TipOver
+from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.sensors.imu import ImuNoise
+from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry
+from lunar_rover_sim.studies.seen_depth import SeenDepth
+from lunar_rover_sim.studies.walking import STATE_PERIOD_S
+from lunar_rover_sim.world.model import World
+
+SEEN, KNOWN, BLIND = 'seen', 'known', 'blind'   # drives by what it sees, by the true map, by none
+DRIVERS = (SEEN, KNOWN, BLIND)
+ARRIVED_WRONG = 'arrived elsewhere'     # by its estimate it has arrived, in truth it has not
+TIME_OVER, TIPPED = 'time over', 'tipped over'
+
+MAP_LAG_S = 0.2
+DEPTH_HZ = 3
+_COMMAND_PERIODS = 10           # of the controller: 20 Hz
+_GOAL_SLACK_M = 0.3             # beyond the tolerance, by which the true goal may be missed
+_CLOSE_M = 0.3                  # belly contacts nearer in time than this [s] are one
+_KNOWN_MARGIN_M = 6.0           # of the true map around start and goal
+
+
+@dataclasses.dataclass(frozen=True)
+class GoalDrive:
+    """One drive to one goal.
+
+    Attributes:
+        driver: seen, known or blind.
+        pose: truth, wheels or drift=SHARE.
+        outcome: arrived, arrived elsewhere, tipped over, time over, or why it gave up.
+        time_s: Of the drive.
+        way_m: Driven.
+        shortest_m: Of the plan over the true map from the start; NaN where there is none.
+        goal_error_m: True distance to the goal at the end.
+        pose_error_m: Distance of the estimated from the true position at the end.
+        belly_contacts: Times that the chassis has met a rock.
+        backed_off: Times that it has backed off.
+        energy_j: Drawn from the supply.
+        tilt_max_deg: Greatest tilt.
+        path_m: (n, 2) at 5 Hz.
+    """
+
+    seed: int
+    driver: str
+    pose: str
+    goal_m: tuple[float, float]
+    outcome: str
+    time_s: float
+    way_m: float
+    shortest_m: float
+    goal_error_m: float
+    pose_error_m: float
+    belly_contacts: int
+    backed_off: int
+    energy_j: float
+    tilt_max_deg: float
+    path_m: Array
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is at the true goal."""
+        return self.outcome == ARRIVED
+
+
+class Estimate:
+    """The pose by which a rover drives, from states of the simulation.
+
+    Args:
+        pose: truth; wheels, with pitch and roll of the IMU; or drift=SHARE, the truth with a
+            position that walks off by that share of the way (one standard deviation after a
+            metre), and a heading that walks off with it by a radian per metre of error.
+    """
+
+    def __init__(self, pose: str, scenario: Scenario, start: RoverState, seed: int) -> None:
+        self._pose = pose
+        self._share = float(pose.partition('=')[2]) if pose.startswith('drift=') else 0.0
+        self._rng = np.random.default_rng([seed, 47])
+        self._off, self._before = np.eye(4), start.T_world_base
+        self._start = start.T_world_base
+        physics = scenario.physics_node
+        self._wheels = WheelOdometry(scenario.rover, physics.wheel_odometry.counts_per_turn,
+                                     Rolling.of(physics.wheel_odometry, physics.ground.name))
+        self._levelled = LevelledWheels()
+        self._imu = ImuNoise(physics.imu, 1.0 / STATE_PERIOD_S, self._rng)
+
+    def add(self, state: RoverState) -> None:
+        """Take in the next state."""
+        if self._pose == WHEELS:
+            sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
+            self._levelled.add_imu(state.stamp_ns, sample.rate, sample.specific_force)
+            self._wheels.add(state.joint_angle_rad, STATE_PERIOD_S)
+        elif self._share:
+            T = state.T_world_base
+            way = math.sqrt(float(np.linalg.norm(T[:3, 3] - self._before[:3, 3])))
+            yaw = self._share * way * self._rng.standard_normal()
+            c, s = math.cos(yaw), math.sin(yaw)
+            turn = np.eye(4)
+            turn[:2, :2] = [[c, -s], [s, c]]
+            turn[:2, 3] = self._share * way * self._rng.standard_normal(2)
+            # About the present place.
+            about = np.eye(4)
+            about[:3, 3] = T[:3, 3]
+            back = np.eye(4)
+            back[:3, 3] = -T[:3, 3]
+            self._off = self._off @ about @ turn @ back
+            self._before = T
+
+    def T_world_base(self, state: RoverState) -> Array:
+        """Return the estimated pose (4, 4) at the newest state."""
+        if self._pose == WHEELS:
+            return self._levelled.base(self._wheels.pose, self._start)
+        return self._off @ state.T_world_base
+
+
+class BellyContacts:
+    """Counts how often the chassis meets rocks."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        model = simulation.model
+        self._data = simulation.data
+        self._chassis = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, CHASSIS_GEOM)
+        self._is_rock = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+        self._last_s = -math.inf
+        self.count = 0
+
+    def add(self, time_s: float) -> None:
+        """Look at the present contacts."""
+        geoms = self._data.contact.geom
+        if not len(geoms):
+            return
+        of_chassis = geoms[(geoms == self._chassis).any(axis=1)]
+        if len(of_chassis) and self._is_rock[of_chassis].any():
+            if time_s - self._last_s > _CLOSE_M:
+                self.count += 1
+            self._last_s = time_s
+
+
+def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driver: str,
+             pose: str = TRUTH, limit_s: float = 400.0, seed: int | None = None,
+             watch: Callable[[RoverState, Traversability | None, Navigator | None], object]
+             | None = None) -> GoalDrive:
+    """Drive once, from the start of the scenario to a goal [m].
+
+    Args:
+        driver: seen, known or blind: a straight route that avoids nothing.
+        pose: As `Estimate`.
+        limit_s: Simulated time after which the drive ends.
+        seed: Of the noise; None: that of the scenario.
+        watch: Called with state, map and navigator of each command.
+    """
+    noise_seed = scenario.shared.seed if seed is None else seed
+    surface = TrueSurface(world)
+    limits = Limits.of(scenario.rover, scenario.mapping_node.limits)
+    nav = dataclasses.replace(scenario.navigator_node, has_goal=True, goal_x_m=goal_m[0],
+                              goal_y_m=goal_m[1], waypoints_x_m=(), waypoints_y_m=())
+    middle = 0.5 * np.array(goal_m)
+    size = float(np.abs(goal_m).max()) + 2.0 * _KNOWN_MARGIN_M
+    size = min(2.0 * world.ground.half_extent_m, 2.0 * math.ceil(0.5 * size))
+    truth = traversability(surface.elevation(middle, size, scenario.mapping_node.map.cell_m),
+                           limits)
+    shortest = Planner(truth, nav.plan, limits.half_width_m, (0.0, 0.0)).plan(goal_m)
+    with Simulation(world, scenario.rover, scenario.physics_node) as simulation:
+        controller = GaitController.from_scenario(scenario)
+        steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
+        state = simulation.state
+        estimate = Estimate(pose, scenario, state, noise_seed)
+        belly, tip, motor = BellyContacts(simulation), TipOver(), scenario.rover.motor
+        navigator = Navigator(nav, limits.half_width_m, world.ground.half_extent_m)
+        eyes = Eyes(scenario, world, noise_seed, pose) if driver == SEEN else None
+        straight = Driver(dataclasses.replace(
+            scenario.drive_node, mode='waypoints', shape='none', relative=False, laps=1,
+            waypoints_x_m=(goal_m[0],), waypoints_y_m=(goal_m[1],),
+            goal_tolerance_m=nav.goal_tolerance_m), world.ground.half_extent_m)
+        outcome, path, energy, tilt, backed_off, velocity = TIME_OVER, [], 0.0, 0.0, 0, (0.0, 0.0)
+        T = estimate.T_world_base(state)
+        try:
+            for k in range(round(limit_s / STATE_PERIOD_S)):
+                if k % _COMMAND_PERIODS == 0:
+                    T = estimate.T_world_base(state)
+                    quaternion, position = wxyz_from_matrix(T[:3, :3]), T[:3, 3]
+                    grid: Traversability | None = None
+                    if driver == BLIND:
+                        told = straight.update(state.stamp_ns, position, quaternion)
+                        velocity = told.forward_mps, told.yaw_rate_radps
+                        if told.status in (DONE, STOPPED):
+                            outcome = ARRIVED if told.status == DONE else told.reason.split()[0]
+                            break
+                    else:
+                        grid = (dataclasses.replace(truth, stamp_ns=state.stamp_ns)
+                                if eyes is None else eyes.grid(state, T))
+                        command = navigator.update(state.stamp_ns, state.stamp_ns, position,
+                                                   quaternion, grid)
+                        velocity = command.forward_mps, command.yaw_rate_radps
+                        backed_off += sum(n.startswith('backs off') for n in navigator.notes)
+                        if watch is not None:
+                            watch(state, grid, navigator)
+                        navigator.notes.clear()
+                        if command.status in (ARRIVED, FAILED):
+                            outcome = command.failure or ARRIVED
+                            break
+                    if k % 40 == 0:
+                        path.append(state.position_m[:2])
+                controller.set_velocity(*velocity, state.stamp_ns)
+                legs = controller.update(state.stamp_ns, state.joint_angle_rad,
+                                         state.joint_velocity_radps)
+                simulation.command(legs.velocity_radps)
+                state = simulation.advance(steps)
+                estimate.add(state)
+                belly.add(state.stamp_ns * 1e-9)
+                energy += STATE_PERIOD_S * sum(
+                    max(motor.electric_power_w(torque, speed), 0.0) for torque, speed in
+                    zip(state.motor_torque_nm.tolist(), state.joint_velocity_radps.tolist()))
+                if tip.has_begun(state.orientation_wxyz):
+                    outcome = TIPPED
+                    break
+                tilt = max(tilt, tip.tilt_deg)
+        except PhysicsError as error:
+            outcome = str(error)
+        off = float(np.linalg.norm(state.position_m[:2] - goal_m))
+        if outcome == ARRIVED and off > nav.goal_tolerance_m + _GOAL_SLACK_M:
+            outcome = ARRIVED_WRONG
+        if outcome == TILT and tip.lies:
+            outcome = TIPPED
+        return GoalDrive(
+            scenario.shared.seed, driver, pose, goal_m, outcome, state.stamp_ns * 1e-9,
+            path_length(np.array(path)) if len(path) > 1 else 0.0,
+            shortest.length_m if shortest is not None and shortest.reaches_goal else math.nan,
+            off, float(np.linalg.norm(T[:2, 3] - state.position_m[:2])), belly.count, backed_off,
+            energy, tilt, np.array(path).reshape(-1, 2))
+
+
+class Eyes:
+    """What a rover sees and maps of a world, with the delay that it has in a graph."""
+
+    def __init__(self, scenario: Scenario, world: World, seed: int, pose: str) -> None:
+        config = scenario.mapping_node
+        self._seen = SeenDepth(world, scenario.rover, scenario.render_node.camera,
+                               scenario.render_node.sun, seed)
+        self._config: MapConfig = config.map
+        # The errors are those of the real images: here a pixel is as many of them.
+        self._baseline_m = self._seen.real_baseline_m
+        self.map = ElevationMap(config.map.by_pose(pose))
+        self._limits = Limits.of(scenario.rover, config.limits)
+        self._fill = config.limits.fill_cells
+        self._made: deque[Traversability] = deque()
+        self._newest: Traversability | None = None
+        self._next_ns = 0
+
+    def grid(self, state: RoverState, T_estimate: Array) -> Traversability | None:
+        """Look if it is time to; return the newest map that has arrived."""
+        now = state.stamp_ns
+        if now >= self._next_ns:
+            self._next_ns += round(1e9 / DEPTH_HZ)
+            depth = self._seen.look(se3(matrix_from_wxyz(state.orientation_wxyz),
+                                        state.position_m), self._config.max_range_m)
+            self.map.add_depth(now, depth, self._seen.K, self._baseline_m,
+                               T_estimate @ self._seen.T_base_camera, T_estimate[:3, 3])
+            self._made.append(traversability(self.map.elevation(), self._limits, self._fill))
+        while self._made and now - self._made[0].stamp_ns >= MAP_LAG_S * 1e9:
+            self._newest = self._made.popleft()
+        return self._newest

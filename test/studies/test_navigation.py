@@ -1,0 +1,75 @@
+"""A rover that sees drives around a rock on which a blind one hangs; cases, store, report."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import worlds
+
+from lunar_rover_sim.errors import ConfigError, StudyError
+from lunar_rover_sim.navigation.navigator import ARRIVED
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.studies.navigation import Case, cases, DriveStore, report_text, write_all
+from lunar_rover_sim.studies.navigation_drives import BLIND, drive_to, KNOWN, SEEN
+from lunar_rover_sim.world.rocks import Rocks
+
+
+@pytest.fixture(scope='module')
+def drives():
+    """Return drives of those who see and who are blind, to a goal behind a rock."""
+    scenario = Scenario.load('flat')
+    world = worlds.small(1, **worlds.BARE)
+    rocks, shapes = worlds.small(3).rocks, worlds.small(3).rock_shapes
+    size = int(np.argmin(np.abs(rocks.size_classes_m - 0.35)))
+    one = Rocks(np.zeros(1, np.int32), np.full(1, size, np.int32), np.array([[1.3, 0.0, 0.06]]),
+                np.array([[1.0, 0.0, 0.0, 0.0]]), np.ones(1, np.float32), rocks.size_classes_m)
+    world = dataclasses.replace(world, rocks=one, rock_shapes=shapes)
+    return {driver: drive_to(scenario, world, (2.6, 0.0), driver, limit_s=60.0)
+            for driver in (SEEN, BLIND)}
+
+
+def test_who_sees_arrives_and_who_is_blind_does_not(drives):
+    seen, blind = drives[SEEN], drives[BLIND]
+    assert seen.arrived and seen.belly_contacts == 0 and seen.goal_error_m < 0.3
+    assert 1.0 < seen.way_m / 2.6 < 1.5 and seen.shortest_m > 2.6
+    assert np.hypot(*(seen.path_m - (1.3, 0.0)).T).min() > 0.25
+    assert not blind.arrived or blind.belly_contacts > 0 or blind.tilt_max_deg > 15.0
+
+
+def test_cases_come_seed_by_seed_and_the_sun_is_for_those_who_see():
+    found = cases(['baseline'], [3.0, 6.0], [SEEN, KNOWN], ['truth', 'wheels'], [1, 2])
+    assert len(found) == 2 * (4 + 1)
+    assert [case.seed for case in found] == sorted(case.seed for case in found)
+    assert {case.pose for case in found if case.driver == KNOWN} == {'truth'}
+
+
+def test_the_store_keeps_drives_and_refuses_other_settings(drives, tmp_path):
+    case = Case('flat', 6.0, SEEN, 'drift=0.02', 1)
+    store = DriveStore(tmp_path / 'study', 'settings', resume=False)
+    assert store.load(case) is None
+    store.save(case, drives[SEEN])
+    again = DriveStore(tmp_path / 'study', 'settings', resume=True).load(case)
+    assert again is not None and again.outcome == ARRIVED
+    assert dataclasses.replace(again, path_m=0) == dataclasses.replace(drives[SEEN], path_m=0)
+    with pytest.raises(StudyError, match='other settings'):
+        DriveStore(tmp_path / 'study', 'others', resume=True)
+    with pytest.raises(ConfigError, match='exists'):
+        DriveStore(tmp_path / 'study', 'settings', resume=False)
+
+
+def test_the_report_counts_and_compares(drives, tmp_path):
+    many = {}
+    for seed in range(1, 7):
+        many[Case('flat', 6.0, SEEN, 'truth', seed)] = drives[SEEN]
+        many[Case('flat', 6.0, BLIND, 'truth', seed)] = dataclasses.replace(
+            drives[BLIND], outcome='stuck')
+    text = report_text(many, 2.6)
+    assert '| flat | 6 | seen | truth | 6 | 100 [61, 100] |' in text
+    assert '6 stuck' in text
+    assert 'against blind: n = 6, effect -1.00, p = 0.031: a difference is shown.' in text
+    write_all(many, 2.6, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {'navigation.md', 'navigation.csv',
+                                                          'navigation.png'}
+    assert len((tmp_path / 'navigation.csv').read_text().splitlines()) == 13
