@@ -136,6 +136,8 @@ class NavigatorConfig(Parameters):
     look_s: float = param(1.5, 'time that it looks', unit='s', low=0.1, high=60.0)
     tilt_limit_deg: float = param(28.0, 'tilt at which it backs off', unit='deg', low=5.0,
                                   high=89.0)
+    tilt_time_s: float = param(0.6, 'time for which that tilt must last: a step rocks the body',
+                               unit='s', low=0.0, high=10.0)
     tipped_deg: float = param(65.0, 'tilt at which it gives up', unit='deg', low=10.0, high=180.0)
     stuck_time_s: float = param(8.0, 'time without motion after which it backs off', unit='s',
                                 low=0.5, high=600.0)

@@ -146,6 +146,7 @@ class Navigator:
         self._recoveries = 0
         self._best_m, self._best_ns, self._recovered_m = math.inf, self._now_ns, math.inf
         self._missing_ns: int | None = None
+        self._level_ns = self._now_ns
 
     def update(self, stamp_ns: int, pose_ns: int | None, position_m: ArrayLike,
                orientation_wxyz: ArrayLike, grid: Traversability | None) -> NavigatorCommand:
@@ -188,7 +189,9 @@ class Navigator:
             return reached
         if self._back is not None:
             return self._go_back(position, heading)
-        if tilt > self._config.tilt_limit_deg:
+        if tilt <= self._config.tilt_limit_deg:
+            self._level_ns = self._now_ns
+        elif self._now_ns - self._level_ns >= self._config.tilt_time_s * 1e9:
             return self._recover(TILT, f'tilted by {tilt:.0f} deg', position)
         if self._is_stuck():
             return self._recover(STUCK, f'moved less than {self._config.stuck_distance_m:g} m in '
@@ -312,6 +315,7 @@ class Navigator:
             return NavigatorCommand(_BACK_MPS, 0.0, BACKING, text)
         self._back = self._planned_ns = self.plan = self._pursuit = None
         self._history.clear()
+        self._level_ns = self._now_ns
         return _still(FOLLOWING, 'plans again')
 
     # Looking

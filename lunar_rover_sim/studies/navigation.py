@@ -19,8 +19,7 @@ from lunar_rover_sim.evaluation.statistics import Comparison, Mean, Share
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.paths import make_new_folder
-from lunar_rover_sim.files.wording import markdown_table
+from lunar_rover_sim.files.paths import make_new_folder, markdown_table
 from lunar_rover_sim.navigation.config import TRUTH
 from lunar_rover_sim.navigation.planner import Planner
 from lunar_rover_sim.navigation.traversability import Limits, traversability
