@@ -43,7 +43,7 @@ class ChaseLensConfig(LensConfig):
     """The same lens behind a deep hood: the camera shows the rover, not its own stray light."""
 
     hood_deg: float = param(
-        0.0, 'so far beyond the corner of the image the hood hides the sun from the lens',
+        0.0, 'so far beyond the edge of the image the hood hides the sun from the lens',
         unit='deg', low=0.0, high=90.0)
 
 

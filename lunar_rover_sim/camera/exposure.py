@@ -47,11 +47,16 @@ def lamplit_radiance(lamp: LampConfig, ground: ReflectanceConfig) -> float:
                                           albedo=ground.albedo_scale))
 
 
+_KEPT_PERCENT, _KEPT_LEVEL = 99.7, 0.93     # of lit ground; of full scale, below which it is kept
+_STEP_DOWN = 0.6                            # of the exposure while it is not
+
+
 class AutoExposure:
     """Follows the brightness of lit ground, with lag.
 
     The 92nd percentile of the pixels that are not black is brought to twice the target level, at
-    most 0.8 of full scale.
+    most 0.8 of full scale, and the 99.7th one is kept below full scale. Only ground counts: the
+    skyline tells where it is, as a rover's attitude tells a camera its region of interest.
 
     exposure_s: exposure time of the next frame [s]; started: whether `start` was called
     """
@@ -67,28 +72,42 @@ class AutoExposure:
         return min(2.0 * self._sensor.config.target_level, 0.8)
 
     def start(self, radiance: F32) -> None:
-        """Set the first exposure from the (h, w) ideal image [W m-2 sr-1]."""
+        """Set the first exposure from the (h, w) ideal image [W m-2 sr-1], 0 but for the ground.
+        """
         self.started = True
         light = radiance[radiance > 0.0]
         if len(light):
             # The sun is a million times brighter than the ground, but not in many pixels.
             lit = light[light > 0.02 * float(np.percentile(light, 99))]
-            bright = float(np.percentile(lit, 92))
+            bright, brightest = np.percentile(lit, (92, _KEPT_PERCENT))
             self.exposure_s = self._bounded(
-                self.aim * self._sensor.config.full_well_e
-                / (bright * self._sensor.electrons_per_radiance_second))
+                min(self.aim / bright, _KEPT_LEVEL / brightest)
+                * self._sensor.config.full_well_e / self._sensor.electrons_per_radiance_second)
 
-    def follow(self, image: NDArray[Any]) -> None:
-        """Take in an (h, w) image of the sensor, taken with the present exposure."""
+    def follow(self, image: NDArray[Any], ground: NDArray[np.bool_] | None = None) -> None:
+        """Take in an (h, w) image of the sensor, taken with the present exposure.
+
+        Args:
+            image: Its pixels; of colour sensors the mosaic.
+            ground: (h, w) which of them show ground; None: all.
+        """
         c = self._sensor.config
-        # Counts of levels give the percentile ten times as fast as sorting the pixels.
-        counts = np.bincount(image[::2, ::2].ravel(), minlength=np.iinfo(image.dtype).max + 1)
+        # Every third pixel meets all colours of a mosaic. Counts of levels give percentiles ten
+        # times as fast as sorting.
+        pixels = image[::3, ::3]
+        pixels = pixels.ravel() if ground is None else pixels[ground[::3, ::3]]
+        counts = np.bincount(pixels, minlength=np.iinfo(image.dtype).max + 1)
         signal = self._sensor.linear(np.arange(len(counts)).astype(image.dtype))
         counts[signal <= 0.02] = 0
         lit = int(counts.sum())
         # In the dark the exposure grows.
         bright = _quantile(signal, counts, 0.92) if lit > 50 else 0.05
-        wanted = self._bounded(self.exposure_s * self.aim / max(bright, 0.02))
+        factor = self.aim / max(bright, 0.02)
+        if lit > 50:
+            brightest = _quantile(signal, counts, 0.01 * _KEPT_PERCENT)
+            # How far beyond full scale they are is not seen.
+            factor = min(factor, _KEPT_LEVEL / brightest if brightest < 0.99 else _STEP_DOWN)
+        wanted = self._bounded(self.exposure_s * factor)
         self.exposure_s = float(self.exposure_s**c.auto_lag * wanted**(1.0 - c.auto_lag))
 
     def _bounded(self, exposure_s: float) -> float:

@@ -102,17 +102,10 @@ class FisheyeLens(Lens):
         assert isinstance(self.camera, HazardCameraConfig)
         return self.camera
 
-    @property
-    def corner_rad(self) -> float:
-        """Angle between the axis and the farthest light that the image shows."""
-        return float(FisheyeCamera(self._fisheye).angles([-0.5, -0.5]))
-
-    def hood(self, angle_rad: float) -> float:
-        """Return the share of the lens that light from an angle to the axis falls on.
-
-        It is 1 as far as the image shows and falls smoothly to 0 at the hood's angle.
-        """
-        return self._past_hood(angle_rad)
+    def beyond_rad(self, direction: Array) -> float:
+        """Return how far outside the image a (3,) unit vector, camera axes, points [rad]."""
+        corner = float(FisheyeCamera(self._fisheye).angles([-0.5, -0.5]))
+        return math.acos(min(max(float(direction[2]), -1.0), 1.0)) - corner
 
 
 def geometry_of(config: FurtherCameraConfig) -> PinholeCamera | FisheyeCamera:

@@ -73,34 +73,34 @@ class Lens:
             -0.5 * self.config.scatter_exponent)
         return value
 
-    @property
-    def corner_rad(self) -> float:
-        """Angle between the axis and the corner of the image."""
-        camera = self.camera
-        return math.atan(0.5 * math.hypot(camera.width, camera.height) / camera.focal_px)
+    def beyond_rad(self, direction: Array) -> float:
+        """Return how far outside the frame a (3,) unit vector, camera axes, points [rad].
 
-    def hood(self, angle_rad: float) -> float:
-        """Return the share of the lens that light from an angle to the axis falls on.
-
-        It is 1 up to the corner of the image and falls smoothly to 0 at the hood's angle.
+        It is 0 within; the farther of both is that across and that along the columns.
         """
-        return self._past_hood(angle_rad) if angle_rad < 0.5 * math.pi else 0.0
+        camera, (x, y, z) = self.camera, direction
+        if z <= 0.0:
+            return math.inf
+        return max(math.atan2(abs(side), z) - math.atan2(0.5 * pixels, camera.focal_px)
+                   for side, pixels in ((x, camera.width), (y, camera.height)))
 
-    def strays(self, direction: Array) -> bool:
-        """Return whether light from a (3,) unit vector, camera axes, strays in the lens."""
-        angle_rad = math.acos(min(max(float(direction[2]), -1.0), 1.0))
-        return not self.perfect and self.hood(angle_rad) > 0.0
+    def hood(self, direction: Array) -> float:
+        """Return the share of the lens that light from a (3,) unit vector falls on, camera axes.
 
-    def _past_hood(self, angle_rad: float) -> float:
-        """Return the share that the hood lets through, of light from in front of the lens."""
-        width = math.radians(self.config.hood_deg)
-        beyond = angle_rad - self.corner_rad
+        The hood is rectangular as the frame: the share is 1 up to the edge of the image, and falls
+        smoothly to 0 where the hood hides the whole lens.
+        """
+        width, beyond = math.radians(self.config.hood_deg), self.beyond_rad(direction)
         if beyond <= 0.0:
             return 1.0
         if beyond >= width:
             return 0.0
         x = 1.0 - beyond / width
         return x * x * (3.0 - 2.0 * x)
+
+    def strays(self, direction: Array) -> bool:
+        """Return whether light from a (3,) unit vector, camera axes, strays in the lens."""
+        return not self.perfect and self.hood(direction) > 0.0
 
 
 class Glare:

@@ -81,8 +81,7 @@ class StrayLight:
         if sun is None:
             return _veiled(radiance, (stray * self._amplified).astype(np.float32),
                            np.float32(lens.direct_share), _CELL)
-        angle = math.acos(min(max(float(sun.direction[2]), -1.0), 1.0))
-        flux = float(sun.irradiance[side]) * lens.hood(angle) * image.pupil(sun.direction)
+        flux = float(sun.irradiance[side]) * lens.hood(sun.direction) * image.pupil(sun.direction)
         veil = lens.config.veil_share * (1.0 - lens.config.ghost_share)
         stray += flux * veil * image.focal_px**2 / (image.width * image.height)
         stray *= self._amplified

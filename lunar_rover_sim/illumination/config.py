@@ -8,6 +8,7 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.illumination.dates import parse_date
 from lunar_rover_sim.parameters import group, param, Parameters
 
+SETS_OF_SOIL = 'highland', 'forward', 'mare', 'rock', 'basalt'
 OF_WORLD, GIVEN = 'world', 'given'
 # Of the sun: none of a disc of up to 2 deg is above the horizontal. At this elevation it is off.
 LOWEST_DEG = -1.0
@@ -87,9 +88,9 @@ class ReflectanceConfig(Parameters):
     """Kind and brightness of the regolith; the parameter sets are in `hapke`."""
 
     ground: str = param('highland', 'parameter set of the ground',
-                        choices=('highland', 'mare', 'rock', 'basalt'))
+                        choices=SETS_OF_SOIL)
     rocks: str = param('rock', 'parameter set of the rocks',
-                       choices=('highland', 'mare', 'rock', 'basalt'))
+                       choices=SETS_OF_SOIL)
     albedo_scale: float = param(1.0, 'factor on the single-scattering albedo of the ground',
                                 low=0.0, high=3.0)
     colour_spread: float = param(0.012, 'RMS variation of red over green, and of blue the other '

@@ -57,11 +57,15 @@ def hockey_stick(b: float) -> float:
 #   124, 490-499). h_S is the width that makes 41 %. w then gives the reflectance of the median of
 #   their map between 30 S and 30 N (w = 0.385, b = 0.2375, c = 0.325, B_S0 = 1.69, h_S = 0.067),
 #   which is mostly highland, at i = g = 30 deg, e = 0: 0.098.
+# - forward: highland with the lobes turned round, and the w that gives the same reflectance there.
+#   Yutu-2 saw strong forward scattering of undisturbed soil at centimetres (Lin et al., 2020,
+#   Astron. Astrophys. 638, A35); how strong it is here is a choice.
 # Rocks are a choice: less backscattering than mature soil, smooth at the scale of facets, brighter
 # than the soil around them by a tenth (highland) and a fifth (basalt, the rock of the maria).
 SETS: dict[str, HapkeParameters] = {
     'highland': HapkeParameters(w=0.412, b=0.23, c=hockey_stick(0.23), b_s0=1.65, h_s=0.034,
                                 theta_deg=23.4),
+    'forward': HapkeParameters(w=0.522, b=0.23, c=-0.40, b_s0=1.65, h_s=0.034, theta_deg=23.4),
     'mare': HapkeParameters(w=0.222, b=0.254, c=0.160, b_s0=1.993, h_s=0.0597, theta_deg=23.4),
     'rock': HapkeParameters(w=0.455, b=0.26, c=hockey_stick(0.26), b_s0=1.2, h_s=0.06,
                             theta_deg=16.0),

@@ -131,8 +131,8 @@ class RockConfig(Parameters):
     Cumulative fractional area F(>D) = k exp(-q D), the form of Golombek & Rapp (1997), with
     q(k) = 0.5648 + 0.01258 / k as fitted to the Moon by Li & Wu (2018); Di et al. (2016) counted
     k = 0.0125 at the Chang'e-3 site. That form has few stones of 3 to 10 cm; `site` takes the
-    power law that was counted at a Surveyor instead. Rocks rise above the ground by about 0.6 of their
-    diameter or less (Demidov & Basilevsky 2014).
+    power law that was counted at a Surveyor instead. Rocks rise above the ground by about 0.6 of
+    their diameter or less (Demidov & Basilevsky 2014).
     """
 
     site: str = param('', 'number of rocks: as counted at this site (see `rockfield`); empty: '

@@ -163,15 +163,35 @@ def test_following_ends_where_the_bright_end_is_at_the_aim():
 
 @pytest.mark.parametrize('lit,grows', [(50, True), (51, False)])
 def test_in_the_dark_the_exposure_grows(lit, grows):
-    """51 pixels of every second row and column are enough to go by."""
+    """51 pixels of every third row and column are enough to go by."""
     model = sensor(exposure_mode='auto', exposure_s=1e-3, auto_lag=0.0, auto_max_s=10.0)
     auto = AutoExposure(model)
     signal = np.zeros((80, 100))
-    rows, columns = np.divmod(np.arange(lit), 50)
-    signal[2 * rows, 2 * columns] = 0.9
+    rows, columns = np.divmod(np.arange(lit), 30)
+    signal[3 * rows, 3 * columns] = 0.9
     auto.follow(image_of(signal, model))
     level = 0.05 if grows else float(model.linear(image_of(np.array([[0.9]]), model))[0, 0])
     assert auto.exposure_s == pytest.approx(1e-3 * auto.aim / level, rel=1e-4)
+
+
+def test_at_most_half_a_percent_of_the_ground_is_clipped():
+    """Down-sun: a few percent of the ground are several times as bright as the rest.
+
+    The sky, with the sun in it, does not count.
+    """
+    model = sensor(exposure_mode='auto', exposure_s=2e-3, auto_lag=0.6, auto_max_s=1.0)
+    auto = AutoExposure(model)
+    scene = np.random.default_rng(3).uniform(2.0, 4.0, (240, 320))
+    scene[200:, 150:170] *= np.random.default_rng(4).uniform(2.0, 6.0, (40, 20))
+    scene[:60, :100] = 1e4
+    ground = np.ones(scene.shape, bool)
+    ground[:60] = False
+    for _ in range(40):
+        image = image_of(scene * auto.exposure_s * 100.0, model)
+        auto.follow(image, ground)
+    image = image_of(scene * auto.exposure_s * 100.0, model)
+    assert np.mean(image[ground] == 255) < 0.005
+    assert np.percentile(image[ground], 99.9) > 230
 
 
 def test_exposures_of_auto_stay_within_their_bounds():

@@ -73,8 +73,9 @@ def test_the_lens_scatters_its_share() -> None:
     d = np.linspace(0.0, lens.reach, 2_000_001)
     assert np.trapezoid(lens.scatter(d) * 2.0 * np.pi * d, d) == pytest.approx(
         lens.config.scatter_share, rel=1e-3)
-    assert lens.hood(math.radians(92.0)) == 1.0
-    assert lens.hood(math.radians(110.0)) == 0.0
+    for angle_deg, share in ((92.0, 1.0), (110.0, 0.0)):
+        angle = math.radians(angle_deg)
+        assert lens.hood(np.array([0.0, math.sin(angle), math.cos(angle)])) == share
     assert lens.strays(np.array([1.0, 0.0, 0.0])) and not lens.strays(np.array([0.0, 0.0, -1.0]))
 
 

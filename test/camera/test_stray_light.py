@@ -142,10 +142,11 @@ def test_the_default_lens_is_the_measured_one():
 
 def test_the_hood_cuts_smoothly():
     lens = Lens(LensConfig(hood_deg=12.0), CAMERA)
-    angles = lens.corner_rad + np.radians(np.linspace(-5.0, 20.0, 251))
-    shares = np.array([lens.hood(a) for a in angles])
-    assert np.all(shares[angles <= lens.corner_rad] == 1.0)
-    assert np.all(shares[angles > lens.corner_rad + np.radians(12.01)] == 0.0)
+    edge = np.arctan2(0.5 * CAMERA.width, CAMERA.focal_px)
+    angles = edge + np.radians(np.linspace(-5.0, 20.0, 251))
+    shares = np.array([lens.hood(np.array([np.sin(a), 0.0, np.cos(a)])) for a in angles])
+    assert np.all(shares[angles <= edge] == 1.0)
+    assert np.all(shares[angles > edge + np.radians(12.01)] == 0.0)
     assert np.all(np.diff(shares) <= 0.0) and np.abs(np.diff(shares)).max() < 0.02
     sharp = Lens(LensConfig(hood_deg=0.0), CAMERA)
-    assert sharp.hood(sharp.corner_rad + 1e-6) == 0.0
+    assert sharp.hood(np.array([np.sin(edge + 1e-6), 0.0, np.cos(edge + 1e-6)])) == 0.0

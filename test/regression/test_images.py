@@ -44,9 +44,10 @@ def test_lenses_and_their_glare(unchanged: Unchanged) -> None:
             scatter_share=0.05, scatter_exponent=2.0, scatter_core_deg=0.7, veil_share=0.02,
             hood_deg=4.0))):
         lens = Lens(config, camera)
-        arrays |= {f'{name}_shares': [lens.direct_share, lens.scatter_peak, lens.corner_rad],
+        arrays |= {f'{name}_shares': [lens.direct_share, lens.scatter_peak],
                    f'{name}_scatter': lens.scatter(np.linspace(0.0, 2.0, 20)),
-                   f'{name}_hood': [lens.hood(a) for a in np.linspace(0.0, 1.7, 60)],
+                   f'{name}_hood': [lens.hood(np.array([np.sin(a), 0.0, np.cos(a)]))
+                                    for a in np.linspace(0.0, 1.7, 60)],
                    f'{name}_glare': Glare(lens, (5, 8), 12, 96 * 60).of(
                        np.stack([image, image[::-1]]))}
     unchanged(SINGLE, **arrays)
