@@ -55,7 +55,7 @@ class ChaseSensorConfig(SensorConfig):
     exposure_mode: str = param(
         'auto', 'sunlit: once, from the sun and the ground; fixed: exposure_s; '
         'auto: follows the images', choices=('sunlit', 'fixed', 'auto'))
-    target_level: float = param(0.25, 'level that sunlit and auto aim at, of full scale', low=0.01,
+    target_level: float = param(0.10, 'level that sunlit and auto aim at, of full scale', low=0.01,
                                 high=0.95)
 
 

@@ -127,7 +127,7 @@ class Development:
         first = min(lit)
         if self._auto is not None and not self._auto.started:
             self._auto.start(self.inside(np.where(
-                lit[first].depth_m != 0.0, lit[first].radiance, np.float32(0.0))))
+                lit[first].depth_m > 0.0, lit[first].radiance, np.float32(0.0))))
         self.exposure_s = self._next_exposure_s()
         result = {}
         for side, image in lit.items():
@@ -138,7 +138,7 @@ class Development:
                 mean, np.maximum(passed, 1e-9), dtype=np.float32))
             result[side] = self._chip.pixels(passed, side, self.exposure_s, frame_index, tint)
         if self._auto is not None:
-            self._auto.follow(result[first], self.inside(lit[first].depth_m != 0.0))
+            self._auto.follow(result[first], self.inside(lit[first].depth_m > 0.0))
         if self.sensor.config.encoding == 'rgb8':
             return {side: interpolated(pixels) for side, pixels in result.items()}
         return result

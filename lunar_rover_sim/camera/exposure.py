@@ -55,8 +55,8 @@ class AutoExposure:
     """Follows the brightness of lit ground, with lag.
 
     The 92nd percentile of the pixels that are not black is brought to twice the target level, at
-    most 0.8 of full scale, and the 99.7th one is kept below full scale. Only ground counts: the
-    skyline tells where it is, as a rover's attitude tells a camera its region of interest.
+    most 0.8 of full scale, and the 99.7th one is kept below full scale. Only ground counts: no
+    sky, rocks and rover, as if a camera's region of interest followed the scene.
 
     exposure_s: exposure time of the next frame [s]; started: whether `start` was called
     """

@@ -23,7 +23,7 @@ _CELL = 24                  # pixels along a side of a cell
 _NEAR_PX = 32.0, 128.0      # from the sun: within the first, every pixel is computed; beyond, none
 # Ghosts lie on the line from the sun through the middle of the image. Place, over that of the sun,
 # and radius, over the focal length; a choice that looks like pictures, not a certain lens.
-_GHOSTS = ((-1.0, 0.012), (-0.45, 0.03), (0.4, 0.05))
+_GHOSTS = ((-1.0, 0.035), (-0.45, 0.06), (0.4, 0.09))
 
 
 @dataclasses.dataclass

@@ -20,6 +20,9 @@ from lunar_rover_sim.rover.visual import link_poses, visual_parts, VisualPart
 _LUMINANCE = (0.2126, 0.7152, 0.0722)       # of linear red, green, blue (ITU-R BT.709)
 
 
+MAP = 768               # pixels along a side of the map of the shadow of the rover on itself
+
+
 class RoverPass:
     """Draws the rover.
 
@@ -42,12 +45,19 @@ class RoverPass:
         self._arrays: dict[int, moderngl.VertexArray] = {}
         self.programs = [self._load('rover', **self._defines)]
         self._mark = self._load('rover_mark', LINKS=len(self._links))
+        self._own_map = context.depth_texture((MAP, MAP))
+        self._own_map.compare_func, self._own_map.repeat_x = '<=', False
+        self._own_map.repeat_y = False
+        self._own_target = context.framebuffer(depth_attachment=self._own_map)
+        self._depth = load_program(context, 'rover_depth', 'rover_depth', LINKS=len(self._links))
+        self._arrays[self._depth.glo] = context.vertex_array(
+            self._depth, [(self._vertices, '3f 16x 1f 20x', 'a_position', 'a_link')])
 
     def _load(self, fragment: str, **defines: int) -> moderngl.Program:
         program = load_program(self._context, 'rover', fragment, **defines)
         self._arrays[program.glo] = self._context.vertex_array(
-            program, [(self._vertices, '3f 3f 1f 1f 2f', 'a_position', 'a_normal', 'a_albedo',
-                       'a_link', 'a_tint')], skip_errors=True)
+            program, [(self._vertices, '3f 3f 1f 1f 2f 3f', 'a_position', 'a_normal', 'a_albedo',
+                       'a_link', 'a_tint', 'a_gloss')], skip_errors=True)
         return program
 
     def prepare_truth(self) -> None:
@@ -100,6 +110,22 @@ class RoverPass:
                 'u_body_light': (clearance[0], occluder[0], clearance[1], occluder[1]),
                 'u_ground_light': irradiance * surroundings}
 
+    def cast(self, T_world_links: Array, sun_axes: Array, radius_m: float) -> None:
+        """Draw the map of the rover's shadow on itself; another framebuffer is in use afterwards.
+
+        sun_axes: (3, 3) as `rock_shadow.sun_axes`; radius_m: reach of the rover from its base
+        """
+        axes = np.array([[1.0], [1.0], [-1.0]]) * sun_axes / (1.05 * radius_m)
+        self._from_sun = np.eye(4)
+        self._from_sun[:3, :3] = axes
+        self._from_sun[:3, 3] = -axes @ T_world_links[0, :3, 3]
+        self._own_target.use()
+        self._own_target.clear(depth=1.0)
+        self._context.enable_only(self._context.DEPTH_TEST)
+        set_uniform(self._depth, u_links=_columns(T_world_links),
+                    u_from_sun=_columns(self._from_sun[None]))
+        self._arrays[self._depth.glo].render()
+
     def draw(self, T_world_links: Array, light: Uniforms, *, truth: bool = False,
              add: bool = False) -> None:
         """Draw the rover into the framebuffer in use.
@@ -109,7 +135,9 @@ class RoverPass:
         """
         enable(self._context, self._context.DEPTH_TEST, add=add)
         program = self.programs[int(truth)]
-        set_uniform(program, u_links=_columns(T_world_links), **light)
+        self._own_map.use(texture_units.ROVER_OWN)
+        set_uniform(program, u_links=_columns(T_world_links), u_own_map=texture_units.ROVER_OWN,
+                    u_from_sun=_columns(self._from_sun[None]), **light)
         self._arrays[program.glo].render()
 
     def mark(self, T_world_links: Array, depth: moderngl.Texture) -> None:
@@ -126,7 +154,7 @@ class RoverPass:
     def release(self) -> None:
         """Release the GL objects."""
         release_all(*self._arrays.values(), self._vertices, *self.programs,
-                    self._mark)
+                    self._mark, self._depth, self._own_target, self._own_map)
 
 
 def _columns(transforms: Array) -> Array:
@@ -141,15 +169,15 @@ def _box_corners(points: Array) -> Array:
 
 
 def _triangles(part: VisualPart, link: int) -> Array:
-    """Return the (3 f, 10) vertices of a part: position, face normal, grey albedo, link, and the
-    logarithms of red and blue over green.
+    """Return the (3 f, 13) vertices of a part: position, face normal, grey albedo, link, the
+    logarithms of red and blue over green, and gloss.
     """
     corners = part.vertices[part.faces].astype(float)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     grey = float(np.dot(part.albedo, _LUMINANCE))
     red, green, blue = part.albedo
-    rest = np.broadcast_to([grey, float(link), math.log(red / green), math.log(blue / green)],
-                           (len(corners), 3, 4))
+    rest = np.broadcast_to([grey, float(link), math.log(red / green), math.log(blue / green),
+                            *part.gloss], (len(corners), 3, 7))
     return np.concatenate([corners, np.repeat(normal[:, None], 3, axis=1), rest],
-                          axis=2).reshape(-1, 10)
+                          axis=2).reshape(-1, 13)

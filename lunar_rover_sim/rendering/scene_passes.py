@@ -168,6 +168,9 @@ class ScenePasses(GlOwner):
         """Light the ground, and draw rocks and the rover over it, with the truth of pixels."""
         for source, light in zip(self._shared.sources, scene.lights):
             source.set_uniforms(**light.shadow)
+            if light.body is not None:
+                source.body.cast(scene.T_world_links, source.sun_axes,
+                                 source.rover_shadow.radius_m)
         for drawing in scene.drawings:
             for side in drawing.sides:
                 self._look_from(scene, drawing, side)

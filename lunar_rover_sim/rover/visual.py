@@ -26,6 +26,12 @@ CELLS = (0.04, 0.05, 0.11)
 FRAME = (0.35, 0.35, 0.37)
 BLACK = (0.02, 0.02, 0.02)
 RUBBER = (0.06, 0.06, 0.065)
+# Gloss of these: roughness alpha of GGX, reflectance at normal incidence, and how crumpled the
+# surface is, as the usual tilt of its facets. Metals and foil mirror most of their light; paint,
+# rubber and cover glass 4 %. Choices within what such surfaces have.
+GLOSS = {GOLD: (0.22, 0.75, 0.22), ALUMINIUM: (0.38, 0.6, 0.0), WHITE: (0.55, 0.04, 0.0),
+         CELLS: (0.08, 0.04, 0.0), FRAME: (0.45, 0.25, 0.0), BLACK: (0.05, 0.04, 0.0),
+         RUBBER: (0.6, 0.04, 0.0)}
 
 
 class VisualPart(NamedTuple):
@@ -33,13 +39,14 @@ class VisualPart(NamedTuple):
 
     link: base_link or the name of a leg; vertices: (v, 3) float32 in that link's frame [m], leg
     frames at the axle with joint angle 0; faces: (f, 3) int32, counter-clockwise seen from
-    outside; albedo: linear red, green, blue reflectance.
+    outside; albedo: linear red, green, blue reflectance; gloss: as in `GLOSS`.
     """
 
     link: str
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     albedo: tuple[float, float, float]
+    gloss: tuple[float, float, float]
 
 
 @functools.lru_cache(maxsize=2)     # each renderer asks three times
@@ -151,4 +158,4 @@ def _part(link: str, mesh: Mesh, albedo: tuple[float, float, float]) -> VisualPa
     vertices, faces = mesh[0].astype(np.float32), mesh[1].astype(np.int32)
     vertices.setflags(write=False)
     faces.setflags(write=False)
-    return VisualPart(link, vertices, faces, albedo)
+    return VisualPart(link, vertices, faces, albedo, GLOSS[albedo])
