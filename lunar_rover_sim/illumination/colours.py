@@ -43,7 +43,8 @@ _ALBEDO = {
                  .1741, .1788, .1834),
     'mare': (.0648, .0688, .0728, .0770, .0811, .0852, .0894, .0936, .0971, .1005, .1038, .1070,
              .1100, .1130)}
-_KIND = {'highland': 'highland', 'forward': 'highland', 'rock': 'highland', 'mare': 'mare', 'basalt': 'mare'}
+_KIND = {'highland': 'highland', 'forward': 'highland', 'rock': 'highland', 'mare': 'mare',
+         'basalt': 'mare'}
 # Weathering by the solar wind reddens soil (Pieters et al., 2000, Meteorit. Planet. Sci. 35,
 # 1101-1107); faces of rocks have less of it. How much less varies: this share of the soil's slope
 # is a choice.

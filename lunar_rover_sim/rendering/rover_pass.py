@@ -45,9 +45,9 @@ class RoverPass:
         self._arrays: dict[int, moderngl.VertexArray] = {}
         self.programs = [self._load('rover', **self._defines)]
         self._mark = self._load('rover_mark', LINKS=len(self._links))
+        self._from_sun = np.eye(4)      # as `cast` draws the map
         self._own_map = context.depth_texture((MAP, MAP))
-        self._own_map.compare_func, self._own_map.repeat_x = '<=', False
-        self._own_map.repeat_y = False
+        self._own_map.repeat_x = self._own_map.repeat_y = False
         self._own_target = context.framebuffer(depth_attachment=self._own_map)
         self._depth = load_program(context, 'rover_depth', 'rover_depth', LINKS=len(self._links))
         self._arrays[self._depth.glo] = context.vertex_array(

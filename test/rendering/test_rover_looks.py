@@ -26,7 +26,7 @@ def looked_at(azimuth_deg, sun_azimuth_deg, sun_elevation_deg=25.0):
 
 
 def test_the_mast_shades_the_deck():
-    """With the sun ahead it lies along the deck; with the sun overhead only that of the head is left."""
+    """With the sun ahead it lies along the deck; overhead the head still shades a bit of it."""
     ahead, above = looked_at(90.0, 0.0), looked_at(90.0, 0.0, 90.0)
     for frame, least, most in ((ahead, 0.03, 0.5), (above, 0.0, 0.12)):
         deck = (frame.label == 2) & (frame.normal[..., 2] > 0.99)

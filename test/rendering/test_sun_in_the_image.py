@@ -190,10 +190,10 @@ def test_glare_from_beyond_the_frame_dies_out_at_the_hood(hooded):
         assert seen(hooded, pose) == 0.0
         shares.append(lens.hood(optical(hooded, pose)))
         levels.append(glare(hooded, pose)[0])
-    assert shares[0] == 1.0 and shares[-1] == 0.0 and len(set(shares)) >= 6
+    assert shares[0] > 0.85 and shares[-1] == 0.0 and len(set(shares)) >= 5
     levels = np.array(levels) - levels[-1]
     assert np.all(np.diff(levels) <= 1e-4) and levels[0] > 0.05
-    assert levels[1:] / levels[0] == pytest.approx(np.array(shares[1:]), abs=0.2)
+    assert levels[1:] / levels[0] == pytest.approx(np.array(shares[1:]) / shares[0], abs=0.2)
 
 
 def test_a_rock_hides_a_sun_beyond_the_frame(hooded):
@@ -216,7 +216,7 @@ def test_a_sun_below_the_horizon_changes_nothing():
 
 
 def test_automatic_exposure_when_the_sun_comes_into_the_image():
-    """The ground decides: the sun and what it saturates are few pixels; the veil counts a bit."""
+    """The ground decides, and the veil over it: hardly any of it is clipped."""
     sensor = dataclasses.replace(EVEN, exposure_mode='auto', auto_lag=0.5, auto_max_s=0.1)
     exposures = []
     with Renderer(scene.plane(n=257, far=False), scene.ROVER,
@@ -227,6 +227,6 @@ def test_automatic_exposure_when_the_sun_comes_into_the_image():
             saturated = (frame.left == 65535).mean()
             assert (saturated > 0.0) == (abs(yaw) < 50.0) and saturated < 0.1
     settled = np.array(exposures)[5::6]
-    assert settled.max() < 2.5 * settled.min()
+    assert settled.max() < 4.0 * settled.min()
     steps = np.abs(np.diff(np.log(exposures)))
     assert steps.max() < np.log(2.0)
