@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
 from xml.etree import ElementTree
 
+import camera_scene as scene
 import mujoco
 import numpy as np
 import pytest
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig, ChaseMount
+from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.rendering.config import RenderConfig
+from lunar_rover_sim.rendering.labels import class_names, LABEL_ROVER, link_label, rover_links
+from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.mjcf import rover_spec
+from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import link_poses, visual_parts
@@ -106,3 +116,44 @@ def test_it_stands_walks_at_the_commanded_speed_and_turns():
         turned = walk(simulation, controller, 9.0, lambda gait, stamp_ns: gait.set_velocity(
             0.0, 0.15, stamp_ns))
         assert turned.mean_velocity(3.0, 9.0)[1] == pytest.approx(0.15, abs=0.0225)
+
+
+def test_a_camera_beside_it_sees_each_leg() -> None:
+    """From both sides together; labels name the legs one by one."""
+    config = RenderConfig(camera=CameraConfig(width=64, height=48), detail=scene.SMOOTH,
+                          sun=SunConfig(azimuth_deg=-60.0, elevation_deg=30.0))
+    chase = ChaseConfig(camera=ChaseCameraConfig(width=320, height=180), distance_m=0.9,
+                        azimuth_deg=0.0, elevation_deg=25.0)
+    state = RoverPose(scene.pose(0.0, 0.0, 0.12, 10.0), np.linspace(0.0, 1.5, 6))
+    seen = set[int]()
+    with Renderer(scene.plane(), ROVER, config) as renderer:
+        for azimuth_deg in (70.0, -70.0):
+            mount = ChaseMount(dataclasses.replace(chase, azimuth_deg=azimuth_deg), -60.0,
+                               renderer.world)
+            mount.follow(state)
+            frame = renderer.add_camera(chase, mount).render(state, 0, ('label', 'depth'))
+            label = frame.label
+            assert label is not None and frame.depth_m is not None
+            seen |= set(np.unique(label).tolist())
+            assert 0.3 < frame.depth_m[rover_links(label)].min() < 0.9
+    assert {LABEL_ROVER, *(link_label(1 + k) for k in range(6))} <= seen
+    names = class_names(0, LEGS)
+    assert names[link_label(3)] == f'rover {LEGS[2]} leg'.replace('_', ' ')
+
+
+def test_its_stage_has_six_motors(tmp_path: Path) -> None:
+    """A USD of it weighs what MuJoCo weighs, and each axle is where MuJoCo has it."""
+    pytest.importorskip('pxr')
+    from pxr import Usd, UsdPhysics
+
+    from lunar_rover_sim.usd.rover_stage import write_rover
+    stage = Usd.Stage.Open(str(write_rover(ROVER, tmp_path / 'hexapod.usda')))
+    model = rover_spec(ROVER).compile()
+    masses = [UsdPhysics.MassAPI(stage.GetPrimAtPath(f'/Rover/{name}')).GetMassAttr().Get()
+              for name in ('base_link', *LEGS)]
+    assert sum(masses) == pytest.approx(ROVER.total_mass_kg)
+    for leg in LEGS:
+        joint = UsdPhysics.RevoluteJoint.Get(stage, f'/Rover/joints/{leg}_joint')
+        assert np.allclose(joint.GetLocalPos0Attr().Get(), model.body(leg).pos, atol=1e-7)
+        assert UsdPhysics.DriveAPI(joint.GetPrim(), 'angular').GetMaxForceAttr().Get() == \
+            pytest.approx(ROVER.motor.leg_stall_torque_nm)
