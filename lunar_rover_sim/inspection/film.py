@@ -25,7 +25,7 @@ from lunar_rover_sim.bag.ground_points import changes_of
 from lunar_rover_sim.bag.messages import header_ns, joint_order, odometry_row, xyz
 from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.totals import recorded_factor, simulated_end_ns
-from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount, SAMPLES
+from lunar_rover_sim.camera.chase import ChaseConfig, ChaseMount
 from lunar_rover_sim.errors import BagError, ConfigError, WorldError
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, se3
 from lunar_rover_sim.illumination.sun_of_date import sun_of_date
@@ -277,7 +277,7 @@ class FilmOptions:
     start_s: float | None = None
     end_s: float | None = None
     bare: bool = False
-    samples: int = SAMPLES
+    samples: int = 1
 
     def __post_init__(self) -> None:
         low, high = WIDTHS

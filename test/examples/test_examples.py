@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from pathlib import Path
+import struct
 from types import ModuleType
 from typing import Any
 
@@ -14,11 +16,13 @@ import numpy as np
 import pytest
 import synthetic_bag
 
-from lunar_rover_sim import Scenario
+from lunar_rover_sim import open_bag, Scenario
+from lunar_rover_sim.sequences.export import export
 
 FOLDER = Path(__file__).parents[2] / 'examples'
 TESTED = {'step_and_draw', 'record_and_read', 'frames_as_numpy', 'own_scenario', 'own_controller',
-          'own_sensor', 'own_estimator', 'sweep_with_dask', 'live_view'}
+          'own_sensor', 'own_estimator', 'sweep_with_dask', 'live_view', 'teleop',
+          'table_in_short', 'pytorch_shards'}
 
 
 def example(name: str) -> ModuleType:
@@ -108,3 +112,45 @@ def test_sweep_with_dask() -> None:
 def test_live_view() -> None:
     matplotlib.use('Agg')
     assert example('live_view').main(0.4) == 2
+
+
+def test_table_in_short(capsys: pytest.CaptureFixture[str]) -> None:
+    errors_mm = example('table_in_short').main(0.5)
+    assert list(errors_mm) == ['baseline', 'feature_sparse', 'low_albedo']
+    assert all(0.0 < error < 20.0 for error in errors_mm.values())
+    assert capsys.readouterr().out.count('\n') == 5
+
+
+def test_pytorch_shards(tmp_path: Path) -> None:
+    """Images and depths of one sample come together; without PyTorch, one by one."""
+    bag = synthetic_bag.write(tmp_path / 'bag', synthetic_bag.drive(0.5))
+    export(bag, tmp_path / 'shards', 'webdataset')
+    module = example('pytorch_shards')
+    with open_bag(bag) as recorded:
+        frames = list(recorded.frames())
+    samples = list(module.Shards(tmp_path / 'shards'))
+    assert len(samples) == len(frames) == 5
+    for (image, depth_m), frame in zip(samples, frames):
+        np.testing.assert_array_equal(np.round(255 * image[0]), frame.left)
+        known = np.isfinite(frame.depth_m)
+        np.testing.assert_array_equal(depth_m[known], frame.depth_m[known])
+    assert module.main(tmp_path / 'shards') == (5 if module.DataLoader is None else 2)
+
+
+@pytest.mark.ros
+def test_teleop() -> None:
+    """Keys and a joystick give velocities, which are published."""
+    pytest.importorskip('rclpy')
+    module = example('teleop')
+
+    def read_by(source: Any, data: bytes) -> list[tuple[float, float]]:
+        out, into = os.pipe()
+        os.write(into, data)
+        os.close(into)
+        return list(source(out))
+
+    assert read_by(module.pressed, b'wxa q') == [(1, 0), (0, 1), (0, 0)]
+    events = b''.join(struct.pack('IhBB', 0, value, kind, number) for value, kind, number in (
+        (0, 0x82, 0), (-32767, 2, 1), (1, 1, 1), (32767, 2, 0)))
+    assert read_by(module.pulled, events) == [(0, 0), (1, 0), (1, -1)]
+    module.main(iter([(1, 0)]))
