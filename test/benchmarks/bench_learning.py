@@ -19,8 +19,8 @@ from lunar_rover_sim.learning.senses import Sample
 from lunar_rover_sim.learning.tasks import make_task
 from lunar_rover_sim.rover.rover_file import load_rover
 
-COUNTS, GROUNDS, ROUNDS = (1, 16, 64), ('rigid', 'highland'), 3
-DECISIONS = {'Walk': 960, 'Gait': 96, 'Reach': 96}      # of each round, of all environments
+COUNTS, GROUNDS, ROUNDS = (1, 16, 64), ('rigid', 'highland'), 2
+DECISIONS = {'Walk': 640, 'Gait': 64, 'Reach': 64}      # of each round, of all environments
 
 
 def main() -> None:
