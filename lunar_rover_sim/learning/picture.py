@@ -6,7 +6,6 @@ import contextlib
 import os
 from typing import Any
 
-import cv2
 import numpy as np
 
 from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig, ChaseMount, SAMPLES
@@ -45,8 +44,7 @@ class ChasePicture:
         pixels = self._camera.render(state, self._frame).left
         assert pixels is not None
         self._frame += 1
-        gray = gray8(pixels)
-        return gray if gray.ndim == 3 else np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2RGB))
+        return np.ascontiguousarray(gray8(pixels)[..., ::-1])       # of BGR
 
     def close(self) -> None:
         """Release the renderer."""

@@ -176,3 +176,5 @@ def test_the_picture_shows_the_rover_and_its_tracks():
         second = env.render()
     assert first.shape == (360, 640, 3) and first.dtype == np.uint8
     assert first.std() > 10.0 and np.any(first != second)
+    # Soil is redder than the sun, and the chassis golden.
+    assert first[..., 0].mean() > first[..., 2].mean()
