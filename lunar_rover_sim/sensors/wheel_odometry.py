@@ -97,12 +97,16 @@ class Rolling:
     yaw_stddev: float
 
     @classmethod
-    def of(cls, config: WheelOdometryConfig, ground: str) -> Rolling:
-        """Return what a configuration gives, and else that of a ground, by name.
+    def of(cls, config: WheelOdometryConfig, ground: str, rover: str = '') -> Rolling:
+        """Return what a configuration gives, and else what was measured.
 
-        A soil that was not measured counts as `highland`.
+        Args:
+            config: Its values count where they are given.
+            ground: By name; a soil that was not measured counts as `highland`.
+            rover: By name; one that was not measured on a ground counts as the packaged quad.
         """
-        return over_preset(config, _MEASURED.get(ground, _MEASURED['highland']))
+        measured = _MEASURED.get(ground, _MEASURED['highland'])
+        return over_preset(config, _OF_ROVERS.get((rover, ground), measured))
 
 
 # Of the packaged rover with the gait calibration of the ground, by `lunar_rover_sim validate
@@ -110,6 +114,8 @@ class Rolling:
 _MEASURED = {'rigid': Rolling(0.92, 0.78, 0.05, 0.035, 0.17),
              'highland': Rolling(0.97, 0.51, 0.063, 0.035, 0.29),
              'highland_loose': Rolling(0.95, 0.46, 0.051, 0.026, 0.26)}
+# Of other packaged rovers, by the same command with `--rover` and `ground.model=rigid`.
+_OF_ROVERS = {('hexapod', 'rigid'): Rolling(0.987, 1.176, 0.033, 0.016, 0.126)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -255,7 +261,7 @@ class LegEncoders(Sensor):
         platform = self.platform
         self._odometry = WheelOdometry(
             platform.rover, self.config.counts_per_turn,
-            Rolling.of(self.config, platform.simulation.config.ground.name))
+            Rolling.of(self.config, platform.simulation.config.ground.name, platform.rover.name))
 
     def measure(self, state: RoverState, stamp_ns: int) -> Mapping[str, WheelOdometry]:
         """Return the sum so far."""

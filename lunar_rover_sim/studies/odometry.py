@@ -71,7 +71,7 @@ def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: 
                              lambda _, done, total: progress(done, total))
     config = scenario.physics_node
     result = judge(walks, scenario.rover, config.wheel_odometry.counts_per_turn,
-                   Rolling.of(config.wheel_odometry, config.ground.name))
+                   Rolling.of(config.wheel_odometry, config.ground.name, scenario.rover.name))
     return dataclasses.replace(result, tipped_over=tuple(seeds[k] for k in result.tipped_over))
 
 

@@ -27,8 +27,9 @@ from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.rover.visual import link_poses, visual_parts
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.sensors.wheel_odometry import RollingFeet
-from lunar_rover_sim.studies.walking import flat_world, walk
+from lunar_rover_sim.sensors.wheel_odometry import (Rolling, RollingFeet, WheelOdometry,
+                                                    WheelOdometryConfig)
+from lunar_rover_sim.studies.walking import flat_world, STATE_PERIOD_S, Walk, walk
 
 ROVER = load_rover('hexapod')
 LEGS = ROVER.legs.names
@@ -116,6 +117,22 @@ def test_it_stands_walks_at_the_commanded_speed_and_turns():
         turned = walk(simulation, controller, 9.0, lambda gait, stamp_ns: gait.set_velocity(
             0.0, 0.15, stamp_ns))
         assert turned.mean_velocity(3.0, 9.0)[1] == pytest.approx(0.15, abs=0.0225)
+    # Its own scales are means over random drives on rough ground. A turn on the spot gives more
+    # than they say; those of the quad would tell half of it.
+    ways = np.linalg.norm(ahead.position_m[-1, :2] - ahead.position_m[0, :2])
+    turns = np.unwrap(turned.rpy_rad[:, 2])[-1] - turned.rpy_rad[0, 2]
+    told = [counted(drive, ROVER.name) for drive in (ahead, turned)]
+    assert told[0][0] == pytest.approx(ways, rel=0.05)
+    assert counted(turned, 'quad')[2] < 0.6 * turns < told[1][2] < turns
+
+
+def counted(drive: Walk, rover: str) -> np.ndarray:
+    """Return x, y [m] and yaw [rad] that the encoders tell, with the scales of a rover."""
+    config = WheelOdometryConfig()
+    odometry = WheelOdometry(ROVER, config.counts_per_turn, Rolling.of(config, 'rigid', rover))
+    for angles in drive.joint_angle_rad:
+        odometry.add(angles, STATE_PERIOD_S)
+    return odometry.pose
 
 
 def test_a_camera_beside_it_sees_each_leg() -> None:

@@ -100,6 +100,7 @@ def test_each_ground_has_its_own_way_to_roll():
     highland = Rolling.of(WheelOdometryConfig(), 'highland')
     assert highland.yaw_scale < RIGID.yaw_scale, 'sunken feet turn the rover less'
     assert Rolling.of(WheelOdometryConfig(), 'mare') == highland
+    assert Rolling.of(WheelOdometryConfig(), 'rigid', 'one of my own') == RIGID
     given = Rolling.of(WheelOdometryConfig(yaw_scale=0.6, lateral_stddev=0.0), 'rigid')
     assert given == dataclasses.replace(RIGID, yaw_scale=0.6, lateral_stddev=0.0)
 
