@@ -15,6 +15,7 @@ from lunar_rover_sim.errors import one_line, WorldError
 from lunar_rover_sim.files.paths import check_regular, user_path
 from lunar_rover_sim.world.config import WorldConfig
 from lunar_rover_sim.world.fill import harmonic_fill
+from lunar_rover_sim.world.raster import MAX_HEIGHT_M
 from lunar_rover_sim.world.tile import Tile
 
 logger = logging.getLogger(__name__)
@@ -207,6 +208,11 @@ def _triangles(path: pathlib.Path, config: WorldConfig) -> NDArray[np.float64]:
     turn = {'x': [[0, 1, 0], [0, 0, 1], [1, 0, 0]], 'y': [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
             'z': np.eye(3)}[up]
     triangles = triangles @ np.asarray(turn, float).T
+    height_m = float(np.ptp(triangles[..., 2]))
+    if height_m > 2.0 * MAX_HEIGHT_M:
+        raise WorldError(f'{path}: its heights differ by {height_m:g} m, more than any on the '
+                         f'Moon; valid is up to {2.0 * MAX_HEIGHT_M:g} m; mend its vertices, or '
+                         'set world.mesh.scale')
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     flat = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     total = np.linalg.norm(np.cross(a, b), axis=1).sum()

@@ -123,6 +123,12 @@ def test_drops_in_real_time_are_warnings(tmp_path, good):
     report = check(synthetic.write(tmp_path / 'bag', edited(items, 'odom', drop, 0.41)))
     assert report.ok
     assert [f.check for f in report.findings if f.status is Status.WARN] == ['state counts']
+    fewer = edited(edited(items, 'stereo/right/image_raw', drop, 0.4), 'odom', drop, 0.5)
+    report = check(synthetic.write(tmp_path / 'fewer', fewer))
+    found = {f.check: f for f in report.findings if f.status is Status.WARN}
+    assert report.ok
+    assert {'frame counts', 'stereo sets', 'pose per image'} <= set(found)
+    assert 'lacks 1 of 6' in found['stereo sets'].detail
 
 
 def test_a_namespace_is_derived(tmp_path, good):

@@ -193,6 +193,8 @@ def test_what_is_not_a_surface(tmp_path):
         with warnings.catch_warnings():
             warnings.simplefilter('error')     # of NumPy, about its overflow
             refused(tmp_path / 'far.obj', 'not finite numbers up to 1e[+]08 m|cannot be read')
+    (tmp_path / 'high.obj').write_text('v 0 0 0\nv 9 0 0\nv 0 9 3e5\nf 1 2 3\n')
+    refused(tmp_path / 'high.obj', 'heights differ by 300000 m, .* valid is up to 200000 m')
     mesh, _ = bumps()
     mesh.export(tmp_path / 'bumps.stl')
     refused(tmp_path / 'bumps.stl', r'reaches 1.4 m beyond the mesh \(20 x 20 m\); move '
