@@ -1,0 +1,64 @@
+"""What colour costs and what it takes from stereo: the same ten places of `baseline`, both ways.
+
+    python docs/colour_against_grey.py
+
+prints CPU time of a pair, wrong matches and density of SGM, keypoints of ORB and exposure, with
+means of the paired differences, their 95 % intervals and p of Wilcoxon's test.
+"""
+
+from __future__ import annotations
+
+import time
+
+import cv2
+import numpy as np
+from scipy import stats
+
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
+from lunar_rover_sim.rover.pose import RoverPose
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.stereo.depth import disparity_from_depth
+from lunar_rover_sim.stereo.error import stereo_errors
+from lunar_rover_sim.stereo.points import grey
+from lunar_rover_sim.stereo.sgm import SgmMatcher
+
+PLACES, TURNS, SUN_DEG = 10, 4, 10.0
+COLUMNS = 'CPU of a pair [ms]', 'bad-1 [%]', 'density [%]', 'ORB keypoints', 'exposure [ms]'
+
+
+def main() -> None:
+    """Print the table."""
+    found = []
+    for encoding in ('mono8', 'rgb8'):
+        scenario = Scenario.load('baseline', [f'render_node.sensor.encoding={encoding}',
+                                              f'render_node.sun.elevation_deg={SUN_DEG}'])
+        world, orb = scenario.load_world(), cv2.ORB_create(10_000, fastThreshold=20)
+        matcher, rows = SgmMatcher.from_scenario(scenario), []
+        with Renderer.from_scenario(scenario, world) as renderer:
+            for k in range(PLACES):
+                state = RoverPose(standing(world, 0.5 * k - 2.0, 0.4 * k - 2.0, 150.0 + 36.0 * k,
+                                           HEIGHT_M))
+                settle(renderer, state)
+                start = time.process_time()
+                for _ in range(TURNS):
+                    renderer.render(state, k, ('left', 'right'))
+                cpu_ms = 1e3 * (time.process_time() - start) / TURNS
+                frame = renderer.render(state, k, ('left', 'right', 'depth'))
+                left, right = frame.picture('left'), frame.picture('right')
+                truth = disparity_from_depth(frame.depth_m, renderer.rig.focal_px,
+                                             renderer.rig.baseline_m)
+                errors = stereo_errors(matcher.match(left, right), truth, None, left)
+                rows.append((cpu_ms, 100.0 * errors.bad1 / errors.matched,
+                             100.0 * errors.matched / errors.ground,
+                             len(orb.detect(grey(left), None)), 1e3 * frame.exposure_s))
+        found.append(np.array(rows, float))
+    for name, mono, colour in zip(COLUMNS, found[0].T, found[1].T):
+        change = colour - mono
+        low, high = stats.t.interval(0.95, PLACES - 1, change.mean(), stats.sem(change))
+        print(f'| {name} | {mono.mean():.4g} | {colour.mean():.4g} | {change.mean():+.3g} '
+              f'({low:+.3g} to {high:+.3g}) | {stats.wilcoxon(change).pvalue:.2g} |')
+
+
+if __name__ == '__main__':
+    main()
