@@ -244,10 +244,11 @@ def test_the_body_of_the_rover_does_not_blur(looking_down):
         mean = sub_exposures(renderer, moving, 16)
     rover = rover_links(label)
     assert 0.03 < rover.mean() < 0.7
-    span = np.percentile(mean, 99.9)
+    # Glints of the rover are many times as bright as the ground, and turn with it.
+    span = np.percentile(mean[~rover], 99.9)
     np.testing.assert_allclose(blurred[rover], sharp[rover], atol=1e-3 * span)
     assert np.abs(blurred - sharp)[~rover].max() > 0.05 * span
-    assert np.sqrt(np.mean((blurred - mean)**2)) < 0.02 * span
+    assert np.sqrt(np.mean((blurred - mean)[~rover]**2)) < 0.02 * span
 
 
 def test_legs_blur_as_they_turn(looking_down):
