@@ -114,9 +114,9 @@ class Rolling:
 _MEASURED = {'rigid': Rolling(0.92, 0.78, 0.05, 0.035, 0.17),
              'highland': Rolling(0.97, 0.51, 0.063, 0.035, 0.29),
              'highland_loose': Rolling(0.95, 0.46, 0.051, 0.026, 0.26)}
-# Of other packaged rovers, by the same command with `--rover` and `ground.model=rigid`. Deviations of
-# the hexapod are those of the quad: errors last longer than the 5 s that the command fits (0.033,
-# 0.016, 0.126), with which it promises too much on eight other worlds; with these it does not.
+# Of other packaged rovers, by the same command with `--rover` and `ground.model=rigid`. Deviations
+# of the hexapod are those of the quad: errors last longer than the 5 s that the command fits
+# (0.033, 0.016, 0.126), which promise too much on eight other worlds; these do not.
 _OF_ROVERS = {('hexapod', 'rigid'): Rolling(0.987, 1.176, 0.05, 0.035, 0.17)}
 
 
