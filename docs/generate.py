@@ -3,8 +3,8 @@
     python docs/generate.py
 
 writes docs/_generated/: the table of topics, the tables of parameters, the command line, the
-public names, and the picture of the architecture. The Sphinx configuration calls it before every
-build.
+public names, and the rooms as a picture and a table. The Sphinx configuration calls it before
+every build.
 """
 
 from __future__ import annotations
@@ -214,7 +214,7 @@ def write_all(docs: Path) -> None:
     folder.mkdir(exist_ok=True)
     for name, text in (('topics.md', topic_table()), ('parameters.md', parameter_tables()),
                        ('commands.md', command_pages()), ('python.md', python_page()),
-                       ('rooms.svg', rooms.svg())):
+                       ('rooms.svg', rooms.svg()), ('rooms.md', rooms.table())):
         path = folder / name
         if not path.is_file() or path.read_text(encoding='utf-8') != text:
             path.write_text(text, encoding='utf-8')

@@ -10,6 +10,7 @@ contract of setup.cfg (upwards) are drawn in red.
 
 from __future__ import annotations
 
+import ast
 from configparser import ConfigParser
 from pathlib import Path
 import re
@@ -197,6 +198,18 @@ def svg() -> str:
             f'<text x="{x:.0f}" y="{y + 15:.0f}" text-anchor="middle" font-size="11" '
             f'fill="#4b5563">{lines_of(room):,} lines</text>')
     return '\n'.join([*parts, '</svg>', ''])
+
+
+def table() -> str:
+    """Return the subjects of the rooms as a table, the lowest first: first lines of docstrings."""
+    root = Path(__file__).parent.parent / PACKAGE
+    lines = ['| room | subject |', '|---|---|']
+    for room, _ in sorted(contract().items(), key=lambda item: item[1]):
+        path = root / room / '__init__.py'
+        text = (path if path.is_file() else root / f'{room}.py').read_text(encoding='utf-8')
+        subject = (ast.get_docstring(ast.parse(text)) or '').partition('\n')[0]
+        lines.append(f'| `{room}` | {subject} |')
+    return '\n'.join([*lines, ''])
 
 
 if __name__ == '__main__':

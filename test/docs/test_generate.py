@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from types import ModuleType
 
 import pytest
@@ -45,6 +46,8 @@ def test_every_room_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found['errors'] == set()
     picture = rooms.svg()
     assert all(f'>{room}</text>' in picture for room in found)
+    table = rooms.table()
+    assert all(re.search(rf'^\| `{room}` \| \w.+\. \|$', table, re.M) for room in found)
 
 
 def test_tables_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:
