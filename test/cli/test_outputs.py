@@ -17,7 +17,8 @@ from lunar_rover_sim.files.atomic import atomic_write
 WORDS = {
     'bag preview': ['bag'], 'bag video': ['bag'], 'bag recover': ['bag'], 'bag export': ['bag'],
     'benchmark': [], 'calibrate gait': [], 'campaign': ['polar_suns'],
-    'dataset shards': ['dataset'], 'dataset show': ['dataset'], 'evaluate images': ['a', 'b'],
+    'dataset shards': ['dataset'], 'dataset show': ['dataset'], 'demo': [],
+    'evaluate images': ['a', 'b'],
     'evaluate map': ['bag'], 'validate navigation': [],
     'evaluate trajectory': ['a.txt', 'b.txt'], 'render': ['flat'], 'rover export': [],
     'run': ['flat'], 'slam settings': ['flat'], 'slam run': ['bag'],
