@@ -89,12 +89,24 @@ def build_world(config: WorldConfig, seed: int = 0, progress: Progress | None = 
     library = shapes.library()
     rocks = rockfield.scatter(config.rocks, grids[0], library, drawn, config.clear_radius_m,
                               builder.rng('rocks'))
-    grids = (rockfield.fillets(config.rocks, grids[0], rocks, builder.rng('fillets')), *grids[1:])
+    grids = _shown(rockfield.fillets(config.rocks, grids[0], rocks, builder.rng('fillets')),
+                   grids[1:])
     tell('hash', 0.95)
     world = world_folder.sealed(World(grids, albedo, rocks, library, config, '', drawn,
                                       builder.report))
     tell('done', 1.0)
     return world
+
+
+def _shown(ground: HeightGrid, coarser: tuple[HeightGrid, ...]) -> tuple[HeightGrid, ...]:
+    """Return ground and coarser levels, which show its heights."""
+    levels = [ground]
+    for level in coarser:
+        heights = level.heights_m.copy()
+        nest.embed(heights, levels[-1].heights_m)
+        heights.setflags(write=False)
+        levels.append(HeightGrid(heights, level.cell_m))
+    return tuple(levels)
 
 
 def _open(config: WorldConfig) -> measured.Source | None:

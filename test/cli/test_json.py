@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import map_bag
 import pytest
 import synthetic_bag
 import worlds
@@ -30,6 +31,8 @@ COMMANDS = {
                                      'missing'}),
     'evaluate trajectory': ('{bag} {estimate}', {'align', 'ate_m', 'scale', 'drift_percent',
                                                  'tracked_share', 'poses'}),
+    'evaluate map': ('{maps} --world {world}', {'maps', 'rock_m', 'offset_m', 'sun_deg', 'near',
+                                                'by_distance'}),
     'slam run': ('{bag} -o {new} --sensor stereo', {'system', 'ate_m', 'estimate_frame',
                                                     'tracked_share', 'reason'}),
     'validate policy': ('smooth --duration 0.4', {'policy', 'tolerance', 'holds', 'terms'}),
@@ -40,7 +43,7 @@ COMMANDS = {
 @pytest.fixture(scope='module', name='inputs')
 def _inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp('json')
-    inputs = {name: folder / name for name in ('bag', 'dataset', 'estimate', 'world')}
+    inputs = {name: folder / name for name in ('bag', 'dataset', 'estimate', 'maps', 'world')}
     synthetic_bag.write(inputs['bag'], synthetic_bag.drive(2.0))
     with open_bag(inputs['bag']) as bag:
         write_tum(inputs['estimate'], trajectory_of_topic(bag))
@@ -48,6 +51,7 @@ def _inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     with Dataset(inputs['dataset'], campaign) as dataset:
         dataset.record()
     save_world(worlds.small(), inputs['world'])
+    map_bag.write(inputs['maps'], worlds.small())
     return inputs
 
 

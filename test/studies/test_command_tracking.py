@@ -78,5 +78,6 @@ def test_a_short_odometry_study_from_end_to_end(capsys):
     said = capsys.readouterr().out
     assert '3 drives of 5 s on feature_sparse' in said
     (scale,) = re.findall(r'physics_node.wheel_odometry.forward_scale=([\d.]+)', said)
-    # Over seeds the scale of three short drives is 0.95 with a spread of 0.02: five of those.
-    assert 0.85 < float(scale) < 1.05
+    # Over twelve sets of seeds the scale of three short drives is 0.96 with a spread of 0.06: five
+    # of those.
+    assert 0.67 < float(scale) < 1.26

@@ -1,0 +1,62 @@
+"""A bag of a rover that stands still, with the map of what is around it."""
+
+from pathlib import Path
+
+import numpy as np
+import synthetic_bag
+from synthetic_bag import header, Item, msg, quaternion, vector
+
+from lunar_rover_sim import topics
+from lunar_rover_sim.evaluation.true_surface import TrueSurface
+from lunar_rover_sim.frames import ODOM_FRAME
+from lunar_rover_sim.navigation.config import TraversabilityConfig
+from lunar_rover_sim.navigation.traversability import LETHAL, Limits
+from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.run.scenario import Scenario
+from lunar_rover_sim.world.model import World
+
+CELL_M, SIZE_M, STAMP_NS = 0.05, 6.0, 100_000_000
+
+
+def write(path: Path, world: World, error_m: float = 0.0, flag_rocks: bool = True) -> Path:
+    """Write a bag whose map has the true heights of a world plus an error."""
+    surface = TrueSurface(world)
+    elevation = surface.elevation((0.0, 0.0), SIZE_M, CELL_M)
+    n = elevation.height_m.shape[0]
+    axis = elevation.origin_m[0] + (np.arange(n) + 0.5) * CELL_M
+    x, y = np.meshgrid(axis, axis)
+    points = np.stack([x, y, elevation.height_m + error_m, np.full((n, n), 1e-4)], axis=-1)
+    limit = Limits.of(RoverDescription(), TraversabilityConfig()).step_m
+    # Rocks as they are judged: where they are highest in a cell.
+    inside = (np.arange(3) + 0.5) / 3.0 * CELL_M - 0.5 * CELL_M
+    du, dv = np.meshgrid(inside, inside)
+    places = np.stack([x[..., None] + du.ravel(), y[..., None] + dv.ravel()], axis=-1)
+    rocks = surface.heights(places)[1].max(axis=-1) > limit
+    cost = np.where(rocks & flag_rocks, LETHAL, 0).astype(np.int8)
+    fields = [msg('sensor_msgs/PointField', name=name, offset=4 * k, datatype=7, count=1)
+              for k, name in enumerate(('x', 'y', 'z', 'variance'))]
+    cloud = msg('sensor_msgs/PointCloud2', header=header(STAMP_NS, ODOM_FRAME), height=1,
+                width=n * n, fields=fields, is_bigendian=False, point_step=16,
+                row_step=16 * n * n, is_dense=True,
+                data=np.frombuffer(points.astype('<f4').tobytes(), np.uint8))
+    origin = msg('geometry_msgs/Pose', position=msg(
+        'geometry_msgs/Point', x=float(elevation.origin_m[0]), y=float(elevation.origin_m[1]),
+        z=0.0), orientation=quaternion((1.0, 0.0, 0.0, 0.0)))
+    info = msg('nav_msgs/MapMetaData', map_load_time=synthetic_bag.time(0), resolution=CELL_M,
+               width=n, height=n, origin=origin)
+    grid = msg('nav_msgs/OccupancyGrid', header=header(STAMP_NS, ODOM_FRAME), info=info,
+               data=cost.ravel())
+    zero = vector((0.0, 0.0, 0.0))
+    pose = msg('geometry_msgs/PoseWithCovariance', covariance=np.zeros(36), pose=msg(
+        'geometry_msgs/Pose', position=msg('geometry_msgs/Point', x=0.0, y=0.0, z=0.0),
+        orientation=quaternion((1.0, 0.0, 0.0, 0.0))))
+    twist = msg('geometry_msgs/TwistWithCovariance', covariance=np.zeros(36),
+                twist=msg('geometry_msgs/Twist', linear=zero, angular=zero))
+    items = [Item(topics.SCENARIO.name, topics.SCENARIO.type, msg(
+        'std_msgs/String', data=Scenario.load('flat').to_yaml()))]
+    items += [Item(topics.ODOM.name, topics.ODOM.type, msg(
+        'nav_msgs/Odometry', header=header(ns, ODOM_FRAME), child_frame_id='base_link', pose=pose,
+        twist=twist)) for ns in (STAMP_NS - 5_000_000, STAMP_NS)]
+    items += [Item(topics.ELEVATION.name, topics.ELEVATION.type, cloud),
+              Item(topics.TRAVERSABILITY.name, topics.TRAVERSABILITY.type, grid)]
+    return synthetic_bag.write(path, items)
