@@ -1,6 +1,6 @@
 """A sweep over speeds on all cores with Dask: physics alone, one walk a task.
 
-For whole recordings there are campaigns, on a cluster too: docs/howto/cluster.md.
+For whole recordings there are campaigns, on a cluster too: docs/tutorials/dataset.md.
 Needs `pip install '.[cluster]'`.
 """
 

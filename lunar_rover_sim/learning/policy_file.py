@@ -325,7 +325,8 @@ def _session(content: bytes) -> Any:
     except Exception as error:          # of the runtime, whose errors have no common class
         raise LearningError(f'onnxruntime cannot run it: {one_line(error)[:300]}') from None
     name = session.get_inputs()[0].name
-    return lambda observation: session.run(None, {name: observation[None]})[0][0]
+    return lambda observation: session.run(
+        None, {name: np.asarray(observation, np.float32)[None]})[0][0]
 
 
 def _layers(network: OnnxFile) -> Any:

@@ -43,6 +43,7 @@ def test_onnxruntime_and_numpy_run_what_was_written(walk_file):
         observation = rng.normal(size=len(runtime.card.observation)).astype(np.float32)
         actions.append(runtime.act(observation))
         np.testing.assert_allclose(layers.act(observation), actions[-1], atol=1e-6)
+        np.testing.assert_array_equal(runtime.act(observation.astype(float)), actions[-1])
     assert np.ptp(actions, axis=0).min() > 0.1
     assert walk_file.stat().st_size < 1 << 20
     assert '| spoke_sin/front_left | 1 | 1 |' in walk_file.with_suffix('.md').read_text('utf-8')
