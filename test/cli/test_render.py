@@ -62,7 +62,7 @@ def test_a_twist_blurs_the_images_and_nothing_else(folder, tmp_path):
              for word in ('--set', f'render_node.sensor.{name}=false')]
     options = ['render', 'baseline', '--world', str(folder), *TINY, *BARE, *clean]
     assert main([*options, '-o', str(tmp_path / 'still')]) == 0
-    assert main([*options, '--twist', '-0.1,0,0,0,0,10', '-o', str(tmp_path / 'turning')]) == 0
+    assert main([*options, '--twist', '-0.1,0,0,0,0,20', '-o', str(tmp_path / 'turning')]) == 0
     images, depths = ([read(str(tmp_path / name / f'000_{layer}')) for name in
                        ('still', 'turning')] for read, layer in ((cv2.imread, 'left.png'),
                                                                  (np.load, 'depth_m.npy')))
