@@ -227,6 +227,16 @@ def _roll(array: NDArray, rows: int, columns: int) -> None:
 
 
 @compiled
+def _add(sums: Array, row: int, column: int, height: float, variance: float) -> None:
+    """Add a height to the weighted sums of a cell."""
+    weight = 1.0 / variance
+    sums[0, row, column] += weight
+    sums[1, row, column] += weight * height
+    sums[2, row, column] += weight * height * height
+    sums[3, row, column] += 1.0
+
+
+@compiled
 def _scatter_depth(depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.int64],
                    cell_m: float, near_m: float, far_m: float, noise: float, range_m: float,
                    floor_m: float, grazing: float, sums: Array) -> None:
@@ -264,11 +274,7 @@ def _scatter_depth(depth: F32, u: Array, v: Array, T: Array, corner: NDArray[np.
             along = z * z * noise + range_m
             # Along the ray, and across it on ground that is not level (slopes of 0.1).
             variance = along * along * (dz * dz + 0.01) + floor_m * floor_m
-            weight = 1.0 / variance
-            sums[0, iy, ix] += weight
-            sums[1, iy, ix] += weight * height
-            sums[2, iy, ix] += weight * height * height
-            sums[3, iy, ix] += 1.0
+            _add(sums, iy, ix, height, variance)
 
 
 @compiled
@@ -290,11 +296,7 @@ def _scatter_points(points: Array, T: Array, corner: NDArray[np.int64], cell_m: 
         rise = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
         height = rise + T[2, 3]
         variance = range_m * range_m * ((rise / distance) ** 2 + 0.01) + floor_m * floor_m
-        weight = 1.0 / variance
-        sums[0, iy, ix] += weight
-        sums[1, iy, ix] += weight * height
-        sums[2, iy, ix] += weight * height * height
-        sums[3, iy, ix] += 1.0
+        _add(sums, iy, ix, height, variance)
 
 
 @compiled

@@ -22,6 +22,7 @@ from lunar_rover_sim.errors import ConfigError, PhysicsError, StudyError
 from lunar_rover_sim.evaluation.statistics import Comparison, Mean
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.paths import markdown_table
+from lunar_rover_sim.frames import tilt_deg
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController, LegCommand
@@ -31,7 +32,6 @@ from lunar_rover_sim.learning.senses import Sample
 from lunar_rover_sim.learning.task import FALLEN_DEG, physics_of, STATE_HZ, terrain
 from lunar_rover_sim.physics.foot_motion import SlipMeter
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
@@ -220,7 +220,7 @@ def _measured(case: Case, simulation: Simulation,
     for k in range(1, last + 1):
         simulation.command(answer(Sample.of(state, noise)).velocity_radps)
         state = simulation.advance(steps)
-        if _tilt_deg(state) > FALLEN_DEG:
+        if float(tilt_deg(state.orientation_wxyz)) > FALLEN_DEG:
             return PolicyWalk(case, 'fallen')
         if k == first:
             begin = state
@@ -247,11 +247,6 @@ def _measured(case: Case, simulation: Simulation,
         case, outcome, distance / time_s, abs(distance / time_s / SPEED_MPS - 1.0),
         drift / time_s, energy_j / weight_n / distance if outcome == WALKED else _NAN, feet.total,
         math.sqrt(pitch / (last - first)), _NAN if miss is None else miss.median_px)
-
-
-def _tilt_deg(state: RoverState) -> float:
-    _, x, y, _ = state.orientation_wxyz.tolist()
-    return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
 
 
 @functools.lru_cache(maxsize=2)

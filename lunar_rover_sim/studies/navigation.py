@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 import dataclasses
 import functools
 import itertools
-import json
 import math
 from pathlib import Path
 from typing import NamedTuple
@@ -19,7 +18,7 @@ from lunar_rover_sim.evaluation.statistics import Comparison, Mean, Share
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
-from lunar_rover_sim.files.paths import make_new_folder, markdown_table
+from lunar_rover_sim.files.paths import markdown_table
 from lunar_rover_sim.navigation.config import TRUTH
 from lunar_rover_sim.navigation.planner import Planner
 from lunar_rover_sim.navigation.traversability import Limits, traversability
@@ -27,6 +26,7 @@ from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.navigation_drives import (BLIND, drive_to, GoalDrive, KNOWN, SEEN,
                                                        TIPPED)
 from lunar_rover_sim.studies.parallel import map_in_processes
+from lunar_rover_sim.studies.study_folder import StudyFolder
 
 _TRIALS = 200           # of a goal, before a world counts as too rough
 _MARGIN_M = 3.0
@@ -99,48 +99,25 @@ def run_case(distance_m: float, limit_s: float, overrides: Sequence[str],
                     limit_s)
 
 
-class DriveStore:
-    """One file per drive, and the settings that all were made with."""
+class DriveStore(StudyFolder):
+    """The finished drives of a study, by case."""
 
-    def __init__(self, folder: Path, settings: str, resume: bool) -> None:
-        """Make the folder, or go on with it.
-
-        Raises:
-            ConfigError: If the folder exists and is not to be resumed.
-            StudyError: If it belongs to other settings.
-        """
-        self._folder = folder
-        file = folder / 'settings.txt'
-        if resume and folder.exists():
-            if not file.exists() or file.read_text(encoding='utf-8') != settings:
-                raise StudyError(f'{folder}: was made with other settings, or is no study; give '
-                                 'another folder')
-        else:
-            make_new_folder(folder)
-            atomic_write(file, settings, StudyError)
-        (folder / 'drives').mkdir(exist_ok=True)
+    settings_file = 'settings.txt'
 
     def load(self, case: Case) -> GoalDrive | None:
         """Return a finished drive, or None; StudyError if its file cannot be read."""
-        path = self._path(case)
-        if not path.exists():
-            return None
-        try:
-            values = json.loads(path.read_text(encoding='utf-8'))
-            return GoalDrive(**{**values, 'goal_m': tuple(values['goal_m']),
-                                'path_m': np.array(values['path_m']).reshape(-1, 2)})
-        except (OSError, ValueError, TypeError, KeyError) as error:
-            raise StudyError(f'{path}: is no drive of this study: {error}; delete it to make it '
-                             'again') from None
+        return self.read(_file_name(case), lambda values: GoalDrive(
+            **{**values, 'goal_m': tuple(values['goal_m']),
+               'path_m': np.array(values['path_m']).reshape(-1, 2)}))
 
     def save(self, case: Case, drive: GoalDrive) -> None:
         """Keep a finished drive."""
-        values = {**dataclasses.asdict(drive), 'path_m': drive.path_m.round(3).tolist()}
-        atomic_write(self._path(case), json.dumps(values), StudyError)
+        self.write(_file_name(case),
+                   {**dataclasses.asdict(drive), 'path_m': drive.path_m.round(3).tolist()})
 
-    def _path(self, case: Case) -> Path:
-        name = '_'.join(str(part).replace('=', '') for part in case)
-        return self._folder / 'drives' / f'{name}.json'
+
+def _file_name(case: Case) -> str:
+    return '_'.join(str(part).replace('=', '') for part in case)
 
 
 def study(todo: Sequence[Case], store: DriveStore, distance_m: float, limit_s: float,

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import dataclasses
 import functools
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 
 from lunar_rover_sim.errors import PhysicsError, StudyError
-from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import make_new_folder
 from lunar_rover_sim.frames import Array, path_length, tilt_deg
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
@@ -29,6 +25,7 @@ from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.studies.parallel import map_in_processes
+from lunar_rover_sim.studies.study_folder import StudyFolder
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.config import WorldConfig
@@ -324,53 +321,18 @@ def _tilt_deg(state: RoverState) -> float:
     return float(tilt_deg(state.orientation_wxyz))
 
 
-SETTINGS_FILE, DRIVES_FOLDER = 'settings.yaml', 'drives'
-
-
-class TraverseStore:
-    """One file per drive, and the settings that all were made with."""
-
-    def __init__(self, folder: Path, settings: str, resume: bool) -> None:
-        """Make the folder, or go on with it.
-
-        settings: all that the drives depend on but ground and seed, as text
-        Raises ConfigError if the folder exists already and is not to be resumed, StudyError if it
-        belongs to other settings.
-        """
-        self._drives = folder / DRIVES_FOLDER
-        file = folder / SETTINGS_FILE
-        if resume and folder.exists():
-            try:
-                before = file.read_text(encoding='utf-8')
-            except OSError as error:
-                raise StudyError(f'{folder}: is no study to resume: {error.strerror}') from None
-            if before != settings:
-                raise StudyError(f'{folder}: was made with other settings; compare {file}, or give'
-                                 ' another folder')
-        else:
-            make_new_folder(folder)
-            atomic_write(file, settings, StudyError)
-        self._drives.mkdir(exist_ok=True)
+class TraverseStore(StudyFolder):
+    """The finished drives of a study, by ground and seed."""
 
     def load(self, ground: str, seed: int) -> Traverse | None:
         """Return a finished drive, None if there is none; StudyError if it cannot be read."""
-        path = self._path(ground, seed)
-        if not path.exists():
-            return None
-        try:
-            values = json.loads(path.read_text(encoding='utf-8'))
-            return Traverse(**{**values, 'path_m': np.array(values['path_m']).reshape(-1, 3)})
-        except (OSError, ValueError, TypeError, KeyError) as error:
-            raise StudyError(f'{path}: is no drive of this study: {error}; delete it to make it'
-                             ' again') from None
+        return self.read(f'{ground}_{seed}', lambda values: Traverse(
+            **{**values, 'path_m': np.array(values['path_m']).reshape(-1, 3)}))
 
     def save(self, ground: str, result: Traverse) -> None:
         """Keep a finished drive."""
-        values = {**dataclasses.asdict(result), 'path_m': result.path_m.tolist()}
-        atomic_write(self._path(ground, result.seed), json.dumps(values), StudyError)
-
-    def _path(self, ground: str, seed: int) -> Path:
-        return self._drives / f'{ground}_{seed}.json'
+        self.write(f'{ground}_{result.seed}',
+                   {**dataclasses.asdict(result), 'path_m': result.path_m.tolist()})
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,16 +10,19 @@ from lunar_rover_sim.evaluation.map_evaluation import evaluate_maps
 from lunar_rover_sim.world.world_folder import save_world
 
 
+def rocky():
+    return worlds.small(**{'rocks.abundance': 0.3, 'clear_radius_m': 0.5})
+
+
 @pytest.fixture(scope='module', name='folder')
 def _folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp('world') / 'world'
-    save_world(worlds.small(**{'rocks.abundance': 0.3, 'clear_radius_m': 0.5}), folder)
+    save_world(rocky(), folder)
     return folder
 
 
 def judged(folder, path, **values):
-    world = worlds.small(**{'rocks.abundance': 0.3, 'clear_radius_m': 0.5})
-    return evaluate_maps(map_bag.write(path, world, **values), folder)
+    return evaluate_maps(map_bag.write(path, rocky(), **values), folder)
 
 
 def test_a_true_map_with_an_offset_has_that_error(folder, tmp_path):
