@@ -231,9 +231,9 @@ ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, '
 SCENARIO = Topic('scenario', 'std_msgs/msg/String', LATCHED, 'recorder_node', '',
                  'resolved scenario, YAML')
 TF = Topic('tf', 'tf2_msgs/msg/TFMessage', STATE, 'physics_node', frames.ODOM_FRAME,
-           'odom to base_link, and from there to the legs, where tf2_msgs is installed')
+           'odom to base_link, and from there to the legs; without tf2_msgs in bags only')
 TF_STATIC = Topic('tf_static', 'tf2_msgs/msg/TFMessage', LATCHED, 'physics_node',
-                  frames.BASE_FRAME, 'sensors on base_link, where tf2_msgs is installed')
+                  frames.BASE_FRAME, 'sensors on base_link; without tf2_msgs in bags only')
 RECORDED = Topic('recorder/written', 'std_msgs/msg/Header', EVENT, 'recorder_node', '',
                  'stamp up to which everything is written')
 DIAGNOSTICS = Topic('diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', EVENT, 'physics_node',

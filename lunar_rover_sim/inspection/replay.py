@@ -6,8 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 import time
 
-from rosbags.typesys import get_typestore, Stores
-
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, open_bag
 from lunar_rover_sim.bag.totals import simulated_end_ns
@@ -15,7 +13,7 @@ from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.run.live_map import map_pages
 from lunar_rover_sim.run.live_view import LiveView
 from lunar_rover_sim.run.recorded_run import RecordedRun
-from lunar_rover_sim.run.view_transforms import OdometryTransforms, transforms_of
+from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
 
 _POLL_S = 0.1
 _STEP_S = 0.2       # topics that were refused are offered again so often
@@ -54,7 +52,7 @@ def replay(path: Path, port: int, speed: float = 1.0, world: Path | None = None,
 
 def _once(bag: Bag, view: LiveView, speed: float, end_ns: int,
           on_time: Callable[[float], None]) -> None:
-    transforms = OdometryTransforms(get_typestore(Stores.ROS2_JAZZY))
+    transforms = OdometryTransforms()
     made = {topic: name for topic in bag.types if (name := transforms_of(topic))
             and name not in bag.types and view.offer(name, topics.TF.type)}
     while not view.watched():

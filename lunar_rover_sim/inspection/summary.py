@@ -61,8 +61,8 @@ def missing_tf(bag: Bag) -> tuple[str, ...]:
     """Return a line where poses, but no tf, are recorded; else nothing."""
     if bag.has(topics.TF.name) or not bag.has(bag.truth):
         return ()
-    return (f'no tf: tf2_msgs was not installed, or tf was not to be recorded; {bag.truth} has '
-            'the poses',)
+    return (f'no tf: it was not to be recorded, or there was no tf2_msgs and no run; {bag.truth} '
+            'has the poses',)
 
 
 def _slam_states(bag: Bag) -> Counter[str]:

@@ -6,42 +6,19 @@ from collections.abc import Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
-import numpy as np
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.frames import Array, se3
+from lunar_rover_sim.frames import Array
 from lunar_rover_sim.nodes import conversions, qos
 from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
-from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose
+from lunar_rover_sim.rover.mounts import fixed_frames, imu_pose, moving_frames
 from lunar_rover_sim.rover.visual import link_poses
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig
 from lunar_rover_sim.sensors.imu import ImuNoise
-
-
-def footprint_pose(rover: RoverDescription, R_world_base: Array,
-                   T_base_link: dict[str, Array]) -> Array:
-    """Return T_base_footprint (4, 4): no roll, no pitch, the yaw of base_link.
-
-    R_world_base: (3, 3) orientation of base_link
-    T_base_link: leg → (4, 4), as `visual.link_poses` returns them
-
-    The origin lies vertically below (above) that of base_link, at the height of the lowest point
-    of the spheres at the tips of the spokes.
-    """
-    legs = rover.legs
-    tips = (legs.spoke_length_m - legs.tip_radius_m) * np.array(legs.spoke_directions())
-    down = np.concatenate([tips @ T_base_link[leg][:3, :3].T + T_base_link[leg][:3, 3]
-                           for leg in legs.names]) @ R_world_base[2]
-    height_m = float(down.min()) - legs.tip_radius_m
-    forward = R_world_base[:2, 0] / np.linalg.norm(R_world_base[:2, 0])
-    level = np.array([[forward[0], -forward[1], 0.0], [forward[1], forward[0], 0.0],
-                      [0.0, 0.0, 1.0]])
-    return se3(R_world_base.T @ level, R_world_base.T @ [0.0, 0.0, height_m])
-
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -57,7 +34,6 @@ class StatePublisher:
         self._rover = rover
         self._config = config
         self._truth = config.truth
-        self._base_frame = frames.TRUE_BASE_FRAME if config.separate_truth else frames.BASE_FRAME
         # In the order of publishing. The clock is last: it means that the rest has been published.
         self._contacts = topics.of_legs([topics.CONTACT], rover.legs.names)
         self._others = (self._truth, topics.IMU_RAW, topics.IMU_TRUTH, topics.IMU_BIAS,
@@ -121,7 +97,7 @@ class StatePublisher:
     def _fill_others(self, state: RoverState, links: dict[str, Array], stamp: Time) -> None:
         messages = self._messages
         conversions.fill_odometry(messages[self._truth.name], state, stamp, self._truth.frame_id,
-                                  self._base_frame)
+                                  self._config.base_frame)
         sample = self._imu.measure(state.specific_force_mps2, state.imu_rate_radps)
         conversions.fill_imu_raw(messages[topics.IMU_RAW.name], sample, *self._imu_variances,
                                  stamp)
@@ -137,17 +113,8 @@ class StatePublisher:
             conversions.fill_clock(messages[topics.CLOCK.name], stamp)
 
     def _moving_transforms(self, state: RoverState, links: dict[str, Array], stamp: Time) -> Any:
-        base, footprint, T_world_base = frames.BASE_FRAME, frames.FOOTPRINT_FRAME, \
-            state.T_world_base
-        transforms = [conversions.transform(base, frames.leg_frame(leg), links[leg], stamp)
-                      for leg in self._rover.legs.names]
-        if self._config.publish_tf:
-            transforms.append(conversions.transform(self._truth.frame_id, self._base_frame,
-                                                    T_world_base, stamp))
-            if not self._config.separate_truth:
-                transforms.append(conversions.transform(base, footprint, footprint_pose(
-                    self._rover, T_world_base[:3, :3], links), stamp))
-        return TFMessage(transforms=transforms)
+        moved = moving_frames(self._rover, state.T_world_base, links, self._config.pose_frames)
+        return TFMessage(transforms=[conversions.transform(*frame, stamp) for frame in moved])
 
     def _static_transforms(self) -> Any:
         zero = conversions.time_msg(0)

@@ -24,7 +24,7 @@ from lunar_rover_sim.nodes.parameters import declare
 from lunar_rover_sim.run.companion_config import ViewNodeConfig
 from lunar_rover_sim.run.live_map import map_pages
 from lunar_rover_sim.run.live_view import HOST, LiveView
-from lunar_rover_sim.run.view_transforms import OdometryTransforms, transforms_of
+from lunar_rover_sim.run.transforms import OdometryTransforms, transforms_of
 from lunar_rover_sim.world.world_folder import load_world
 
 _POLL_S = 0.2
@@ -50,7 +50,7 @@ class ViewNode(node_main.GraphNode):
         self._view = LiveView(config.port, self._begun.put, self._on_drive, pages)
         store = get_typestore(Stores.ROS2_JAZZY)
         self._stamps = StampTable(store)
-        self._transforms = OdometryTransforms(store)
+        self._transforms = OdometryTransforms()
         self._makes_tf = importlib.util.find_spec('tf2_msgs') is None
         self._odometry: dict[str, str] = {}     # by the topics of transforms that are made of it
         self._types: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""The mounts of the sensors: their poses in base_link."""
+"""The frames of the rover: the mounts of its sensors, its legs, its footprint."""
 
 from __future__ import annotations
 
@@ -51,3 +51,45 @@ def fixed_frames(rover: RoverDescription) -> tuple[tuple[str, str, Array], ...]:
             (frames.LEFT_CAMERA_FRAME, frames.LEFT_OPTICAL_FRAME, turn),
             (frames.BASE_FRAME, frames.RIGHT_CAMERA_FRAME, right),
             (frames.RIGHT_CAMERA_FRAME, frames.RIGHT_OPTICAL_FRAME, turn))
+
+
+def footprint_pose(rover: RoverDescription, R_world_base: Array,
+                   T_base_link: dict[str, Array]) -> Array:
+    """Return T_base_footprint (4, 4): no roll, no pitch, the yaw of base_link.
+
+    R_world_base: (3, 3) orientation of base_link
+    T_base_link: leg → (4, 4), as `visual.link_poses` returns them
+
+    The origin lies vertically below (above) that of base_link, at the height of the lowest point
+    of the spheres at the tips of the spokes.
+    """
+    legs = rover.legs
+    tips = (legs.spoke_length_m - legs.tip_radius_m) * np.array(legs.spoke_directions())
+    down = np.concatenate([tips @ T_base_link[leg][:3, :3].T + T_base_link[leg][:3, 3]
+                           for leg in legs.names]) @ R_world_base[2]
+    height_m = float(down.min()) - legs.tip_radius_m
+    forward = R_world_base[:2, 0] / np.linalg.norm(R_world_base[:2, 0])
+    level = np.array([[forward[0], -forward[1], 0.0], [forward[1], forward[0], 0.0],
+                      [0.0, 0.0, 1.0]])
+    return se3(R_world_base.T @ level, R_world_base.T @ [0.0, 0.0, height_m])
+
+
+def moving_frames(rover: RoverDescription, T_world_base: Array, T_base_link: dict[str, Array],
+                  pose: tuple[str, str] | None) -> list[tuple[str, str, Array]]:
+    """Return (parent, child, (4, 4) T_parent_child) of all frames that move: the content of tf.
+
+    Args:
+        rover: The rover.
+        T_world_base: (4, 4) pose of base_link.
+        T_base_link: Leg → (4, 4), as `visual.link_poses` returns them.
+        pose: Parent and child of T_world_base; None leaves it out, and the footprint. A child
+            other than base_link has no footprint.
+    """
+    base = frames.BASE_FRAME
+    found = [(base, frames.leg_frame(leg), T_base_link[leg]) for leg in rover.legs.names]
+    if pose is not None:
+        found.append((*pose, T_world_base))
+        if pose[1] == base:
+            found.append((base, frames.FOOTPRINT_FRAME,
+                          footprint_pose(rover, T_world_base[:3, :3], T_base_link)))
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from lunar_rover_sim import topics
+from lunar_rover_sim import frames, topics
 from lunar_rover_sim.bag.config import RecorderConfig
 from lunar_rover_sim.camera.cameras import CameraEntry, chase_camera, hazard_camera, stereo_pair
 from lunar_rover_sim.camera.chase import ChaseConfig
@@ -56,6 +56,16 @@ class PhysicsNodeConfig(SensorsConfig, NodeConfig, PhysicsConfig):
                              'published in any case')
     publish_clock: bool = param(True, 'publish /clock; false for all but one of several rovers '
                                 'in one graph')
+
+    @property
+    def base_frame(self) -> str:
+        """The frame of the true pose."""
+        return frames.TRUE_BASE_FRAME if self.separate_truth else frames.BASE_FRAME
+
+    @property
+    def pose_frames(self) -> tuple[str, str] | None:
+        """Parent and child of the true pose on tf; None where it is not published."""
+        return (self.truth.frame_id, self.base_frame) if self.publish_tf else None
 
     @property
     def step_ns(self) -> int:

@@ -43,6 +43,26 @@ class RecordedNodes:
     render: RenderNodeConfig
     mapping: MappingNodeConfig
 
+    @classmethod
+    def of(cls, scenario: RecordedScenario) -> RecordedNodes | None:
+        """Return those of a scenario; None where it describes no rover.
+
+        Raises:
+            ConfigError: The scenario is not of this version.
+        """
+        values = scenario.sections.get('rover')
+        if not values:
+            return None
+        shared = scenario.sections.get(SHARED, {})
+
+        def node(name: str) -> dict[str, object]:
+            return merge(dict(shared), dict(scenario.sections.get(name, {})))
+
+        return cls(RoverDescription.from_mapping(values, 'rover'),
+                   PhysicsNodeConfig.from_mapping(node('physics_node'), 'physics_node'),
+                   RenderNodeConfig.from_mapping(node('render_node'), 'render_node'),
+                   MappingNodeConfig.from_mapping(node('mapping_node'), 'mapping_node'))
+
 
 class RecordedRun:
     """The run of an open bag; what it says is read when it is asked for.
@@ -81,22 +101,14 @@ class RecordedRun:
         Raises:
             BagError: There is no scenario, or it is not of this version.
         """
-        rover = self.rover
-        if rover is None:
-            raise BagError(f'{self._bag.path}: holds no scenario, so the rover of the drive is '
-                           'not known')
-        shared = self.scenario.sections.get(SHARED, {})
-
-        def node(name: str) -> dict[str, object]:
-            return merge(dict(shared), dict(self.scenario.sections.get(name, {})))
-
         try:
-            return RecordedNodes(
-                rover, PhysicsNodeConfig.from_mapping(node('physics_node'), 'physics_node'),
-                RenderNodeConfig.from_mapping(node('render_node'), 'render_node'),
-                MappingNodeConfig.from_mapping(node('mapping_node'), 'mapping_node'))
+            found = RecordedNodes.of(self.scenario)
         except ConfigError as error:
             raise self._of_another_version(error) from None
+        if found is None:
+            raise BagError(f'{self._bag.path}: holds no scenario, so the rover of the drive is '
+                           'not known')
+        return found
 
     def _of_another_version(self, error: ConfigError) -> BagError:
         return BagError(f'{self._bag.path}: its scenario is not of this version: {error}')

@@ -16,17 +16,22 @@ from geometry_msgs.msg import AccelStamped  # noqa: E402
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
+from rosbags.typesys import get_typestore, Stores  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Imu, JointState  # noqa: E402
 
 from lunar_rover_sim import frames, topics  # noqa: E402
+from lunar_rover_sim.bag.messages import header_ns, transform_matrix  # noqa: E402
 from lunar_rover_sim.nodes import conversions, state_publisher  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.rover.mounts import imu_pose  # noqa: E402
 from lunar_rover_sim.rover.urdf import urdf  # noqa: E402
 from lunar_rover_sim.rover.visual import link_poses  # noqa: E402
-from lunar_rover_sim.run.node_config import PhysicsNodeConfig  # noqa: E402
+from lunar_rover_sim.run.node_config import MappingNodeConfig  # noqa: E402
+from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig  # noqa: E402
+from lunar_rover_sim.run.recorded_run import RecordedNodes  # noqa: E402
+from lunar_rover_sim.run.transforms import RunTransforms  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuConfig  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuNoise  # noqa: E402
 from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
@@ -143,6 +148,38 @@ def test_an_estimator_may_own_odom(state: RoverState, monkeypatch: pytest.Monkey
     assert {'odom', 'ground_truth/odom'} & set(node.sent) == {odometry[0]}
     msg = deserialize_message(node.sent[odometry[0]][0], Odometry)
     assert (msg.header.frame_id, msg.child_frame_id) == odometry[1:]
+
+
+@pytest.mark.parametrize('parameters', [
+    {}, {'publish_tf': False}, {'separate_truth': True}])
+def test_the_recorder_makes_the_same_transforms(state: RoverState, parameters: dict[str, bool],
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of odometry and joint states, in any order, where nobody can publish them."""
+    monkeypatch.setattr(state_publisher, 'TFMessage', FakeTFMessage)
+    node = FakeNode()
+    nodes = RecordedNodes(RoverDescription(), PhysicsNodeConfig(**parameters),  # type: ignore
+                          RenderNodeConfig(), MappingNodeConfig())
+    noise = ImuNoise(ImuConfig(), 200, np.random.default_rng(1))
+    state_publisher.StatePublisher(node, nodes.rover, noise,  # type: ignore[arg-type]
+                                   nodes.physics).publish(state, state.stamp_ns)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for turned in (False, True):
+        made = RunTransforms(nodes, lambda name: f'/rover_1/{name}')
+        first, second = [(full, node.sent[topic.name][0])
+                         for full, topic in made.sources.items()][::-1 if turned else 1]
+        assert made.add(*first) is None
+        raw = made.add(*second)
+        assert raw is not None
+        for topic, written in (('tf', raw), ('tf_static', made.fixed())):
+            message: Any = store.deserialize_cdr(written, topics.TF.type)
+            expected = node.sent[topic][0].transforms
+            assert list(map(_frames_of, message.transforms)) == list(map(_frames_of, expected))
+            np.testing.assert_allclose([transform_matrix(t) for t in message.transforms],
+                                       [transform_matrix(t) for t in expected], atol=1e-12)
+
+
+def _frames_of(stamped: Any) -> tuple[int, str, str]:
+    return header_ns(stamped), stamped.header.frame_id, stamped.child_frame_id
 
 
 def test_one_of_several_rovers_is_without_a_clock(state: RoverState) -> None:

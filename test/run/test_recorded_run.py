@@ -8,6 +8,7 @@ from conftest import BLIND, simulate, SMALL
 import pytest
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag.messages import header_ns, xyz
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.run.scenario import Scenario
@@ -16,7 +17,6 @@ pytestmark = pytest.mark.ros
 
 
 DURATION_S = 2
-OPTIONAL = {topics.TF.name, topics.TF_STATIC.name}
 ABSENT = {'slam_node', 'mapping_node', 'navigator_node'}     # of this run
 
 
@@ -31,7 +31,7 @@ def test_contract(recorded_run: Path) -> None:
         assert not bag.incomplete
         for topic in topics.of_legs(topics.CONTRACT, scenario.rover.legs.names):
             if (topic in (topics.RECORDED, topics.TRUE_ODOM, topics.LIDAR_SCANNED)
-                    or topic.node in ABSENT or topic.name in OPTIONAL - set(bag.types)):
+                    or topic.node in ABSENT):
                 continue
             if topic.on_request and topic.name not in (topics.SINKAGE.name,
                                                        topics.FOOT_SLIP.name):
@@ -88,14 +88,21 @@ def test_messages_say_what_they_must(recorded_run: Path) -> None:
 
 
 def test_other_tools_read_the_bag(recorded_run: Path) -> None:
-    """The MCAP project's own reader decodes it."""
+    """The MCAP project's own reader decodes it, tf included, which is there in any case."""
     mcap_reader = pytest.importorskip('mcap.reader')
     decoder = pytest.importorskip('mcap_ros2.decoder')
     with open(next((recorded_run / 'bag').glob('*.mcap')), 'rb') as stream:
         reader = mcap_reader.make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
-        heights = [message.pose.pose.position.z for _, _, _, message in
-                   reader.iter_decoded_messages(topics=['/odom'])]
-    assert len(heights) == DURATION_S * 200
+        found = {topic: [message for *_, message in reader.iter_decoded_messages(topics=[topic])]
+                 for topic in ('/odom', '/tf', '/tf_static')}
+    assert len(found['/odom']) == len(found['/tf']) == DURATION_S * 200
+    for odometry, tf in zip(found['/odom'], found['/tf']):
+        placed, = (t for t in tf.transforms if t.child_frame_id == 'base_link')
+        assert (placed.header.frame_id, header_ns(placed)) == ('odom', header_ns(odometry))
+        assert xyz(placed.transform.translation) == pytest.approx(
+            xyz(odometry.pose.pose.position), abs=1e-12)
+    fixed, = found['/tf_static']
+    assert {t.child_frame_id for t in fixed.transforms} >= {'imu_link', 'lidar_link'}
 
 
 def test_another_seed_gives_another_bag(recorded_run: Path, tmp_path: Path) -> None:
