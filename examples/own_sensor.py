@@ -1,6 +1,6 @@
 """A sensor of your own, in Python: an inclinometer with noise, read while the rover walks.
 
-As a sensor of the simulator, with a topic of its own: CONTRIBUTING.md, "A sensor or topic".
+As a sensor of the simulator, with a topic of its own: CONTRIBUTING.md, "A sensor".
 """
 
 import numpy as np

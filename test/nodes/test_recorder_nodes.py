@@ -17,13 +17,14 @@ from nav_msgs.msg import Odometry  # noqa: E402
 from peer import Peer, running  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
+from rclpy.duration import Duration  # noqa: E402
 from sensor_msgs.msg import CompressedImage  # noqa: E402
 
 
 def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None:
     """A topic that nobody declared is recorded; those on request only where they are named."""
     from lunar_rover_sim.bag.reader import open_bag
-    publisher = peer.node.create_publisher(Twist, 'somebody/elses_topic', 10)
+    publisher = peer.node.create_publisher(Twist, 'somebody/elses_topic', 20)
     named, other = (peer.node.create_publisher(
         CompressedImage, f'stereo/{side}/image_raw/compressed', 10) for side in ('left', 'right'))
     bag = tmp_path / 'bag'
@@ -36,7 +37,8 @@ def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None
         for _ in range(20):
             publisher.publish(Twist())
             time.sleep(0.01)
-        time.sleep(0.5)
+        assert publisher.wait_for_all_acked(Duration(seconds=30))
+        time.sleep(1.0)
     with open_bag(bag) as recorded:
         assert not recorded.incomplete
         assert recorded.counts['/somebody/elses_topic'] == 20
