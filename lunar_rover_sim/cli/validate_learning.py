@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
 from lunar_rover_sim.errors import StudyError
@@ -12,7 +10,8 @@ from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.learning.policy_file import Policy, policy_names, policy_path
 from lunar_rover_sim.learning.task import GROUNDS as ALL_GROUNDS
 from lunar_rover_sim.studies.learning import (Case, GROUNDS, HIDDEN_SEEDS, PACKAGED, report_text,
-                                              SLOPES_DEG, study)
+                                              SETTINGS, SLOPES_DEG, study, WalkStore,
+                                              write_walks)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,8 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                           ' which no training saw, and compare them in pairs.')
     parser.add_argument('policies', nargs='*', metavar='POLICY',
                         help='packaged policies or files; by default all packaged ones')
-    options.add_folder(parser, 'folder for learning.md and learning.csv; walks that the CSV has'
-                       ' are not made again')
+    options.add_folder(parser, 'folder for learning.md, learning.csv and the finished walks')
+    parser.add_argument('--resume', action='store_true',
+                        help='go on with a folder: finished walks are kept')
     parser.add_argument('--grounds', nargs='+', choices=ALL_GROUNDS, default=list(GROUNDS),
                         metavar='GROUND', help=f'(default: {" ".join(GROUNDS)})')
     parser.add_argument('--slopes', nargs='+', type=options.number('--slopes', 0.0, 30.0, 'deg'),
@@ -40,17 +40,17 @@ def run(args: argparse.Namespace) -> int:
     policies = args.policies or policy_names()
     for policy in policies:
         Policy(policy)
-    args.output.mkdir(parents=True, exist_ok=True)
     walkers = [PACKAGED, *(name if name in policy_names() else str(policy_path(name).resolve())
                            for name in policies)]
     cases = [Case(walker, ground, slope, seed, args.rover)
              for slope in args.slopes for ground in args.grounds
              for seed in HIDDEN_SEEDS[:args.seeds] for walker in walkers]
-    path: Path = args.output / 'learning.csv'
-    with Progress('walking') as progress:
-        walks = study(cases, path, args.workers, progress)
+    store = WalkStore(args.output, SETTINGS, args.resume)
+    with Progress('walking', len(cases)) as progress:
+        walks = study(cases, store, args.workers, progress)
+    write_walks(args.output / 'learning.csv', walks)
     text = report_text(walks)
     atomic_write(args.output / 'learning.md', text, StudyError)
     print_markdown(text)
-    say(f'{path}: {len(walks)} walks')
+    say(f'{args.output}: {len(walks)} walks')
     return 0

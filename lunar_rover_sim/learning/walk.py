@@ -17,7 +17,7 @@ from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.learning.senses import Channel, of_legs, Sample, scaled, Upright
-from lunar_rover_sim.learning.task import Driver, even, RoverTask, TaskConfig
+from lunar_rover_sim.learning.task import Driver, even, RoverTask, STATE_HZ, TaskConfig
 from lunar_rover_sim.parameters import param
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
@@ -61,7 +61,7 @@ class WalkConfig(TaskConfig):
 class WalkDriver(Driver):
     """Observations and leg speeds of `Walk`; those of the gait at each decision."""
 
-    decision_ns = follow_ns = DECISION_NS
+    decision_ns, follow_ns = DECISION_NS, 1_000_000_000 // STATE_HZ
 
     def __init__(self, config: WalkConfig, rover: RoverDescription,
                  calibration: GaitCalibration | None = None) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 import csv
 import dataclasses
 import functools
+import hashlib
 import io
 import math
 from pathlib import Path
@@ -21,13 +22,14 @@ from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError, PhysicsError, StudyError
 from lunar_rover_sim.evaluation.statistics import Comparison, Mean
 from lunar_rover_sim.files.atomic import atomic_write
-from lunar_rover_sim.files.paths import markdown_table
+from lunar_rover_sim.files.paths import check_regular, markdown_table
 from lunar_rover_sim.frames import tilt_deg
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController, LegCommand
 from lunar_rover_sim.inspection.tracking import prediction_miss
 from lunar_rover_sim.learning.controller import PolicyController
+from lunar_rover_sim.learning.policy_file import policy_path
 from lunar_rover_sim.learning.senses import Sample
 from lunar_rover_sim.learning.task import FALLEN_DEG, physics_of, STATE_HZ, terrain
 from lunar_rover_sim.physics.foot_motion import SlipMeter
@@ -36,6 +38,7 @@ from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoise
 from lunar_rover_sim.studies.parallel import map_in_processes
+from lunar_rover_sim.studies.study_folder import StudyFolder
 
 PACKAGED = 'packaged'
 GROUNDS, SLOPES_DEG = ('rigid', 'highland', 'highland_loose'), (0.0, 8.0)
@@ -43,6 +46,7 @@ GROUNDS, SLOPES_DEG = ('rigid', 'highland', 'highland_loose'), (0.0, 8.0)
 HIDDEN_SEEDS = tuple(range(90_000, 90_020))
 SPEED_MPS, SKIP_S, DURATION_S = 0.12, 3.0, 9.0
 FRAME_HZ = 20.0         # of the constant-velocity tracker
+SETTINGS = f'{SPEED_MPS:g} m/s, {DURATION_S:g} s of which {SKIP_S:g} s are not judged\n'
 _SLIP_EVERY = 4         # states
 _STUCK = 0.1            # share of the commanded way below which a rover is stuck
 _SIZE_M = 12.8
@@ -129,25 +133,42 @@ def answer_of(case: Case, rover: RoverDescription) -> Callable[[Sample], LegComm
     return policy.update
 
 
-def study(cases: Sequence[Case], path: Path, workers: int = 1,
+class WalkStore(StudyFolder):
+    """The finished walks of a study, by case and by the content of the policy's file."""
+
+    def load(self, case: Case) -> PolicyWalk | None:
+        """Return a finished walk, or None; StudyError if its file cannot be read."""
+        return self.read(_file_name(case), lambda values: PolicyWalk(
+            **{**values, 'case': Case(**values['case'])}))
+
+    def save(self, walked: PolicyWalk) -> None:
+        """Keep a finished walk."""
+        self.write(_file_name(walked.case), dataclasses.asdict(walked))
+
+
+def study(cases: Sequence[Case], store: WalkStore, workers: int = 1,
           progress: Callable[[int, int], object] = lambda done, total: None) -> list[PolicyWalk]:
-    """Walk all cases, write each to a CSV as it is done, and return them in their order.
-
-    Walks that are in the CSV already are not made again: a study that was stopped goes on.
-
-    Raises:
-        StudyError: The CSV is none of this study, or cannot be written.
-    """
-    done = {found.case: found for found in read_walks(path)} if path.exists() else {}
+    """Walk the cases that are not in the store yet; return all walks in their order."""
+    done = {case: found for case in cases if (found := store.load(case)) is not None}
     todo = [case for case in cases if case not in done]
 
-    def keep(found: PolicyWalk, count: int, total: int) -> None:
-        done[found.case] = found
-        write_walks(path, list(done.values()))
-        progress(count, total)
+    def keep(walked: PolicyWalk, _count: int, _total: int) -> None:
+        store.save(walked)
+        done[walked.case] = walked
+        progress(len(done), len(cases))
 
     map_in_processes(walk, todo, workers, keep)
     return [done[case] for case in cases]
+
+
+def _file_name(case: Case) -> str:
+    digest = ''
+    if case.walker != PACKAGED:
+        path = policy_path(case.walker)
+        check_regular(path, StudyError)
+        digest = '_' + hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    return (f'{Path(case.walker).stem}{digest}_{Path(case.rover).stem}_{case.ground}_'
+            f'{case.slope_deg:g}_{case.seed}')
 
 
 def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
@@ -157,21 +178,9 @@ def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
     names = [field.name for field in dataclasses.fields(Case)]
     writer.writerow([*names, 'outcome', *MEASURED])
     for one in walks:
-        writer.writerow([*dataclasses.astuple(one.case), one.outcome,
-                         *(f'{getattr(one, name):.6g}' for name in MEASURED)])
+        writer.writerow([Path(one.case.walker).stem, *dataclasses.astuple(one.case)[1:],
+                         one.outcome, *(f'{getattr(one, name):.6g}' for name in MEASURED)])
     atomic_write(path, text.getvalue(), StudyError)
-
-
-def read_walks(path: Path) -> list[PolicyWalk]:
-    """Read what `write_walks` wrote."""
-    try:
-        with path.open(encoding='utf-8', newline='') as file:
-            return [PolicyWalk(Case(row['walker'], row['ground'], float(row['slope_deg']),
-                                    int(row['seed']), row['rover']), row['outcome'],
-                               *(float(row[name]) for name in MEASURED))
-                    for row in csv.DictReader(file)]
-    except (OSError, KeyError, ValueError, TypeError) as error:
-        raise StudyError(f'{path}: is no table of this study: {error}') from None
 
 
 def report_text(walks: Sequence[PolicyWalk]) -> str:

@@ -1,15 +1,13 @@
 """The learning study: what is measured of a walk, how walkers are compared, and what is kept."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.learning.randomisation import Randomisation
 from lunar_rover_sim.studies import learning
-from lunar_rover_sim.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk, read_walks,
-                                              report_text, study, walk, WALKED)
+from lunar_rover_sim.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk, report_text,
+                                              SETTINGS, study, walk, WALKED, WalkStore)
 
 
 def made(walker, seed, transport, outcome=WALKED):
@@ -46,18 +44,29 @@ def test_a_study_that_was_stopped_goes_on(tmp_path, monkeypatch):
 
     def counted(case):
         made_of.append(case)
-        return made(case.walker, case.seed, 1.5)
+        if len(made_of) == 3:
+            raise KeyboardInterrupt
+        return made(case.walker, case.seed, float('nan'), 'fallen')
 
     monkeypatch.setattr(learning, 'walk', counted)
     cases = [Case(PACKAGED, 'rigid', 0.0, seed) for seed in HIDDEN_SEEDS[:4]]
-    path = tmp_path / 'learning.csv'
-    study(cases[:2], path)
-    found = study(cases, path)
-    assert made_of == cases and [one.case for one in found] == cases
-    assert read_walks(path) == found
-    fallen = dataclasses.replace(found[0], outcome='fallen', transport=float('nan'))
-    learning.write_walks(path, [fallen])
-    assert np.isnan(read_walks(path)[0].transport)
-    path.write_text('a,b\n1,2\n')
-    with pytest.raises(StudyError, match='is no table of this study'):
-        study(cases, path)
+    folder = tmp_path / 'study'
+    with pytest.raises(KeyboardInterrupt):
+        study(cases, WalkStore(folder, SETTINGS, resume=False))
+    with pytest.raises(ConfigError, match='exists'):
+        WalkStore(folder, SETTINGS, resume=False)
+    found = study(cases, WalkStore(folder, SETTINGS, resume=True))
+    assert made_of == [*cases[:3], *cases[2:]] and [one.case for one in found] == cases
+    assert all(np.isnan(one.transport) for one in found)
+
+
+def test_a_policy_that_changed_walks_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(learning, 'walk', lambda case: made(case.walker, case.seed, 1.5))
+    policy = tmp_path / 'own.onnx'
+    policy.write_bytes(b'one')
+    case = Case(str(policy), 'rigid', 0.0, HIDDEN_SEEDS[0])
+    store = WalkStore(tmp_path / 'study', SETTINGS, resume=False)
+    study([case], store)
+    assert store.load(case) is not None
+    policy.write_bytes(b'two')
+    assert store.load(case) is None
