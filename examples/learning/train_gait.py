@@ -10,20 +10,25 @@ TensorBoard shows. Training never sees the seeds of the study.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import itertools
 import json
 from pathlib import Path
 import pickle
 import time
+from typing import Any
 
 import cma
 import numpy as np
 from rich.progress import track
 from torch.utils.tensorboard import SummaryWriter
 
-from lunar_rover_sim.learning.policy_file import constant_layers, save_policy
+from lunar_rover_sim.gait.config import CUSTOM, GaitConfig
+from lunar_rover_sim.learning.gait_task import gait_of
+from lunar_rover_sim.learning.policy_file import constant_layers, Policy, save_policy
 from lunar_rover_sim.learning.task import RoverTask
 from lunar_rover_sim.learning.tasks import make_task
+from lunar_rover_sim.rover.rover_file import load_rover
 
 EVALUATED = range(20_000, 20_004)       # seeds that are neither trained on nor hidden
 MOST_STARTS = 64
@@ -108,6 +113,16 @@ def cost(task: RoverTask, action: np.ndarray, seeds: range) -> float:
             over = outcome.terminated or outcome.truncated
         costs.append(total + FAILED * outcome.terminated)
     return float(np.mean(costs))
+
+
+def tuned(policy: str, rover: str) -> dict[str, Any]:
+    """Return the options of `Walk` by which a residual of zero walks as a policy of `Gait`."""
+    if not policy:
+        return {}
+    card, packaged = Policy(policy).card, GaitConfig().for_rover(load_rover(rover))
+    action = Policy(policy).act(np.zeros(len(card.observation), np.float32))
+    gait, factor = gait_of(action, card.action, dataclasses.replace(packaged, gait=CUSTOM))
+    return {'gait': gait.to_mapping(), 'speed_factor': factor}
 
 
 def save(folder: Path, task: RoverTask, search: cma.CMAEvolutionStrategy,

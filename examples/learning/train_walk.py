@@ -18,6 +18,7 @@ from sb3_vector import Sb3Vector
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
 import torch
+from train_gait import tuned
 
 from lunar_rover_sim.learning.policy_file import save_policy
 from lunar_rover_sim.learning.tasks import make_task
@@ -36,13 +37,15 @@ def main() -> None:
     parser.add_argument('--envs', type=int, default=8)
     parser.add_argument('--every', type=int, default=50_000, help='decisions between evaluations')
     parser.add_argument('--minutes', type=float, default=120.0, help='stop after this time')
+    parser.add_argument('--gait', default='', metavar='POLICY',
+                        help='a policy of Gait whose constant gait the actions are added to')
     parser.add_argument('--set', action='append', default=[], metavar='NAME=NUMBER',
                         help='a parameter of the task')
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
-    options = {'ground': args.ground, 'rover': args.rover,
+    options = {'ground': args.ground, 'rover': args.rover, **tuned(args.gait, args.rover),
                **{name: float(value) for name, value in (one.split('=') for one in args.set)}}
     envs = Sb3Vector('Walk', args.envs, **options)
     envs.seed(1000 * args.seed)

@@ -1,8 +1,8 @@
 """`Walk`: follow velocity commands over terrain, by leg speeds at 50 Hz.
 
-An action is added to the speeds that the packaged gait asks of the legs (`residual`), or is the
-speeds themselves (`speeds`). A residual of zero walks as the packaged gait does, so that learning
-starts from it and is measured against it.
+An action is added to the speeds that a gait asks of the legs (`residual`), or is the speeds
+themselves (`speeds`). A residual of zero walks as that gait does, the packaged one or a tuned one,
+so that learning starts from it and is measured against it. The gait follows at 200 Hz.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.learning.senses import Channel, of_legs, Sample, scaled, Upright
 from lunar_rover_sim.learning.task import Driver, even, RoverTask, STATE_HZ, TaskConfig
-from lunar_rover_sim.parameters import param
+from lunar_rover_sim.parameters import group, param
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
 
@@ -30,8 +30,11 @@ DECISION_NS = 20_000_000
 class WalkConfig(TaskConfig):
     """Parameters of `Walk`."""
 
-    action: str = param(RESIDUAL, 'what an action is: residual to the leg speeds of the packaged'
-                        ' gait, or the leg speeds', choices=(RESIDUAL, SPEEDS))
+    action: str = param(RESIDUAL, 'what an action is: residual to the leg speeds of the gait, or'
+                        ' the leg speeds', choices=(RESIDUAL, SPEEDS))
+    gait: GaitConfig = group(GaitConfig)
+    speed_factor: float = param(1.0, 'factor on the commanded speed that the gait is given',
+                                low=0.1, high=2.0)
     residual_radps: float = param(1.5, 'greatest residual', unit='rad/s', low=0.0, open_low=True,
                                   high=20.0)
     fastest_radps: float = param(6.0, 'greatest leg speed where actions are speeds', unit='rad/s',
@@ -67,7 +70,8 @@ class WalkDriver(Driver):
                  calibration: GaitCalibration | None = None) -> None:
         """Walk with the gait of a rover on the ground of a task, or with another calibration."""
         legs = rover.legs
-        gait = GaitConfig().for_rover(rover)
+        gait = config.gait.for_rover(rover)
+        self._speed_factor = config.speed_factor
         self._residual = config.action == RESIDUAL
         self._scale = config.residual_radps if self._residual else config.fastest_radps
         self._gait = GaitController(
@@ -98,7 +102,7 @@ class WalkDriver(Driver):
     def set_velocity(self, forward_mps: float, yaw_rate_radps: float) -> None:
         """Set the velocity that is asked for."""
         self._command = (forward_mps, yaw_rate_radps)
-        self._gait.set_velocity(forward_mps, yaw_rate_radps)
+        self._gait.set_velocity(self._speed_factor * forward_mps, yaw_rate_radps)
 
     def feel(self, sample: Sample) -> None:
         """Take in a sample, and let the gait answer it."""
