@@ -1,7 +1,8 @@
 """`Reach`: come to a goal among craters and rocks, by velocity commands at 5 Hz.
 
-The packaged gait follows the commands. The policy sees where the goal is, and the true elevation
-around the rover, rocks as half balls; a map in the place of the truth is the user's own.
+The packaged gait follows the commands. The policy sees where the goal is, and the elevation around
+the rover: the true one (`truth`), rocks as half balls, or the map of what the stereo camera has
+seen (`seen`), made by the core of mapping_node at the true pose.
 """
 
 from __future__ import annotations
@@ -11,20 +12,26 @@ import math
 
 import numpy as np
 
+from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.frames import Array, rpy_from_wxyz
 from lunar_rover_sim.gait.calibration import GaitCalibration
 from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.controller import GaitController
+from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.learning.senses import Channel, Sample, scaled, Upright
 from lunar_rover_sim.learning.task import Driver, even, RoverTask, TaskConfig
-from lunar_rover_sim.parameters import param
+from lunar_rover_sim.navigation.config import MapConfig, TRUTH
+from lunar_rover_sim.navigation.elevation_map import Elevation, ElevationMap
+from lunar_rover_sim.parameters import group, param
 from lunar_rover_sim.physics.state import RoverState
 from lunar_rover_sim.rover.description import RoverDescription
+from lunar_rover_sim.stereo.seen_depth import SeenDepth
 
 # Cells of the elevation, in base axes [m].
 AHEAD_M = tuple(round(-0.3 + 0.15 * k, 2) for k in range(11))
 ASIDE_M = tuple(round(-0.6 + 0.15 * k, 2) for k in range(9))
 REACHED = 'reached'
+SEEN = 'seen'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +39,10 @@ class ReachConfig(TaskConfig):
     """Parameters of `Reach`."""
 
     episode_s: float = param(60.0, 'length of an episode', unit='s', low=0.1, high=3600.0)
+    elevation: str = param(TRUTH, 'elevation that is observed: the truth, or the map of what the'
+                           ' camera has seen; a cell that it has not seen is as high as base_link',
+                           choices=(TRUTH, SEEN))
+    sun: SunConfig = group(SunConfig)
     goal_m: tuple[float, ...] = param((2.0, 4.0), 'distance of the goal, least and greatest',
                                       unit='m', length=2, low=0.5, high=8.0)
     reached_m: float = param(0.3, 'distance at which the goal is reached', unit='m', low=0.05)
@@ -115,6 +126,12 @@ class Reach(RoverTask):
         self.goal_m = start + distance * np.array([math.cos(angle), math.sin(angle)])
         self._energy_j = self._time_s = 0.0
         self._distance_m = distance
+        if self.config.elevation == SEEN:
+            assert self.world is not None
+            self._seen = SeenDepth(self.world, self.rover, CameraConfig(), self.config.sun,
+                                   int(rng.integers(2**31)))
+            self._map = ElevationMap(MapConfig().by_pose(TRUTH))
+            self._mapped: Elevation | None = None
 
     def watch(self, state: RoverState, interval_s: float) -> None:
         """Sum up energy."""
@@ -159,7 +176,9 @@ class Reach(RoverTask):
         return math.hypot(*(self.goal_m - self.state.position_m[:2]))
 
     def _elevation(self, places: Array) -> Array:
-        """Return the heights of ground and rocks at (n, 2) places; those of the rover beyond."""
+        """Return the heights at (n, 2) places; that of the rover where they are not known."""
+        if self.config.elevation == SEEN:
+            return self._seen_elevation(places)
         world = self.world
         assert world is not None
         height = np.nan_to_num(world.ground.height_at(places), nan=self.state.position_m[2])
@@ -171,3 +190,19 @@ class Reach(RoverTask):
             top = rocks.position_m[k, 2] + np.sqrt(np.maximum(radius ** 2 - apart, 0.0))
             height = np.where(apart < radius ** 2, np.maximum(height, top), height)
         return height
+
+    def _seen_elevation(self, places: Array) -> Array:
+        """Look, and return the heights of the map, which is a decision old as it is in a graph."""
+        state, seen, before = self.state, self._seen, self._mapped
+        T, config = state.T_world_base, self._map.config
+        self._map.add_depth(state.stamp_ns, seen.look(T, config.max_range_m), seen.K,
+                            seen.real_baseline_m, T @ seen.T_base_camera, state.position_m)
+        self._mapped = self._map.elevation()
+        if before is None:
+            return np.full(len(places), state.position_m[2])
+        column, row = np.floor((places - before.origin_m) / before.cell_m).astype(int).T
+        n = len(before.height_m)
+        inside = (column >= 0) & (column < n) & (row >= 0) & (row < n)
+        height = np.where(inside, before.height_m[np.clip(row, 0, n - 1),
+                                                  np.clip(column, 0, n - 1)], np.nan)
+        return np.nan_to_num(height, nan=state.position_m[2])

@@ -32,7 +32,7 @@ from lunar_rover_sim.rover.mjcf import CHASSIS_GEOM
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sensors.imu import ImuNoise
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry
-from lunar_rover_sim.studies.seen_depth import SeenDepth
+from lunar_rover_sim.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S
 from lunar_rover_sim.world.model import World
 

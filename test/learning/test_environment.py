@@ -139,6 +139,30 @@ def test_reach_ends_at_the_goal():
     assert terminated and info['reason'] == 'reached' and reward > 1.0
 
 
+def test_reach_sees_the_ground_ahead_and_nothing_behind():
+    """What the map has seen is the truth within its errors; what it has not is flat."""
+    options = {'episode_s': 8.0, 'ground': 'rigid', 'randomise': False, 'sun': {
+        'elevation_deg': 40.0}}
+    seen = make_task('reach', {**options, 'elevation': 'seen'})
+    true = make_task('reach', options)
+    for task in (seen, true):
+        task.reset(np.random.default_rng(3))
+        task.goal_m = task.state.position_m[:2] + [5.0, 0.0]
+        for _ in range(8):
+            outcome = task.step(np.array([0.2, 0.0]))
+            if task is seen:
+                mapped = outcome.observation
+    cells = [k for k, one in enumerate(seen.channels) if one.name.startswith('elevation/')]
+    ahead = [float(seen.channels[k].name.split('/')[1]) > 0.6 for k in cells]
+    known = mapped[cells] != 0.0
+    assert known[ahead].mean() > 0.5 and not known[~np.array(ahead)][:9].any()
+    error = 0.1 * np.abs(mapped - outcome.observation)[cells][known]
+    # Half a cell of 15 cm on relief, and rocks that are no half balls.
+    assert np.median(error) < 0.01
+    seen.close()
+    true.close()
+
+
 @pytest.mark.parametrize('options, text', [
     ({'grund': 'rigid'}, 'walk.grund: no such parameter; did you mean ground'),
     ({'ground': 'mud'}, "ground: 'mud' is not valid"),

@@ -6,8 +6,9 @@ import pytest
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.learning.randomisation import Randomisation
 from lunar_rover_sim.studies import learning
-from lunar_rover_sim.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk, report_text,
-                                              SETTINGS, study, walk, WALKED, WalkStore)
+from lunar_rover_sim.studies.learning import (Case, HIDDEN_SEEDS, PACKAGED, PolicyWalk,
+                                              report_text, SETTINGS, study, walk, WALKED,
+                                              WalkStore)
 
 
 def made(walker, seed, transport, outcome=WALKED):
