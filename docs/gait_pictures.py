@@ -1,27 +1,36 @@
 """How gaits differ: which feet carry, and how fast the body pitches, side by side.
 
     python docs/gait_pictures.py FILE.png packaged smooth
+    python docs/gait_pictures.py FILE.webp packaged smooth feedback
 
-Walkers are `packaged`, and policies by name or file. All walk over the same relief.
+Walkers are `packaged`, and policies by name or file. All walk over the same relief. A .webp is a
+film of the chase camera.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 import sys
 
+import cv2
 from matplotlib.figure import Figure
 import numpy as np
 
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.files.figures import save_figure
+from lunar_rover_sim.files.film_file import write_film
+from lunar_rover_sim.learning.picture import ChasePicture
+from lunar_rover_sim.learning.policy_file import Policy
 from lunar_rover_sim.learning.senses import Sample
 from lunar_rover_sim.learning.task import physics_of, STATE_HZ, terrain
+from lunar_rover_sim.learning.tasks import make_task
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rover.rover_file import load_rover
-from lunar_rover_sim.studies.learning import answer_of, Case, HIDDEN_SEEDS
+from lunar_rover_sim.studies.learning import answer_of, Case, HIDDEN_SEEDS, PACKAGED, SPEED_MPS
 
 GROUND, FROM_S, TO_S = 'highland', 4.0, 8.0
+FILM_HZ = 12.5
 CARRIES_N = 0.15        # load on a foot
 
 
@@ -42,8 +51,33 @@ def walked(walker: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return times[shown], loads[shown], rates[shown]
 
 
+def filmed(walker: str) -> Iterator[np.ndarray]:
+    """Yield (h, w, 3) pictures of a walk, with the walker's name."""
+    options = {'forward_mps': (SPEED_MPS, SPEED_MPS), 'yaw_rate_radps': (0.0, 0.0),
+               'randomise': False, 'ground': GROUND, 'episode_s': TO_S}
+    policy = None if walker == PACKAGED else Policy(walker)
+    name = 'gait' if policy is None else policy.card.task
+    if name == 'gait':      # a constant action, whose decisions need no rate
+        options['decision_hz'] = 25
+    task = make_task(name, {**({} if policy is None else policy.card.options), **options})
+    observation = task.reset(np.random.default_rng(HIDDEN_SEEDS[0]))
+    picture, every_ns = ChasePicture(task), round(1e9 / FILM_HZ)
+    while task.state.stamp_ns < TO_S * 1e9:
+        observation = task.step(np.zeros(len(task.actions)) if policy is None
+                                else policy.act(observation)).observation
+        if task.state.stamp_ns >= FROM_S * 1e9 and task.state.stamp_ns % every_ns == 0:
+            frame = np.ascontiguousarray(picture.draw()[:, 140:-140])
+            yield cv2.putText(frame, Path(walker).stem, (10, 30), cv2.FONT_HERSHEY_SIMPLEX, 0.8,
+                              (255, 255, 255), 1, cv2.LINE_AA)
+    picture.close()
+    task.close()
+
+
 def main(path: Path, walkers: list[str]) -> None:
-    """Draw the walkers beside each other."""
+    """Draw or film the walkers beside each other."""
+    if path.suffix == '.webp':
+        write_film(path, (np.hstack(row) for row in zip(*map(filmed, walkers))), FILM_HZ, 45)
+        return
     names = load_rover().legs.names
     figure = Figure(figsize=(4.6 * len(walkers), 4.6), layout='constrained')
     panels = figure.subplots(2, len(walkers), sharex=True, sharey='row', squeeze=False)

@@ -6,7 +6,7 @@ import argparse
 
 from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import print_markdown, Progress, say
-from lunar_rover_sim.errors import StudyError
+from lunar_rover_sim.errors import ConfigError, StudyError
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.learning.policy_file import Policy, policy_names, policy_path
 from lunar_rover_sim.learning.task import GROUNDS as ALL_GROUNDS
@@ -20,6 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                           ' which no training saw, and compare them in pairs.')
     parser.add_argument('policies', nargs='*', metavar='POLICY',
                         help='packaged policies or files; by default all packaged ones')
+    parser.add_argument('--against', metavar='WALKER', default=PACKAGED,
+                        help='what the others are compared with: packaged, or one of the policies'
+                             ' (default: packaged)')
     options.add_folder(parser, 'folder for learning.md, learning.csv and the finished walks')
     parser.add_argument('--resume', action='store_true',
                         help='go on with a folder: finished walks are kept')
@@ -40,16 +43,20 @@ def run(args: argparse.Namespace) -> int:
     policies = args.policies or policy_names()
     for policy in policies:
         Policy(policy)
-    walkers = [PACKAGED, *(name if name in policy_names() else str(policy_path(name).resolve())
-                           for name in policies)]
+    if args.against not in (PACKAGED, *policies):
+        raise ConfigError(f'--against: {args.against} is not valid; valid are '
+                          f'{", ".join((PACKAGED, *policies))}')
+    walker_of = {PACKAGED: PACKAGED, **{
+        name: name if name in policy_names() else str(policy_path(name).resolve())
+        for name in policies}}
     cases = [Case(walker, ground, slope, seed, args.rover)
              for slope in args.slopes for ground in args.grounds
-             for seed in HIDDEN_SEEDS[:args.seeds] for walker in walkers]
+             for seed in HIDDEN_SEEDS[:args.seeds] for walker in walker_of.values()]
     store = WalkStore(args.output, SETTINGS, args.resume)
     with Progress('walking', len(cases)) as progress:
         walks = study(cases, store, args.workers, progress)
     write_walks(args.output / 'learning.csv', walks)
-    text = report_text(walks)
+    text = report_text(walks, walker_of[args.against])
     atomic_write(args.output / 'learning.md', text, StudyError)
     print_markdown(text)
     say(f'{args.output}: {len(walks)} walks')

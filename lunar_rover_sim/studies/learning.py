@@ -183,19 +183,19 @@ def write_walks(path: Path, walks: Sequence[PolicyWalk]) -> None:
     atomic_write(path, text.getvalue(), StudyError)
 
 
-def report_text(walks: Sequence[PolicyWalk]) -> str:
-    """Return tables of all grounds and slopes: means, and each walker against the packaged gait.
+def report_text(walks: Sequence[PolicyWalk], against: str = PACKAGED) -> str:
+    """Return tables of all grounds and slopes: means, and each walker against one of them.
 
     Differences are those of medians of pairs; p and effect (rank-biserial) of Wilcoxon's test.
     """
-    lines = ['Means with 95 % bootstrap intervals. p and effect are of the paired test against the'
-             ' packaged gait on the same worlds; an effect of -1 is lower in every world.']
+    lines = ['Means with 95 % bootstrap intervals. p and effect are of the paired test against '
+             f'{Path(against).stem} on the same worlds; an effect of -1 is lower in every world.']
     for ground, slope in dict.fromkeys((one.case.ground, one.case.slope_deg) for one in walks):
         here = [one for one in walks if (one.case.ground, one.case.slope_deg) == (ground, slope)]
         by_walker = {name: sorted((one for one in here if one.case.walker == name),
                                   key=lambda one: one.case.seed)
                      for name in dict.fromkeys(one.case.walker for one in here)}
-        packaged = by_walker.get(PACKAGED, [])
+        others = by_walker.get(against, [])
         rows = []
         for name, found in by_walker.items():
             cells = [Path(name).stem, f'{sum(one.outcome == WALKED for one in found)}/'
@@ -203,10 +203,10 @@ def report_text(walks: Sequence[PolicyWalk]) -> str:
             for column, (_, digits) in QUANTITIES.items():
                 values = np.array([getattr(one, column) for one in found])
                 cell = Mean.of(values).text(digits)
-                if name != PACKAGED and [one.case.seed for one in packaged] == [
+                if name != against and [one.case.seed for one in others] == [
                         one.case.seed for one in found]:
                     compared = Comparison.of(
-                        values, [getattr(one, column) for one in packaged])
+                        values, [getattr(one, column) for one in others])
                     # Of a sample of all ways to swap pairs, none may be as extreme.
                     shown = f'= {compared.p:.2g}' if compared.p >= LEAST_P else f'< {LEAST_P:g}'
                     cell += f'; p {shown}, {compared.effect:+.2f}'

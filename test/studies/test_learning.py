@@ -38,6 +38,9 @@ def test_pairs_tell_a_difference_that_means_hide():
     row = next(line for line in report_text(walks).splitlines() if line.startswith('| better'))
     cell = row.split('|')[3]
     assert '; p < 0.001, -1.00' in cell and '20/20' in row
+    turned = report_text(walks, against='better')
+    row = next(line for line in turned.splitlines() if line.startswith('| packaged'))
+    assert '; p < 0.001, +1.00' in row and 'against better on' in turned
 
 
 def test_a_study_that_was_stopped_goes_on(tmp_path, monkeypatch):
