@@ -130,10 +130,14 @@ def test_the_controller_walks_while_commanded_and_stands_otherwise(walk_file):
     controller = PolicyController.load(walk_file, ROVER)
     assert np.abs(controller.update(sample(0)).velocity_radps).max() < 1e-9
     controller.set_velocity(0.12, 0.0, 5_000_000)
-    walked = [controller.update(sample(k * 5_000_000)).velocity_radps for k in range(1, 101)]
-    # Decisions at 20 ms hold until the next.
-    np.testing.assert_array_equal(walked[3], walked[6])
-    assert np.any(walked[3] != walked[7]) and np.abs(walked[50]).max() > 0.2
+    walked, actions = [], []
+    for k in range(1, 101):
+        walked.append(controller.update(sample(k * 5_000_000)).velocity_radps)
+        actions.append(controller.driver.action)
+    # Decisions at 20 ms hold until the next; the gait below follows each state.
+    np.testing.assert_array_equal(actions[3], actions[6])
+    assert np.any(actions[3] != actions[7]) and np.any(walked[3] != walked[6])
+    assert np.abs(walked[50]).max() > 0.2
     # 0.5 s after the last command it comes to a stand.
     for k in range(101, 1000):
         last = controller.update(sample(k * 5_000_000)).velocity_radps
