@@ -39,7 +39,8 @@ class TrueSurface:
         height, rise = np.full(len(flat), np.nan), np.zeros(len(flat))
         if len(inside):
             origin = np.column_stack([flat[inside], np.full(len(inside), self._top_m)])
-            hits = self._caster.cast(origin, np.tile(_DOWN, (len(inside), 1)), 1e4)
+            hits = self._caster.cast(origin, np.tile(_DOWN, (len(inside), 1)), 1e4,
+                                     from_one_place=False)
             height[inside] = self._top_m - hits.distance_m
             rock = hits.target >= 0
             rise[inside[rock]] = (height[inside[rock]]

@@ -21,6 +21,7 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.navigation.config import MapConfig
 
 F32 = NDArray[np.float32]
+Index = NDArray[np.int64]
 
 _STEP_CELLS = 8             # by which the map rolls
 _MOST_MPS = 1.0             # a rover that seems faster has jumped
@@ -166,32 +167,27 @@ class ElevationMap:
 
     def _take_in(self, position: Array) -> None:
         config = self.config
-        weight, weighted, squares, count = self._sums
-        seen = count > 0
-        mean = np.divide(weighted, weight, out=np.zeros_like(weight), where=seen)
-        # Points of one cell and frame share the errors of their matches: as good as four.
-        variance = np.divide(count, weight * np.minimum(np.maximum(count, 1.0), 4.0),
-                             out=np.zeros_like(weight), where=seen)
-        variance += config.height_stddev_m ** 2
-        spread = np.divide(squares, weight, out=np.zeros_like(weight), where=seen) - mean ** 2
-        common = seen & (self._hits >= config.least_hits)
-        if (config.level_stddev_m > 0.0 or config.level_stddev_deg > 0.0) \
-                and np.count_nonzero(common) >= _LEAST_COMMON:
-            self._level(mean, variance, common, seen, position)
-        _fuse(mean, variance, np.maximum(spread, 0.0), seen, self._height, self._variance,
-              self._hits, self._misses, config.gate, config.contradictions,
-              config.height_stddev_m ** 2 / 4.0)
+        floor = config.height_stddev_m ** 2
+        _average(self._sums, floor)
+        variance, mean, spread, count = self._sums
+        if config.level_stddev_m > 0.0 or config.level_stddev_deg > 0.0:
+            self._level(mean, variance, np.nonzero(count), position)
+        _fuse(mean, variance, spread, count, self._height, self._variance, self._hits,
+              self._misses, config.gate, config.contradictions, floor / 4.0)
 
-    def _level(self, mean: Array, variance: Array, common: NDArray[np.bool_],
-               seen: NDArray[np.bool_], position: Array) -> None:
+    def _level(self, mean: Array, variance: Array, seen: tuple[Index, ...],
+               position: Array) -> None:
         """Take from the heights of a frame what error of the pose the map shows."""
         config = self.config
         assert self._corner is not None
-        rows, columns = np.nonzero(seen)
+        rows, columns = seen
+        shared = self._hits[seen] >= config.least_hits
+        if np.count_nonzero(shared) < _LEAST_COMMON:
+            return
         offset = (np.stack([columns, rows]) + 0.5 + self._corner[:, None]) * config.cell_m \
             - position[:2, None]
         design = np.stack([np.ones(len(rows)), *offset], axis=1)
-        shared = common[rows, columns]
+        common = rows[shared], columns[shared]
         A = design[shared]
         off = mean[common] - self._height[common]
         sigma = np.sqrt(variance[common] + self._variance[common])
@@ -205,7 +201,7 @@ class ElevationMap:
             weight *= 0.1
             fitted = np.linalg.solve((A * weight[:, None]).T @ A + np.diag(prior),
                                      A.T @ (weight * off))
-        mean[rows, columns] -= design @ fitted
+        mean[seen] -= design @ fitted
 
 
 def _checked_pose(name: str, pose: ArrayLike) -> Array:
@@ -300,13 +296,29 @@ def _scatter_points(points: Array, T: Array, corner: NDArray[np.int64], cell_m: 
 
 
 @compiled
-def _fuse(mean: Array, variance: Array, spread: Array, seen: NDArray[np.bool_], height: F32,
+def _average(sums: Array, floor: float) -> None:
+    """Make of the sums of a frame variance, mean and spread of the heights of a cell."""
+    rows, columns = sums.shape[1:]
+    for r in range(rows):
+        for c in range(columns):
+            count = sums[3, r, c]
+            if count > 0.0:
+                weight = sums[0, r, c]
+                mean = sums[1, r, c] / weight
+                # Points of one cell and frame share the errors of their matches: as good as four.
+                sums[0, r, c] = count / (weight * min(count, 4.0)) + floor
+                sums[1, r, c] = mean
+                sums[2, r, c] = max(sums[2, r, c] / weight - mean * mean, 0.0)
+
+
+@compiled
+def _fuse(mean: Array, variance: Array, spread: Array, count: Array, height: F32,
           known_variance: F32, hits: NDArray[np.int32], misses: NDArray[np.int32], gate: float,
           contradictions: int, least_variance: float) -> None:
     rows, columns = mean.shape
     for r in range(rows):
         for c in range(columns):
-            if not seen[r, c]:
+            if count[r, c] == 0.0:
                 continue
             if hits[r, c] == 0:
                 height[r, c] = mean[r, c]

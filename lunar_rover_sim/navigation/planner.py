@@ -66,29 +66,29 @@ class Planner:
                  rover_xy_m: ArrayLike, discs: tuple[Disc, ...] = ()) -> None:
         self._grid, self._rover = grid, np.asarray(rover_xy_m, float)[:2]
         self.unknown = grid.cost == UNKNOWN
-        blind = self._within(self._rover, config.blind_m)
-        self.unknown &= ~blind
-        lethal = grid.cost >= LETHAL
-        more = np.zeros(grid.cost.shape)
+        self.unknown[self._within(self._rover, config.blind_m)] = False
+        self.lethal = grid.cost >= LETHAL
+        share = np.clip(np.arange(-128.0, 128.0), 0.0, 99.0) / 99.0
+        cost = np.take(1.0 + config.rough_cost * share, grid.cost.astype(np.int16) + 128)
         for disc in discs:
             inside = self._within((disc.x_m, disc.y_m), disc.radius_m)
             if math.isinf(disc.cost):
-                lethal |= inside
+                self.lethal[inside] = True
             else:
-                more[inside] += disc.cost
-        apart = cv2.distanceTransform((~lethal).astype(np.uint8), cv2.DIST_L2, 5) * grid.cell_m
+                cost[inside] += disc.cost
+        free = (~self.lethal).astype(np.uint8)
+        apart = cv2.distanceTransform(free, cv2.DIST_L2, 5) * np.float32(grid.cell_m)
         room = half_width_m + config.margin_m
-        self.lethal = lethal
         self.blocked = apart < room
-        share = np.clip(grid.cost.astype(float), 0.0, 99.0) / 99.0
-        cost = 1.0 + config.rough_cost * share + more
-        near = np.clip((room + config.near_m - apart) / max(config.near_m, 1e-6), 0.0, 1.0)
-        cost += config.near_cost * near ** 2
+        near = np.nonzero(apart < room + config.near_m)
+        share = np.clip((room + config.near_m - apart[near]) / max(config.near_m, 1e-6), 0.0, 1.0)
+        cost[near] += config.near_cost * share ** 2
         cost[self.unknown] += config.unknown_cost
         # The rover may stand where it would not go.
         around = self._within(self._rover, room + 2.0 * grid.cell_m)
-        cost[around & self.blocked] += _ESCAPE
-        cost[self.blocked & ~around] = -1.0     # not to be crossed
+        escape = cost[around] + _ESCAPE * self.blocked[around]
+        cost[self.blocked] = -1.0               # not to be crossed
+        cost[around] = escape
         self._cost = cost
 
     def plan(self, goal_xy_m: ArrayLike) -> Plan | None:
@@ -183,12 +183,16 @@ class Planner:
         cell, origin = self._grid.cell_m, self._grid.origin_m
         return origin[0] + (columns + 0.5) * cell, origin[1] + (rows + 0.5) * cell
 
-    def _within(self, xy_m: ArrayLike, radius_m: float) -> NDArray[np.bool_]:
-        n = len(self._grid.cost)
-        steps = (np.arange(n) + 0.5) * self._grid.cell_m
-        dx = self._grid.origin_m[0] + steps - np.asarray(xy_m, float)[0]
-        dy = self._grid.origin_m[1] + steps - np.asarray(xy_m, float)[1]
-        return np.asarray(dx[None, :] ** 2 + dy[:, None] ** 2 <= radius_m ** 2)
+    def _within(self, xy_m: ArrayLike, radius_m: float) -> tuple[NDArray, NDArray]:
+        """Return rows and columns of the cells whose centres lie in a circle."""
+        n, cell = len(self._grid.cost), self._grid.cell_m
+        middle = (np.asarray(xy_m, float)[:2] - self._grid.origin_m) / cell - 0.5
+        low, high = (np.clip(middle + sign * radius_m / cell, 0, n).astype(int) + (sign > 0)
+                     for sign in (-1.0, 1.0))
+        columns, rows = (np.arange(a, min(b, n)) for a, b in zip(low, high))
+        r, c = np.nonzero(np.hypot(rows[:, None] - middle[1], columns - middle[0])
+                          <= radius_m / cell)
+        return rows[r], columns[c]
 
     def _at(self, values: NDArray, points_m: Array, outside: float) -> NDArray:
         cells = np.floor((points_m - self._grid.origin_m) / self._grid.cell_m).astype(int)

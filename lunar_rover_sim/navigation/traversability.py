@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.navigation.config import TraversabilityConfig
 from lunar_rover_sim.navigation.elevation_map import Elevation
@@ -20,7 +20,7 @@ _SPOKE_SHARE = 0.6          # of a spoke that a leg climbs
 _ROUGH_SHARE = 0.4          # of the greatest step that a plane under the rover may vary by
 _LENGTHS = 1.5              # of the chassis: the plane on which the rover stands
 _LEAST_SHARE = 0.4          # of that plane's cells that must be known
-_EXPONENT = 2.0             # cost grows with the square: ground far below the limits is free
+_EXPONENT = 2               # cost grows with the square: ground far below the limits is free
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,11 +92,14 @@ def traversability(elevation: Elevation, limits: Limits, fill_cells: int = 2) ->
     """
     grid = np.full(elevation.height_m.shape, UNKNOWN, np.int8)
     cell = elevation.cell_m
-    rows, columns = _known_part(elevation, fill_cells)
-    if rows.stop > rows.start:
-        part = dataclasses.replace(elevation, height_m=elevation.height_m[rows, columns],
-                                   variance_m2=elevation.variance_m2[rows, columns])
-        grid[rows, columns] = _costs(part, limits, fill_cells)
+    part = _known_part(elevation, fill_cells)
+    if part[0].stop > part[0].start:
+        heights, error = elevation.height_m[part], np.sqrt(elevation.variance_m2[part])
+        for _ in range(fill_cells):
+            heights, error = _filled(heights, error)
+        half = max(1, round(0.5 * limits.window_m / cell))
+        _write_costs(heights, error, cell, half, limits.step_m, limits.slope, limits.roughness_m,
+                     grid[part])
     return Traversability(elevation.stamp_ns, elevation.origin_m, cell, grid)
 
 
@@ -111,81 +114,99 @@ def _known_part(elevation: Elevation, margin: int) -> tuple[slice, slice]:
     return parts[0], parts[1]
 
 
-def _costs(elevation: Elevation, limits: Limits, fill_cells: int) -> NDArray[np.int8]:
-    heights, error = _filled(elevation, fill_cells)
-    known = np.isfinite(heights)
-    cell = elevation.cell_m
-    size = 2 * max(1, round(0.5 * limits.window_m / cell)) + 1
-    plane, slope, roughness, enough = _planes(heights, known, cell, size)
-    above = np.where(known, np.abs(heights - plane), 0.0)
-    relief = _relief(heights, known) - slope * 2.0 * cell
-    step = np.maximum(above - error, relief - 1.5 * error)
-    # Roughness is of a whole plane: it alone would make each rock as wide as that.
-    worst = np.maximum.reduce([step / limits.step_m, slope / limits.slope,
-                               np.minimum(roughness / limits.roughness_m, 0.95)])
-    cost = np.where(worst >= 1.0, float(LETHAL), 99.0 * np.clip(worst, 0.0, 1.0) ** _EXPONENT)
-    grid = np.where(known & enough, cost, float(UNKNOWN)).astype(np.int8)
-    # A step is seen in less than a whole plane.
-    grid[known & (step >= limits.step_m)] = LETHAL
-    return grid
+@compiled
+def _filled(heights, error):
+    """Return heights whose small holes have the mean of the known cells around, and errors."""
+    filled, errors = heights.copy(), error.copy()
+    rows, columns = heights.shape
+    for r in range(rows):
+        for c in range(columns):
+            if math.isfinite(heights[r, c]):
+                continue
+            count, height, wrong = 0, 0.0, 0.0
+            for i in range(max(r - 1, 0), min(r + 2, rows)):
+                for j in range(max(c - 1, 0), min(c + 2, columns)):
+                    if math.isfinite(heights[i, j]):
+                        count += 1
+                        height += heights[i, j]
+                        wrong += error[i, j]
+            if count >= 4:
+                filled[r, c], errors[r, c] = height / count, wrong / count
+    return filled, errors
 
 
-def _filled(elevation: Elevation, rounds: int) -> tuple[Array, Array]:
-    """Return heights whose small holes are filled from the known cells around, and errors."""
-    heights = elevation.height_m.astype(np.float64)
-    error = np.sqrt(elevation.variance_m2.astype(np.float64))
-    for _ in range(rounds):
-        known = np.isfinite(heights)
-        count = cv2.boxFilter(known.astype(np.float64), -1, (3, 3), normalize=False,
-                              borderType=cv2.BORDER_CONSTANT)
-        fill = ~known & (count >= 4.0)
-        for array in (heights, error):
-            total = cv2.boxFilter(np.where(known, array, 0.0), -1, (3, 3), normalize=False,
-                                  borderType=cv2.BORDER_CONSTANT)
-            array[fill] = total[fill] / count[fill]
-    return heights, np.where(np.isfinite(error), error, 0.0)
+@compiled
+def _add_row(sums, heights, row, sign):
+    """Add a row of cells to the sums of columns, or take it out: 1, y, z, y^2, y z, z^2."""
+    for c in range(heights.shape[1]):
+        z = float(heights[row, c])
+        if math.isfinite(z):
+            sums[c, 0] += sign
+            sums[c, 1] += sign * row
+            sums[c, 2] += sign * z
+            sums[c, 3] += sign * row * row
+            sums[c, 4] += sign * row * z
+            sums[c, 5] += sign * z * z
 
 
-def _planes(heights: Array, known: NDArray[np.bool_], cell_m: float,
-            size: int) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Fit a plane to the known cells of the square around each cell.
+@compiled
+def _write_costs(heights, error, cell_m, half, step_m, slope_limit, roughness_m, grid):
+    """Fit a plane to the known cells of the square around each cell; write what it costs.
 
-    Returns:
-        Its height in the middle, its slope, the RMS of heights about it, and whether enough of the
-        square is known.
+    Args:
+        half: The square has 2 half + 1 cells a side, whose sums move along with it.
+        grid: (rows, columns) int8 to write to.
     """
-    x, y = np.meshgrid(*(np.arange(n) * cell_m for n in reversed(heights.shape)))
-    base = float(np.mean(heights[known])) if known.any() else 0.0
-    z = np.where(known, heights - base, 0.0)
-    one = known.astype(np.float64)
-
-    def total(values: Array) -> Array:
-        return np.asarray(cv2.boxFilter(values, -1, (size, size), normalize=False,
-                                        borderType=cv2.BORDER_CONSTANT), float)
-
-    count = total(one)
-    enough = count >= max(6.0, _LEAST_SHARE * size * size)
-    divisor = np.maximum(count, 1.0)
-    mx, my, mz = total(one * x) / divisor, total(one * y) / divisor, total(z) / divisor
-    xx = np.maximum(total(one * x * x) / divisor - mx * mx, 0.0)
-    yy = np.maximum(total(one * y * y) / divisor - my * my, 0.0)
-    xy = total(one * x * y) / divisor - mx * my
-    xz = total(x * z) / divisor - mx * mz
-    yz = total(y * z) / divisor - my * mz
-    zz = np.maximum(total(z * z) / divisor - mz * mz, 0.0)
-    # Known cells that lie on a line give no plane: it stays level across the line.
-    ridge = 1e-6 + 0.01 * (xx + yy)
-    determinant = (xx + ridge) * (yy + ridge) - xy * xy
-    a = (xz * (yy + ridge) - yz * xy) / determinant
-    b = (yz * (xx + ridge) - xz * xy) / determinant
-    plane = base + mz + a * (x - mx) + b * (y - my)
-    left = zz - 2.0 * (a * xz + b * yz) + a * a * xx + 2.0 * a * b * xy + b * b * yy
-    return plane, np.hypot(a, b), np.sqrt(np.maximum(left, 0.0)), enough
-
-
-def _relief(heights: Array, known: NDArray[np.bool_]) -> Array:
-    """Return highest minus lowest known cell of the 3 x 3 around each known cell, else 0."""
-    square = np.ones((3, 3), np.uint8)
-    high = cv2.dilate(np.where(known, heights, -1e9), square)
-    low = cv2.erode(np.where(known, heights, 1e9), square)
-    return np.where(known, high - low, 0.0)
+    rows, columns = heights.shape
+    side = 2 * half + 1
+    of_column = np.zeros((columns, 6))
+    for r in range(min(half, rows)):
+        _add_row(of_column, heights, r, 1.0)
+    for r in range(rows):
+        if r + half < rows:
+            _add_row(of_column, heights, r + half, 1.0)
+        if r > half:
+            _add_row(of_column, heights, r - half - 1, -1.0)
+        n = sx = sy = sz = sxx = syy = szz = sxy = sxz = syz = 0.0
+        for entering in range(columns + half):
+            for x, sign in ((entering, 1.0), (entering - side, -1.0)):
+                if 0 <= x < columns:
+                    n += sign * of_column[x, 0]
+                    sx += sign * x * of_column[x, 0]
+                    sy += sign * of_column[x, 1]
+                    sz += sign * of_column[x, 2]
+                    sxx += sign * x * x * of_column[x, 0]
+                    syy += sign * of_column[x, 3]
+                    szz += sign * of_column[x, 5]
+                    sxy += sign * x * of_column[x, 1]
+                    sxz += sign * x * of_column[x, 2]
+                    syz += sign * of_column[x, 4]
+            c = entering - half
+            if c < 0 or not math.isfinite(heights[r, c]):
+                continue
+            mx, my, mz = sx / n, sy / n, sz / n
+            xx, yy, zz = sxx / n - mx * mx, syy / n - my * my, max(szz / n - mz * mz, 0.0)
+            xy, xz, yz = sxy / n - mx * my, sxz / n - mx * mz, syz / n - my * mz
+            # Known cells that lie on a line give no plane: it stays level across the line.
+            ridge = 1e-6 / cell_m ** 2 + 0.01 * (xx + yy)
+            determinant = (xx + ridge) * (yy + ridge) - xy * xy
+            a = (xz * (yy + ridge) - yz * xy) / determinant
+            b = (yz * (xx + ridge) - xz * xy) / determinant
+            left = zz - 2.0 * (a * xz + b * yz) + a * a * xx + 2.0 * a * b * xy + b * b * yy
+            slope = math.hypot(a, b) / cell_m
+            low = high = heights[r, c]
+            for i in range(max(r - 1, 0), min(r + 2, rows)):
+                for j in range(max(c - 1, 0), min(c + 2, columns)):
+                    if math.isfinite(heights[i, j]):
+                        low, high = min(low, heights[i, j]), max(high, heights[i, j])
+            above = abs(heights[r, c] - mz - a * (c - mx) - b * (r - my))
+            step = max(above - error[r, c],
+                       high - low - slope * 2.0 * cell_m - 1.5 * error[r, c]) / step_m
+            # Roughness is of a whole plane: it alone would make each rock as wide as that.
+            rough = min(math.sqrt(max(left, 0.0)) / roughness_m, 0.95)
+            worst = max(step, slope / slope_limit, rough)
+            # A step is seen in less than a whole plane.
+            if step >= 1.0:
+                grid[r, c] = LETHAL
+            elif n >= max(6.0, _LEAST_SHARE * side * side):
+                grid[r, c] = LETHAL if worst >= 1.0 else int(99.0 * worst ** _EXPONENT)

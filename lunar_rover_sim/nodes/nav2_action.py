@@ -27,7 +27,6 @@ class NavigateToPoseServer:
         self._kind, self._set_goals = kind, set_goals
         self._command: NavigatorCommand | None = None
         self._number = 0
-        self._changed = threading.Event()
         self._cancel = action.CancelResponse.ACCEPT
         self._server = action.ActionServer(
             node, kind, _NAME, self._execute, callback_group=groups.ReentrantCallbackGroup(),
@@ -43,17 +42,21 @@ class NavigateToPoseServer:
             return None
         return cls(node, kind, set_goals)
 
-    def tell(self, command: NavigatorCommand, stamp: Any) -> None:
+    def tell(self, command: NavigatorCommand) -> None:
         """Take note of the newest command."""
         self._command = command
 
-    async def _execute(self, handle: Any) -> Any:
+    def replace(self) -> None:
+        """Abort the present goal: the navigator has got another one by a topic."""
         self._number += 1
-        number, self._command = self._number, None
+
+    async def _execute(self, handle: Any) -> Any:
         result = self._kind.Result()
         if self._set_goals([handle.request.pose]):
-            handle.abort()
+            handle.abort()      # an earlier goal stays
             return result
+        self.replace()
+        number, self._command = self._number, None
         sleep = importlib.import_module('rclpy.task').Future
         while number == self._number:
             command = self._command

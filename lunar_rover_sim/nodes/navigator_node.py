@@ -113,12 +113,16 @@ class NavigatorNode(node_main.GraphNode):
         self.wake()
 
     def _goal_callback(self, msg: PoseStamped) -> None:
-        self._set_goals([msg])
+        self._take_goals([msg])
 
     def _waypoints_callback(self, msg: Path) -> None:
         for pose in msg.poses:
             pose.header.frame_id = pose.header.frame_id or msg.header.frame_id
-        self._set_goals(msg.poses)
+        self._take_goals(msg.poses)
+
+    def _take_goals(self, poses: Sequence[PoseStamped]) -> None:
+        if not self._set_goals(poses) and self._action is not None:
+            self._action.replace()
 
     def _set_goals(self, poses: Sequence[PoseStamped]) -> str:
         """Drive to these poses; return '' or, with a warning, why they are refused."""
@@ -207,7 +211,7 @@ class NavigatorNode(node_main.GraphNode):
             if command.status == FAILED:
                 self.get_logger().warning(f'gave up at {now_ns / 1e9:.2f} s: {command.reason}')
         if self._action is not None:
-            self._action.tell(command, stamp)
+            self._action.tell(command)
         if command.status in (ARRIVED, FAILED) and not self._is_done:
             self._is_done = True
             if self._config.end_after_s >= 0.0:

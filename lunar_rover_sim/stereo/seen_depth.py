@@ -74,7 +74,7 @@ class SeenDepth:
             return depth.reshape(HEIGHT, WIDTH).astype(np.float32)
         # Rays above the horizon of the range meet nothing that is looked for.
         which = np.flatnonzero(rays[:, 2] < 0.2)
-        hits = self._caster.cast(origin, rays, 1.3 * range_m, which)
+        hits = self._caster.cast(origin, rays, 1.3 * range_m, which, from_one_place=False)
         distance = hits.distance_m
         met = np.isfinite(distance)
         depth[met] = distance[met] / self._lengths[met]
@@ -97,7 +97,8 @@ class SeenDepth:
         which = which[inside]
         if len(which):
             far = float(np.max(range_m)) if np.ndim(range_m) else float(range_m)    # type: ignore
-            hits = self._caster.cast(start, np.ascontiguousarray(direction), far, which)
+            hits = self._caster.cast(start, np.ascontiguousarray(direction), far, which,
+                                     from_one_place=False)
             limit = range_m[which] if isinstance(range_m, np.ndarray) else range_m
             free[which] = ~(hits.distance_m[which] < limit)
         return free

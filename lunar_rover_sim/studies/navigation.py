@@ -27,6 +27,7 @@ from lunar_rover_sim.studies.navigation_drives import (BLIND, drive_to, GoalDriv
                                                        TIPPED)
 from lunar_rover_sim.studies.parallel import map_in_processes
 from lunar_rover_sim.studies.study_folder import StudyFolder
+from lunar_rover_sim.world.model import World
 
 _TRIALS = 200           # of a goal, before a world counts as too rough
 _MARGIN_M = 3.0
@@ -62,13 +63,12 @@ def cases(scenarios: Sequence[str], suns_deg: Sequence[float], drivers: Sequence
     return found
 
 
-def goal_of(scenario: Scenario, distance_m: float) -> tuple[float, float]:
+def goal_of(scenario: Scenario, world: World, distance_m: float) -> tuple[float, float]:
     """Return the goal on the world of a scenario: in a random direction, where a plan leads.
 
     Raises:
         StudyError: If the world is too small, or none is found.
     """
-    world = scenario.load_world()
     if distance_m > world.ground.half_extent_m - _MARGIN_M:
         raise StudyError(f'--distance: {distance_m:g} is not valid; valid is <= '
                          f'{world.ground.half_extent_m - _MARGIN_M:g} m on this world')
@@ -94,9 +94,17 @@ def run_case(distance_m: float, limit_s: float, overrides: Sequence[str],
     """Drive one case."""
     scenario = Scenario.load(case.scenario, [
         f'render_node.sun.elevation_deg={case.sun_deg}', *overrides], seed=case.seed)
+    world, goal = _world_and_goal(case.scenario, case.seed, distance_m, tuple(overrides))
+    return drive_to(scenario, world, goal, case.driver, case.pose, limit_s)
+
+
+@functools.lru_cache(maxsize=2)
+def _world_and_goal(name: str, seed: int, distance_m: float, overrides: tuple[str, ...]
+                    ) -> tuple[World, tuple[float, float]]:
+    """Return what the drives of a seed share: drives come seed by seed."""
+    scenario = Scenario.load(name, overrides, seed=seed)
     world = scenario.load_world()
-    return drive_to(scenario, world, goal_of(scenario, distance_m), case.driver, case.pose,
-                    limit_s)
+    return world, goal_of(scenario, world, distance_m)
 
 
 class DriveStore(StudyFolder):
@@ -154,6 +162,7 @@ def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
             f'{100 * share.value:.0f} [{100 * share.low:.0f}, {100 * share.high:.0f}]',
             _mean([d.way_m / d.shortest_m for d in arrived], 2),
             _mean([float(d.belly_contacts) for d in each], 1),
+            str(sum(d.belly_high > 0 for d in each)),
             str(sum(d.outcome == TIPPED for d in each)),
             _mean([float(d.backed_off) for d in each], 1),
             _mean([d.time_s for d in arrived], 0),
@@ -163,10 +172,11 @@ def report_text(drives: dict[Case, GoalDrive], distance_m: float) -> str:
             ', '.join(f'{sum(d.outcome == end for d in each)} {end}' for end in ends) or '–'))
     lines = [f'# Navigation: goals at {distance_m:g} m', '',
              'Arrived: within the tolerance of the true goal. Way: over that of the plan on the '
-             'true map, of those that arrived. Belly: times that the chassis met a rock. '
-             'Intervals: 95 %.', '',
+             'true map, of those that arrived. Belly: times that the chassis met a rock; high: '
+             'drives in which it met one that rises by more than its clearance. Intervals: '
+             '95 %.', '',
              *markdown_table(('scenario', 'sun [°]', 'driver', 'pose', 'n', 'arrived [%]', 'way',
-                              'belly', 'tipped', 'backed off', 'time [s]', 'energy [J/m]',
+                              'belly', 'high', 'tipped', 'backed off', 'time [s]', 'energy [J/m]',
                               'pose error [m]', 'from the goal [m]', 'others'), rows), '']
     comparisons = _comparisons(groups)
     if comparisons:

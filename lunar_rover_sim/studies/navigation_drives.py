@@ -23,7 +23,8 @@ from lunar_rover_sim.navigation.elevation_map import ElevationMap
 from lunar_rover_sim.navigation.navigator import ARRIVED, FAILED, Navigator, TILT
 from lunar_rover_sim.navigation.planner import Planner
 from lunar_rover_sim.navigation.poses import LevelledWheels
-from lunar_rover_sim.navigation.traversability import Limits, traversability, Traversability
+from lunar_rover_sim.navigation.traversability import (belly_clearance_m, Limits, traversability,
+                                                       Traversability)
 from lunar_rover_sim.path_following.driver import DONE, Driver, STOPPED
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.state import RoverState
@@ -34,6 +35,7 @@ from lunar_rover_sim.sensors.imu import ImuNoise
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry
 from lunar_rover_sim.stereo.seen_depth import SeenDepth
 from lunar_rover_sim.studies.walking import STATE_PERIOD_S
+from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 
 SEEN, KNOWN, BLIND = 'seen', 'known', 'blind'   # drives by what it sees, by the true map, by none
@@ -45,7 +47,7 @@ MAP_LAG_S = 0.2
 DEPTH_HZ = 3
 _COMMAND_PERIODS = 10           # of the controller: 20 Hz
 _GOAL_SLACK_M = 0.3             # beyond the tolerance, by which the true goal may be missed
-_CLOSE_M = 0.3                  # belly contacts nearer in time than this [s] are one
+_CLOSE_S = 0.3                  # belly contacts nearer in time than this [s] are one
 _KNOWN_MARGIN_M = 6.0           # of the true map around start and goal
 
 
@@ -63,6 +65,7 @@ class GoalDrive:
         goal_error_m: True distance to the goal at the end.
         pose_error_m: Distance of the estimated from the true position at the end.
         belly_contacts: Times that the chassis has met a rock.
+        belly_high: Times that it has met one that rises by more than its clearance.
         backed_off: Times that it has backed off.
         energy_j: Drawn from the supply.
         tilt_max_deg: Greatest tilt.
@@ -80,6 +83,7 @@ class GoalDrive:
     goal_error_m: float
     pose_error_m: float
     belly_contacts: int
+    belly_high: int
     backed_off: int
     energy_j: float
     tilt_max_deg: float
@@ -142,15 +146,21 @@ class Estimate:
 
 
 class BellyContacts:
-    """Counts how often the chassis meets rocks."""
+    """Counts how often the chassis meets rocks.
 
-    def __init__(self, simulation: Simulation) -> None:
+    Attributes:
+        count: Of all rocks.
+        high: Of rocks that rise over the ground around them by more than the clearance.
+    """
+
+    def __init__(self, simulation: Simulation, ground: HeightGrid, clearance_m: float) -> None:
         model = simulation.model
-        self._data = simulation.data
+        self._model, self._data = model, simulation.data
+        self._ground, self._clearance_m = ground, clearance_m
         self._chassis = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, CHASSIS_GEOM)
         self._is_rock = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
-        self._last_s = -math.inf
-        self.count = 0
+        self._last_s: dict[bool, float] = {}
+        self.count = self.high = 0
 
     def add(self, time_s: float) -> None:
         """Look at the present contacts."""
@@ -158,10 +168,34 @@ class BellyContacts:
         if not len(geoms):
             return
         of_chassis = geoms[(geoms == self._chassis).any(axis=1)]
-        if len(of_chassis) and self._is_rock[of_chassis].any():
-            if time_s - self._last_s > _CLOSE_M:
-                self.count += 1
-            self._last_s = time_s
+        rocks = np.unique(of_chassis[self._is_rock[of_chassis]])
+        if not len(rocks):
+            return
+        self.count += self._is_new(False, time_s)
+        if any(self.rise_m(int(rock)) > self._clearance_m for rock in rocks):
+            self.high += self._is_new(True, time_s)
+
+    def rise_m(self, rock: int) -> float:
+        """Return how far the top of a rock, a geom, is above the ground at its middle [m]."""
+        mesh = self._model.geom_dataid[rock]
+        first = self._model.mesh_vertadr[mesh]
+        vertices = self._model.mesh_vert[first:first + self._model.mesh_vertnum[mesh]]
+        place = self._data.geom_xpos[rock]
+        top = place[2] + float((vertices @ self._data.geom_xmat[rock][6:]).max())
+        return top - float(self._ground.height_at(place[None, :2])[0])
+
+    def _is_new(self, high: bool, time_s: float) -> bool:
+        last, self._last_s[high] = self._last_s.get(high, -math.inf), time_s
+        return time_s - last > _CLOSE_S
+
+
+def true_costs(scenario: Scenario, world: World, goal_m: tuple[float, float]) -> Traversability:
+    """Return what the rover can cross of the true map around start and goal."""
+    size = float(np.abs(goal_m).max()) + 2.0 * _KNOWN_MARGIN_M
+    size = min(2.0 * world.ground.half_extent_m, 2.0 * math.ceil(0.5 * size))
+    elevation = TrueSurface(world).elevation(0.5 * np.array(goal_m), size,
+                                             scenario.mapping_node.map.cell_m)
+    return traversability(elevation, Limits.of(scenario.rover, scenario.mapping_node.limits))
 
 
 def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driver: str,
@@ -178,22 +212,19 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
         watch: Called with state, map and navigator of each command.
     """
     noise_seed = scenario.shared.seed if seed is None else seed
-    surface = TrueSurface(world)
     limits = Limits.of(scenario.rover, scenario.mapping_node.limits)
     nav = dataclasses.replace(scenario.navigator_node, has_goal=True, goal_x_m=goal_m[0],
                               goal_y_m=goal_m[1], waypoints_x_m=(), waypoints_y_m=())
-    middle = 0.5 * np.array(goal_m)
-    size = float(np.abs(goal_m).max()) + 2.0 * _KNOWN_MARGIN_M
-    size = min(2.0 * world.ground.half_extent_m, 2.0 * math.ceil(0.5 * size))
-    truth = traversability(surface.elevation(middle, size, scenario.mapping_node.map.cell_m),
-                           limits)
+    truth = true_costs(scenario, world, goal_m)
+    truth = dataclasses.replace(truth, stamp_ns=round(limit_s * 1e9))   # it never grows old
     shortest = Planner(truth, nav.plan, limits.half_width_m, (0.0, 0.0)).plan(goal_m)
     with Simulation(world, scenario.rover, scenario.physics_node) as simulation:
         controller = GaitController.from_scenario(scenario)
         steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         state = simulation.state
         estimate = Estimate(pose, scenario, state, noise_seed)
-        belly, tip, motor = BellyContacts(simulation), TipOver(), scenario.rover.motor
+        belly = BellyContacts(simulation, world.ground, belly_clearance_m(scenario.rover))
+        tip, motor = TipOver(), scenario.rover.motor
         navigator = Navigator(nav, limits.half_width_m, world.ground.half_extent_m)
         eyes = Eyes(scenario, world, noise_seed, pose) if driver == SEEN else None
         straight = Driver(dataclasses.replace(
@@ -215,8 +246,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
                             outcome = ARRIVED if told.status == DONE else told.reason.split()[0]
                             break
                     else:
-                        grid = (dataclasses.replace(truth, stamp_ns=state.stamp_ns)
-                                if eyes is None else eyes.grid(state, T))
+                        grid = truth if eyes is None else eyes.grid(state, T)
                         command = navigator.update(state.stamp_ns, state.stamp_ns, position,
                                                    quaternion, grid)
                         velocity = command.forward_mps, command.yaw_rate_radps
@@ -254,8 +284,8 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
             scenario.shared.seed, driver, pose, goal_m, outcome, state.stamp_ns * 1e-9,
             path_length(np.array(path)) if len(path) > 1 else 0.0,
             shortest.length_m if shortest is not None and shortest.reaches_goal else math.nan,
-            off, float(np.linalg.norm(T[:2, 3] - state.position_m[:2])), belly.count, backed_off,
-            energy, tilt, np.array(path).reshape(-1, 2))
+            off, float(np.linalg.norm(T[:2, 3] - state.position_m[:2])), belly.count, belly.high,
+            backed_off, energy, tilt, np.array(path).reshape(-1, 2))
 
 
 class Eyes:

@@ -17,7 +17,7 @@ from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.scenario import Scenario, scenario_names
 
 NAMES = ('baseline', 'dem', 'feature_sparse', 'flat', 'low_albedo', 'mare_apollo',
-         'permanent_shadow', 'soft', 'traverse')
+         'permanent_shadow', 'rough', 'soft', 'traverse')
 
 
 def test_the_named_scenarios_are_there() -> None:

@@ -4,28 +4,35 @@ from __future__ import annotations
 
 import dataclasses
 
+import mujoco
 import numpy as np
 import pytest
 import worlds
 
 from lunar_rover_sim.errors import ConfigError, StudyError
+from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.navigation.navigator import ARRIVED
+from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.studies.navigation import Case, cases, DriveStore, report_text, write_all
-from lunar_rover_sim.studies.navigation_drives import BLIND, drive_to, KNOWN, SEEN
+from lunar_rover_sim.studies.navigation_drives import BellyContacts, BLIND, drive_to, KNOWN, SEEN
 from lunar_rover_sim.world.rocks import Rocks
 
 
-@pytest.fixture(scope='module')
-def drives():
-    """Return drives of those who see and who are blind, to a goal behind a rock."""
-    scenario = Scenario.load('flat')
+def world_with_a_rock():
+    """Return a plain with a rock in front of the rover."""
     world = worlds.small(1, **worlds.BARE)
     rocks, shapes = worlds.small(3).rocks, worlds.small(3).rock_shapes
     size = int(np.argmin(np.abs(rocks.size_classes_m - 0.35)))
     one = Rocks(np.zeros(1, np.int32), np.full(1, size, np.int32), np.array([[1.3, 0.0, 0.06]]),
                 np.array([[1.0, 0.0, 0.0, 0.0]]), np.ones(1, np.float32), rocks.size_classes_m)
-    world = dataclasses.replace(world, rocks=one, rock_shapes=shapes)
+    return dataclasses.replace(world, rocks=one, rock_shapes=shapes)
+
+
+@pytest.fixture(scope='module')
+def drives():
+    """Return drives of those who see and who are blind, to a goal behind a rock."""
+    scenario, world = Scenario.load('flat'), world_with_a_rock()
     return {driver: drive_to(scenario, world, (2.6, 0.0), driver, limit_s=60.0)
             for driver in (SEEN, BLIND)}
 
@@ -33,9 +40,27 @@ def drives():
 def test_who_sees_arrives_and_who_is_blind_does_not(drives):
     seen, blind = drives[SEEN], drives[BLIND]
     assert seen.arrived and seen.belly_contacts == 0 and seen.goal_error_m < 0.3
+    assert blind.belly_high <= blind.belly_contacts
     assert 1.0 < seen.way_m / 2.6 < 1.5 and seen.shortest_m > 2.6
     assert np.hypot(*(seen.path_m - (1.3, 0.0)).T).min() > 0.25
     assert not blind.arrived or blind.belly_contacts > 0 or blind.tilt_max_deg > 15.0
+
+
+@pytest.mark.parametrize('clearance_m, high', [(0.049, 2), (0.5, 0)])
+def test_contacts_of_the_belly_are_counted_by_the_height_of_the_rock(clearance_m, high):
+    """The chassis is put onto the rock, taken away, and put there again."""
+    scenario, world = Scenario.load('flat'), world_with_a_rock()
+    top_m = float(TrueSurface(world).heights(np.array([1.3, 0.0]))[0])
+    with Simulation(world, scenario.rover, scenario.physics_node) as simulation:
+        model, data = simulation.model, simulation.data
+        belly = BellyContacts(simulation, world.ground, clearance_m)
+        rock = int(np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)[0])
+        assert belly.rise_m(rock) == pytest.approx(top_m, abs=0.02) and top_m > 0.1
+        for time_s, x in ((0.0, 1.3), (0.1, 1.3), (1.0, 0.0), (2.0, 1.3)):
+            data.qpos[:3] = x, 0.0, top_m
+            mujoco.mj_forward(model, data)
+            belly.add(time_s)
+    assert (belly.count, belly.high) == (2, high)
 
 
 def test_cases_come_seed_by_seed_and_the_sun_is_for_those_who_see():
