@@ -362,6 +362,10 @@ class Navigator:
                                        f'{unknown_m:.2f} m of the way ahead are unknown')
         steering = self._pursuit.update(position, heading)
         if steering.done:
+            if plan.off_goal_m > 0.0 and not self._has_looked_at(self._goals[0]):
+                towards = self._goals[0] - position[:2]
+                return self._begin_to_look(math.atan2(towards[1], towards[0]), self._goals[0],
+                                           'the goal seems to lie on an obstacle')
             if plan.off_goal_m > 0.0:
                 return self._fail(BLOCKED, f'the goal lies on an obstacle; the nearest place that '
                                   f'can be reached is {plan.off_goal_m:.2f} m from it', position)
@@ -393,7 +397,10 @@ class Navigator:
         if self.plan is None or found.cost < config.better * old or not math.isfinite(old) \
                 or self._is_at_end(self.plan, position):
             self.plan = found
-            self._pursuit = PurePursuit(self._pursuit_config, Route(found.points_m))
+            # From the place that replaces a goal it must reach the goal's own tolerance.
+            tolerance = self._config.goal_tolerance_m * (0.5 if found.off_goal_m else 1.0)
+            self._pursuit = PurePursuit(dataclasses.replace(
+                self._pursuit_config, goal_tolerance_m=tolerance), Route(found.points_m))
         return None
 
     def _look_around(self, position: Array, heading: float) -> NavigatorCommand:

@@ -84,11 +84,13 @@ class Planner:
         share = np.clip((room + config.near_m - apart[near]) / max(config.near_m, 1e-6), 0.0, 1.0)
         cost[near] += config.near_cost * share ** 2
         cost[self.unknown] += config.unknown_cost
-        # The rover may stand where it would not go.
+        # The rover may stand where it would not go, and leaves it, but not over an obstacle.
         around = self._within(self._rover, room + 2.0 * grid.cell_m)
-        escape = cost[around] + _ESCAPE * self.blocked[around]
-        cost[self.blocked] = -1.0               # not to be crossed
-        cost[around] = escape
+        cost[around] += _ESCAPE * self.blocked[around]
+        closed = self.blocked.copy()
+        closed[around] = self.lethal[around]
+        closed[self._within(self._rover, half_width_m)] = False
+        cost[closed] = -1.0             # not to be crossed
         self._cost = cost
 
     def plan(self, goal_xy_m: ArrayLike) -> Plan | None:

@@ -210,3 +210,20 @@ def test_time_that_goes_back_begins_the_drive_again():
     rover.drive()
     rover.now_ns, rover.x, rover.y = 0, -2.0, 0.0
     assert rover.drive().status == ARRIVED
+
+
+def test_a_goal_beside_a_rock_is_reached_from_the_next_place():
+    """Its cell is too near to a rock; places within the tolerance of it are not."""
+    rover = made(ground((2.16, 2.5, -0.5, 0.5)))
+    assert rover.drive().status == ARRIVED
+    assert rover.x < 2.16 - 0.1
+
+
+def test_it_looks_at_a_goal_that_seems_to_lie_on_an_obstacle():
+    """What was a wrong match is gone when it has looked."""
+    rover = made(ground((1.8, 2.2, -0.2, 0.2)))
+    while rover.step().status != LOOKING:
+        assert rover.commands[-1].status not in (ARRIVED, FAILED)
+    assert 'obstacle' in rover.commands[-1].reason
+    rover.cost = ground()
+    assert rover.drive().status == ARRIVED

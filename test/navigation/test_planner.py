@@ -84,3 +84,10 @@ def test_the_cost_of_a_plan_is_that_along_it():
     planner = Planner(grid((0.5, 1.0, -1.0, 1.0), value=60), PlanConfig(), HALF_M, (-2.0, 0.0))
     plan = planner.plan((2.0, 0.2))
     assert planner.cost_along(plan.points_m, (2.0, 0.2)) == pytest.approx(plan.cost, rel=0.1)
+
+
+def test_a_rover_beside_a_rock_does_not_drive_onto_it():
+    """It stands within its margin of the rock, 0.15 m before it; the goal is on it."""
+    plan = Planner(grid((0.15, 0.6, -0.6, 0.6)), PLAIN, HALF_M, (0.0, 0.0)).plan((0.2, 0.0))
+    assert plan is not None and not plan.reaches_goal and plan.off_goal_m > 0.04
+    assert plan.points_m[:, 0].max() < 0.15

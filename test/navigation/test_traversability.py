@@ -76,3 +76,34 @@ def test_heights_that_may_be_errors_forbid_nothing():
     high = rock(0.06)
     unsure = dataclasses.replace(high, variance_m2=np.full((64, 64), 0.03 ** 2, np.float32))
     assert not (traversability(unsure, LIMITS).cost == LETHAL).any()
+
+
+def test_costs_are_those_of_a_plane_fitted_to_each_square():
+    """Sums that move along give what a fit at each cell gives, holes and edges included."""
+    rng = np.random.default_rng(5)
+    x, y = np.meshgrid(np.arange(40.0), np.arange(40.0))
+    height = 0.006 * x - 0.004 * y + 0.006 * rng.standard_normal(x.shape)
+    height[rng.random(x.shape) < 0.25] = np.nan
+    values = height.astype(np.float32)
+    found = traversability(Elevation(0, np.zeros(2), 0.05, values, 0.0 * values), LIMITS, 0).cost
+    half = round(0.5 * LIMITS.window_m / 0.05)
+    known, compared = np.isfinite(values), 0
+    for r, c in np.argwhere(known):
+        box = np.s_[max(r - half, 0):r + half + 1, max(c - half, 0):c + half + 1]
+        near = np.s_[max(r - 1, 0):r + 2, max(c - 1, 0):c + 2]
+        chosen = known[box]
+        if np.count_nonzero(chosen) < 0.4 * (2 * half + 1) ** 2:
+            assert found[r, c] in (UNKNOWN, LETHAL)
+            continue
+        z = values[box][chosen].astype(float)
+        A = np.column_stack([x[box][chosen] - c, y[box][chosen] - r, np.ones(len(z))])
+        fit = np.linalg.lstsq(A, z, rcond=None)[0]
+        slope = np.hypot(*fit[:2]) / 0.05
+        roughness = np.sqrt(np.mean((z - A @ fit) ** 2)) / LIMITS.roughness_m
+        relief = np.nanmax(values[near]) - np.nanmin(values[near]) - 0.1 * slope
+        step = max(abs(values[r, c] - fit[2]), relief) / LIMITS.step_m
+        worst = max(step, slope / LIMITS.slope, min(roughness, 0.95))
+        # The fit of the package is drawn towards level ground by a hundredth or two.
+        assert abs(found[r, c] - min(99.0 * worst ** 2, 100.0)) < 3.0
+        compared += 1
+    assert compared > 800

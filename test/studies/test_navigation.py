@@ -14,7 +14,8 @@ from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.navigation.navigator import ARRIVED
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.studies.navigation import Case, cases, DriveStore, report_text, write_all
+from lunar_rover_sim.studies.navigation import (Case, cases, DriveStore, goal_of, report_text,
+                                                write_all)
 from lunar_rover_sim.studies.navigation_drives import BellyContacts, BLIND, drive_to, KNOWN, SEEN
 from lunar_rover_sim.world.rocks import Rocks
 
@@ -98,3 +99,12 @@ def test_the_report_counts_and_compares(drives, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {'navigation.md', 'navigation.csv',
                                                           'navigation.png'}
     assert len((tmp_path / 'navigation.csv').read_text().splitlines()) == 13
+
+
+def test_goals_are_where_a_way_leads_and_not_beyond_the_world():
+    scenario, world = Scenario.load('flat'), world_with_a_rock()
+    goal = goal_of(scenario, world, 3.0)
+    assert np.hypot(*goal) == pytest.approx(3.0, abs=0.01)
+    assert goal == goal_of(scenario, world, 3.0)
+    with pytest.raises(StudyError, match='--distance: 30 is not valid'):
+        goal_of(scenario, world, 30.0)
