@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from lunar_rover_sim.frames import Array, tilt_deg
 
-# Beyond 90 deg the rover lies on its side or back. It counts as upright again below 45 deg: one
-# that rocks on its side has tipped over once.
-_TIPPED_DEG, _UPRIGHT_DEG = 90.0, 45.0
+# A rover that lies on its side on a slope of 20 deg is tilted by 70 deg; no slope on which it walks
+# is that steep. It counts as upright again below 45 deg: one that rocks on its side has tipped over
+# once.
+TIPPED_DEG, _UPRIGHT_DEG = 70.0, 45.0
 
 
 class TipOver:
@@ -24,5 +25,5 @@ class TipOver:
         """Return whether the rover tips over with this pose, base in the world frame, (4,)."""
         self.tilt_deg = float(tilt_deg(orientation_wxyz))
         lay = self.lies
-        self.lies = self.tilt_deg > (_UPRIGHT_DEG if lay else _TIPPED_DEG)
+        self.lies = self.tilt_deg > (_UPRIGHT_DEG if lay else TIPPED_DEG)
         return self.lies and not lay

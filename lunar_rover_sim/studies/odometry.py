@@ -13,6 +13,7 @@ from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.tip_over import TIPPED_DEG
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, RollingFeet, WheelOdometry
@@ -76,9 +77,9 @@ def study(scenario: Scenario, seeds: Sequence[int], duration_s: float, workers: 
 
 
 def _tips_over(recorded: Walk) -> bool:
-    """Return whether the rover ever lies on its side: its z axis leaves the upper half."""
+    """Return whether the rover ever lies on its side or back."""
     roll, pitch, _ = recorded.rpy_rad.T
-    return bool(np.any(np.cos(roll) * np.cos(pitch) < 0.0))
+    return bool(np.any(np.cos(roll) * np.cos(pitch) < np.cos(np.radians(TIPPED_DEG))))
 
 
 def _drive(scenario: Scenario, duration_s: float, seed: int) -> Walk:
