@@ -95,7 +95,7 @@ setup(
         'test': ['evo>=1.30', 'pytest>=9', 'pytest-xdist>=3.5', 'pytest-regressions>=2.5',
                  'import-linter>=2', 'isort>=5', 'mlcroissant>=1.0', 'mypy>=1.10',
                  'pycocotools>=2.0.8', 'pycodestyle>=2.11', 'ruff>=0.6', 'vulture>=2.11',
-                 'types-PyYAML', 'types-psutil', 'mcap-ros2-support>=0.5', 'hypothesis>=6.100',
+                 'types-PyYAML', 'types-psutil', 'mcap-ros2-support>=0.5',
                  'setuptools>=70.1', 'distributed>=2024.4', USD, 'foxglove-sdk>=0.14',
                  'webdataset>=1.0', 'websockets>=13', 'gymnasium>=1.1', 'onnx>=1.16',
                  'onnxruntime>=1.18'],

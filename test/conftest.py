@@ -8,6 +8,7 @@ took 12.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+import fcntl
 import gc
 import os
 from pathlib import Path
@@ -86,13 +87,16 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
+def _of_all_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a temporary folder of this session that the workers of xdist share."""
+    folder = tmp_path_factory.getbasetemp()
+    return folder.parent if 'PYTEST_XDIST_WORKER' in os.environ else folder
+
+
 @pytest.fixture(scope='session', autouse=True)
 def world_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Keep the worlds of tests apart from those of the user; the workers of xdist share them."""
-    folder = tmp_path_factory.getbasetemp()
-    if 'PYTEST_XDIST_WORKER' in os.environ:
-        folder = folder.parent
-    os.environ['LUNAR_ROVER_SIM_CACHE'] = str(folder / 'cache')
+    os.environ['LUNAR_ROVER_SIM_CACHE'] = str(_of_all_workers(tmp_path_factory) / 'cache')
 
 
 @pytest.fixture(scope='session', autouse=True)
@@ -116,17 +120,24 @@ def world_folder(world_cache: None) -> Path:
     return Path(cached(scenario.world, scenario.shared.seed))
 
 
-SOFT = ('--set', 'physics_node.ground.model=regolith',
-        '--set', 'recorder_node.topics=[all,ground_truth/sinkage,ground_truth/slip]')
+SOFT = ('physics_node.ground.model=regolith',
+        'recorder_node.topics=[all,ground_truth/sinkage,ground_truth/slip]')
 
 
 @pytest.fixture(scope='session')
 def recorded_run(tmp_path_factory: pytest.TempPathFactory, world_folder: Path) -> Path:
-    """Return the folder of one real run of 2 s with all nodes, on ground that gives."""
+    """Return the folder of one real run of 1 s with all nodes, on ground that gives.
+
+    The first worker that needs it records it; it is only read.
+    """
     pytest.importorskip('rclpy')
-    folder = tmp_path_factory.mktemp('runs') / 'first'
-    finished = simulate(folder, '--duration', '2', *SOFT)
-    assert finished.returncode == 0, finished.stdout + finished.stderr
+    folder = _of_all_workers(tmp_path_factory) / 'recorded_run'
+    with folder.with_suffix('.lock').open('w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.exists():
+            settings = [word for setting in (*PLAIN, *SOFT) for word in ('--set', setting)]
+            finished = simulate(folder, '--duration', '1', *settings)
+            assert finished.returncode == 0, finished.stdout + finished.stderr
     return folder
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import synthetic_bag
-from synthetic_bag import header, Item, msg, quaternion, vector
+from synthetic_bag import cloud, header, item, msg, odometry, quaternion, text
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
@@ -25,7 +25,9 @@ def write(path: Path, world: World, error_m: float = 0.0, flag_rocks: bool = Tru
     n = elevation.height_m.shape[0]
     axis = elevation.origin_m[0] + (np.arange(n) + 0.5) * CELL_M
     x, y = np.meshgrid(axis, axis)
-    points = np.stack([x, y, elevation.height_m + error_m, np.full((n, n), 1e-4)], axis=-1)
+    points = np.zeros(n * n, [(name, '<f4') for name in ('x', 'y', 'z', 'variance')])
+    points['x'], points['y'], points['variance'] = x.ravel(), y.ravel(), 1e-4
+    points['z'] = elevation.height_m.ravel() + error_m
     limit = Limits.of(RoverDescription(), TraversabilityConfig()).step_m
     # Rocks as they are judged: where they are highest in a cell.
     inside = (np.arange(3) + 0.5) / 3.0 * CELL_M - 0.5 * CELL_M
@@ -33,12 +35,6 @@ def write(path: Path, world: World, error_m: float = 0.0, flag_rocks: bool = Tru
     places = np.stack([x[..., None] + du.ravel(), y[..., None] + dv.ravel()], axis=-1)
     rocks = surface.heights(places)[1].max(axis=-1) > limit
     cost = np.where(rocks & flag_rocks, LETHAL, 0).astype(np.int8)
-    fields = [msg('sensor_msgs/PointField', name=name, offset=4 * k, datatype=7, count=1)
-              for k, name in enumerate(('x', 'y', 'z', 'variance'))]
-    cloud = msg('sensor_msgs/PointCloud2', header=header(STAMP_NS, ODOM_FRAME), height=1,
-                width=n * n, fields=fields, is_bigendian=False, point_step=16,
-                row_step=16 * n * n, is_dense=True,
-                data=np.frombuffer(points.astype('<f4').tobytes(), np.uint8))
     origin = msg('geometry_msgs/Pose', position=msg(
         'geometry_msgs/Point', x=float(elevation.origin_m[0]), y=float(elevation.origin_m[1]),
         z=0.0), orientation=quaternion((1.0, 0.0, 0.0, 0.0)))
@@ -46,17 +42,9 @@ def write(path: Path, world: World, error_m: float = 0.0, flag_rocks: bool = Tru
                width=n, height=n, origin=origin)
     grid = msg('nav_msgs/OccupancyGrid', header=header(STAMP_NS, ODOM_FRAME), info=info,
                data=cost.ravel())
-    zero = vector((0.0, 0.0, 0.0))
-    pose = msg('geometry_msgs/PoseWithCovariance', covariance=np.zeros(36), pose=msg(
-        'geometry_msgs/Pose', position=msg('geometry_msgs/Point', x=0.0, y=0.0, z=0.0),
-        orientation=quaternion((1.0, 0.0, 0.0, 0.0))))
-    twist = msg('geometry_msgs/TwistWithCovariance', covariance=np.zeros(36),
-                twist=msg('geometry_msgs/Twist', linear=zero, angular=zero))
-    items = [Item(topics.SCENARIO.name, topics.SCENARIO.type, msg(
-        'std_msgs/String', data=Scenario.load('flat').to_yaml()))]
-    items += [Item(topics.ODOM.name, topics.ODOM.type, msg(
-        'nav_msgs/Odometry', header=header(ns, ODOM_FRAME), child_frame_id='base_link', pose=pose,
-        twist=twist)) for ns in (STAMP_NS - 5_000_000, STAMP_NS)]
-    items += [Item(topics.ELEVATION.name, topics.ELEVATION.type, cloud),
-              Item(topics.TRAVERSABILITY.name, topics.TRAVERSABILITY.type, grid)]
+    items = [text(topics.SCENARIO, Scenario.load('flat').to_yaml())]
+    items += [item(topics.ODOM, odometry(ns, ODOM_FRAME, np.eye(4)))
+              for ns in (STAMP_NS - 5_000_000, STAMP_NS)]
+    items += [cloud(topics.ELEVATION, STAMP_NS, ODOM_FRAME, points),
+              item(topics.TRAVERSABILITY, grid)]
     return synthetic_bag.write(path, items)

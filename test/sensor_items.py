@@ -18,7 +18,6 @@ T_BASE_LIDAR = frames.se3(frames.matrix_from_wxyz(frames.wxyz_from_rpy(0.05, 0.1
 POWER = topics.of_legs(topics.POWER, Legs().names)
 SUN = frames.sun_direction(30.0, 10.0)      # that of the synthetic bag
 PERIOD_S = 0.1
-_DATATYPES = {'f4': 7, 'u2': 4}     # of PointField
 _NAN = float('nan')
 
 
@@ -48,21 +47,13 @@ def scan_points(start_ns: int, deskewed: bool, rings: int = 8, columns: int = 18
 
 def cloud_item(topic: topics.Topic, ns: int, points: np.ndarray) -> synthetic.Item:
     """Return records of POINT as a message; they may hold NaN."""
-    assert POINT.fields is not None
-    fields = [synthetic.msg('sensor_msgs/PointField', name=name, offset=place[1],
-                            datatype=_DATATYPES[place[0].str[1:]], count=1)
-              for name, place in POINT.fields.items()]
-    return synthetic.Item(topic.name, topic.type, synthetic.msg(
-        'sensor_msgs/PointCloud2', header=synthetic.header(ns, frames.LIDAR_FRAME), height=1,
-        width=len(points), fields=fields, is_bigendian=False, point_step=POINT.itemsize,
-        row_step=points.nbytes, data=np.frombuffer(points.tobytes(), np.uint8),
-        is_dense=bool(np.isfinite(points['x']).all())))
+    return synthetic.cloud(topic, ns, frames.LIDAR_FRAME, points)
 
 
 def scan_item(ns: int) -> synthetic.Item:
     """Return a LaserScan of 360 ranges, of which every tenth returns nothing."""
     ranges = np.where(np.arange(360) % 10 == 0, np.inf, 3.0).astype(np.float32)
-    return synthetic.Item(topics.LIDAR_SCAN.name, topics.LIDAR_SCAN.type, synthetic.msg(
+    return synthetic.item(topics.LIDAR_SCAN, synthetic.msg(
         'sensor_msgs/LaserScan', header=synthetic.header(ns, frames.LIDAR_FRAME),
         angle_min=-np.pi, angle_max=-np.pi + 359.0 * np.radians(1.0),
         angle_increment=float(np.radians(1.0)), time_increment=PERIOD_S / 360,
@@ -72,7 +63,7 @@ def scan_item(ns: int) -> synthetic.Item:
 
 def power_item(topic: topics.Topic, ns: int, current_a: float) -> synthetic.Item:
     """Return a BatteryState at 12 V, with NaN where nobody measures."""
-    return synthetic.Item(topic.name, topic.type, synthetic.msg(
+    return synthetic.item(topic, synthetic.msg(
         'sensor_msgs/BatteryState', header=synthetic.header(ns, ''), voltage=12.0,
         temperature=_NAN, current=current_a, charge=_NAN, capacity=_NAN, design_capacity=_NAN,
         percentage=_NAN, power_supply_status=2, power_supply_health=0, power_supply_technology=0,
@@ -83,25 +74,13 @@ def power_item(topic: topics.Topic, ns: int, current_a: float) -> synthetic.Item
 def heading_items(ns: int) -> list[synthetic.Item]:
     """Return the direction to the sun, the attitude and the odometry, all true."""
     T = synthetic.pose_at(ns * 1e-9)
-    quat = synthetic.quaternion(frames.wxyz_from_matrix(T[:3, :3]))
     sun = synthetic.msg('geometry_msgs/Vector3Stamped',
                         header=synthetic.header(ns, frames.BASE_FRAME),
                         vector=synthetic.vector(T[:3, :3].T @ SUN))
     attitude = synthetic.imu(ns, np.zeros(3), np.zeros(3), frames.wxyz_from_matrix(T[:3, :3]))
-    x, y, z = (float(c) for c in T[:3, 3])
-    pose = synthetic.msg('geometry_msgs/Pose',
-                         position=synthetic.msg('geometry_msgs/Point', x=x, y=y, z=z),
-                         orientation=quat)
-    twist = synthetic.msg('geometry_msgs/Twist', linear=synthetic.vector([0.15, 0.0, 0.0]),
-                          angular=synthetic.vector([0.0, 0.0, 0.075]))
-    odometry = synthetic.msg(
-        'nav_msgs/Odometry', header=synthetic.header(ns, frames.WHEEL_ODOM_FRAME),
-        child_frame_id=frames.BASE_FRAME,
-        pose=synthetic.msg('geometry_msgs/PoseWithCovariance', pose=pose,
-                           covariance=np.zeros(36)),
-        twist=synthetic.msg('geometry_msgs/TwistWithCovariance', twist=twist,
-                            covariance=np.zeros(36)))
-    return [synthetic.Item(topic.name, topic.type, message) for topic, message in (
+    odometry = synthetic.odometry(ns, frames.WHEEL_ODOM_FRAME, T, (0.15, 0.0, 0.0),
+                                  (0.0, 0.0, 0.075))
+    return [synthetic.item(topic, message) for topic, message in (
         (topics.SUN_SENSOR, sun), (topics.STAR_TRACKER, attitude),
         (topics.WHEEL_ODOM, odometry))]
 
@@ -114,19 +93,15 @@ def power_items(ns: int) -> list[synthetic.Item]:
 
 def with_lidar_frame(items: list[synthetic.Item]) -> list[synthetic.Item]:
     """Return items whose tf_static says where the LiDAR is."""
-    mount = synthetic.msg(
-        'geometry_msgs/TransformStamped', header=synthetic.header(0, frames.BASE_FRAME),
-        child_frame_id=frames.LIDAR_FRAME, transform=synthetic.msg(
-            'geometry_msgs/Transform', translation=synthetic.vector(T_BASE_LIDAR[:3, 3]),
-            rotation=synthetic.quaternion(frames.wxyz_from_matrix(T_BASE_LIDAR[:3, :3]))))
-    return [*items, synthetic.Item(topics.TF_STATIC.name, topics.TF_STATIC.type, synthetic.msg(
+    mount = synthetic.transform(0, frames.BASE_FRAME, frames.LIDAR_FRAME, T_BASE_LIDAR)
+    return [*items, synthetic.item(topics.TF_STATIC, synthetic.msg(
         'tf2_msgs/TFMessage', transforms=[mount]))]
 
 
 def foot_items(ns: int) -> list[synthetic.Item]:
     """Return slip and sinkage: 1 mm of each leg, swept 1 cm."""
     legs = list(Legs().names)
-    return [synthetic.Item(topic.name, topic.type, synthetic.msg(
+    return [synthetic.item(topic, synthetic.msg(
         'sensor_msgs/JointState', header=synthetic.header(ns, ''), name=names,
         position=np.array(position), velocity=np.array(velocity), effort=np.zeros(0)))
         for topic, names, position, velocity in (

@@ -50,6 +50,55 @@ class Item:
     fallback_ns: int = 0
 
 
+def item(topic: topics.Topic, message: Any) -> Item:
+    """Return a message of a topic."""
+    return Item(topic.name, topic.type, message)
+
+
+def text(topic: topics.Topic, data: str) -> Item:
+    """Return a String of a topic."""
+    return item(topic, msg('std_msgs/String', data=data))
+
+
+def picture(topic: topics.Topic, ns: int, encoding: str, pixels: np.ndarray) -> Item:
+    """Return an Image of a topic, in its frame."""
+    return item(topic, image(ns, topic.frame_id, encoding, pixels))
+
+
+def cloud(topic: topics.Topic, ns: int, frame: str, points: np.ndarray) -> Item:
+    """Return a PointCloud2 of structured records, in one row; they may hold NaN."""
+    assert points.dtype.fields is not None
+    kinds = {'f4': 7, 'u2': 4}      # of PointField
+    fields = [msg('sensor_msgs/PointField', name=name, offset=place[1],
+                  datatype=kinds[place[0].str[1:]], count=1)
+              for name, place in points.dtype.fields.items()]
+    return item(topic, msg(
+        'sensor_msgs/PointCloud2', header=header(ns, frame), height=1, width=len(points),
+        fields=fields, is_bigendian=False, point_step=points.itemsize, row_step=points.nbytes,
+        data=np.frombuffer(points.tobytes(), np.uint8),
+        is_dense=bool(np.isfinite(points['x']).all())))
+
+
+def odometry(ns: int, frame: str, T: np.ndarray, linear: Any = (0.0, 0.0, 0.0),
+             angular: Any = (0.0, 0.0, 0.0)) -> Any:
+    """Return an Odometry of base_link at T, with a twist in its axes."""
+    x, y, z = (float(c) for c in T[:3, 3])
+    pose = msg('geometry_msgs/Pose', position=msg('geometry_msgs/Point', x=x, y=y, z=z),
+               orientation=quaternion(frames.wxyz_from_matrix(T[:3, :3])))
+    twist = msg('geometry_msgs/Twist', linear=vector(linear), angular=vector(angular))
+    return msg('nav_msgs/Odometry', header=header(ns, frame), child_frame_id=frames.BASE_FRAME,
+               pose=msg('geometry_msgs/PoseWithCovariance', pose=pose, covariance=np.zeros(36)),
+               twist=msg('geometry_msgs/TwistWithCovariance', twist=twist,
+                         covariance=np.zeros(36)))
+
+
+def transform(ns: int, parent: str, child: str, T: np.ndarray) -> Any:
+    """Return a TransformStamped."""
+    return msg('geometry_msgs/TransformStamped', header=header(ns, parent), child_frame_id=child,
+               transform=msg('geometry_msgs/Transform', translation=vector(T[:3, 3]),
+                             rotation=quaternion(frames.wxyz_from_matrix(T[:3, :3]))))
+
+
 def msg(kind: str, /, **fields: Any) -> Any:
     """Make a message of type `package/Name` from its fields."""
     package, _, name = kind.partition('/')
@@ -168,26 +217,13 @@ def state_items(ns: int, step_ns: int, rng: np.random.Generator) -> list[Item]:
     T = pose_at(t)
     velocity, omega, rate, force = motion_at(t, step_ns * 1e-9)
     quat = frames.wxyz_from_matrix(T[:3, :3])
-    x, y, z = (float(c) for c in T[:3, 3])
-    pose = msg('geometry_msgs/Pose', position=msg('geometry_msgs/Point', x=x, y=y, z=z),
-               orientation=quaternion(quat))
-    twist = msg('geometry_msgs/Twist', linear=vector(velocity), angular=vector(omega))
-    odom = msg('nav_msgs/Odometry', header=header(ns, frames.ODOM_FRAME),
-               child_frame_id=frames.BASE_FRAME,
-               pose=msg('geometry_msgs/PoseWithCovariance', pose=pose, covariance=np.zeros(36)),
-               twist=msg('geometry_msgs/TwistWithCovariance', twist=twist,
-                         covariance=np.zeros(36)))
     joints = msg('sensor_msgs/JointState', header=header(ns, ''), name=list(Legs().joint_names),
                  position=np.full(4, 2.0 * t), velocity=np.full(4, 2.0), effort=np.full(4, 0.1))
     bias = msg('geometry_msgs/Accel', linear=vector([0.01, 0, 0]), angular=vector([1e-3, 0, 0]))
     wrench = msg('geometry_msgs/Wrench', force=vector([0, 0, 0.9]), torque=vector([0, 0, 0]))
-    transform = msg('geometry_msgs/TransformStamped', header=header(ns, frames.ODOM_FRAME),
-                    child_frame_id=frames.BASE_FRAME,
-                    transform=msg('geometry_msgs/Transform', translation=vector(T[:3, 3]),
-                                  rotation=quaternion(quat)))
     made = [
         (topics.CLOCK, msg('rosgraph_msgs/Clock', clock=time(ns))),
-        (topics.ODOM, odom),
+        (topics.ODOM, odometry(ns, frames.ODOM_FRAME, T, velocity, omega)),
         (topics.JOINT_STATES, joints),
         (topics.JOINT_COMMANDS, joints),
         (topics.IMU_TRUTH, imu(ns, rate, force, quat)),
@@ -195,10 +231,11 @@ def state_items(ns: int, step_ns: int, rng: np.random.Generator) -> list[Item]:
                              force + [0.01, 0, 0] + 1e-2 * rng.standard_normal(3))),
         (topics.IMU_BIAS, msg('geometry_msgs/AccelStamped', header=header(ns, frames.IMU_FRAME),
                               accel=bias)),
-        (topics.TF, msg('tf2_msgs/TFMessage', transforms=[transform])),
+        (topics.TF, msg('tf2_msgs/TFMessage', transforms=[
+            transform(ns, frames.ODOM_FRAME, frames.BASE_FRAME, T)])),
         *((contact, msg('geometry_msgs/WrenchStamped', header=header(ns, contact.frame_id),
                         wrench=wrench)) for contact in CONTACTS)]
-    return [Item(topic.name, topic.type, message) for topic, message in made]
+    return [item(topic, message) for topic, message in made]
 
 
 def frame_items(ns: int, scene: Scene, with_depth: bool = True) -> list[Item]:
@@ -226,16 +263,13 @@ def frame_items(ns: int, scene: Scene, with_depth: bool = True) -> list[Item]:
         (topics.DEPTH, image(ns, frame, '32FC1', sgm_depth)),
         (topics.DEPTH_INFO, camera_info(ns, frame, 0.0)),
         (topics.TRUE_DEPTH, image(ns, frame, '32FC1', depth))]
-    return [Item(topic.name, topic.type, message) for topic, message in made
+    return [item(topic, message) for topic, message in made
             if with_depth or topic.rate != topics.DEPTH_FRAME]
 
 
 def latched_items() -> list[Item]:
     """Return what is said once."""
-    static = [msg('geometry_msgs/TransformStamped', header=header(0, frames.BASE_FRAME),
-                  child_frame_id=child,
-                  transform=msg('geometry_msgs/Transform', translation=vector(T[:3, 3]),
-                                rotation=quaternion(frames.wxyz_from_matrix(T[:3, :3]))))
+    static = [transform(0, frames.BASE_FRAME, child, T)
               for child, T in ((frames.LEFT_OPTICAL_FRAME, T_base_camera(+1.0)),
                                (frames.RIGHT_OPTICAL_FRAME, T_base_camera(-1.0)),
                                (frames.IMU_FRAME, np.eye(4)))]
@@ -246,7 +280,7 @@ def latched_items() -> list[Item]:
         (topics.ROBOT_DESCRIPTION, msg('std_msgs/String', data='<robot name="rover"/>')),
         (topics.SCENARIO, msg('std_msgs/String', data=SCENARIO)),
         (topics.TF_STATIC, msg('tf2_msgs/TFMessage', transforms=static))]
-    return [Item(topic.name, topic.type, message) for topic, message in made]
+    return [item(topic, message) for topic, message in made]
 
 
 def drive(duration_s: float = 1.0, state_hz: int = 200, frame_hz: int = 10,

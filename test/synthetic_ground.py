@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from synthetic_bag import header, Item, msg
+from synthetic_bag import cloud, Item
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.ground_points import FLOAT32, POINT, points_of
+from lunar_rover_sim.bag.ground_points import points_of
 from lunar_rover_sim.regolith.overlay import Overlay
 from lunar_rover_sim.regolith.tracks import press
 from lunar_rover_sim.world.grid import HeightGrid
@@ -26,13 +26,7 @@ def ground_items(duration_s: float, overlay: Overlay | None = None,
     for k in range(1, round(duration_s * 10.0) + 1):
         x = 0.02 * k - 0.1
         press(overlay, ground, (x, 0.03, 0.008), (x, 0.03, -0.012), 0.008, 0.6)
-        points = points_of(overlay.take_changes(), ground)
-        fields = [msg('sensor_msgs/PointField', name=name, offset=4 * i, datatype=FLOAT32, count=1)
-                  for i, name in enumerate(POINT.names)]
-        items.append(Item(topics.GROUND_CHANGES.name, topics.GROUND_CHANGES.type, msg(
-            'sensor_msgs/PointCloud2', header=header(k * 10**8, frames.ODOM_FRAME), height=1,
-            width=len(points), fields=fields, is_bigendian=False, point_step=POINT.itemsize,
-            row_step=points.nbytes, data=np.frombuffer(points.tobytes(), np.uint8),
-            is_dense=True)))
+        items.append(cloud(topics.GROUND_CHANGES, k * 10**8, frames.ODOM_FRAME,
+                           points_of(overlay.take_changes(), ground)))
         seen(k * 10**8)
     return items

@@ -20,7 +20,7 @@ from launch_ros.actions import Node
 from lunar_rover_sim.bag.marker import mark_failed
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.files.paths import check_new_folder
-from lunar_rover_sim.run.node_processes import Ending
+from lunar_rover_sim.run.ending import DONE, Ending
 from lunar_rover_sim.run.plan import (BAG_FOLDER, check_launch_arguments, LOG_FOLDER, prepare,
                                       resolve, SCENARIO_FILE, with_slam)
 from lunar_rover_sim.run.scenario import Scenario
@@ -119,23 +119,21 @@ class _Exits:
         self._ending = Ending(nodes, may_fail)
 
     def on_exit(self, event, context):
-        """Stop the next node; raise RuntimeError, which ends the launch, if the run has failed.
+        """Stop the next nodes; raise RuntimeError, which ends the launch, if the run has failed.
 
         On Ctrl-C a node may be faster than launch itself.
         """
         name = next(name for name, node in self._nodes.items() if node is event.action)
-        step = self._ending.after(name, event.returncode, context.is_shutdown)
+        step = self._ending.after(name, f'{name} has ended with status {event.returncode}',
+                                  event.returncode in DONE, context.is_shutdown)
         if step.mark:
             mark_failed(self._bag, step.mark)
         if step.failure:
             raise RuntimeError(step.failure)
-        if step.lost:
-            return LogInfo(msg=step.lost)
-        if step.stop:
-            node = self._nodes[step.stop]
-            return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
         # Without processes the launch ends by itself, once another rover has finished too.
-        return None
+        return [*([LogInfo(msg=step.lost)] if step.lost else []),
+                *(EmitEvent(event=ShutdownProcess(process_matcher=matches_action(
+                    self._nodes[stopped]))) for stopped in step.stop)]
 
 
 def generate_launch_description():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import dataclasses
 from pathlib import Path
@@ -19,14 +19,12 @@ from lunar_rover_sim.bag.marker import mark_failed, why_incomplete
 from lunar_rover_sim.errors import GraphError
 from lunar_rover_sim.run import node_state
 from lunar_rover_sim.run.child_process import dies_with_parent, signal_name
+from lunar_rover_sim.run.ending import DONE, Ending, RECORDER, Step
 from lunar_rover_sim.run.node_config import LEG_CONTROLLERS
 from lunar_rover_sim.run.node_state import NodeState, StateReader
-from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE, STOP_ORDER
+from lunar_rover_sim.run.plan import BAG_FOLDER, LOG_FOLDER, NodePlan, SCENARIO_FILE
 from lunar_rover_sim.run.ros_domain import ros_environment
 
-# Statuses of a node that has done its work. SIGALRM ends one that DDS keeps from leaving
-# (`nodes.node_main.bound_leaving`).
-DONE = (0, -signal.SIGALRM)
 # The recorder needs this time to finish its bag. After a failure the other nodes have nothing
 # left to add to it. A process that still works then, on a busy machine, is given more.
 _STOP_S = 15.0
@@ -38,17 +36,24 @@ _STOP_AFTER_FAILURE_S = 2.0
 class NodeProcesses:
     """The processes of one run; context manager that leaves none behind.
 
-    cpu_s: node → processor time used so far [s]
-    lost: node → how it ended, of nodes without which the run goes on
+    Attributes:
+        cpu_s: Node → processor time used so far [s].
+        lost: Node → how it ended, of nodes without which the run goes on.
     """
 
     def __init__(self, plans: Sequence[NodePlan], folder: Path, domain: int,
                  may_fail: Sequence[str] = ()) -> None:
         """Start one process per plan, with its log in `folder`/logs.
 
-        may_fail: nodes without which the run goes on
+        Args:
+            plans: The nodes.
+            folder: Of the run.
+            domain: ROS_DOMAIN_ID.
+            may_fail: Nodes without which the run goes on.
         """
         self._may_fail = set(may_fail)
+        self._ending = Ending([plan.name for plan in plans], may_fail, by_physics=True)
+        self._noted: set[str] = set()       # nodes whose end the state machine knows
         self.lost: dict[str, str] = {}
         self._folder = folder
         self.cpu_s: dict[str, float] = {}
@@ -92,29 +97,25 @@ class NodeProcesses:
     def has_finished(self) -> bool:
         """Return whether physics has finished; raise GraphError if a node has ended otherwise."""
         for name, process in self._processes.items():
-            status = process.poll()
-            if status is None:
-                continue
-            if name == 'physics_node' and self._has_done_its_work(name):
-                return True
-            end = self._describe_end(name)
-            if not self._goes_on_without(name, end):
-                lacks = any(s.awaits == node_state.PUBLISHERS for s in self._told(name))
-                late = self.unstarted() if lacks else ''
-                # It waited for a topic whose publisher is still starting.
-                raise GraphError(f'{end}; not started yet: {late}' if late else end)
-        return False
+            if name not in self._noted and process.poll() is not None:
+                step = self._note(name, self._describe_end(name))
+                if step.failure:
+                    # It waited for a topic whose publisher is still starting.
+                    lacks = any(s.awaits == node_state.PUBLISHERS for s in self._told(name))
+                    late = self.unstarted() if lacks else ''
+                    raise GraphError(step.failure + (f'; not started yet: {late}' if late else ''))
+        return 'physics_node' in self._noted
 
-    def _has_done_its_work(self, name: str) -> bool:
-        """Return whether a node that has ended has nothing left undone."""
-        status = self._processes[name].returncode
-        return status in DONE and not self._fatal_reason(name)
-
-    def _goes_on_without(self, name: str, end: str) -> bool:
-        """Return whether the run goes on without a node; its first end is noted."""
-        if name in self._may_fail:
-            self.lost.setdefault(name, f'{end}; the run goes on')
-        return name in self._may_fail
+    def _note(self, name: str, described: str) -> Step:
+        """Return what follows from the end of a node; mark the bag if that is due."""
+        self._noted.add(name)
+        done = self._processes[name].returncode in DONE and not self._fatal_reason(name)
+        step = self._ending.after(name, described, done)
+        if step.lost:
+            self.lost.setdefault(name, step.lost)
+        if step.mark:
+            mark_failed(self._folder / BAG_FOLDER, step.mark)
+        return step
 
     def suspended(self) -> list[str]:
         """Return the nodes that are suspended (SIGSTOP)."""
@@ -156,54 +157,43 @@ class NodeProcesses:
                 return f'{name}: {reason} (log: {self.log(name)})'
         return None
 
-    def stop(self, failed: bool = False) -> None:
-        """Stop all nodes, the recorder last; where time still goes on, one after the other.
+    def stop(self, failed: bool = False, why: str = '') -> None:
+        """Stop all nodes, in the order of `Ending`.
 
-        failed: the run has failed already; only the recorder is given time to finish.
-        Raises GraphError if a node does not stop in time or ends with an error, unless the run
-        goes on without it.
+        Args:
+            failed: The run is given up; only the recorder is given time to finish.
+            why: The failure that the bag is marked with; '' if nothing is wrong with the run.
+
+        Raises:
+            GraphError: If a node does not stop in time or ends with an error, unless the run goes
+                on without it.
         """
-        physics = self._processes.get('physics_node')
-        if failed or (physics is not None and physics.poll() is not None):
-            # Physics finishes when all have answered: only the recorder has work left.
-            for name, process in self._processes.items():
-                if name != 'recorder_node' and process.poll() is None:
-                    process.send_signal(signal.SIGINT)
         deadline = time.monotonic() + _STOP_AFTER_FAILURE_S
-        problems = []
-        for name in STOP_ORDER:
-            if name not in self._processes:
-                continue
-            limit_s = _STOP_S
-            if failed and name != 'recorder_node':
-                limit_s = max(0.0, deadline - time.monotonic())
-            problems += self._stop(name, limit_s)
+        problems: list[str] = []
+        waiting: list[str] = []
+        step = self._ending.begin(why, at_once=failed)
+        while waiting or step.stop:
+            for name in step.stop:
+                if self._processes[name].poll() is None:
+                    self._processes[name].send_signal(signal.SIGINT)
+            waiting += step.stop
+            name = waiting.pop(0)
+            hurried = failed and name != RECORDER
+            step = self._end(name, max(0.0, deadline - time.monotonic()) if hurried else _STOP_S)
+            problems += [step.failure] if step.failure else []
         if problems:
             raise GraphError('; '.join(problems))
 
-    def _stop(self, name: str, limit_s: float) -> list[str]:
-        """Stop one node; return what went wrong."""
-        process = self._processes[name]
-        if process.poll() is None:
-            # A suspended process does not receive SIGINT.
-            patience_s = 0.0 if _is_suspended(process) else limit_s
-            process.send_signal(signal.SIGINT)
-            start_s = time.monotonic()
-            if not _has_ended(process, patience_s):
-                process.kill()
-                process.wait()
-                problem = (f'{name} did not stop within {time.monotonic() - start_s:.0f} s and '
-                           'was killed')
-                if name == 'recorder_node':
-                    mark_failed(self._folder / BAG_FOLDER, problem)
-                return [] if self._goes_on_without(name, problem) else [problem]
-        if (self._has_done_its_work(name)
-                or self._goes_on_without(name, self._describe_end(name))):
-            return []
-        if name == 'recorder_node' and process.returncode < 0:
-            mark_failed(self._folder / BAG_FOLDER,
-                        f'{name} ended with {signal_name(-process.returncode)}')
-        return [self._describe_end(name)]
+    def _end(self, name: str, limit_s: float) -> Step:
+        """Wait for the end of a node that was told to stop, or kill it; return what follows."""
+        process, start_s = self._processes[name], time.monotonic()
+        # A suspended process does not receive SIGINT.
+        if _has_ended(process, 0.0 if _is_suspended(process) else limit_s):
+            return self._note(name, self._describe_end(name))
+        process.kill()
+        process.wait()
+        return self._note(name, f'{name} did not stop within {time.monotonic() - start_s:.0f} s '
+                          'and was killed')
 
     def kill(self) -> None:
         """Kill what is left."""
@@ -221,18 +211,14 @@ class NodeProcesses:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  traceback: TracebackType | None) -> None:
-        failure = error
         try:
-            self.stop(failed=error is not None)
-        except GraphError as problem:
+            self.stop(error is not None, str(error) if isinstance(error, GraphError) else '')
+        except GraphError:
             # The first error is the cause of the others.
-            failure = error or problem
             if error is None:
                 raise
         finally:
             self.kill()
-            if isinstance(failure, GraphError):
-                mark_failed(self._folder / BAG_FOLDER, f'the run failed: {failure}')
 
     def _describe_end(self, name: str) -> str:
         """Return how a node ended, with the reason that it gave, and its log."""
@@ -243,7 +229,7 @@ class NodeProcesses:
         lines = [line.strip() for line in self.log(name).read_text(errors='replace').splitlines()
                  if line.strip() and not line.startswith('[INFO]')]
         reason = self._fatal_reason(name) or (lines[-1] if lines else '')
-        if not reason and name == 'recorder_node':
+        if not reason and name == RECORDER:
             # A full disk has no room for its log, but the mark of the bag has reserved some.
             reason = why_incomplete(self._folder / BAG_FOLDER) or ''
         return f'{name} ended with {how}: {reason or "it gave no reason"} (log: {self.log(name)})'
@@ -382,56 +368,3 @@ class NodeLogs:
         self._offsets[node] += len(whole) if whole or len(chunk) < _MOST_BYTES else len(chunk)
         return [NodeWarning(node, match[1].decode(), match[3].decode(errors='replace'))
                 for match in map(_LINE.match, whole.splitlines()) if match]
-
-
-RECORDER = 'recorder_node'
-
-
-@dataclasses.dataclass(frozen=True)
-class Step:
-    """What follows when a node has ended; '' is nothing.
-
-    stop: the node to be stopped next
-    lost: how a node ended, if the run goes on without it
-    failure: why the run has failed; then all nodes are to be stopped
-    mark: why the bag is to be marked as failed: no recorder can add to it any more
-    """
-
-    stop: str = ''
-    lost: str = ''
-    failure: str = ''
-    mark: str = ''
-
-
-class Ending:
-    """The end of one run: its nodes are stopped one by one, the recorder last."""
-
-    def __init__(self, nodes: Collection[str], may_fail: Collection[str] = ()) -> None:
-        """Take the names of all nodes, and of those without which the run goes on."""
-        self._running = [name for name in STOP_ORDER if name in nodes]
-        self._may_fail = may_fail
-        self._stopping = False
-        self._failure = ''
-
-    def after(self, name: str, status: int, shutting_down: bool = False) -> Step:
-        """Return what follows when a node has ended with a status.
-
-        Status 0 is that of physics at its end, and of every node after a signal: each ends the
-        run, but for those without which it goes on. Once the run ends, a node that it can do
-        without may fail as well; the others are stopped all the same.
-        shutting_down: somebody else stops all nodes, by Ctrl-C or after a failure
-        """
-        self._running.remove(name)
-        described = f'{name} has ended with status {status}'
-        if name in self._may_fail:
-            if not (self._stopping or shutting_down):
-                return Step(lost=f'{described}; the run goes on')
-        elif status not in DONE and not shutting_down:
-            self._failure = f'the run failed: {described}'
-        mark = '' if RECORDER in self._running else self._failure
-        if shutting_down:
-            return Step(mark=mark)
-        if self._failure:
-            return Step(failure=described, mark=mark)
-        self._stopping = True
-        return Step(stop=self._running[0] if self._running else '')

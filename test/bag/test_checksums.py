@@ -71,21 +71,6 @@ def test_a_file_too_short_for_an_end_has_none(tmp_path, content):
         open_bag(tmp_path / 'bag.mcap')
 
 
-def test_a_file_without_its_end_is_incomplete(bag, tmp_path):
-    copy = tmp_path / 'bag'
-    copy.mkdir()
-    (copy / 'metadata.yaml').write_bytes((bag / 'metadata.yaml').read_bytes())
-    (copy / 'bag.mcap').write_bytes((bag / 'bag.mcap').read_bytes()[:-8])
-    assert not has_end(copy / 'bag.mcap')
-    with pytest.raises(BagError, match='not a finished MCAP file'):
-        damage(copy / 'bag.mcap')
-    try:
-        with open_bag(copy) as opened:
-            assert 'has no end' in opened.incomplete
-    except BagError as error:
-        assert 'has no end; make it readable' in str(error)
-
-
 @pytest.mark.parametrize(('count', 'message'), [
     ('-3', 'metadata.yaml: messages.*: -3 is not valid'),
     ('.nan', 'nan is not valid'), ('1.5', '1.5 is not valid'),

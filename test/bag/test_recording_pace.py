@@ -1,4 +1,4 @@
-"""The real-time factor of a recording: measured, written, read, told."""
+"""How long a recording is in simulated time, and its real-time factor."""
 
 from __future__ import annotations
 
@@ -11,10 +11,14 @@ import yaml
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag import marker, totals
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.bag.totals import recorded_factor, RecordingPace
+from lunar_rover_sim.bag.totals import recorded_factor, RecordingPace, simulated_end_ns
 from lunar_rover_sim.bag.writer import BagWriter
+from lunar_rover_sim.campaign.statistics import statistics
 from lunar_rover_sim.cli.main import main
+from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.inspection.film import pace_caption
+from lunar_rover_sim.inspection.report import Status
+from lunar_rover_sim.inspection.summary import summarise
 
 
 class Wall:
@@ -101,3 +105,69 @@ def test_metadata_of_others(bag: Path, custom: object,
 def test_caption() -> None:
     assert pace_caption(2.0, 0.371) == 'real-time factor 0.37, film speed × 2'
     assert pace_caption(1.0, None) == 'film speed × 1'
+
+
+WALL_NS = 1_795_554_234 * 10**9
+STATES = (topics.ODOM, topics.IMU_RAW)
+IMAGES = (topics.LEFT_IMAGE, topics.LEFT_INFO)
+
+
+def diagnostics(ns: int = WALL_NS) -> synthetic.Item:
+    """Return a message on /diagnostics."""
+    return synthetic.item(topics.DIAGNOSTICS, synthetic.msg(
+        'diagnostic_msgs/DiagnosticArray', header=synthetic.header(ns, ''), status=[]))
+
+
+def at_wall_time(topic: str) -> synthetic.Item:
+    """Return a message of a program that does not use simulated time."""
+    return synthetic.Item(topic, 'std_msgs/msg/Header', synthetic.header(WALL_NS, ''))
+
+
+@pytest.mark.parametrize('storage', synthetic.WRITERS)
+@pytest.mark.parametrize('namespace', ['', '/rover1'])
+@pytest.mark.parametrize(('recorded', 'end_ns'), [
+    ((*STATES, *IMAGES), 550_000_000), (STATES, 550_000_000), (IMAGES, 500_000_000)])
+def test_the_last_state_or_frame_ends_it(
+        recorded: tuple[topics.Topic, ...], end_ns: int, namespace: str, storage: str,
+        tmp_path: Path) -> None:
+    """Whatever else is in the bag, and in whichever order."""
+    items = synthetic.drive(0.55, state_hz=100, only=recorded)
+    for name, others in (('alone', []), ('others', [diagnostics(), at_wall_time('my/status')])):
+        bag_path = synthetic.WRITERS[storage](tmp_path / name, [*others, *items], namespace)
+        with open_bag(bag_path) as bag:
+            assert simulated_end_ns(bag) == end_ns
+
+
+def test_without_states_and_frames(tmp_path: Path) -> None:
+    """The last message ends it that may be at simulated time; wall time alone is none."""
+    sun = synthetic.Item('wheel/temperature', 'std_msgs/msg/Header', synthetic.header(7, ''))
+    for name, items, end_ns in (('both', [sun, diagnostics()], 7), ('wall', [diagnostics()], 0),
+                                ('empty', [], 0)):
+        with open_bag(synthetic.write(tmp_path / name, items)) as bag:
+            assert simulated_end_ns(bag) == end_ns
+
+
+def test_what_tells_of_the_duration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Summary, statistics, `bag info` and the check of the clock."""
+    items = synthetic.drive(0.5, state_hz=100, only=(*STATES, *IMAGES, topics.CLOCK))
+    bag = synthetic.write(tmp_path / 'bag', [diagnostics(), *items, diagnostics(WALL_NS + 1)])
+    summary = summarise(bag)
+    assert summary.duration_s == 0.5
+    assert '0.50 s, RTF 0.50 with start and stop' in summary.lines(wall_s=1.0)
+    assert statistics(bag)['duration_s'] == 0.5
+    assert main(['bag', 'info', str(bag)]) == 0
+    told = capsys.readouterr().out
+    assert ', 0.010 s to 0.500 s, ' in told
+    assert next(line for line in told.splitlines() if line.startswith('/odom ')).endswith(
+        '102.0 Hz')     # 50 messages over 49 periods
+    assert 'one clock' not in [finding.check for finding in check(bag).failed]
+
+
+def test_diagnostics_at_the_time_of_their_arrival(tmp_path: Path) -> None:
+    """So the recorder writes them; the check has nothing to say of that."""
+    items = synthetic.drive(0.5, state_hz=100, only=STATES)
+    with BagWriter(tmp_path / 'bag') as writer:
+        for item in [*items, diagnostics()]:
+            writer.write(f'/{item.topic}', item.msgtype, synthetic.serialise(item), 7, WALL_NS - 1)
+    found = {finding.check: finding for finding in check(tmp_path / 'bag').findings}
+    assert found['bag time'].status is found['one clock'].status is Status.PASS

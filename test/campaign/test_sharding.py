@@ -1,7 +1,8 @@
-"""Shards of a whole data set: no world is in two splits, nothing is lost."""
+"""Shards of a whole data set, and the pool that makes its episodes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import json
 from pathlib import Path
 import shutil
@@ -11,8 +12,13 @@ import pytest
 import synthetic_bag
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.campaign.campaign_file import parse_campaign
+from lunar_rover_sim.campaign.dataset import Dataset
+from lunar_rover_sim.campaign.episode import EpisodeTask, make_episode, Outcome
+from lunar_rover_sim.campaign.episode_plans import EpisodePlan, plan
 from lunar_rover_sim.campaign.layout import CAMPAIGN_FILE, EPISODES
 from lunar_rover_sim.campaign.manifest import MANIFEST, write_json
+from lunar_rover_sim.campaign.schedulers import run_local
 from lunar_rover_sim.campaign.sharding import Episode, split_worlds
 from lunar_rover_sim.cli.main import main
 from lunar_rover_sim.errors import CampaignError, ConfigError
@@ -33,8 +39,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
                                            topics.ODOM))
     for name, (base, world) in EPISODE_WORLDS.items():
         episode = folder / EPISODES / name
-        told = synthetic_bag.Item(topics.WORLD_HASH.name, topics.WORLD_HASH.type,
-                                  synthetic_bag.msg('std_msgs/String', data=world))
+        told = synthetic_bag.text(topics.WORLD_HASH, world)
         synthetic_bag.write(episode / 'bag', [*drive, told])
         write_json(episode / MANIFEST, {'name': name, 'drawn': {'base': base} if base == 'b'
                                         else {}, 'statistics': {}})
@@ -108,3 +113,61 @@ def test_a_size_that_is_not_valid_is_refused_before_bags_are_read(
     assert main(['dataset', 'shards', str(tmp_path / 'nothing'), '-o', str(tmp_path / 'x'),
                  '--shard-size', '0']) == 1
     assert '--shard-size: 0 is not valid; valid is 1 to 100000' in capsys.readouterr().err
+
+
+CAMPAIGN = parse_campaign('episodes: 3\nsettings: {run.duration_s: 1.0}',
+                          Path('/nowhere/test.yaml'))
+
+
+@pytest.fixture(scope='module')
+def plans() -> list[EpisodePlan]:
+    """Return the plans of the small campaign."""
+    return list(plan(CAMPAIGN))
+
+
+def test_a_worker_that_does_not_see_the_folder_says_so(plans: list[EpisodePlan],
+                                                       tmp_path: Path) -> None:
+    """A cluster without a shared folder fails at once, and by name."""
+    with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
+        outcome = make_episode(dataset.tasks(plans, ['0000'])[0], tmp_path / 'elsewhere')
+        assert 'does not see the folder' in outcome.error
+
+
+def test_the_pool_stops_when_told(plans: list[EpisodePlan], tmp_path: Path,
+                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C: what runs is told to stop, what waits is not begun, the exception goes on."""
+    begun: list[str] = []
+
+    def slow(task: EpisodeTask, dataset: Path, stop: Callable[[], bool]) -> Outcome:
+        name = task.plan.name
+        begun.append(name)
+        while not stop() and name != '0000':
+            pass
+        return Outcome(name, '', 0.0)
+
+    def interrupt(outcome: Outcome) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('lunar_rover_sim.campaign.schedulers.make_episode', slow)
+    with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
+        tasks = dataset.tasks(plans, [p.name for p in plans])
+        with pytest.raises(KeyboardInterrupt):
+            run_local(tasks, tmp_path, 1, interrupt)
+    assert begun[0] == '0000'
+    assert '0002' not in begun
+
+
+def test_an_error_of_one_episode_is_not_that_of_the_others(
+        plans: list[EpisodePlan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even an unexpected one is reported as the failure of its episode."""
+    def broken(task: EpisodeTask, dataset: Path, stop: Callable[[], bool]) -> Outcome:
+        if task.plan.name == '0001':
+            raise RuntimeError('unexpected')
+        return Outcome(task.plan.name, '', 0.0)
+
+    monkeypatch.setattr('lunar_rover_sim.campaign.schedulers.make_episode', broken)
+    outcomes: list[Outcome] = []
+    with Dataset(tmp_path / 'data', CAMPAIGN) as dataset:
+        run_local(dataset.tasks(plans, [p.name for p in plans]), tmp_path, 2, outcomes.append)
+    assert {o.name: o.error for o in outcomes} == {
+        '0000': '', '0001': 'RuntimeError: unexpected', '0002': ''}

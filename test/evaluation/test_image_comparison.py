@@ -137,22 +137,6 @@ def test_the_figure_shows_the_numbers(plain: Path, tmp_path: Path,
                 [estimate.low, estimate.high])
 
 
-def test_the_figure_of_single_images_has_four_measures(plain: Path, tmp_path: Path,
-                                                       monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without pairs there is nothing to match: two rows of two, none of them empty."""
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, 'savefig', lambda figure, *_, **__: drawn.append(figure))
-    result = compare_images(plain / 'left', plain / 'left', frames=3)
-    save_comparison(result, tmp_path / 'figure.png')
-    histograms, *measures = drawn[0].axes
-    assert [axes.get_title().split('\n')[0] for axes in measures] == list(MEASURES)[:4]
-    assert all(axes.axison for axes in measures)
-    labels = [text.get_text() for text in histograms.get_legend().get_texts()]
-    assert labels == [f'{name}: plain/left (3 images)' for name in 'AB']
-    for axes in measures:
-        assert axes.get_xlim()[0] < -0.3 and axes.get_xlim()[1] > 1.3
-
-
 def test_intervals_cover() -> None:
     """Of 150 means of 30 values about 95 % of the intervals hold the truth; p is uniform."""
     rng = np.random.default_rng(2)
@@ -173,14 +157,6 @@ def test_blocks_widen_the_interval_of_a_slow_series() -> None:
     (one, _), (shuffled, _) = (statistics.estimate(values, np.random.default_rng(1))
                                for values in (slow, rng.permutation(slow)))
     assert one.high - one.low > 1.4 * (shuffled.high - shuffled.low)
-
-
-def test_few_images_have_no_interval(plain: Path) -> None:
-    """Two images have means alone."""
-    result = compare_images(plain, plain, frames=2)
-    first = result.rows[0].first
-    assert first.n == 2 and np.isfinite(first.value) and np.isnan(first.low)
-    assert np.isnan(result.distance.p)
 
 
 def test_command(plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

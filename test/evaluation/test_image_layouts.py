@@ -11,8 +11,7 @@ import synthetic_bag as synthetic
 
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.image_layouts import open_images
-from lunar_rover_sim.evaluation.image_statistics import (chosen, GreyPair, image_statistics,
-                                                         MEASURES)
+from lunar_rover_sim.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
 from lunar_rover_sim.files.images import write_png
 from lunar_rover_sim.sequences.export import export
 
@@ -152,9 +151,3 @@ def test_what_is_no_set(tmp_path: Path) -> None:
     put(tmp_path / 'polar' / 'CamL_PosA.png', 7, np.uint16)
     with pytest.raises(EvaluationError, match='names no exposure'):
         open_images(tmp_path / 'polar')
-
-
-def test_chosen() -> None:
-    """Evenly, with both ends; all where there are few."""
-    assert chosen(list(range(101)), 3) == [0, 50, 100]
-    assert chosen([1, 2], 9) == [1, 2]

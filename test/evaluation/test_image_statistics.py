@@ -1,9 +1,12 @@
 """The measures of an image by closed forms, and their sets by hand."""
 
+from __future__ import annotations
+
 import math
 from types import SimpleNamespace
 
 import cv2
+from evaluation.image_sets import HEIGHT, texture, WIDTH
 import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
@@ -13,7 +16,7 @@ from lunar_rover_sim.evaluation.image_comparison import compare_images
 from lunar_rover_sim.evaluation.image_statistics import (check_sizes, chosen, GreyPair,
                                                          ground_mask, image_statistics, levels_of,
                                                          LOG_BINS, LOG_FLOOR, LOG_STEP, MEASURES,
-                                                         SKY_STEP)
+                                                         SKY_STEP, spectrum_slope)
 from lunar_rover_sim.files.images import write_png
 
 
@@ -263,3 +266,37 @@ def test_two_images_have_a_distance_without_an_interval(sets):
     assert result.distance.value > 0.0
     assert np.isnan([result.distance.low, result.distance.p, result.chance]).all()
     assert np.isfinite(compare_images(sets.a, sets.b, frames=3).distance.p)
+
+
+def test_shadow_and_sky() -> None:
+    """The planted share of shadow is found; sky counts for nothing."""
+    image = np.full((HEIGHT, WIDTH), 0.6, np.float32)
+    image[:30] = 0.02                       # sky
+    image[90:, :WIDTH // 2] = 0.05          # a third of the ground, half of the width
+    assert ground_mask(image).sum() == pytest.approx(90 * WIDTH, rel=0.02)
+    glare = image + np.linspace(0.2, 0.0, WIDTH, dtype=np.float32)[None, :]
+    assert ground_mask(glare).sum() == pytest.approx(90 * WIDTH, rel=0.02)
+    values = dict(zip(MEASURES, image_statistics(GreyPair('', image)).values))
+    assert values['shadow share'] == pytest.approx(1.0 / 6.0, abs=0.01)
+    assert np.isnan(values['ORB matches']) and np.isnan(values['SGM density'])
+
+
+def test_spectrum_of_a_flat_image() -> None:
+    """Has no slope; neither have a few rows."""
+    ground = np.ones((HEIGHT, WIDTH), bool)
+    assert np.isnan(spectrum_slope(np.full((HEIGHT, WIDTH), 0.5, np.float32), ground))
+    assert np.isnan(spectrum_slope(np.zeros((8, WIDTH), np.float32), ground[:8]))
+
+
+def test_the_smallest_image_with_a_spectrum() -> None:
+    """32 rows and columns have a slope, 31 of either have none; rows with sky do not count."""
+    image = texture(5, height=40, width=40).astype(np.float32)
+    for height, width, known in ((32, 32, True), (31, 32, False), (32, 31, False)):
+        part = image[:height, :width]
+        assert np.isfinite(spectrum_slope(part, np.ones(part.shape, bool))) == known
+    ground = np.ones((40, 32), bool)
+    ground[:8, 5] = False
+    assert spectrum_slope(image[:, :32], ground) == pytest.approx(
+        spectrum_slope(image[8:, :32], ground[8:]))
+    ground[8, 5] = False
+    assert np.isnan(spectrum_slope(image[:, :32], ground))

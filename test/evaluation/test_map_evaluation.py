@@ -1,12 +1,14 @@
-"""Maps of a bag against their world: of the true heights, off by what is known."""
+"""The true surface, and maps of a bag that are off it by what is known."""
 
 import map_bag
+import numpy as np
 import pytest
 import synthetic_bag
 import worlds
 
 from lunar_rover_sim.errors import EvaluationError
 from lunar_rover_sim.evaluation.map_evaluation import evaluate_maps
+from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.world.world_folder import save_world
 
 
@@ -46,3 +48,30 @@ def test_a_bag_without_a_map_and_a_world_that_is_another_are_refused(folder, tmp
     bag = synthetic_bag.write(tmp_path / 'bag', synthetic_bag.latched_items())
     with pytest.raises(EvaluationError, match='holds no map/elevation.* mapping_node'):
         evaluate_maps(bag, folder)
+
+
+def test_it_is_the_ground_or_a_rock_above_it():
+    world = worlds.small(3)
+    surface = TrueSurface(world)
+    rng = np.random.default_rng(1)
+    xy = rng.uniform(-6.0, 6.0, (2000, 2))
+    height, rise = surface.heights(xy)
+    ground = world.ground.height_at(xy)
+    bare = rise == 0.0
+    assert 0.9 < bare.mean() < 1.0
+    np.testing.assert_allclose(height[bare], ground[bare], atol=1e-5)
+    np.testing.assert_allclose(height, ground + rise, atol=1e-5)
+    k = int(np.argmax(world.rocks.diameter_m))
+    _, top = surface.heights(world.rocks.position_m[k, :2])
+    assert top > 0.1 * world.rocks.diameter_m[k]
+    assert np.isnan(surface.heights((100.0, 0.0))[0])
+
+
+def test_a_map_of_it_has_means_of_its_cells():
+    surface = TrueSurface(worlds.small(3))
+    found = surface.elevation((1.0, -1.0), 4.0, 0.1)
+    assert found.height_m.shape == (40, 40)
+    x, y = found.centres_m
+    height, rise = surface.heights((x[7], y[30]))
+    if rise == 0.0:
+        assert abs(found.height_m[30, 7] - height) < 0.02

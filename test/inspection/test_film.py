@@ -44,8 +44,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
              if item.topic not in (topics.WORLD_HASH.name, topics.SCENARIO.name)]
     for topic, data in ((topics.WORLD_HASH, moon.hash),
                         (topics.SCENARIO, Scenario.load('soft').to_yaml())):
-        items.insert(0, synthetic.Item(topic.name, topic.type,
-                                       synthetic.msg('std_msgs/String', data=data)))
+        items.insert(0, synthetic.text(topic, data))
     items += ground_items(0.5)
     order = sorted(items, key=lambda item: item.fallback_ns or header_ns(item))
     return Recorded(synthetic.write(folder / 'bag', order), folder / 'moon')
@@ -142,9 +141,7 @@ def test_a_film_replaces_no_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('options', 'words'), [
     ({'start_s': 0.4, 'end_s': 0.2}, 'valid is a start before the end'),
     ({'end_s': 9.0}, r'--end: 9 s is not valid; the bag holds .* to 0\.5 s'),
-    ({'width': 333}, '--width: 333 is not valid'), ({'rate_hz': 0.0}, '--fps: 0 is not valid'),
-    ({'samples': 0}, '--samples: 0 is not valid; valid is 1 to 4'),
-    ({'speed': float('nan')}, '--speed: nan is not valid')])
+    ({'width': 333}, '--width: 333 is not valid')])
 def test_refused(recorded: Recorded, options: dict, words: str) -> None:
     """What makes no film is refused with the value and what is valid."""
     with pytest.raises(ConfigError, match=words):
@@ -155,12 +152,8 @@ def test_refused(recorded: Recorded, options: dict, words: str) -> None:
     (['--tripod', '1,1,-0.5'], '--tripod: -0.5 m above the ground is not valid; valid is a '
                                'height > 0 m'),
     (['--tripod', '9000,1,0.5'], '--tripod: (9000, 1) lies outside the world; valid are x and y'),
-    (['--tripod', '1e9,1,0.5'], '--tripod: 1000000000.0 is not valid; valid is 3 elements'),
     (['--tripod', '1,1,1', '--behind'], '--behind: has no effect beside --tripod; leave one'),
-    (['--tripod', '1,1,1', '--from', '2,0,9'], '--from: has no effect beside --tripod'),
-    (['--quality', '0'], '--quality: 0 is not valid; valid is 1 to 100'),
     (['--quality', '70'], '--quality: has no effect on a .mp4; valid is a .webp'),
-    (['--from', '0.1,0,9'], '--from: distance_m: 0.1 is not valid; valid is >= 0.2'),
     (['--world', 'nowhere'], '--world: nowhere: not a world folder')])
 def test_errors_name_the_options(recorded: Recorded, options: list[str], words: str,
                                  tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -180,8 +173,7 @@ def test_bags_without_a_film(recorded: Recorded, tmp_path: Path,
     with pytest.raises(BagError, match='name its folder with --world'):
         Film(recorded.bag)
     blind = synthetic.write(tmp_path / 'blind', [
-        synthetic.Item(topics.SCENARIO.name, topics.SCENARIO.type, synthetic.msg(
-            'std_msgs/String', data=Scenario.load('flat').to_yaml()))])
+        synthetic.text(topics.SCENARIO, Scenario.load('flat').to_yaml())])
     with pytest.raises(BagError, match='holds no stereo/left/image_raw; --bare'):
         Film(blind, FilmOptions(), recorded.world)
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import synthetic_bag as synthetic
 
+from lunar_rover_sim import topics
 from lunar_rover_sim.inspection.bag_pictures import preview
 from lunar_rover_sim.lidar.scan import POINT
 from lunar_rover_sim.seconds import NS_PER_S
 
 NS = NS_PER_S // 10
-_DATATYPES = {'f4': 7, 'u2': 4}     # of PointField
 BESIDES = ['truth_right.png', 'hazard_front.png', 'hazard_rear_left.png', 'chase.png', 'lidar.png']
 
 
@@ -29,15 +29,7 @@ def cloud() -> synthetic.Item:
     angle = np.linspace(-np.pi, np.pi, 90)
     points['x'], points['y'] = 3.0 * np.cos(angle), 3.0 * np.sin(angle)
     points['z'], points['intensity'] = -0.3, 50.0 + 40.0 * np.cos(angle)
-    assert POINT.fields is not None
-    fields = [synthetic.msg('sensor_msgs/PointField', name=name, offset=place[1],
-                            datatype=_DATATYPES[place[0].str[1:]], count=1)
-              for name, place in POINT.fields.items()]
-    return synthetic.Item('lidar/points', 'sensor_msgs/msg/PointCloud2', synthetic.msg(
-        'sensor_msgs/PointCloud2', header=synthetic.header(NS, 'lidar_link'), height=1, width=90,
-        fields=fields, is_bigendian=False, point_step=POINT.itemsize,
-        row_step=90 * POINT.itemsize, data=np.frombuffer(points.tobytes(), np.uint8),
-        is_dense=True))
+    return synthetic.cloud(topics.LIDAR_POINTS, NS, 'lidar_link', points)
 
 
 @pytest.fixture(scope='module')

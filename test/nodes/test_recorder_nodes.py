@@ -1,10 +1,14 @@
-"""recorder_node and trajectory_recorder_node alone, beside a plain rclpy program."""
+"""Recorders beside a plain rclpy program; both types of cmd_vel; nodes in namespaces."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+import signal
+import subprocess
+import sys
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +18,20 @@ pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
-from peer import Peer, running  # noqa: E402
+from peer import LEGS, Peer, running  # noqa: E402; noqa: E402  (needs rclpy)
+from rcl_interfaces.srv import GetParameters  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
 from sensor_msgs.msg import CompressedImage  # noqa: E402
+from sensor_msgs.msg import Imu, JointState  # noqa: E402
+
+from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
+from lunar_rover_sim.files.paths import find_file  # noqa: E402
+from lunar_rover_sim.inspection.check import check  # noqa: E402
+from lunar_rover_sim.run.plan import prepare, resolve, SCENARIO_FILE  # noqa: E402
+from lunar_rover_sim.run.plan import rover_overrides  # noqa: E402
+from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 
 def test_recorder_node_records_what_it_finds(peer: Peer, tmp_path: Path) -> None:
@@ -114,3 +127,117 @@ def test_trajectory_recorder_node_writes_tum(peer: Peer, tmp_path: Path) -> None
         assert trajectory.stamps_ns.tolist() == [k * 10**9 + 5 for k in range(1, 6)]
         assert np.allclose(trajectory.positions_m[:, 0], 0.1 * np.arange(1, 6))
         assert np.allclose(trajectory.orientations_wxyz, [1, 0, 0, 0])
+
+
+def test_cmd_vel_of_both_types_moves_the_legs(peer: Peer) -> None:
+    """Twist as teleop_twist_keyboard sends it; then, with both offered, of each in turn."""
+    commands = peer.listen(JointState, 'joint_commands')
+    states = peer.node.create_publisher(JointState, 'joint_states', 10)
+    ticks = [0]
+    # A DDS participant knows one type per topic.
+    context = Context()
+    rclpy.init(context=context)
+    teleop = rclpy.create_node('teleop', context=context)
+    publishers = {Twist: teleop.create_publisher(Twist, 'cmd_vel', 10)}
+    sending: list[Any] = [Twist]
+
+    def tick() -> None:
+        ticks[0] += 1
+        state = JointState(name=LEGS, position=[0.0] * 4, velocity=[0.0] * 4)
+        state.header.stamp.sec, state.header.stamp.nanosec = divmod(5_000_000 * ticks[0], 10**9)
+        states.publish(state)
+        twist = Twist()
+        twist.linear.x = 0.1
+        for kind in sending:
+            publishers[kind].publish(
+                twist if kind is Twist else TwistStamped(header=state.header, twist=twist))
+
+    def is_fast(wanted: bool) -> bool:
+        return bool(commands) and (max(map(abs, commands[-1].velocity)) > 0.5) == wanted
+
+    try:
+        with running('gait_controller_node', '-p', 'cmd_timeout_s:=0.02') as node:
+            peer.spin_until(lambda: is_fast(True), meanwhile=tick)
+            publishers[TwistStamped] = peer.node.create_publisher(TwistStamped, 'cmd_vel', 10)
+            for kind in (TwistStamped, Twist):
+                sending.clear()
+                peer.spin_until(lambda: is_fast(False), meanwhile=tick)
+                sending.append(kind)
+                peer.spin_until(lambda: is_fast(True), meanwhile=tick)
+            node.send_signal(signal.SIGINT)
+            log = node.stdout.read()
+        assert 'publishers offer geometry_msgs/msg/Twist, which is read too' in log
+        assert 'no message gets through' not in log
+    finally:
+        teleop.destroy_node()
+        context.try_shutdown()
+
+
+def test_drive_node_may_publish_twist(peer: Peer) -> None:
+    """The gait controller reads it in a hidden node: no warning that it reads TwistStamped."""
+    with running('gait_controller_node'), \
+            running('drive_node', '-p', 'enable_stamped_cmd_vel:=false') as drive:
+        peer.spin_until(lambda: peer.node.count_subscribers('cmd_vel') == 2)
+        time.sleep(4.5)     # two looks
+        drive.send_signal(signal.SIGINT)
+        log = drive.stdout.read()
+    assert 'ready' in log
+    assert 'no message gets through' not in log
+
+
+def test_another_type_is_named_with_ours(peer: Peer) -> None:
+    """DDS does not connect them, and says nothing."""
+    peer.listen(Imu, 'joint_commands')
+    with running('gait_controller_node') as node:
+        peer.spin_until(lambda: peer.node.count_publishers('joint_commands') > 0)
+        # To the end of its output: a node that has ended says no more.
+        told = next((line for line in node.stdout if 'no message gets through' in line), '')
+        node.send_signal(signal.SIGINT)
+    assert 'sensor_msgs/msg/JointState' in told and 'sensor_msgs/msg/Imu' in told
+    assert 'WARN' in told and 'peer' in told
+
+
+def test_a_scenario_holds_under_another_name(peer: Peer) -> None:
+    """In a namespace and under __node:= the section of the program counts; -p wins over it."""
+    with running('drive_node', '--params-file', str(find_file('scenario', 'baseline')), '-r',
+                 '__ns:=/rover1', '-r', '__node:=path', '-p', 'speed_mps:=0.05'):
+        answer = peer.call(GetParameters, '/rover1/path/get_parameters', GetParameters.Request(
+            names=['mode', 'shape', 'speed_mps', 'seed']))
+    mode, shape, speed, seed = answer.values
+    assert (mode.string_value, shape.string_value) == ('spline', 'figure_eight')
+    assert (speed.double_value, seed.integer_value) == (0.05, 1)
+
+
+def test_two_rovers_share_one_time(tmp_path: Path, world_folder: Path, domain: int) -> None:
+    """Each has its bag; all stamps are there, and one clock."""
+    rovers = ['rover1', 'rover2']
+    processes = []
+    try:
+        for k, rover in enumerate(rovers):
+            scenario = resolve(Scenario.load('flat', [
+                *rover_overrides(rovers, rover), f'physics_node.start.y_m={k}',
+                'run.nodes=[physics_node, gait_controller_node, recorder_node]'],
+                duration_s=0.5))
+            folder = tmp_path / rover
+            for plan in prepare(scenario, folder, world_folder):
+                arguments = plan.ros_arguments(folder / SCENARIO_FILE)
+                processes.append((plan.name, subprocess.Popen(
+                    [sys.executable, '-m', 'lunar_rover_sim.nodes.entry_points', plan.name,
+                     *arguments, '-r', f'__ns:=/{rover}'])))
+        for wanted in ('physics_node', 'gait_controller_node', 'recorder_node'):
+            for name, process in processes:
+                if name == wanted:
+                    if name != 'physics_node':
+                        process.terminate()
+                    assert process.wait(60) == 0
+    finally:
+        for _, process in processes:
+            process.kill()
+            process.wait()
+    for k, rover in enumerate(rovers):
+        assert check(tmp_path / rover / 'bag').ok
+        with open_bag(tmp_path / rover / 'bag') as bag:
+            assert set(bag.types) - {'/clock'} == {
+                topic for topic in bag.types if topic.startswith(f'/{rover}/')}
+            assert bag.counts['/clock'] == bag.counts[f'/{rover}/odom'] == 100
+            assert abs(bag.first('odom').pose.pose.position.y - k) < 0.05

@@ -149,9 +149,7 @@ def test_a_site_that_is_not_that_of_the_world_folder(
 def test_the_world_beside_a_bag_is_that_of_its_pictures(
         folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / 'world').symlink_to(folder)
-    synthetic.write(tmp_path / 'bag', [synthetic.Item(
-        topics.WORLD_HASH.name, topics.WORLD_HASH.type,
-        synthetic.msg('std_msgs/String', data=load_world(folder).hash))])
+    synthetic.write(tmp_path / 'bag', [synthetic.text(topics.WORLD_HASH, load_world(folder).hash)])
     settings = [word for setting in (DATE, *OFF) for word in ('--set', setting)]
     assert main(['render', 'baseline', '--at', str(tmp_path / 'bag'), '-o',
                  str(tmp_path / 'out'), *settings]) == 1

@@ -1,15 +1,20 @@
-"""The live view: real bytes over a real socket."""
+"""The live view: real bytes over a real socket, and its page in a browser."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+import http.client
+import json
 from pathlib import Path
 import re
 import socket
+import struct
 import time
+from typing import Any
 
+import numpy as np
 import pytest
-from waiting import wait_until
+from waiting import LIMIT_S, wait_until
 
 pytest.importorskip('foxglove')
 from view_client import client, free_port  # noqa: E402  (needs the extra)
@@ -138,3 +143,139 @@ def test_run_names_the_layout_where_it_is(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert 'far enough' in written.err
     found = re.search('Lichtblick .*, layout (.*lunar_rover.json)', written.out)
     assert found and Path(found[1]).is_absolute() and Path(found[1]).is_file()
+
+
+pytest.importorskip('foxglove')
+import browser  # noqa: E402  (needs the extra)
+from rosbags.typesys import get_typestore, Stores  # noqa: E402
+
+from lunar_rover_sim.run.live_view import TWIST  # noqa: E402
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+FACTS = {'drivers': [], 'half_extent_m': 25.6, 'rocks': [[1.0, 0.5, 0.2]]}
+
+
+def made(kind: str, **fields: Any) -> Any:
+    """Return a message of a package and name, its other fields zero."""
+    cls = STORE.types[kind]
+    zeros: dict[str, Any] = {'string': '', 'uint32': 0, 'uint8': 0, 'int32': 0, 'float64': 0.0}
+    for name, (node, value) in STORE.fielddefs[kind][1]:
+        if name not in fields:
+            base = value[0] if node == 1 else value
+            fields[name] = np.zeros(36) if node == 3 else \
+                zeros[base] if base in zeros else made(base)
+    return cls(**fields)
+
+
+def odometry(x_m: float) -> bytes:
+    """Return odometry at a place, pitched by 0.1 rad."""
+    message = made(ODOM, child_frame_id='base_link')
+    message.pose.pose.position.x = x_m
+    message.pose.pose.orientation.y, message.pose.pose.orientation.w = np.sin(0.05), np.cos(0.05)
+    return bytes(STORE.serialize_cdr(message, ODOM))
+
+
+def image() -> bytes:
+    """Return an image of 4 x 2 px whose third pixel is bright."""
+    return bytes(STORE.serialize_cdr(made(
+        IMAGE, height=2, width=4, step=4, encoding='mono8',
+        data=np.array([0, 0, 200, 0, 0, 0, 0, 0], np.uint8)), IMAGE))
+
+
+class Served:
+    """A view without a graph, and what its clients have driven."""
+
+    def __init__(self) -> None:
+        self.port, self.driven, self.facts = free_port(), [], dict(FACTS)
+
+    def answer(self, method: str, path: str) -> http.client.HTTPResponse:
+        """Ask for a path over HTTP."""
+        connection = http.client.HTTPConnection('127.0.0.1', self.port, timeout=LIMIT_S)
+        connection.request(method, path)
+        return connection.getresponse()
+
+
+@pytest.fixture(name='served')
+def _served() -> Iterator[tuple[Served, LiveView]]:
+    served = Served()
+    pages = {'/live.json': lambda: json.dumps(served.facts).encode(), '/map.png': lambda: None}
+    with LiveView(served.port, on_drive=lambda topic, data: served.driven.append((topic, data)),
+                  pages=pages) as view:
+        yield served, view
+
+
+def test_the_port_of_the_websocket_serves_the_page(served: tuple[Served, LiveView]) -> None:
+    """A page, its scripts, and facts; what there is not is a 404, and only reading is allowed."""
+    one, _ = served
+    page = one.answer('GET', '/')
+    assert page.status == 200 and page.headers['Content-Type'].startswith('text/html')
+    text = page.read().decode()
+    for script in ('cdr.js', 'live.js'):
+        assert f'src="{script}"' in text
+        assert one.answer('GET', f'/{script}').read()
+    assert json.loads(one.answer('GET', '/live.json?x=1').read()) == FACTS
+    for path in ('/map.png', '/nothing', '/../live_page.py', '/live.html/..'):
+        assert one.answer('GET', path).status == 404
+    assert one.answer('POST', '/').status == 405
+    assert one.answer('HEAD', '/').read() == b''
+
+
+def test_only_velocities_are_taken(served: tuple[Served, LiveView]) -> None:
+    """A client publishes a Twist in CDR; other types that it offers go nowhere."""
+    one, _ = served
+    twist = b'\x00\x01\x00\x00' + struct.pack('<6d', 0.1, 0, 0, 0, 0, 0.2)
+    with client(one.port) as sender:
+        connection = sender._connection
+        connection.send(json.dumps({'op': 'advertise', 'channels': [
+            {'id': 1, 'topic': '/cmd_vel', 'encoding': 'cdr', 'schemaName': TWIST},
+            {'id': 2, 'topic': '/goal', 'encoding': 'cdr',
+             'schemaName': 'geometry_msgs/msg/PoseStamped'}]}))
+        for channel in (2, 1):
+            connection.send(struct.pack('<BI', 1, channel) + twist)
+        wait_until(lambda: one.driven)
+    assert one.driven == [('/cmd_vel', twist)]
+
+
+@pytest.mark.skipif(browser.CHROMIUM is None, reason='there is no Chromium')
+def test_the_page_in_a_browser(served: tuple[Served, LiveView], tmp_path: Path) -> None:
+    """It shows image, path and pitch; the stick drives while it is held, unless others drive."""
+    one, view = served
+    view.offer('/odom', ODOM)
+    view.offer('/stereo/left/image_raw', IMAGE)
+    with browser.browser(tmp_path / 'profile') as page:
+        page.open(f'http://localhost:{one.port}/')
+        stamps = iter(range(0, 10**12, 50_000_000))
+
+        def sends_until(expression: str) -> None:
+            end_s = time.monotonic() + LIMIT_S
+            while not page.value(expression):
+                assert time.monotonic() < end_s, (expression, page.errors)
+                stamp_ns = next(stamps)
+                view.offer_again()
+                view.send('/odom', stamp_ns, odometry(1e-9 * stamp_ns))
+                view.send('/stereo/left/image_raw', stamp_ns, image())
+
+        sends_until('shown > 0 && path.length > 3 && pose.x > 0.1')
+        assert page.value("[...element('camera').getContext('2d').getImageData(0, 0, 4, 1).data]"
+                          ) == [0, 0, 0, 255, 0, 0, 0, 255, 200, 200, 200, 255, 0, 0, 0, 255]
+        assert page.value("element('topics').value") == '/stereo/left/image_raw'
+        pitch = page.value("series['pitch, roll [deg]'].pitch.at(-1)[1]")
+        assert pitch == pytest.approx(np.degrees(0.1))
+        sends_until("element('scale').textContent.includes('rocks brown')")
+        left, top, size, _ = page.value(
+            "(b => [b.left, b.top, b.width, b.height])(element('pad').getBoundingClientRect())")
+        page.mouse('mousePressed', left + 0.5 * size, top + 0.05 * size)
+        wait_until(lambda: len(one.driven) > 3)
+        topic, data = one.driven[-1]
+        ahead, *_, turn = struct.unpack('<6d', data[4:])
+        assert topic == '/cmd_vel' and ahead == pytest.approx(0.18, abs=0.01)
+        assert turn == pytest.approx(0.0, abs=0.01)
+        page.mouse('mouseReleased', left + 0.5 * size, top + 0.05 * size)
+        wait_until(lambda: not any(struct.unpack('<6d', one.driven[-1][1][4:])))    # it stops
+        one.facts['drivers'] = ['drive_node']
+        sends_until("element('drive').textContent.startsWith('drive_node drives')")
+        count = len(one.driven)
+        page.mouse('mousePressed', left + 0.5 * size, top + 0.05 * size)
+        time.sleep(0.5)
+        assert len(one.driven) == count
+        assert not page.errors

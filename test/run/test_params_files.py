@@ -1,4 +1,4 @@
-"""Parameter files under every name and in every namespace of a node."""
+"""Parameter files and launch arguments as ROS 2 gives them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import yaml
 
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.params_files import arguments_of_program
+from lunar_rover_sim.run.plan import check_launch_arguments
 from lunar_rover_sim.run.scenario import Scenario
 
 FILE = """
@@ -87,3 +88,15 @@ def test_lists_that_ros_does_not_take_are_named(tmp_path: Path, value: str, said
         arguments(path, tmp_path, 'recorder_node')
     words[-1] = 'topics:=[odom, imu/data_raw]'
     assert arguments_of_program(words, 'recorder_node', tmp_path) == words
+
+
+VALID = 'scenario', 'output', 'duration'
+
+
+def test_a_mistyped_name_is_refused() -> None:
+    with pytest.raises(ConfigError, match='scenari: no such launch argument; did you mean scenar'):
+        check_launch_arguments(['output:=x', 'scenari:=flat'], VALID)
+
+
+def test_arguments_of_a_launch_file_around_it_are_not() -> None:
+    check_launch_arguments(['scenario:=flat', 'rovers:=a b', 'use_rviz:=true', '--debug'], VALID)

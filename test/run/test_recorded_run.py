@@ -1,22 +1,25 @@
-"""What real runs record: every topic of the contract, and what its messages say."""
+"""Real runs: every topic of the contract, what messages say, a drive to a goal."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from conftest import BLIND, simulate, SMALL
+from conftest import BLIND, PLAIN, simulate, SMALL
+import numpy as np
 import pytest
 
 from lunar_rover_sim import topics
+from lunar_rover_sim.bag import series
 from lunar_rover_sim.bag.messages import header_ns, xyz
 from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.evaluation.map_evaluation import evaluate_maps
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.run.scenario import Scenario
 
 pytestmark = pytest.mark.ros
 
 
-DURATION_S = 2
+DURATION_S = 1
 ABSENT = {'slam_node', 'mapping_node', 'navigator_node'}     # of this run
 
 
@@ -114,3 +117,25 @@ def test_another_seed_gives_another_bag(recorded_run: Path, tmp_path: Path) -> N
         assert bag.first('world_hash').data != first.first('world_hash').data
         assert not any(topic.startswith('/stereo') for topic in bag.types)
         assert '/ground/changes' in first.types and '/ground/changes' not in bag.types
+
+
+GOAL_M = 0.6, 0.1
+
+
+def test_it_maps_arrives_and_ends(tmp_path: Path) -> None:
+    """On flat ground; the run ends when the navigator is done, long before its duration."""
+    plain = [word for setting in PLAIN for word in ('--set', setting)]
+    done = simulate(tmp_path / 'run', '--goal', '{:g},{:g}'.format(*GOAL_M), '--duration', '60',
+                    '--set', 'world.craters.density=0', '--set', 'world.rocks.abundance=0',
+                    *plain)
+    assert done.returncode == 0, done.stderr
+    with open_bag(tmp_path / 'run' / 'bag') as bag:
+        topic = f'/{topics.NAVIGATOR_STATUS.name}'
+        said = [status.message for _, _, message in bag.messages([topic])
+                for status in message.status]
+        assert 'arrived' in said[-1], said
+        odometry = series.read_odometry(bag)
+        assert bag.counts[f'/{topics.PLAN.name}'] >= 1
+    assert np.linalg.norm(odometry.positions_m[-1, :2] - GOAL_M) < 0.3
+    assert odometry.stamps_ns[-1] < 30e9
+    assert evaluate_maps(tmp_path / 'run' / 'bag').near.rms_m < 0.03

@@ -64,12 +64,11 @@ def readable_bag(folder: Path) -> Path:
     return bag
 
 
-@pytest.mark.parametrize('node,nodes', [('physics_node', BLIND), ('render_node', ()),
-                                        ('recorder_node', BLIND)])
-def test_a_killed_node_ends_the_run(node: str, nodes: tuple[str, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize('node', ['physics_node', 'recorder_node'])
+def test_a_killed_node_ends_the_run(node: str, tmp_path: Path) -> None:
     """At once, with one line that names it; the bag up to there can be read."""
     folder = tmp_path / 'run'
-    run = start(folder, *nodes)
+    run = start(folder, *BLIND)
     wait_for_recording(folder)
     os.kill(process_of(folder, node), signal.SIGKILL)
     _, stderr = run.communicate(timeout=LIMIT_S)
@@ -77,7 +76,7 @@ def test_a_killed_node_ends_the_run(node: str, nodes: tuple[str, ...], tmp_path:
     assert f'{node} ended with SIGKILL' in stderr
     assert len(without_progress(stderr)) == 1
     if node == 'recorder_node':
-        assert why_incomplete(folder / 'bag') == 'recorder_node ended with SIGKILL'
+        assert 'recorder_node ended with SIGKILL' in str(why_incomplete(folder / 'bag'))
     with open_bag(readable_bag(folder)) as bag:
         assert bag.counts['/odom'] > 0
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
-import tarfile
 
 import cv2
 import numpy as np
 import pytest
+from sequences.shard_reader import read_shards
 import synthetic_bag
 import yaml
 
@@ -33,7 +33,7 @@ def info(name: str, ns: int) -> synthetic_bag.Item:
     camera, topic = geometry_of(TRUE_CAMERA[name]), topics.hazard(name)[1]
     roi = synthetic_bag.msg('sensor_msgs/RegionOfInterest', x_offset=0, y_offset=0, height=0,
                             width=0, do_rectify=False)
-    return synthetic_bag.Item(topic.name, topic.type, synthetic_bag.msg(
+    return synthetic_bag.item(topic, synthetic_bag.msg(
         'sensor_msgs/CameraInfo', header=synthetic_bag.header(ns, topic.frame_id),
         height=camera.height, width=camera.width, distortion_model=camera.distortion_model,
         d=np.asarray(camera.D, float), k=camera.K.ravel(), r=np.eye(3).ravel(),
@@ -67,11 +67,9 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
             if name == 'front':
                 found += [(labels, 'mono16', label(k)), (craters, 'mono16', 0 * label(k)),
                           (depth, '32FC1', label(k).astype(np.float32))]
-            items += [synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
-                ns, topic.frame_id, encoding, pixels)) for topic, encoding, pixels in found]
-        for topic, pixels in ((topics.LABELS, np.ones((120, 160), np.uint16)),):
-            items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
-                ns, topic.frame_id, 'mono16', pixels)))
+            items += [synthetic_bag.picture(topic, ns, *drawn) for topic, *drawn in found]
+        items.append(synthetic_bag.picture(topics.LABELS, ns, 'mono16',
+                                           np.ones((120, 160), np.uint16)))
     return synthetic_bag.write(tmp_path_factory.mktemp('hazard') / 'bag', items)
 
 
@@ -123,13 +121,8 @@ def test_labelled_ones_are_further_images(bag: Path, tmp_path: Path, kind: str) 
 def test_samples_have_them_at_their_stamps(bag: Path, tmp_path: Path) -> None:
     """A sample of another stamp lacks their files; all have their poses."""
     export(bag, tmp_path / 'out', 'webdataset')
-    samples: dict[str, dict[str, bytes]] = {}
-    with tarfile.open(tmp_path / 'out/shard-000000.tar') as tar:
-        for member in tar:
-            key, _, name = member.name.partition('.')
-            samples.setdefault(key, {})[name] = tar.extractfile(member).read()
     found = []
-    for files in samples.values():
+    for _, files in read_shards(tmp_path / 'out'):
         told = json.loads(files['json'])
         T = np.array(told['T_odom_hazard_front']) @ inverse(HazardRig(FRONT).T_base_left)
         np.testing.assert_allclose(T, synthetic_bag.pose_at(told['stamp_ns'] / 1e9), atol=1e-8)

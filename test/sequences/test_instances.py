@@ -45,10 +45,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ns = stamp.sec * 10**9 + stamp.nanosec
         for topic, pixels in zip((topics.LABELS, topics.CRATERS, topics.RIGHT_LABELS,
                                   topics.RIGHT_CRATERS), (*truth(k), *truth(k + 5))):
-            items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
-                ns, topic.frame_id, 'mono16', pixels)))
-    items.append(synthetic_bag.Item(topics.LABEL_INFO.name, topics.LABEL_INFO.type,
-                                    synthetic_bag.msg('std_msgs/String', data=json.dumps(INFO))))
+            items.append(synthetic_bag.picture(topic, ns, 'mono16', pixels))
+    items.append(synthetic_bag.text(topics.LABEL_INFO, json.dumps(INFO)))
     return synthetic_bag.write(tmp_path_factory.mktemp('instances') / 'bag', items)
 
 
@@ -136,8 +134,7 @@ def test_what_is_left_out_is_told_once(tmp_path: Path) -> None:
     """And not once for each topic, as if these were different images."""
     items = synthetic_bag.drive(0.4)
     for topic, pixels in zip((topics.LABELS, topics.CRATERS), truth(0)):
-        items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
-            10**8, topic.frame_id, 'mono16', pixels)))
+        items.append(synthetic_bag.picture(topic, 10**8, 'mono16', pixels))
     notes = export(synthetic_bag.write(tmp_path / 'bag', items), tmp_path / 'yolo', 'yolo')
     assert [note for note in notes if 'without' in note] == [
         '3 image sets without ground_truth/craters, ground_truth/labels left out '
@@ -174,7 +171,7 @@ def test_what_lacks_labels_or_is_distorted_is_refused(bag: Path, tmp_path: Path)
         if item.topic == topics.LEFT_INFO.name:
             item.message.d[0] = -0.2
     label = synthetic_bag.image(10**8, frames.LEFT_OPTICAL_FRAME, 'mono16', truth(0)[0])
-    items.append(synthetic_bag.Item(topics.LABELS.name, topics.LABELS.type, label))
+    items.append(synthetic_bag.item(topics.LABELS, label))
     bent = synthetic_bag.write(tmp_path / 'bent', items)
     with pytest.raises(SequenceError, match='distortion .* do not fit the labels'):
         export(bent, tmp_path / 'b', 'yolo')

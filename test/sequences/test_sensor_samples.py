@@ -5,17 +5,16 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
-import tarfile
 from typing import Any
 
 import numpy as np
 import pytest
 import sensor_items
+from sequences.shard_reader import read_shards
 import synthetic_bag as synthetic
 import yaml
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz
@@ -45,8 +44,8 @@ def items() -> list[synthetic.Item]:
         found += sensor_items.power_items(ns)
     labels = np.zeros((synthetic.HEIGHT, synthetic.WIDTH), np.uint16)
     labels[50:70, 40:80] = 17
-    found += [synthetic.Item(topics.LABELS.name, topics.LABELS.type, synthetic.image(
-        k * 100 * MS, topics.LABELS.frame_id, 'mono16', labels)) for k in range(1, 6)]
+    found += [synthetic.picture(topics.LABELS, k * 100 * MS, 'mono16', labels)
+              for k in range(1, 6)]
     return found
 
 
@@ -56,20 +55,11 @@ def bag(items: list[synthetic.Item], tmp_path_factory: pytest.TempPathFactory) -
 
 
 def samples(folder: Path) -> list[tuple[dict[str, Any], dict[str, np.ndarray]]]:
-    """Return the JSON and the arrays of each sample, with plain libraries."""
-    found: dict[str, tuple[dict[str, Any], dict[str, np.ndarray]]] = {}
-    for path in sorted(folder.glob('*.tar')):
-        with tarfile.open(path) as tar:
-            for member in tar:
-                key, _, name = member.name.partition('.')
-                values, arrays = found.setdefault(key, ({}, {}))
-                data = tar.extractfile(member)
-                assert data is not None
-                if name == 'json':
-                    values.update(json.load(data, parse_constant=pytest.fail))
-                elif name.endswith('.npy'):
-                    arrays[name] = np.load(io.BytesIO(data.read()), allow_pickle=False)
-    return list(found.values())
+    """Return the JSON and the arrays of each sample."""
+    return [(json.loads(files['json'], parse_constant=pytest.fail),
+             {name: np.load(io.BytesIO(data), allow_pickle=False)
+              for name, data in files.items() if name.endswith('.npy')})
+            for _, files in read_shards(folder)]
 
 
 @pytest.fixture(scope='module')
@@ -204,10 +194,3 @@ def test_the_last_message_at_or_before() -> None:
         recent.add('a', k * KEPT_NS // 100, k)
     assert recent.at('a', 300 * KEPT_NS // 100) == (300 * KEPT_NS // 100, 300)
     assert recent.at('a', 200 * KEPT_NS // 100) is None       # forgotten
-
-
-def test_stamps_of_the_items(items: list[synthetic.Item]) -> None:
-    """Power comes between images, so that `at or before` differs from `nearest`."""
-    stamps = {header_ns(item.message) for item in items
-              if item.topic == sensor_items.POWER[0].name}
-    assert not any(ns % (100 * MS) == 0 for ns in stamps)

@@ -141,8 +141,8 @@ def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for topic, encoding, pixels in (
                 (topics.LABELS, 'mono16', label), (topics.RIGHT_LABELS, 'mono16', label[:, ::-1]),
                 (topics.RIGHT_TRUE_DEPTH, '32FC1', depth[:, ::-1].astype(np.float32))):
-            items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
-                k * 10**8, topic.frame_id, encoding, np.ascontiguousarray(pixels))))
+            items.append(synthetic_bag.picture(topic, k * 10**8, encoding,
+                                               np.ascontiguousarray(pixels)))
     folder = tmp_path_factory.mktemp('labelled')
     notes = export(synthetic_bag.write(folder / 'bag', items), folder / 'P000', 'tartanair')
     assert not any('not written' in note for note in notes)

@@ -47,11 +47,13 @@ def test_points_lie_on_the_ground_of_their_image(tmp_path: Path,
                                                  drive: list[synthetic.Item]) -> None:
     """P Tr x projects each point to where the image shows the ground, at the depth of the ground.
 
-    Scans begin 40 or 60 ms before their image, in which the rover turns by up to 3 degrees.
+    The fourth value is a reflectance. Scans begin 40 or 60 ms before their image, in which the
+    rover turns by up to 3 degrees.
     """
     bag = synthetic.write(tmp_path / 'bag', [*drive, *clouds(topics.LIDAR_DESKEWED)])
     notes = export(bag, tmp_path / 'seq', 'kitti')
     matrices, scans, times, began = read(tmp_path / 'seq')
+    np.testing.assert_allclose(np.unique(scans[0][:, 3]), (20.0 + np.arange(8)) / 100.0, rtol=1e-6)
     assert len(scans) == len(times) == len(began) == 9      # the image at 0.1 s has no scan
     assert '1 image set left out at the beginning: no LiDAR scan before them' in notes
     assert any('velodyne: lidar/points_deskewed' in note for note in notes)
@@ -69,13 +71,6 @@ def test_points_lie_on_the_ground_of_their_image(tmp_path: Path,
             ground = -T[2, 3] / (T[2, :3] @ pixel)
             # Points are float32, to 5e-7 m here; at grazing incidence ten times that in depth.
             np.testing.assert_allclose(depth, ground, rtol=2e-5)
-
-
-def test_the_fourth_value_is_a_reflectance(tmp_path: Path, drive: list[synthetic.Item]) -> None:
-    bag = synthetic.write(tmp_path / 'bag', [*drive, *clouds(topics.LIDAR_DESKEWED)])
-    export(bag, tmp_path / 'seq', 'kitti')
-    _, scans, _, _ = read(tmp_path / 'seq')
-    np.testing.assert_allclose(np.unique(scans[0][:, 3]), (20.0 + np.arange(8)) / 100.0, rtol=1e-6)
 
 
 def test_without_deskewed_clouds_points_are_as_they_were_seen(
@@ -125,8 +120,7 @@ def test_without_tf_the_scenario_says_where_the_lidar_is(tmp_path: Path,
     """The rover of the scenario: its LiDAR 0.3 m above base_link, looking as base_link does."""
     text = ('rover:\n  ros__parameters:\n'
             '    lidar: {position_m: [0.1, 0.0, 0.3], rpy_deg: [0.0, 0.0, 0.0]}\n')
-    scenario = synthetic.Item(topics.SCENARIO.name, topics.SCENARIO.type,
-                              synthetic.msg('std_msgs/String', data=text))
+    scenario = synthetic.text(topics.SCENARIO, text)
     kept = [item for item in drive if item.topic != topics.TF_STATIC.name]
     bag = synthetic.write(tmp_path / 'bag', [*kept, scenario, *clouds(topics.LIDAR_DESKEWED)])
     export(bag, tmp_path / 'seq', 'kitti')

@@ -10,6 +10,7 @@ import tarfile
 import cv2
 import numpy as np
 import pytest
+from sequences.shard_reader import read_shards
 import synthetic_bag
 
 from lunar_rover_sim import topics
@@ -39,10 +40,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for k in range(1, 6):
         for topic, (encoding, channels, kind) in LAYERS.items():
             pixels = rng.integers(0, 200, (synthetic_bag.HEIGHT, synthetic_bag.WIDTH, *channels))
-            items.append(synthetic_bag.Item(topic.name, topic.type, synthetic_bag.image(
-                k * 10**8, topic.frame_id, encoding, pixels.astype(kind))))
-    items.append(synthetic_bag.Item(topics.LABEL_INFO.name, topics.LABEL_INFO.type,
-                                    synthetic_bag.msg('std_msgs/String', data='{"rocks": {}}')))
+            items.append(synthetic_bag.picture(topic, k * 10**8, encoding, pixels.astype(kind)))
+    items.append(synthetic_bag.text(topics.LABEL_INFO, '{"rocks": {}}'))
     return synthetic_bag.write(tmp_path_factory.mktemp('web') / 'my.drive' / 'bag', items)
 
 
@@ -55,31 +54,15 @@ def shards(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def samples(folder: Path) -> list[tuple[str, dict[str, bytes]]]:
-    """Return key and files of each sample as a reader of WebDataset groups them: by neighbours."""
-    found: list[tuple[str, dict[str, bytes]]] = []
-    for path in sorted(folder.glob('*.tar')):
-        with tarfile.open(path) as tar:
-            for member in tar:
-                key, _, extension = member.name.partition('.')
-                if not found or found[-1][0] != key:
-                    found.append((key, {}))
-                assert extension not in found[-1][1]
-                stream = tar.extractfile(member)
-                assert stream is not None
-                found[-1][1][extension] = stream.read()
-    return found
-
-
 def test_samples_are_whole_and_their_keys_differ(shards: Path) -> None:
-    found = samples(shards)
+    found = read_shards(shards)
     assert [key for key, _ in found] == [f'my_drive-{k:06d}' for k in range(5)]
     assert all(sorted(files) == EXTENSIONS for _, files in found)
     assert (shards / 'label_info.json').read_text() == '{"rocks": {}}'
 
 
 def test_samples_hold_what_the_bag_holds(shards: Path, bag: Path) -> None:
-    found = samples(shards)
+    found = read_shards(shards)
     with open_bag(bag) as source:
         for topic, extension in ((topics.LEFT_IMAGE, 'left.png'), (topics.SHADOW, 'shadow.png'),
                                  (topics.LABELS, 'labels.npy'), (topics.TRUE_DEPTH, 'depth.npy'),
@@ -98,7 +81,7 @@ def test_samples_hold_what_the_bag_holds(shards: Path, bag: Path) -> None:
 
 
 def test_poses_are_those_of_the_cameras_at_the_stamp(shards: Path) -> None:
-    for k, (_, files) in enumerate(samples(shards), 1):
+    for k, (_, files) in enumerate(read_shards(shards), 1):
         told = json.loads(files['json'])
         assert told['stamp_ns'] == k * 10**8
         assert told['drive'] == 'my_drive' and told['world'] == 'ab' * 32
@@ -138,7 +121,7 @@ def test_without_odometry_there_are_no_poses(tmp_path: Path) -> None:
         topics.LEFT_IMAGE, topics.LEFT_INFO, topics.TF_STATIC)))
     notes = export(bag, tmp_path / 'out', 'webdataset')
     assert any('no odometry' in note for note in notes)
-    (key, files), _ = samples(tmp_path / 'out')
+    (key, files), _ = read_shards(tmp_path / 'out')
     assert key == 'blind-000000' and sorted(files) == ['json', 'left.png']
     assert 'T_odom_left' not in json.loads(files['json'])
 
