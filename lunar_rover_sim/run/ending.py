@@ -59,13 +59,14 @@ class Ending:
         self._failure = ''
 
     def begin(self, failure: str = '', at_once: bool = False) -> Step:
-        """Return whom to stop first when somebody else ends the run.
+        """Return whom to stop first, for a driver that stops nodes from here on.
 
         Args:
             failure: Why the run has failed; '' if it has not.
             at_once: Nobody but the recorder has work left.
         """
         self._stopping = True
+        self._asked.clear()
         self._failure = self._failure or failure
         self._at_once = self._at_once or at_once
         return Step(self._next())

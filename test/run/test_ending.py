@@ -23,7 +23,7 @@ def test_when_physics_has_finished_the_others_are_stopped_the_recorder_last() ->
     """The recorder takes what the others still send. SIGALRM is that of one that DDS holds."""
     for status in DONE:
         ending = Ending(NODES)
-        assert after(ending, 'physics_node', status) == Step(OTHERS)
+        assert after(ending, 'physics_node', status) == ending.begin() == Step(OTHERS)
         assert stopped(ending, *OTHERS[::-1]) == [(), (), (), ('recorder_node',)]
         assert after(ending, 'recorder_node', 0) == Step()
 

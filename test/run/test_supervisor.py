@@ -139,6 +139,23 @@ def test_who_has_not_started_is_named(tmp_path: Path, monkeypatch: pytest.Monkey
         nodes.kill()
 
 
+def test_when_physics_has_finished_the_recorder_finishes_its_work(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every other node is told to stop, the recorder after all of them."""
+    stop = ('import pathlib, signal, sys, time\n'
+            'def stop(*_):\n time.sleep({pause})\n pathlib.Path({file!r}).touch()\n'
+            ' sys.exit(0)\nsignal.signal(signal.SIGINT, stop)\n'
+            'signal.pthread_sigmask(signal.SIG_SETMASK, ())\nwhile True: time.sleep(0.1)\n')
+    drawn, written = tmp_path / 'drawn', tmp_path / 'written'
+    nodes = start_all(tmp_path, monkeypatch, {
+        'physics_node': 'pass', 'render_node': stop.format(pause=0.5, file=str(drawn)),
+        'recorder_node': stop.format(pause=0.0, file=str(written))})
+    with nodes:
+        while not nodes.has_finished():
+            time.sleep(0.02)
+    assert drawn.stat().st_mtime_ns < written.stat().st_mtime_ns
+
+
 def test_who_may_fail_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nodes = start_all(tmp_path, monkeypatch, {'lidar_node': 'import time\ntime.sleep(60.0)'},
                       ('lidar_node',))
