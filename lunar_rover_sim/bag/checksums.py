@@ -48,7 +48,8 @@ def has_beginning(path: Path) -> bool:
 def damage(path: Path) -> str | None:
     """Return what does not fit its checksum, or None; checksums that are 0 are not verified.
 
-    Raises BagError if the file is not a finished MCAP file.
+    Raises:
+        BagError: If the file is not a finished MCAP file.
     """
     with path.open('rb') as file:
         return _damage(path, file)

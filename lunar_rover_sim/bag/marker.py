@@ -62,7 +62,8 @@ def why_short(end_ns: int, duration_s: float, tolerance_s: float) -> str:
 def lock(bag: Path) -> BinaryIO:
     """Lock the mark of a bag for as long as the returned file is open and its process lives.
 
-    Raises BlockingIOError where another process records or recovers the bag.
+    Raises:
+        BlockingIOError: Where another process records or recovers the bag.
     """
     return os.fdopen(lock_file(bag / MARKER_NAME, mode=None), 'rb')
 

@@ -64,8 +64,11 @@ def joint_order(message: Any, legs: Legs, where: object,
                 error: type[LunarRoverSimError]) -> list[int]:
     """Return where each joint of the legs stands in a sensor_msgs/JointState.
 
-    where: what the message belongs to, for the text of an error
-    Raises `error` if a joint is missing.
+    Args:
+        where: What the message belongs to, for the text of an error.
+
+    Raises:
+        error: If a joint is missing.
     """
     names = list(message.name)
     missing = sorted(set(legs.joint_names) - set(names))

@@ -69,8 +69,11 @@ def qos_values(profile: Qos) -> dict[str, Any]:
 def qos_of_text(text: str) -> list[Qos]:
     """Return the profiles in the YAML text that a storage file holds for a topic.
 
-    Raises BagError where they cannot be read. Both layouts are read: names, as bags of version 9
-    have them, and the numbers of older versions.
+    Both layouts are read: names, as bags of version 9 have them, and the numbers of older
+    versions.
+
+    Raises:
+        BagError: Where they cannot be read.
     """
     try:
         return [Qos(_member(QosHistory, p['history'], QosHistory.UNKNOWN), int(p['depth']),

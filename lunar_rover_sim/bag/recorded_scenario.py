@@ -54,7 +54,8 @@ class RecordedScenario:
 def recorded_scenario(bag: Bag, namespace: str | None = None) -> RecordedScenario:
     """Return the scenario in the bag; an empty one where there is none that can be read.
 
-    namespace: of the rover, where the bag holds several.
+    Args:
+        namespace: Of the rover, where the bag holds several.
     """
     topic = topics.SCENARIO.name if namespace is None else f'{namespace}/{topics.SCENARIO.name}'
     if not bag.has(topic):

@@ -24,8 +24,10 @@ def simulated_end_ns(bag: Bag) -> int:
 
     Where a bag holds neither, it is that of the last message which does not bear wall time by its
     nature; 0 where there is none. The states are those of all rovers in the bag. Only the end of
-    the bag is read, all of it where the last message is of another clock. Raises BagError where
-    the bag is damaged.
+    the bag is read, all of it where the last message is of another clock.
+
+    Raises:
+        BagError: Where the bag is damaged.
     """
     for names in _by_preference(bag):
         for start_ns in (max(0, bag.end_ns - _NEAR_NS), None) if names else ():

@@ -271,7 +271,8 @@ class BagWriter:
 def _register(typestore: Typestore, msgtype: str, definition: str) -> None:
     """Register a type and those it is made of; known ones stay as they are.
 
-    Raises TypesysError or KeyError where the definition cannot be read.
+    Raises:
+        TypesysError, KeyError: Where the definition cannot be read.
     """
     known = typestore.fielddefs
     types = {name: fields for name, fields in get_types_from_msg(definition, msgtype).items()

@@ -49,7 +49,9 @@ def make_card(dataset: Path) -> dict[str, Any]:
     """Return the data card of a data set as plain values.
 
     statistics: name → mean, min, max over the episodes, and total of what can be summed
-    Raises CampaignError if the folder is not a data set.
+
+    Raises:
+        CampaignError: If the folder is not a data set.
     """
     episodes = list(manifests(dataset))
     recorded = read_json(dataset / CAMPAIGN_FILE)

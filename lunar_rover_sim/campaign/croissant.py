@@ -125,8 +125,9 @@ def recorded_topics(bag: Bag) -> list[str]:
 def contents(recorded: Iterable[str], campaign: Mapping[str, Any]) -> list[str]:
     """Return those of CONTENTS that a data set holds.
 
-    recorded: topics of the contract that were recorded; campaign: as in CAMPAIGN_FILE. Without
-    bags, what its formats take of the topics counts.
+    Args:
+        recorded: Topics of the contract that were recorded.
+        campaign: As in CAMPAIGN_FILE. Without bags, what its formats take of the topics counts.
     """
     # What each leg has counts by its name in the contract.
     held = {name if (of := topics.of_leg(name)) is None else of[0].name for name in recorded}

@@ -60,7 +60,10 @@ _MEDIANS = ('sgm_error_px', 'sgm_bias_px')
 def statistics(path: Path | str) -> dict[str, Any]:
     """Return name → number (None if the bag lacks what it needs), and the preset of an IMU.
 
-    The names are those of `MEANINGS`. Raises BagError if the bag cannot be read.
+    The names are those of `MEANINGS`.
+
+    Raises:
+        BagError: If the bag cannot be read.
     """
     result: dict[str, Any] = dict.fromkeys(MEANINGS)
     with open_bag(path) as bag:

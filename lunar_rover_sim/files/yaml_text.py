@@ -96,8 +96,9 @@ def _parsed(text: str) -> Any:
 def yaml_of(document: Any, **layout: Any) -> str:
     """Return plain values as YAML, keys in their order.
 
-    layout: options of `yaml.dump`, such as width. libyaml writes the same text as PyYAML itself
-    in a third of the time.
+    Args:
+        layout: Options of `yaml.dump`, such as width. libyaml writes the same text as PyYAML
+            itself in a third of the time.
     """
     return yaml.dump(document, Dumper=_Dumper, sort_keys=False, **layout)
 

@@ -207,11 +207,14 @@ def preview(path: Path | str, output: Path | str, world: Path | str | None = Non
     stereo_<n>.png left and right image side by side, disparity and true depth below them;
     truth.png and truth_right.png labels, craters, shadow, normals, flow; hazard_<name>.png image
     and truth of each hazard camera; chase.png; lidar.png; heading_and_power.png sun sensor, star
-    tracker and wheel odometry against the truth, motor currents and power;
-    trajectory.png over the hillshade of the world, where its folder is found (`world` names
-    it); attitude.png and imu.png over time; map.png maps with plan and goal. Pictures of topics
-    that the bag does not hold are left out. Raises BagError where nothing can be shown,
-    WorldError where `world` is another world.
+    tracker and wheel odometry against the truth, motor currents and power; trajectory.png over the
+    hillshade of the world, where its folder is found (`world` names it); attitude.png and imu.png
+    over time; map.png maps with plan and goal. Pictures of topics that the bag does not hold are
+    left out.
+
+    Raises:
+        BagError: Where nothing can be shown.
+        WorldError: Where `world` is another world.
     """
     output = Path(output)
     paths: list[Path] = []
@@ -321,7 +324,8 @@ def draw_hillshade(axes: Any, bag: Bag, centre_m: np.ndarray, half_m: float,
                    folder: Path | str | None = None) -> None:
     """Draw the hillshade of the world of a bag, lit from its sun's azimuth, where it is found.
 
-    Raises WorldError where `folder` is given and holds another world.
+    Raises:
+        WorldError: Where `folder` is given and holds another world.
     """
     world = RecordedRun(bag).world(folder)
     if world is None:

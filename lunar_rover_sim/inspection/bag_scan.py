@@ -51,7 +51,8 @@ _CONTENT: dict[str, tuple[Callable[[Any], str], ...]] = {
 class TopicScan:
     """One topic of the contract as recorded; `stamps_ns` in the order of bag time.
 
-    checks: each returns what is wrong with a message, or ''
+    Attributes:
+        checks: Each returns what is wrong with a message, or ''.
     """
 
     topic: Topic

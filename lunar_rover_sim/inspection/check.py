@@ -67,7 +67,8 @@ def checksums(bag: Bag, report: CheckReport) -> None:
 def readable(bag: Bag, read: Mapping[str, int], report: CheckReport) -> None:
     """As many messages are read as the bag counts.
 
-    read: topic → messages that were read already
+    Args:
+        read: Topic → messages that were read already.
     """
     found = {**dict.fromkeys(bag.types, 0), **read}
     others = [topic for topic in bag.types if topic not in read]

@@ -116,7 +116,8 @@ def _rotation(quat_wxyz: np.ndarray) -> Rotation:
 def imu_drift(scan: BagScan, imu_position_m: np.ndarray, gravity_mps2: float) -> Drift | None:
     """Return how far the true IMU signal drifts from odometry; None where there is too little.
 
-    imu_position_m: (3,) origin of the IMU in base_link.
+    Args:
+        imu_position_m: (3,) origin of the IMU in base_link.
     """
     odom_ns, odom = scan.signal(scan.truth)
     imu_ns, imu = scan.signal(topics.IMU_TRUTH)

@@ -30,11 +30,12 @@ _INLIER_PX = 1.0
 class FrameError:
     """Disparity of one frame against its true depth, over its textured pixels.
 
-    pixels: number of judged pixels; with fewer than MIN_PIXELS all errors are NaN
-    median_px, bias_px: median of the absolute and of the signed error
-    shift_px, lag_rows, scale: as in the module's description
-    outliers: share that is off by more than 2 px
-    matched: share of all pixels with a true disparity in range that were matched
+    Attributes:
+        pixels: Number of judged pixels; with fewer than MIN_PIXELS all errors are NaN.
+        median_px, bias_px: Median of the absolute and of the signed error.
+        shift_px, lag_rows, scale: As in the module's description.
+        outliers: Share that is off by more than 2 px.
+        matched: Share of all pixels with a true disparity in range that were matched.
     """
 
     stamp_ns: int

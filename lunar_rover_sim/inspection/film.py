@@ -113,7 +113,8 @@ def read_drive(bag: Bag, legs: Legs, start_ns: int | None = None,
                end_ns: int | None = None) -> DriveSeries:
     """Return the motion in a bag between two times; raise BagError where it holds none.
 
-    legs: of the recorded rover, for the order of the values
+    Args:
+        legs: Of the recorded rover, for the order of the values.
     """
     for name in (bag.truth, topics.JOINT_STATES.name):
         if not bag.count(name):
@@ -203,8 +204,11 @@ class Plots:
                  pitch: tuple[Array, Array], slip: tuple[Array, Array]) -> None:
         """Draw both curves once.
 
-        size: width and height [px]; span_s: first and last time; pitch: times [s] and [deg];
-        slip: times [s] and ratios
+        Args:
+            size: Width and height [px].
+            span_s: First and last time.
+            pitch: Times [s] and [deg].
+            slip: Times [s] and ratios.
         """
         width, height = size
         self._span_s = span_s
@@ -263,12 +267,17 @@ WIDTHS = (320, 3840)
 class FilmOptions:
     """What of a drive a film shows.
 
-    width: of the film [px], a multiple of 32; its height is 3/4 of that, or 9/16 of a bare one
-    rate_hz: frames per second of the film; speed: simulated seconds per second of the film
-    start_s, end_s: simulated times [s]; None: those of the bag
-    bare: only the view from outside, without images and plots
-    samples: of the view from outside, along a side of a pixel
-    Raises ConfigError for values that make no film.
+    Attributes:
+        width: Of the film [px], a multiple of 32; its height is 3/4 of that, or 9/16 of a bare
+            one.
+        rate_hz: Frames per second of the film.
+        speed: Simulated seconds per second of the film.
+        start_s, end_s: Simulated times [s]; None: those of the bag.
+        bare: Only the view from outside, without images and plots.
+        samples: Of the view from outside, along a side of a pixel.
+
+    Raises:
+        ConfigError: For values that make no film.
     """
 
     width: int = 1280
@@ -294,9 +303,10 @@ class FilmOptions:
 class Film:
     """The film of one bag. Making it reads the motion; `frames` draws.
 
-    times_ns: simulated time of each frame
-    world: that was driven on
-    chase: the camera, at first that of the scenario; its image size is that of the film
+    Attributes:
+        times_ns: Simulated time of each frame.
+        world: That was driven on.
+        chase: The camera, at first that of the scenario; its image size is that of the film.
     """
 
     chase: ChaseConfig
@@ -305,9 +315,12 @@ class Film:
                  world: Path | None = None) -> None:
         """Read what the film needs to know.
 
-        world: folder of the world, where it is not beside the bag or in the cache
-        Raises BagError where the bag holds no drive, scenario or images, or its world is not
-        found; ConfigError for times outside the bag.
+        Args:
+            world: Folder of the world, where it is not beside the bag or in the cache.
+
+        Raises:
+            BagError: Where the bag holds no drive, scenario or images, or its world is not found.
+            ConfigError: For times outside the bag.
         """
         self._path, self._options = path, options
         with open_bag(path) as bag:

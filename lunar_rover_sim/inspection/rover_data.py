@@ -27,9 +27,10 @@ _MEASURED = {STATE: (topics.TRUE_ODOM, topics.ODOM, topics.CLOCK),
 class RoverData:
     """What one rover recorded.
 
-    state_ns, frame_ns, depth_ns: periods of states, of frames, and of frames with depth [ns]; 0
-        where they are not known
-    end_ns: last stamp of the states, else of the frames; 0 in an empty recording
+    Attributes:
+        state_ns, frame_ns, depth_ns: Periods of states, of frames, and of frames with depth [ns];
+            0 where they are not known.
+        end_ns: Last stamp of the states, else of the frames; 0 in an empty recording.
     """
 
     namespace: str

@@ -21,9 +21,11 @@ from lunar_rover_sim.seconds import NS_PER_S
 class Summary:
     """Counts by topic, simulated time [s], path length [m], size [bytes], content hash.
 
-    tracking: how far constant velocity mispredicts the images, as `tracking.predictions` has it
-    slam: how many frames a SLAM program had in each of its states, such as `tracking`
-    notes: what is missing that one may expect
+    Attributes:
+        tracking: How far constant velocity mispredicts the images, as `tracking.predictions` has
+            it.
+        slam: How many frames a SLAM program had in each of its states, such as `tracking`.
+        notes: What is missing that one may expect.
     """
 
     counts: dict[str, int]

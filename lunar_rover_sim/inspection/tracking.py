@@ -40,9 +40,11 @@ _FRAMES = 1000                  # in memory at a time
 class PredictionMiss:
     """Predicted against true pixels over a drive, each frame by the median of its points.
 
-    rate_hz: frames per second
-    median_px, p90_px: median and 90th percentile over frames [px]
-    lost: share of frames that miss by more than LOST_PX, the second search of a stereo tracker
+    Attributes:
+        rate_hz: Frames per second.
+        median_px, p90_px: Median and 90th percentile over frames [px].
+        lost: Share of frames that miss by more than LOST_PX, the second search of a stereo
+            tracker.
     """
 
     rate_hz: float
@@ -59,8 +61,9 @@ def prediction_miss(T_world_base: Array, rig: StereoRig, ground_below_base_m: fl
                     rate_hz: float) -> PredictionMiss | None:
     """Return how far a prediction by constant velocity misses; None with fewer than 3 frames.
 
-    T_world_base: (n, 4, 4) poses of the rover at successive frames
-    ground_below_base_m: height of base_link over the ground, which is taken as a plane
+    Args:
+        T_world_base: (n, 4, 4) poses of the rover at successive frames.
+        ground_below_base_m: Height of base_link over the ground, which is taken as a plane.
     """
     misses_px = _misses_px(np.asarray(T_world_base, float), rig, ground_below_base_m)
     if not len(misses_px):

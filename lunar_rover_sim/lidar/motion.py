@@ -41,7 +41,8 @@ class ScanMotion:
     def of(cls, state: Posed, duration_s: float, legs: int) -> ScanMotion:
         """Return the motion of a rover that keeps its velocities for some time [s].
 
-        legs: how many it has
+        Args:
+            legs: How many it has.
         """
         # Poses of a constant twist lie on a screw; short chords are close to it.
         times = np.linspace(0.0, duration_s, 33)

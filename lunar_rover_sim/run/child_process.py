@@ -32,8 +32,11 @@ Echo = Callable[[str], None]
 class Ended:
     """How a program ended.
 
-    status: exit status, negative for a signal; wall_s: how long it ran [s]; tail: the last lines
-    of its log; timed_out, interrupted: why it was ended from here.
+    Attributes:
+        status: Exit status, negative for a signal.
+        wall_s: How long it ran [s].
+        tail: The last lines of its log.
+        timed_out, interrupted: Why it was ended from here.
     """
 
     status: int
@@ -165,7 +168,8 @@ def _copy_output(process: subprocess.Popen[bytes], file: BinaryIO, tail: deque[s
 def end_group(process: subprocess.Popen[bytes], grace_s: float) -> None:
     """End a program that leads a process group, and everything that it started.
 
-    grace_s: time between SIGTERM and SIGKILL [s]
+    Args:
+        grace_s: Time between SIGTERM and SIGKILL [s].
     """
     # Descendants in sessions of their own can be found only while their parents live.
     family = _descendants(process.pid) if process.poll() is None else []

@@ -18,11 +18,12 @@ STARTED_NS = NS_PER_S
 class StampGate:
     """The newest stamp of each awaited topic, and the lag that each may have.
 
-    lag_ns_by_topic: topic → lag [ns]. Time may advance from `now` when every topic has answered
-    `now` itself or a stamp later than `now - lag`. So lag 0 awaits the answer to every state; a
-    topic of period T and lag T is awaited once a period, and with lag 2 T it may be one message
-    behind. Before its first message a topic counts as having answered time 0: time waits for a
-    slow starter as soon as its lag is used up.
+    Args:
+        lag_ns_by_topic: Topic → lag [ns]. Time may advance from `now` when every topic has
+            answered `now` itself or a stamp later than `now - lag`. So lag 0 awaits the answer to
+            every state; a topic of period T and lag T is awaited once a period, and with lag 2 T
+            it may be one message behind. Before its first message a topic counts as having
+            answered time 0: time waits for a slow starter as soon as its lag is used up.
     """
 
     def __init__(self, lag_ns_by_topic: Mapping[str, int]) -> None:
@@ -67,10 +68,11 @@ class StampGate:
 class WrittenStamps:
     """The stamp up to which everything is written of topics that come at their own periods.
 
-    period_ns_by_topic: topic → period [ns], 0 where it is not known. Messages are due at whole
-        multiples of the period. A topic whose newest message has the stamp s is complete up to the
-        state before its next message, s + period - tick, where tick is the shortest period.
-        Otherwise a slow topic would hold back time at an end that it does not fall on.
+    Args:
+        period_ns_by_topic: Topic → period [ns], 0 where it is not known. Messages are due at whole
+            multiples of the period. A topic whose newest message has the stamp s is complete up to
+            the state before its next message, s + period - tick, where tick is the shortest
+            period. Otherwise a slow topic would hold back time at an end that it does not fall on.
     """
 
     def __init__(self, period_ns_by_topic: Mapping[str, int]) -> None:

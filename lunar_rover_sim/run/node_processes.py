@@ -246,7 +246,8 @@ class NodeProcesses:
 def _has_ended(process: psutil.Popen, limit_s: float) -> bool:
     """Wait until a process has ended; return False if it does not in time.
 
-    limit_s: its time [s]; if that is _STOP_S or more, a process at work has _STOP_AT_WORK_S
+    Args:
+        limit_s: Its time [s]; if that is _STOP_S or more, a process at work has _STOP_AT_WORK_S.
     """
     start_s, looks = time.monotonic(), Looks()
     while process.poll() is None:
@@ -329,7 +330,8 @@ class NodeWarning:
 class NodeLogs:
     """Reads the logs of nodes as they grow.
 
-    path_by_node: node → its log, which need not exist yet
+    Args:
+        path_by_node: Node → its log, which need not exist yet.
     """
 
     def __init__(self, path_by_node: Mapping[str, Path]) -> None:

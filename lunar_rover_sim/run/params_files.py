@@ -33,9 +33,12 @@ def section_names(program: str) -> tuple[str, str]:
 def arguments_of_program(arguments: Sequence[str], program: str, folder: Path) -> list[str]:
     """Return command-line arguments whose parameter files concern `program` by its sections.
 
-    folder: takes the files that are written for this; ROS 2 reads them when it starts
-    Raises ConfigError for a parameter file that cannot be read, and for a list that ROS 2 does
-    not take.
+    Args:
+        folder: Takes the files that are written for this; ROS 2 reads them when it starts.
+
+    Raises:
+        ConfigError: For a parameter file that cannot be read, and for a list that ROS 2 does not
+            take.
     """
     result = list(arguments)
     of_ros = False

@@ -66,8 +66,9 @@ _GAIT_SILENCE_SHARE = 0.8
 class NodePlan:
     """One node process.
 
-    name: of the node and of its console script
-    parameters: name → value: paths on this machine, topics
+    Attributes:
+        name: Of the node and of its console script.
+        parameters: Name → value: paths on this machine, topics.
     """
 
     name: str
@@ -88,7 +89,10 @@ def resolve(scenario: Scenario) -> Scenario:
     The duration is rounded up to whole camera frames, and to whole scans of a LiDAR. In lockstep
     physics waits for the gait controller, the renderer (at most one frame behind), the LiDAR where
     its scans are recorded, and the recorder; the gait controller waits for drive_node, unless that
-    publishes Twist, which has no stamp. Raises ConfigError if the scenario says where the bag is.
+    publishes Twist, which has no stamp.
+
+    Raises:
+        ConfigError: If the scenario says where the bag is.
     """
     for name in ('output', 'scenario_file'):
         value = getattr(scenario.recorder_node, name)
@@ -363,7 +367,8 @@ def _participants(scenario: Scenario) -> tuple[str, ...]:
 def prepare(scenario: Scenario, folder: Path, world: Path) -> list[NodePlan]:
     """Write the resolved scenario and the rover to the run's folder; return the nodes' plans.
 
-    Raises ConfigError where the folder exists or cannot be written: nothing is ever overwritten.
+    Raises:
+        ConfigError: Where the folder exists or cannot be written: nothing is ever overwritten.
     """
     if not scenario.run.nodes:
         raise ConfigError(f'run.nodes: [] is not valid; valid are some of '

@@ -34,15 +34,17 @@ def record_once(scenario: Scenario, folder: Path, *, partial: Path | None = None
                 recorder: Callable[..., Recording] = record, **options: Any) -> Path:
     """Return the folder of a scenario's recording, which is made now unless it is there.
 
-    folder: where the recording is, or will be
-    partial: folder in which it is made (default: beside `folder`); removed if it exists
-    why_unfinished: returns why a folder is not a finished recording, or None if it is one
-    finish: called with the partial folder before it takes its name; adds what belongs to it
-    recorder: records; `run.recording.record`, or a function that takes the same arguments
-    options: further arguments of `record`
+    Args:
+        folder: Where the recording is, or will be.
+        partial: Folder in which it is made (default: beside `folder`); removed if it exists.
+        why_unfinished: Returns why a folder is not a finished recording, or None if it is one.
+        finish: Called with the partial folder before it takes its name; adds what belongs to it.
+        recorder: Records; `run.recording.record`, or a function that takes the same arguments.
+        options: Further arguments of `record`.
 
-    Raises BagError if `folder` holds the recording of another scenario or cannot be written,
-    GraphError if the run is interrupted, and what `recorder` and `finish` raise.
+    Raises:
+        BagError: If `folder` holds the recording of another scenario or cannot be written.
+        GraphError: If the run is interrupted, and what `recorder` and `finish` raise.
     """
     scenario = resolve(scenario)
     partial = partial or folder.with_name(f'.{folder.name}.partial')

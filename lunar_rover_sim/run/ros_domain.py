@@ -166,14 +166,16 @@ class OwnDomain:
     The lock is a file that other runs of this package respect. Other programs do not know it; name
     a domain that they do not use.
 
-    id: the domain
+    Attributes:
+        id: The domain.
     """
 
     def __init__(self, domain: int | None = None) -> None:
         """Take `domain`, or any free one.
 
-        Raises ConfigError for a number that is no domain, GraphError if a run of this package
-        holds it.
+        Raises:
+            ConfigError: For a number that is no domain.
+            GraphError: If a run of this package holds it.
         """
         if domain is not None and not (isinstance(domain, numbers.Integral)
                                        and 0 <= domain <= _MOST):

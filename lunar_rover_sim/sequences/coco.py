@@ -77,7 +77,8 @@ class CocoSequence(LabelledSequence):
 def catalogues(bag: Bag) -> dict[str, Any]:
     """Return the catalogues of rocks and craters of a bag, or nothing where it has none.
 
-    Raises SequenceError where its vocabulary is no JSON object.
+    Raises:
+        SequenceError: Where its vocabulary is no JSON object.
     """
     if not bag.has(topics.LABEL_INFO.name):
         return {}

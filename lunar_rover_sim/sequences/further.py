@@ -20,9 +20,11 @@ FISHEYE = 'equidistant'     # distortion_model of CameraInfo
 class RecordedCamera:
     """A hazard camera whose images and CameraInfo are in a bag.
 
-    name: as below `hazard/`, of one of a pair with /left or /right
-    topics: the contract's topics of hazard cameras → their names in the bag
-    calibration: its CameraInfo; T_base_camera: (4, 4) optical frame in base_link
+    Attributes:
+        name: As below `hazard/`, of one of a pair with /left or /right.
+        topics: The contract's topics of hazard cameras → their names in the bag.
+        calibration: Its CameraInfo.
+        T_base_camera: (4, 4) optical frame in base_link.
     """
 
     name: str
@@ -49,8 +51,10 @@ class RecordedCamera:
 def further_cameras(bag: Bag) -> list[RecordedCamera]:
     """Return the hazard cameras of a bag, in the order of their names.
 
-    One without CameraInfo is left out. Raises BagError where the bag does not say where a camera
-    is on the rover.
+    One without CameraInfo is left out.
+
+    Raises:
+        BagError: Where the bag does not say where a camera is on the rover.
     """
     return [RecordedCamera(name, names, read_calibration(bag, names[topics.HAZARD_INFO]),
                            _place(bag, name))

@@ -27,8 +27,10 @@ Mask = NDArray[np.bool_]
 class Instance:
     """What an image shows of a rock or a crater.
 
-    number: in the image of labels or of craters; x, y: column and row of the upper left pixel of
-    its box; mask: (h, w) within the box
+    Attributes:
+        number: In the image of labels or of craters.
+        x, y: Column and row of the upper left pixel of its box.
+        mask: (h, w) within the box.
     """
 
     category: str
@@ -64,7 +66,8 @@ def _found(category: str, numbers: NDArray[np.int32]) -> Iterator[Instance]:
 def run_lengths(instance: Instance, height: int, width: int) -> list[int]:
     """Return the run lengths of COCO: pixels outside and inside in turn, column by column.
 
-    height, width: of the whole image [px]
+    Args:
+        height, width: Of the whole image [px].
     """
     padded = np.zeros((instance.mask.shape[0] + 2, instance.mask.shape[1]), np.int8)
     padded[1:-1] = instance.mask

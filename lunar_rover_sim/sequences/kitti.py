@@ -37,8 +37,9 @@ def recorded_cloud(bag: Bag) -> str | None:
 class VelodyneFiles:
     """Writes the scan of each image once it is known.
 
-    first_ns: stamp of the first scan; images before it have none
-    stamps_ns: of the scans that were written, one for each image
+    Attributes:
+        first_ns: Stamp of the first scan; images before it have none.
+        stamps_ns: Of the scans that were written, one for each image.
     """
 
     def __init__(self, bag: Bag, cloud: str, folder: Path, T_base_lidar: Array) -> None:

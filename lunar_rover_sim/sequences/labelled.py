@@ -19,7 +19,9 @@ from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 class LabelledCamera:
     """A camera with labels.
 
-    name: for users; image, labels, craters: topics; craters may be missing in a bag
+    Attributes:
+        name: For users.
+        image, labels, craters: Topics; craters may be missing in a bag.
     """
 
     name: str
@@ -36,7 +38,8 @@ _RIGHT = LabelledCamera('right', topics.RIGHT_IMAGE.name, topics.RIGHT_LABELS.na
 class LabelledSequence(Sequence):
     """Numbers the images, and passes each with its instances to `image`.
 
-    count: of the images so far
+    Attributes:
+        count: Of the images so far.
     """
 
     of_further = (topics.HAZARD_IMAGE, topics.HAZARD_LABELS, topics.HAZARD_CRATERS)

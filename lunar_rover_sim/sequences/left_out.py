@@ -27,7 +27,9 @@ def sensors_left_out(bag: Bag, taken: Collection[str],
                      lacks: Mapping[str, str] = {}) -> list[str]:
     """Return a note for each reason why topics with messages are left out.
 
-    taken: topics that are not; lacks: topic → the reason, NO_PLACE where it names none
+    Args:
+        taken: Topics that are not.
+        lacks: Topic → the reason, NO_PLACE where it names none.
     """
     named: dict[str, list[str]] = defaultdict(list)
     for topic in topics.of_legs(OF_SENSORS, topics.legs_of(bag.types)):

@@ -33,8 +33,15 @@ def settings(suite: SensorSuite, sensor: str, legacy: bool = False, features: in
              rgb_depth_factor: float = DEPTH_FACTOR) -> str:
     """Return the text of a settings file.
 
-    sensor: mono, stereo, stereo-inertial or rgbd; legacy: the layout before File.version 1.0.
-    Raises ConfigError on an unknown sensor, or where an inertial one has no IMU rate.
+    Args:
+        suite: The sensors.
+        sensor: `mono`, `stereo`, `stereo-inertial` or `rgbd`.
+        legacy: The layout before File.version 1.0.
+        features: Keypoints per image.
+        rgb_depth_factor: Counts of a depth image per metre.
+
+    Raises:
+        ConfigError: On an unknown sensor, or where an inertial one has no IMU rate.
     """
     if sensor not in SENSORS:
         raise ConfigError(f'sensor: {sensor!r} is not valid; {nearest(sensor, SENSORS)}')

@@ -41,7 +41,8 @@ def carried(bag: Bag) -> tuple[str, ...]:
 class SensorSamples:
     """Keeps what was measured lately.
 
-    recorded: those of CARRIED that the bag has messages of
+    Attributes:
+        recorded: Those of CARRIED that the bag has messages of.
     """
 
     def __init__(self, bag: Bag) -> None:
@@ -113,7 +114,8 @@ V = TypeVar('V')
 class RecentMessages(Generic[V]):
     """Keeps the last messages of each topic, and the one before them.
 
-    kept_ns: for so long
+    Args:
+        kept_ns: For so long.
     """
 
     def __init__(self, kept_ns: int = KEPT_NS) -> None:
@@ -142,8 +144,11 @@ _FIELDS = ('x', 'y', 'z', 'intensity', 'ring', 'time')
 def cloud_rows(where: str, message: Any) -> NDArray[np.float32]:
     """Return the points that returned, (n, 6) as COLUMNS, in the order of the message.
 
-    where: bag and topic, for messages
-    Raises BagError where the cloud is not one of a LiDAR.
+    Args:
+        where: Bag and topic, for messages.
+
+    Raises:
+        BagError: Where the cloud is not one of a LiDAR.
     """
     problem = lidar_cloud_problem(message)
     if problem:
@@ -156,7 +161,10 @@ def cloud_rows(where: str, message: Any) -> NDArray[np.float32]:
 def scan_rows(where: str, message: Any) -> NDArray[np.float32]:
     """Return one ring, (n, 2) as SCAN_COLUMNS; the range is inf where nothing returns.
 
-    Without intensities they are 0. Raises BagError where the scan is not whole.
+    Without intensities they are 0.
+
+    Raises:
+        BagError: Where the scan is not whole.
     """
     problem = laser_scan_problem(message)
     if problem:

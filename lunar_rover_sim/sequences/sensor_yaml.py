@@ -21,10 +21,14 @@ def calibration_yaml(suite: SensorSuite, kind: str,
                      T_base_lidar: Array | None = None) -> str:
     """Return cameras, mounts, IMU and depth units of a sequence as YAML.
 
-    kind: name of the format; depth: its depth images and their units; further: hazard cameras;
-    T_base_lidar: (4, 4) where the LiDAR is, if the sequence has its scans.
     Pixels are counted from the centre of the first one; T_a_b maps points of b to a; optical
     frames are x right, y down, z forward; noise is in continuous time.
+
+    Args:
+        kind: Name of the format.
+        depth: Its depth images and their units.
+        further: Hazard cameras.
+        T_base_lidar: (4, 4) where the LiDAR is, if the sequence has its scans.
     """
     def camera(T_imu_camera: Array) -> dict[str, Any]:
         return {'width_px': suite.width, 'height_px': suite.height,

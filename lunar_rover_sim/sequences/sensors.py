@@ -26,13 +26,15 @@ from lunar_rover_sim.sensors.imu import ImuConfig, ImuNoiseParameters, noise_par
 class SensorSuite:
     """Two equal cameras and an IMU.
 
-    width, height: of the images [px]
-    focal_px, centre_px: fx, fy and cx, cy [px]
-    distortion: k1, k2, p1, p2, k3 of the raw images (Brown-Conrady)
-    T_imu_left, T_imu_right: (4, 4) optical frames in the IMU's frame; T_base_imu: (4, 4)
-    frame_rate_hz, imu_rate_hz: 0 where there are no messages to measure them
-    noise: in continuous-time units
-    gravity_mps2: that the IMU feels
+    Attributes:
+        width, height: Of the images [px].
+        focal_px, centre_px: fx, fy and cx, cy [px].
+        distortion: k1, k2, p1, p2, k3 of the raw images (Brown-Conrady).
+        T_imu_left, T_imu_right: (4, 4) optical frames in the IMU's frame.
+        T_base_imu: (4, 4).
+        frame_rate_hz, imu_rate_hz: 0 where there are no messages to measure them.
+        noise: In continuous-time units.
+        gravity_mps2: That the IMU feels.
     """
 
     width: int
@@ -75,9 +77,13 @@ def described_sensors(rover: RoverDescription, camera: CameraConfig, imu: ImuCon
 def recorded_sensors(bag: Bag, images: Iterable[str] = ()) -> SensorSuite:
     """Return the sensors of a bag: its camera_infos, mounts, rates, and its scenario's noise.
 
-    images: topics that are used together; the frame rate is that of the slowest one
-    Without a scenario noise and gravity are the defaults. Raises BagError where the bag has no
-    left camera_info.
+    Without a scenario noise and gravity are the defaults.
+
+    Args:
+        images: Topics that are used together; the frame rate is that of the slowest one.
+
+    Raises:
+        BagError: Where the bag has no left camera_info.
     """
     left = read_calibration(bag, topics.LEFT_INFO.name)
     run = RecordedRun(bag)

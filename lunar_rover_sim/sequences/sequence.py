@@ -64,17 +64,19 @@ class Sequence:
     """A sequence that is written into a folder. A format sets the attributes and overrides
     `images`, `data` and, where it has something to say, `notes`.
 
-    needs, uses: topics of the contract that must, or may, be in the bag
-    depth: units of the depth images, as they are written to calibration.yaml
-    of_further: which topics of hazard cameras the format has a place for, images first
-    further_needs: what such a camera needs to be written, for messages
-    further: the hazard cameras of the bag that it writes; `of_further` of each make a set
-    lacks: topic of a sensor → what it lacks to be written, where the format has a place for it
-    poses_of: what the poses are of and where they stand, a sentence for README.txt
-    is_dated: whether files are named by time, which then counts from `epoch_ns`
-    epoch_ns: Unix time [ns] at which simulated time is 0
-    first_ns: images before are left out
-    T_base_lidar: (4, 4) where the LiDAR is, if its scans are written
+    Attributes:
+        needs, uses: Topics of the contract that must, or may, be in the bag.
+        depth: Units of the depth images, as they are written to calibration.yaml.
+        of_further: Which topics of hazard cameras the format has a place for, images first.
+        further_needs: What such a camera needs to be written, for messages.
+        further: The hazard cameras of the bag that it writes; `of_further` of each make a set.
+        lacks: Topic of a sensor → what it lacks to be written, where the format has a place for
+            it.
+        poses_of: What the poses are of and where they stand, a sentence for README.txt.
+        is_dated: Whether files are named by time, which then counts from `epoch_ns`.
+        epoch_ns: Unix time [ns] at which simulated time is 0.
+        first_ns: Images before are left out.
+        T_base_lidar: (4, 4) where the LiDAR is, if its scans are written.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -156,9 +158,11 @@ _MOST_WAITING = 2000    # poses kept in memory
 class PosedSequence(Sequence):
     """Numbers the images; passes the pose of each to `write_pose`, in order, when it is known.
 
-    POSES: name of the file with the poses, for messages
-    has_truth: whether the bag has true odometry; there are no poses otherwise
-    count: of the images so far; path: of the bag
+    Attributes:
+        POSES: Name of the file with the poses, for messages.
+        has_truth: Whether the bag has true odometry; there are no poses otherwise.
+        count: Of the images so far.
+        path: Of the bag.
     """
 
     POSES = ''

@@ -46,7 +46,8 @@ class Shard:
 class ShardWriter:
     """Writes samples into tars NAME-000000.tar, ... of a folder. Context manager.
 
-    shards: those that are finished; all of them after `close`
+    Attributes:
+        shards: Those that are finished; all of them after `close`.
     """
 
     def __init__(self, folder: Path, size: int = DEFAULT_SIZE, name: str = PLAIN) -> None:
@@ -119,7 +120,9 @@ def described(path: Path, samples: int) -> Shard:
 def index_text(name: str, shards: Iterable[Shard], more: Mapping[str, Any]) -> str:
     """Return a list of shards as JSON, in the layout of the indices of WebDataset (`wids`).
 
-    name: of the data set; more: further entries
+    Args:
+        name: Of the data set.
+        more: Further entries.
     """
     return json.dumps({
         '__kind__': 'wids-shard-index-v1', 'wids_version': 1, 'name': name,

@@ -163,7 +163,8 @@ class TartanAirSequence(PosedSequence):
 def ned_pose(T_odom_camera: Array) -> tuple[Array, Array]:
     """Return position (3,) [m] and quaternion wxyz (4,) of a camera, north-east-down.
 
-    T_odom_camera: (4, 4), of the optical frame. The camera's axes are forward, right, down.
+    Args:
+        T_odom_camera: (4, 4), of the optical frame. The camera's axes are forward, right, down.
     """
     rotation = _R_NED_ODOM @ T_odom_camera[:3, :3] @ _R_OPTICAL_FRD
     return _R_NED_ODOM @ T_odom_camera[:3, 3], wxyz_from_matrix(rotation)
@@ -199,7 +200,9 @@ class _FlowFrame:
 class FlowFiles:
     """Writes NUMBER_NUMBER_flow.npy and _mask.npy once two images and their poses are known.
 
-    K: (3, 3) intrinsics [px]; T_base_camera: (4, 4)
+    Args:
+        K: (3, 3) intrinsics [px].
+        T_base_camera: (4, 4).
     """
 
     def __init__(self, folder: Path, K: Array, T_base_camera: Array,
@@ -272,9 +275,11 @@ def seen_mask(flow: NDArray[np.float32], depth_then_m: NDArray[np.floating],
               depth_there_m: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return (h, w) what another image shows of each pixel's point: SEEN, HIDDEN or OUTSIDE.
 
-    flow: (h, w, 2) to the other image [px]
-    depth_then_m: (h, w) depth of the points in the other camera; depth_there_m: (h, w) what that
-    camera sees. A point is hidden where all four pixels around it show something nearer.
+    Args:
+        flow: (h, w, 2) to the other image [px].
+        depth_then_m: (h, w) depth of the points in the other camera.
+        depth_there_m: (h, w) what that camera sees. A point is hidden where all four pixels around
+            it show something nearer.
     """
     height, width = depth_then_m.shape
     u = np.arange(width) + flow[..., 0]

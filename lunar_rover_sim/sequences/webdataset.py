@@ -57,8 +57,9 @@ _OF_PINHOLE = tuple(topic.name for topic in (
 class ShardOptions:
     """How shards are made.
 
-    drive: name of the drive, with which keys begin; '' for that of the folder of the bag
-    size: samples a shard
+    Attributes:
+        drive: Name of the drive, with which keys begin; '' for that of the folder of the bag.
+        size: Samples a shard.
     """
 
     drive: str = ''
@@ -69,7 +70,9 @@ class ShardOptions:
 class _Sample:
     """A sample that is not written yet.
 
-    poses: None until they are known; measured: by other sensors, None until it is looked up
+    Attributes:
+        poses: None until they are known.
+        measured: By other sensors, None until it is looked up.
     """
 
     stamp_ns: int

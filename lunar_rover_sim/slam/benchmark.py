@@ -67,7 +67,8 @@ _SLOWEST = 60.0      # wall time over simulated time
 class Cell:
     """One drive, one estimator, and the result once there is one.
 
-    failed: the result has a reason and no numbers
+    Attributes:
+        failed: The result has a reason and no numbers.
     """
 
     drive: Drive
@@ -92,7 +93,8 @@ Step = Callable[[Cell, str], None]
 def scenario_of(drive: Drive) -> Scenario:
     """Return the scenario of a drive, recorded with the topics that estimators need.
 
-    Raises ConfigError if a setting is not valid.
+    Raises:
+        ConfigError: If a setting is not valid.
     """
     return drive.load_scenario(
         f'recorder_node.topics=[{",".join(topic.name for topic in _RECORDED)}]')
@@ -103,8 +105,12 @@ def plan(scenarios: Sequence[str], estimators: Sequence[Estimator], seeds: Seque
          overrides: Sequence[str] = ()) -> list[Cell]:
     """Return the cells of a benchmark, recording by recording.
 
-    parameter, values: what a sweep changes. Raises SlamError if an argument is not valid, there is
-    nothing to do, or two cells would share a folder.
+    Args:
+        parameter, values: What a sweep changes.
+
+    Raises:
+        SlamError: If an argument is not valid, there is nothing to do, or two cells would share a
+            folder.
     """
     if not seeds or not scenarios or not estimators:
         raise SlamError(f'benchmark: {len(scenarios)} scenarios, {len(estimators)} sensors, '
@@ -129,14 +135,18 @@ def run(cells: Iterable[Cell], folder: Path, step: Step = lambda _cell, _text: N
         recorder: Callable[..., Recording] = record) -> list[Cell]:
     """Do what is missing, and return all cells with their results.
 
-    step: called with the cell and what is being done, and how far that is, at last with `done` or
-        `kept`; by one thread at a time
-    retry: do failed cells again
-    jobs: drives that are recorded or judged at the same time
-    recorder: records a drive; takes the arguments of `run.recording.record`
+    A cell that fails keeps its reason, and the others go on.
 
-    A cell that fails keeps its reason, and the others go on. Raises SlamError if the folder cannot
-    be written, holds cells of other settings, or another benchmark runs these systems in it.
+    Args:
+        step: Called with the cell and what is being done, and how far that is, at last with `done`
+            or `kept`; by one thread at a time.
+        retry: Do failed cells again.
+        jobs: Drives that are recorded or judged at the same time.
+        recorder: Records a drive; takes the arguments of `run.recording.record`.
+
+    Raises:
+        SlamError: If the folder cannot be written, holds cells of other settings, or another
+            benchmark runs these systems in it.
     """
     if jobs < 1:
         raise SlamError(f'jobs: {jobs} is not valid; valid is 1 or more')
@@ -183,7 +193,8 @@ def _do_drive(cells: Sequence[Cell], folder: Path, sequence: Path,
               stop: Callable[[], bool]) -> list[Cell]:
     """Do what is missing of the cells of one drive, which share its recording.
 
-    sequence: where it is exported; removed in the end
+    Args:
+        sequence: Where it is exported; removed in the end.
     """
     done, bag, failure, exported = [], None, '', ''
 
@@ -247,7 +258,8 @@ def _judge(cell: Cell, bag: Path, sequence: Path, folder: Path, step: Step,
 def _sequences(folder: Path, systems: Sequence[str]) -> Iterator[Path]:
     """Yield the empty folder for exported recordings, locked until the context ends.
 
-    Raises SlamError if it is locked already, or cannot be written.
+    Raises:
+        SlamError: If it is locked already, or cannot be written.
     """
     path = folder / '-'.join(['sequences', *systems])
     try:

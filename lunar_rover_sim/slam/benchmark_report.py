@@ -30,8 +30,9 @@ def html_report(title: str, statement: Sequence[str], rows: Sequence[TableRow],
                 paper: Paper | None = None) -> str:
     """Return the report as HTML.
 
-    statement, findings: sentences about the drives and what they show
-    parameter: what a sweep changes
+    Args:
+        statement, findings: Sentences about the drives and what they show.
+        parameter: What a sweep changes.
     """
     columns, lines = text_cells(rows, paper or {}, parameter)
     errors = curves(rows, judged, parameter) if parameter else _bars(rows, judged)
@@ -186,9 +187,13 @@ def write_report(judged: Sequence[Judged], folder: Path, name: str,
                  paper: table.Paper | None = None) -> BenchmarkReport:
     """Write NAME.md, .csv, .tex and .html, NAME_drives.csv, and NAME.png of a sweep.
 
-    judged: at least one; of several systems, each has findings of its own
-    folder: is there; paper: published numbers
-    Raises SlamError if a file cannot be written.
+    Args:
+        judged: At least one; of several systems, each has findings of its own.
+        folder: Must exist.
+        paper: Published numbers.
+
+    Raises:
+        SlamError: If a file cannot be written.
     """
     rows, parameter = table.rows_of(judged), judged[0].drive.parameter
     systems = list(dict.fromkeys(one.result.system for one in judged))

@@ -29,11 +29,13 @@ Track = Callable[[FrameSet, 'list[ImuSamples]'], 'Array | None']
 def serve(begin: Callable[[dict[str, Any]], Track]) -> None:
     """Answer every frame until the end.
 
-    begin: gets the settings and returns the tracker. That gets a frame and the samples of the IMU
-        since the one before, and returns T_map_camera (4, 4), or None where it knows no pose.
-
     What is printed meanwhile goes to the standard error: the standard output is the pipe. Raises
     SlamError for a message that is none.
+
+    Args:
+        begin: Gets the settings and returns the tracker. That gets a frame and the samples of the
+            IMU since the one before, and returns T_map_camera (4, 4), or None where it knows no
+            pose.
     """
     answers = os.fdopen(os.dup(sys.stdout.fileno()), 'wb')
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())

@@ -28,7 +28,8 @@ _MOST_SEEDS = 10_000
 def seeds_of(text: str) -> tuple[int, ...]:
     """Return the seeds that a text names: `6` is 1 to 6, `7-10` and `1,4,7-10` are as they stand.
 
-    Raises SlamError if it names none, or one twice.
+    Raises:
+        SlamError: If it names none, or one twice.
     """
     found: list[int] = []
     for part in text.split(','):
@@ -73,9 +74,10 @@ _RECORDER = 'recorder_node.'
 class Drive:
     """One simulated drive.
 
-    scenario: packaged name, or path of a file
-    parameter, value: what a sweep changes, as NODE.PARAM and text; empty without a sweep
-    overrides: further settings of the scenario, NODE.PARAM=VALUE
+    Attributes:
+        scenario: Packaged name, or path of a file.
+        parameter, value: What a sweep changes, as NODE.PARAM and text; empty without a sweep.
+        overrides: Further settings of the scenario, NODE.PARAM=VALUE.
     """
 
     scenario: str
@@ -99,7 +101,8 @@ class Drive:
     def load_scenario(self, *more: str) -> Scenario:
         """Return the scenario; `more` are settings that come before those of the drive.
 
-        Raises ConfigError if a setting is not valid.
+        Raises:
+            ConfigError: If a setting is not valid.
         """
         return Scenario.load(self.scenario, [*more, *self.settings], seed=self.seed,
                              duration_s=self.duration_s)
@@ -109,8 +112,9 @@ class Drive:
 class Judged:
     """What one system made of one drive with one sensor.
 
-    failed: the result has a reason and no numbers
-    folder: with the files of `run_on_bag`; None where they are not at hand
+    Attributes:
+        failed: The result has a reason and no numbers.
+        folder: With the files of `run_on_bag`; None where they are not at hand.
     """
 
     drive: Drive
@@ -156,7 +160,10 @@ def read_csv(path: Path) -> list[Judged]:
     """Read what `csv_of_drives` wrote, or any CSV that has at least the columns it needs.
 
     These are scenario, seed, sensor, system, tracked_share, ate_m and scale; a number that is
-    left empty is unknown. Raises SlamError, naming line and column, for anything else.
+    left empty is unknown.
+
+    Raises:
+        SlamError: For anything else, with line and column.
     """
     reader = csv.DictReader(io.StringIO(read_text(path, _MAX_CSV_BYTES, SlamError)))
     lacking = [name for name in _NEEDED if name not in (reader.fieldnames or ())]
@@ -215,7 +222,8 @@ def _of_row(path: Path, line: int, row: dict[str, Any]) -> Judged:
 def read_folder(folder: Path) -> list[Judged]:
     """Return what is done of the benchmark in a folder.
 
-    Raises SlamError if there is none, or a result is not one.
+    Raises:
+        SlamError: If there is none, or a result is not one.
     """
     paths = sorted((folder / CELLS).glob(f'*/{RESULT}'))
     if not paths:
@@ -246,11 +254,14 @@ def load(path: Path) -> Any:
 def join(sources: Sequence[Path]) -> list[Judged]:
     """Return the drives of all parts of a benchmark, by scenario, value, sensor, system and seed.
 
-    sources: folders of benchmarks, finished or not, and CSVs of drives
+    What several parts hold with the same numbers counts once.
 
-    What several parts hold with the same numbers counts once. Raises SlamError if two parts have
-    different results of one drive, drives of one scenario last different times or have different
-    settings, or more than one parameter is swept.
+    Args:
+        sources: Folders of benchmarks, finished or not, and CSVs of drives.
+
+    Raises:
+        SlamError: If two parts have different results of one drive, drives of one scenario last
+            different times or have different settings, or more than one parameter is swept.
     """
     found: dict[tuple[str, str, str, int, str, str], tuple[Judged, Path]] = {}
     for source in sources:

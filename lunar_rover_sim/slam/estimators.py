@@ -44,11 +44,12 @@ _FIELDS = ('sequence', 'settings', 'times', 'sensor', 'out')   # of a command
 class Estimate:
     """What an estimator returned for a sequence.
 
-    trajectory: None if nothing was tracked
-    reason: why nothing was tracked, or what else went wrong; empty if all is well
-    frame: frame of the rover whose poses are estimated
-    frames_ns: (n,) stamps of the images of the sequence [ns]
-    wall_s: how long the estimator ran [s]
+    Attributes:
+        trajectory: None if nothing was tracked.
+        reason: Why nothing was tracked, or what else went wrong; empty if all is well.
+        frame: Frame of the rover whose poses are estimated.
+        frames_ns: (n,) stamps of the images of the sequence [ns].
+        wall_s: How long the estimator ran [s].
     """
 
     trajectory: Trajectory | None
@@ -62,17 +63,20 @@ class Estimate:
 class Estimator:
     """A SLAM system with one sensor, and its options.
 
-    system: reference, orbslam3 or command
-    sensor: mono, stereo, stereo-inertial or rgbd
-    program, vocabulary: files of ORB-SLAM3; a Python as the program is one that has the wheel
-        `pyorbslam3`, and runs `WHEEL_PROGRAM`
-    command: command line of the system `command`, with the fields {sequence}, {settings},
-        {times}, {sensor} and {out}, the TUM file to write
-    frame: frame of the rover whose poses are estimated; empty for the default, see `poses_of`
-    features: keypoints per image of ORB-SLAM3
-    timeout_s: longest run [s]; 0 for ten times the sequence and two minutes
+    Attributes:
+        system: `reference`, `orbslam3` or `command`.
+        sensor: `mono`, `stereo`, `stereo-inertial` or `rgbd`.
+        program, vocabulary: Files of ORB-SLAM3; a Python as the program is one that has the wheel
+            `pyorbslam3`, and runs `WHEEL_PROGRAM`.
+        command: Command line of the system `command`, with the fields {sequence}, {settings},
+            {times}, {sensor} and {out}, the TUM file to write.
+        frame: Frame of the rover whose poses are estimated; empty for the default, see `poses_of`.
+        features: Keypoints per image of ORB-SLAM3.
+        timeout_s: Longest run [s]; 0 for ten times the sequence and two minutes.
 
-    Raises SlamError if an option is not valid, ProcessError if the program cannot be run.
+    Raises:
+        SlamError: If an option is not valid.
+        ProcessError: If the program cannot be run.
     """
 
     system: str = 'reference'
@@ -122,12 +126,19 @@ class Estimator:
     def estimate(self, sequence: Path, suite: SensorSuite, folder: Path,
                  echo: Echo | None = None, advance: Callable[[], None] = lambda: None,
                  stop: Callable[[], bool] = lambda: False) -> Estimate:
-        """Run on an exported sequence; settings, log and results go to the existing `folder`.
+        """Run on an exported sequence. A lost track is a result.
 
-        `echo` is called with each line of the log, `advance` after each frame of the reference;
-        a program is ended early once `stop` returns True. A lost track is a result. Raises
-        SlamError if a program fails without a result or writes an invalid one, ProcessError if it
-        cannot be started.
+        Args:
+            sequence: Its folder.
+            suite: The sensors that it was made with.
+            folder: Must exist; gets settings, log and results.
+            echo: Called with each line of the log.
+            advance: Called after each frame of the reference.
+            stop: Once it returns True, a program is ended early.
+
+        Raises:
+            SlamError: If a program fails without a result or writes an invalid one.
+            ProcessError: If it cannot be started.
         """
         sequence, folder = sequence.absolute(), folder.absolute()
         frames_ns = _frames_ns(sequence, self.format)
@@ -213,7 +224,10 @@ def is_python(program: Path) -> bool:
 def stock_program(path: Path | None, sensor: str) -> Path | None:
     """Return the example program of ORB-SLAM3 for a sensor, if `path` is the folder of them.
 
-    Another path is returned as it is. Raises SlamError if the folder lacks the program.
+    Another path is returned as it is.
+
+    Raises:
+        SlamError: If the folder lacks the program.
     """
     if path is None or not path.is_dir():
         return path
@@ -227,12 +241,16 @@ def stock_program(path: Path | None, sensor: str) -> Path | None:
 def read_estimate(path: Path, frames_ns: Stamps) -> Trajectory:
     """Read `stamp x y z qx qy qz qw` lines, stamps in ns or seconds, whichever fits the frames.
 
-    frames_ns: (n,) stamps of the images [ns]
-
     A stamp within 2 us of a frame's is taken to be that frame's: programs keep stamps as floating
     point. A line that repeats the previous one is left out: for a frame that it could not locate,
-    ORB-SLAM3 writes the last pose and stamp again. Raises SlamError, naming the file, if it cannot
-    be read.
+    ORB-SLAM3 writes the last pose and stamp again.
+
+    Args:
+        path: The file.
+        frames_ns: (n,) stamps of the images [ns].
+
+    Raises:
+        SlamError: If it cannot be read, with its name.
     """
     rows = []
     text = read_text(path, _MAX_BYTES, SlamError)

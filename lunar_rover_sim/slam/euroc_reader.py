@@ -29,8 +29,10 @@ _MOST_DIGITS = 19       # of a stamp of 64 bits
 class Camera:
     """Pinhole camera, or a pair of equal, rectified ones.
 
-    focal_px, centre_px: (fx, fy), (cx, cy) [px]; baseline_m: 0 for a single camera;
-    distortion: k1, k2, p1, p2 of the raw images
+    Attributes:
+        focal_px, centre_px: (fx, fy), (cx, cy) [px].
+        baseline_m: 0 for a single camera.
+        distortion: k1, k2, p1, p2 of the raw images.
     """
 
     focal_px: tuple[float, float]

@@ -20,9 +20,12 @@ _LEFT, _RIGHT, _IMU = topics.LEFT_IMAGE.name, topics.RIGHT_IMAGE.name, topics.IM
 class Wrapper:
     """One wrapper with one sensor.
 
-    remappings: from its topics to ours; parameters: its own, where it takes topics as such;
-    more_arguments: after vocabulary and settings; pose: topic of its poses, empty where it has
-    none and leaves KeyFrameTrajectory.txt (TUM, seconds) in its working directory
+    Attributes:
+        remappings: From its topics to ours.
+        parameters: Its own, where it takes topics as such.
+        more_arguments: After vocabulary and settings.
+        pose: Topic of its poses, empty where it has none and leaves KeyFrameTrajectory.txt (TUM,
+            seconds) in its working directory.
     """
 
     package: str

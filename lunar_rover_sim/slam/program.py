@@ -26,12 +26,16 @@ _JOIN_S = 2.0
 class SlamProgram:
     """Starts a program; frames are sent one at a time, and `check` names what goes wrong.
 
-    command: program and its arguments
-    settings: of the sensors, see docs/reference/slam_protocol.md
-    ready_s, answer_s: longest wall time until it is ready, and until it answers a frame [s]
-    on_news: called from a thread when something has come from the program
+    Its standard error stays that of this process.
 
-    Its standard error stays that of this process. Raises ProcessError if it cannot be started.
+    Args:
+        command: Program and its arguments.
+        settings: Of the sensors, see docs/reference/slam_protocol.md.
+        ready_s, answer_s: Longest wall time until it is ready, and until it answers a frame [s].
+        on_news: Called from a thread when something has come from the program.
+
+    Raises:
+        ProcessError: If it cannot be started.
     """
 
     def __init__(self, command: Sequence[str], settings: Mapping[str, Any], ready_s: float,

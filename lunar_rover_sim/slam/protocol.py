@@ -63,8 +63,9 @@ class ImuSamples:
 class TrackedPose:
     """The answer to a frame.
 
-    state: INITIALISING, TRACKING or LOST; only with TRACKING the pose means anything
-    position_m (3,), wxyz (4,): of the left camera in the map of the program
+    Attributes:
+        state: INITIALISING, TRACKING or LOST; only with TRACKING the pose means anything.
+        position_m, wxyz: (3,), (4,) of the left camera in the map of the program.
     """
 
     stamp_ns: int
@@ -105,8 +106,9 @@ def pack_pose(pose: TrackedPose) -> bytes:
 def read_message(stream: BinaryIO) -> Message | None:
     """Return the next message of a stream; None at its end.
 
-    Raises SlamError for anything that is none of this protocol, and where the stream ends within a
-    message.
+    Raises:
+        SlamError: For anything that is none of this protocol, and where the stream ends within a
+            message.
     """
     header = stream.read(_HEADER.size)
     if not header:

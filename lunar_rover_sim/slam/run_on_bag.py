@@ -35,16 +35,18 @@ Step = Callable[[str, 'int | None'], None]
 class SlamResult:
     """The result of one run; what is unknown is NaN.
 
-    reason: why there is no result, or what else went wrong; empty if all went well
-    frames: images that the estimator was given
-    tracked_share: share of these that have a pose
-    ate_m: absolute trajectory error [m], RMS, after alignment by Sim(3) for mono, else by SE(3)
-    scale: true over estimated size of the path, from the alignment by Sim(3)
-    ate_percent: the error in percent of the distance
-    rpe_m: relative pose error over pieces of equal length [m], RMS
-    drift_percent: drift in percent of the distance
-    distance_m: distance driven over the whole recording [m]
-    duration_s, wall_s: simulated time of the recording, and wall time of the estimator [s]
+    Attributes:
+        reason: Why there is no result, or what else went wrong; empty if all went well.
+        frames: Images that the estimator was given.
+        tracked_share: Share of these that have a pose.
+        ate_m: Absolute trajectory error [m], RMS, after alignment by Sim(3) for mono, else by
+            SE(3).
+        scale: True over estimated size of the path, from the alignment by Sim(3).
+        ate_percent: The error in percent of the distance.
+        rpe_m: Relative pose error over pieces of equal length [m], RMS.
+        drift_percent: Drift in percent of the distance.
+        distance_m: Distance driven over the whole recording [m].
+        duration_s, wall_s: Simulated time of the recording, and wall time of the estimator [s].
     """
 
     system: str
@@ -80,17 +82,23 @@ def run_on_bag(bag: Path, estimator: Estimator, folder: Path, echo: Echo | None 
                advance: Callable[[], None] = lambda: None,
                kept_sequence: Path | None = None,
                stop: Callable[[], bool] = lambda: False, plots: bool = False) -> SlamResult:
-    """Export a bag, run an estimator on it and judge the outcome.
+    """Export a bag, run an estimator on it and judge the outcome. A lost track is a result.
 
-    Settings, log, estimate.txt (TUM), evaluation.json and path.npz (`stamps_ns`, `truth_m`,
-    `estimate_m`, aligned) go to the existing `folder`. `echo` is called with each line of the log,
-    `step` with what is being done and in how many parts, None where nobody knows, `advance` after
-    each of them.
-    kept_sequence: folder of the exported sequence, which stays; if it exists, it is the sequence
-    of this bag in the format of the estimator. None: the sequence is removed again.
-    plots: whether to write the figures of an evaluation, too
-    A lost track is a result. Raises SlamError, BagError, SequenceError or EvaluationError if
-    there can be no result.
+    Args:
+        bag: A bag folder.
+        estimator: The program and its input.
+        folder: Must exist; gets settings, log, estimate.txt (TUM), evaluation.json and path.npz
+            (`stamps_ns`, `truth_m`, `estimate_m`, aligned).
+        echo: Called with each line of the log.
+        step: Called with what is being done and in how many parts, None where nobody knows.
+        advance: Called after each of them.
+        kept_sequence: Folder of the exported sequence, which stays; if it exists, it is the
+            sequence of this bag in the format of the estimator. None: the sequence is removed.
+        stop: Once it returns True, the program is ended early.
+        plots: Whether to write the figures of an evaluation, too.
+
+    Raises:
+        SlamError, BagError, SequenceError, EvaluationError: If there can be no result.
     """
     sequence = kept_sequence or folder / 'sequence'
     if kept_sequence is None:

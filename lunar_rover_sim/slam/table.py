@@ -29,12 +29,15 @@ Paper = Mapping[str, Mapping[str, Mapping[str, float]]]
 class TableRow:
     """All seeds of one scenario (and swept value), sensor and system.
 
-    drives: number of drives; successes: those of which it tracked nearly all, see `is_success`
-    success: their share, with its interval
-    reasons: what went wrong, drive by drive
     Medians of the successes: ate_m [m], ate_percent [% of the distance], scale, rpe_m [m per
     metre]; of all drives on which it ran: tracked [%]; of all drives: distance_m [m],
     duration_s [s].
+
+    Attributes:
+        drives: Number of drives.
+        successes: Those of which it tracked nearly all, see `is_success`.
+        success: Their share, with its interval.
+        reasons: What went wrong, drive by drive.
     """
 
     scenario: str
@@ -105,7 +108,8 @@ def rows_of(judged: Iterable[Judged]) -> list[TableRow]:
 def read_paper(path: Path) -> Paper:
     """Read published numbers: YAML, `scenario: {sensor: {ate_m: ..., scale: ...}}`.
 
-    Raises SlamError if the file cannot be read or holds something else.
+    Raises:
+        SlamError: If the file cannot be read or holds something else.
     """
     values = read_yaml(path, _MAX_BYTES, SlamError)
     try:

@@ -36,11 +36,12 @@ Bits = NDArray[np.float32]
 class Vocabulary:
     """A tree of n nodes without its root; parents come before their children.
 
-    branching, levels: k and L of the training
-    parents (n,): number of the parent; 0 is the root, the nodes count from 1
-    centres (n, 32): descriptors of 256 bits
-    is_word (n,): whether the node is a leaf
-    weights (n,): of words; 0 for other nodes
+    Attributes:
+        branching, levels: k and L of the training.
+        parents: (n,) number of the parent; 0 is the root, the nodes count from 1.
+        centres: (n, 32) descriptors of 256 bits.
+        is_word: (n,) whether the node is a leaf.
+        weights: (n,) of words; 0 for other nodes.
     """
 
     branching: int
@@ -66,13 +67,17 @@ def train(images: Sequence[Bytes], branching: int = 10, levels: int = 6, seed: i
           step: Callable[[float], None] = lambda _share: None) -> Vocabulary:
     """Return a vocabulary of the descriptors of images.
 
-    images: (n, 32) descriptors of each image
-    branching, levels: clusters of a node, and how often they are divided
-    step: called with the share of the work that is done
-
     Clusters are fitted by k-majority in Hamming distance from a k-means++ start (Arthur and
     Vassilvitskii, SODA 2007), at most 65536 rows of a node. The same images and seed give the same
-    vocabulary. Raises SlamError if an argument is not valid or the images have too little to tell.
+    vocabulary.
+
+    Args:
+        images: (n, 32) descriptors of each image.
+        branching, levels: Clusters of a node, and how often they are divided.
+        step: Called with the share of the work that is done.
+
+    Raises:
+        SlamError: If an argument is not valid or the images have too little to tell.
     """
     # The reader of DBoW2 takes no other numbers.
     for name, value, low, high in (('branching', branching, 2, 20), ('levels', levels, 1, 10)):
@@ -181,8 +186,9 @@ _SCALE, _LEVELS, _PATCH_PX, _FAST = 1.2, 8, 31, 7
 def open_sets(paths: Iterable[Path], frames: int) -> list[ImageSet]:
     """Return the sets of images at some paths, of which at most `frames` each are read.
 
-    Raises SlamError if there is none or the number is not valid, EvaluationError or BagError where
-    a path holds no images.
+    Raises:
+        SlamError: If there is none or the number is not valid.
+        EvaluationError, BagError: Where a path holds no images.
     """
     if frames < 1:
         raise SlamError(f'frames: {frames} is not valid; valid is >= 1')
@@ -196,7 +202,11 @@ def descriptors(sets: Iterable[ImageSet],
                 features: int) -> Iterator[NDArray[np.uint8]]:
     """Yield the (n, 32) descriptors of each left image, evenly over the sets.
 
-    features: most keypoints an image. Raises SlamError if that number is not valid.
+    Args:
+        features: Most keypoints an image.
+
+    Raises:
+        SlamError: If that number is not valid.
     """
     if not 1 <= features <= 100_000:
         raise SlamError(f'features: {features} is not valid; valid is 1 to 100000')

@@ -31,8 +31,12 @@ _Types = Sdf.ValueTypeNames
 class CameraModel:
     """A camera as its calibration gives it.
 
-    width, height: of images [px]; K: (3, 3) intrinsics [px]; distortion: k1, k2, p1, p2, k3
-    (Brown-Conrady) of raw images; near_m, far_m: depths that are drawn; pitch_m: side of a pixel
+    Attributes:
+        width, height: Of images [px].
+        K: (3, 3) intrinsics [px].
+        distortion: k1, k2, p1, p2, k3 (Brown-Conrady) of raw images.
+        near_m, far_m: Depths that are drawn.
+        pitch_m: Side of a pixel.
     """
 
     width: int

@@ -63,7 +63,8 @@ def settings_of(physics: PhysicsNodeConfig, render: RenderNodeConfig) -> StageSe
 def recorded_drive(bag: Bag) -> RecordedDrive:
     """Return what the scenario of a bag says.
 
-    Raises UsdError where there is none, or it is not of this version.
+    Raises:
+        UsdError: Where there is none, or it is not of this version.
     """
     try:
         found = RecordedRun(bag).nodes
@@ -84,10 +85,13 @@ def write_drive(bag: str | Path, path: str | Path, *, world: str | Path | None =
                 world_stage: str | Path | None = None, overwrite: bool = False) -> Path:
     """Write the drive in a bag as a stage whose default prim is `/Drive`; return its path.
 
-    world: folder of the world that was driven on, where it is not in the cache
-    world_stage: a stage of that world, which is referred to; by default one is written
-    Raises BagError where the bag cannot be read or `world` is another world, UsdError where it
-    holds no drive, its world is not found, or the stage cannot be written.
+    Args:
+        world: Folder of the world that was driven on, where it is not in the cache.
+        world_stage: A stage of that world, which is referred to; by default one is written.
+
+    Raises:
+        BagError: Where the bag cannot be read or `world` is another world.
+        UsdError: Where it holds no drive, its world is not found, or the stage cannot be written.
     """
     path = Path(path)
     check_output(path, overwrite)

@@ -42,11 +42,12 @@ class Series(NamedTuple):
 class DriveMotion(NamedTuple):
     """The motion of a rover; those of `others` that were recorded, by name.
 
-    odometry: poses and twists of base_link
-    joints: (n, legs) leg angles [rad, unwrapped] at the stamps of the odometry
-    others: `joint_velocity` [rad/s], `joint_torque` [N m] and `joint_command` [rad/s] (n, legs);
-        `imu` (n, 6) rates [rad/s] and specific forces [m/s2]; `contact/<leg>` (n, 3) force [N],
-        world axes; `frames` (n, 0), the stamps of the images
+    Attributes:
+        odometry: Poses and twists of base_link.
+        joints: (n, legs) leg angles [rad, unwrapped] at the stamps of the odometry.
+        others: `joint_velocity` [rad/s], `joint_torque` [N m] and `joint_command` [rad/s] (n,
+            legs); `imu` (n, 6) rates [rad/s] and specific forces [m/s2]; `contact/<leg>` (n, 3)
+            force [N], world axes; `frames` (n, 0), the stamps of the images.
     """
 
     odometry: Odometry
@@ -63,7 +64,8 @@ class DriveMotion(NamedTuple):
 def read_motion(bag: Bag, legs: Legs) -> DriveMotion:
     """Return the motion in a bag, which is read once; raise UsdError where it holds no drive.
 
-    legs: of the recorded rover, for the order of the values
+    Args:
+        legs: Of the recorded rover, for the order of the values.
     """
     contacts = topics.of_legs([topics.CONTACT], legs.names)
     for name in (bag.truth, topics.JOINT_STATES.name):

@@ -35,8 +35,10 @@ _SURROUNDING_SAMPLES = 1025     # at most, along a side
 def write_relief(path: Path, tiles: list[tuple[float, F32]]) -> float:
     """Write the relief below the grid as a normal map that repeats; return its period [m].
 
-    tiles: period [m] and periodic (n, n) heights [m], the coarsest first; finer ones are averaged
-    to its texels. Tangents are along x and y, as the texture coordinates of the ground are.
+    Args:
+        tiles: Period [m] and periodic (n, n) heights [m], the coarsest first; finer ones are
+            averaged to its texels. Tangents are along x and y, as the texture coordinates of the
+            ground are.
     """
     period, heights = tiles[0]
     n = len(heights)

@@ -33,10 +33,12 @@ _LEAST_MU = 0.02        # of cosines: what is seen or lit at less counts for not
 class ShadingFit:
     """Common materials for one kind of ground under one sun.
 
-    preview_albedo, preview_roughness: of UsdPreviewSurface; lambert_albedo: of OmniPBR
-    preview_residual, lambert_residual: RMS of ln(radiance / Hapke's), weighted as the fit is
-    towards, across, away: radiance over Hapke's of Lambert's law, mean within 45 deg of looking
-        towards the sun, at right angles, and away from it
+    Attributes:
+        preview_albedo, preview_roughness: Of UsdPreviewSurface.
+        lambert_albedo: Of OmniPBR.
+        preview_residual, lambert_residual: RMS of ln(radiance / Hapke's), weighted as the fit is.
+        towards, across, away: Radiance over Hapke's of Lambert's law, mean within 45 deg of
+            looking towards the sun, at right angles, and away from it.
     """
 
     preview_albedo: float
@@ -53,7 +55,8 @@ class ShadingFit:
 class Geometry:
     """Directions in a scene: cosines of incidence, emission, phase, weights, azimuth of view.
 
-    azimuth_rad: 0 looks towards the sun
+    Attributes:
+        azimuth_rad: 0 looks towards the sun.
     """
 
     cos_i: Array
@@ -144,10 +147,12 @@ _Types = Sdf.ValueTypeNames
 class Look:
     """How a surface looks.
 
-    albedo, roughness: linear red, green, blue, and roughness of UsdPreviewSurface
-    twin_albedo: that of the twin, which has no microfacet lobe
-    texture: of factors on the albedo, 0 to `texture_scale`, raw; its name among the parts
-    relief: normal map; its name among the parts; relief_repeats: its copies along the texture
+    Attributes:
+        albedo, roughness: Linear red, green, blue, and roughness of UsdPreviewSurface.
+        twin_albedo: That of the twin, which has no microfacet lobe.
+        texture: Of factors on the albedo, 0 to `texture_scale`, raw; its name among the parts.
+        relief: Normal map; its name among the parts.
+        relief_repeats: Its copies along the texture.
     """
 
     albedo: Sequence[float]

@@ -92,10 +92,13 @@ def write_stage(path: Path, compose: Callable[[Path, Path], None],
                 overwrite: bool = False) -> Path:
     """Write a stage under `path`, its suffix being one of `SUFFIXES`.
 
-    compose: called with the root layer that is to be written and the folder for the parts, which
-        lies beside it and exists; it refers to the parts by `parts_name(path)`.
-    Raises UsdError where the name is not valid or taken, or a file cannot be written; what
-    `compose` raises is passed on. Then nothing is left behind.
+    Args:
+        compose: Called with the root layer that is to be written and the folder for the parts,
+            which lies beside it and exists; it refers to the parts by `parts_name(path)`.
+
+    Raises:
+        UsdError: Where the name is not valid or taken, or a file cannot be written; what `compose`
+            raises is passed on. Then nothing is left behind.
     """
     path = Path(path)
     check_output(path, overwrite)

@@ -39,8 +39,12 @@ def write_rover(rover: RoverDescription, path: str | Path, *,
                 name: str = 'Rover', overwrite: bool = False) -> Path:
     """Write the rover as a stage whose default prim is `/NAME`; return its path.
 
-    camera, sensor: of its stereo cameras; friction: of its contacts. Raises UsdError where the
-    name of file or prim is not valid or the file cannot be written.
+    Args:
+        camera, sensor: Of its stereo cameras.
+        friction: Of its contacts.
+
+    Raises:
+        UsdError: Where the name of file or prim is not valid or the file cannot be written.
     """
     check_prim_name(name)
 

@@ -32,8 +32,11 @@ _ROCK_CLASSES = 8           # of brightness, each with a material of its own
 class StageSettings:
     """What a stage needs to know besides the world.
 
-    sun, reflectance: as the renderer has them; gravity_mps2: along -z; friction: of contacts;
-    detail: relief below the grid, reach of distant rocks
+    Attributes:
+        sun, reflectance: As the renderer has them.
+        gravity_mps2: Along -z.
+        friction: Of contacts.
+        detail: Relief below the grid, reach of distant rocks.
     """
 
     sun: SunConfig = SunConfig()
@@ -50,8 +53,10 @@ def write_world(world: World, path: str | Path,
 
     Below it: `ground` (tiles; the variant set `resolution` chooses their cells), `surroundings`,
     `rocks`, `sun`, `looks` (materials), `PhysicsScene`. Meshes are payloads: a stage that is
-    opened without payloads holds none of them. Raises UsdError where the name of file or prim is
-    not valid or the file cannot be written.
+    opened without payloads holds none of them.
+
+    Raises:
+        UsdError: Where the name of file or prim is not valid or the file cannot be written.
     """
     check_prim_name(name)
 

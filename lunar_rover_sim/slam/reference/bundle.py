@@ -30,11 +30,12 @@ _DAMPING = 1e-4          # of the first step, relative to the diagonal
 class Problem:
     """Poses, points and observations.
 
-    T_camera_world: (m, 4, 4) poses
-    fixed: (m,) whether a pose is kept as it is
-    points_m: (n, 3) points, world frame
-    camera_of, point_of: (k,) indices of pose and point of each observation
-    seen_px: (k, 3) observations: u, v, and u in the right image, NaN if it is unknown
+    Attributes:
+        T_camera_world: (m, 4, 4) poses.
+        fixed: (m,) whether a pose is kept as it is.
+        points_m: (n, 3) points, world frame.
+        camera_of, point_of: (k,) indices of pose and point of each observation.
+        seen_px: (k, 3) observations: u, v, and u in the right image, NaN if it is unknown.
     """
 
     T_camera_world: Array
