@@ -1,15 +1,9 @@
-"""What tests of the real graph share: a small world, a ROS domain, one recorded run.
-
-The collector of garbage waits while tests are collected, and what that made is frozen for it:
-1,700 tests without ROS took 96 s of CPU where they took 104, and to collect 5,000 took 9 where it
-took 12.
-"""
+"""What tests of the real graph share: a small world, a ROS domain, one recorded run."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 import fcntl
-import gc
 import os
 from pathlib import Path
 import subprocess
@@ -69,22 +63,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kept = [item for item in items if item.path.parent.name in _OF_WORKSPACE]
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = kept
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
-    """Let the collector of garbage pass by thousands of tests and modules.
-
-    It would look at all of them again and again.
-    """
-    gc.disable()
-    try:
-        return (yield)
-    finally:
-        gc.collect()
-        gc.freeze()
-        gc.set_threshold(50_000, 20, 50)
-        gc.enable()
 
 
 def _of_all_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
