@@ -15,6 +15,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering.config import DetailConfig
 from lunar_rover_sim.rendering.projection import ViewVolume
@@ -24,7 +25,6 @@ CHUNK = 8               # cells along a side of a chunk
 _NEAR_CELL_M = 0.05
 _FIRST_SIDE = 16        # the choice of chunks begins with this many of them along a side
 _ROUNDING_M = 1e-3
-_ROWS, _COLUMNS = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])    # of the parts of a chunk
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,48 +46,11 @@ class Selection:
 
     def within(self, volume: ViewVolume) -> Selection:
         """Return what of it is in a view from the same place."""
-        seen = _seen(*_relative(self.boxes, volume), volume)
+        seen = volume.sees(self.boxes)
         kept = seen[self.rims]
         new = np.cumsum(seen) - 1
         return Selection(self.chunks[seen], self.boxes[seen], self.skirts[kept],
                          new[self.rims[kept]])
-
-
-class _Stride:
-    """All chunks of one stride, as far as they do not depend on the view."""
-
-    def __init__(self, tree: ChunkTree, stride: int, low: NDArray[np.float32],
-                 high: NDArray[np.float32]) -> None:
-        self.stride = stride
-        self.side = len(low)
-        self.low, self.high = low, high
-        # The following are the same along both axes.
-        first = CHUNK * stride * np.arange(self.side)
-        ends = np.stack([first, np.minimum(first + CHUNK * stride, tree.n - 1)])
-        self.ends = (ends - 0.5 * (tree.n - 1)) * tree.cell_m
-        inner, outer = tree.inner_half_m, 0.5 * (tree.n - 1) * tree.cell_m - _ROUNDING_M
-        self.within = (self.ends[0] >= -inner) & (self.ends[1] <= inner)
-        self.meets = (self.ends[0] < inner) & (self.ends[1] > -inner)
-        self.touches = ((self.ends[0] < inner + _ROUNDING_M)
-                        & (self.ends[1] > -inner - _ROUNDING_M))
-        self.at_rim = (self.ends[0] < -outer) | (self.ends[1] > outer)
-
-    def boxes(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
-        """Return (m, 2, 3) least and greatest coordinates of chunks, world [m]."""
-        boxes = np.empty((len(rows), 2, 3))
-        for end, bound in enumerate((self.low, self.high)):
-            boxes[:, end, 0] = self.ends[end, columns]
-            boxes[:, end, 1] = self.ends[end, rows]
-            boxes[:, end, 2] = bound[rows, columns]
-        return boxes
-
-    def chunks(self, rows: NDArray[np.int64], columns: NDArray[np.int64],
-               limit_m: float) -> Array:
-        """Return (m, 4) chunks as in Selection; limit_m: their range."""
-        chunks = np.empty((len(rows), 4))
-        chunks[:, 0], chunks[:, 1] = columns * CHUNK * self.stride, rows * CHUNK * self.stride
-        chunks[:, 2:] = self.stride, limit_m
-        return chunks
 
 
 class ChunkTree:
@@ -101,10 +64,14 @@ class ChunkTree:
         self.n = grid.n
         self.inner_half_m = inner_half_m
         low, high = (_chunks(grid.heights_m, merge) for merge in (np.minimum, np.maximum))
-        self._strides = [_Stride(self, 1, low, high)]
+        bounds = [(low, high)]
         while len(low) > 1:
             low, high = _blocks(low, 2, np.minimum), _blocks(high, 2, np.maximum)
-            self._strides.append(_Stride(self, 2 * self._strides[-1].stride, low, high))
+            bounds.append((low, high))
+        # Of all strides, one after the other: chunks along a side; least and greatest heights.
+        self._sides = np.array([len(low) for low, _ in bounds])
+        self._low, self._high = (np.concatenate([pair[k].ravel() for pair in bounds])
+                                 for k in range(2))
 
     @property
     def aligned(self) -> bool:
@@ -115,100 +82,115 @@ class ChunkTree:
     @property
     def depth(self) -> int:
         """Number of strides: 1, 2, 4 ..."""
-        return len(self._strides)
+        return len(self._sides)
 
     def select(self, volume: ViewVolume, ranges_m: NDArray[np.float64]) -> Selection:
         """Choose the chunks for a view.
 
         ranges_m: (depth,) distance up to which each stride is fine enough, increasing [m]
         """
-        # Horizontal distances are compared, squared: the height is subtracted from the ranges.
-        over = volume.above_m**2
-        chunks, boxes, skirts, rims, near = [], [], [], [], []
-        count = 0
-        k = self._first_stride(volume, ranges_m)
-        rows, columns = (a.ravel() for a in np.indices(2 * (self._strides[k].side,)))
-        while k >= 0:
-            level = self._strides[k]
-            box = level.boxes(rows, columns)
-            middle, half = _relative(box, volume)
-            seen = _seen(middle, half, volume)
-            if self.inner_half_m:
-                seen &= ~(level.within[rows] & level.within[columns])
-            rows, columns = rows[seen], columns[seen]
-            away, half = np.abs(middle[seen, :2]), half[seen, :2]
-            nearest = (np.maximum(away - half, 0.0)**2).sum(axis=1)
-            farthest = ((away + half)**2).sum(axis=1)
-            finer = ranges_m[k - 1] if k else 0.0
-            keep = nearest >= finer**2 - over
-            if self.inner_half_m and k:
-                keep &= ~(level.meets[rows] & level.meets[columns])
-            limit = ranges_m[k] if k < self.depth - 1 else 1e9
-            chunk = level.chunks(rows[keep], columns[keep], limit)
-            chunks.append(chunk)
-            boxes.append(box[seen][keep])
-            near.append(nearest[keep])
-            # Both sides of a change of stride or of grid have skirts: rounding may lift either
-            # edge above the other.
-            other = (farthest > (0.98 * limit)**2 - over) | level.at_rim[rows] | \
-                level.at_rim[columns]
-            if self.inner_half_m:
-                other |= level.touches[rows] & level.touches[columns]
-            if k:
-                margin = 1.5 * CHUNK * level.stride * self.cell_m
-                other |= nearest < (finer + margin)**2 - over
-            edges, of = _rims(chunk, columns[keep], rows[keep], other[keep])
-            skirts.append(edges)
-            rims.append(count + of)
-            count += len(chunk)
-            k -= 1
-            rows = (2 * rows[~keep][:, None] + _ROWS).ravel()
-            columns = (2 * columns[~keep][:, None] + _COLUMNS).ravel()
-            inside = np.maximum(rows, columns) < self._strides[max(k, 0)].side
-            rows, columns = rows[inside], columns[inside]
-        order = np.argsort(np.concatenate(near), kind='stable')
-        place = np.empty(count, np.int64)
-        place[order] = np.arange(count)
-        return Selection(np.concatenate(chunks)[order], np.concatenate(boxes)[order],
-                         np.concatenate(skirts), place[np.concatenate(rims)])
+        found, skirts, rims = _select(
+            self._first_stride(volume, ranges_m), self._sides, self._low, self._high, self.n,
+            self.cell_m, self.inner_half_m, np.array([*volume.centre_m, volume.above_m]),
+            volume.planes, ranges_m)
+        return Selection(found[:, :4], found[:, 4:10].reshape(-1, 2, 3), skirts, rims)
 
     def _first_stride(self, volume: ViewVolume, ranges_m: NDArray[np.float64]) -> int:
         """Return the index of the coarsest stride of which any chunk could be kept."""
         half = 0.5 * (self.n - 1) * self.cell_m
         farthest = np.hypot(*(np.abs(volume.centre_m[:2]) + half)) + volume.above_m
         k = self.depth - 1
-        while k and self._strides[k].side < _FIRST_SIDE and ranges_m[k - 1] > farthest:
+        while k and self._sides[k] < _FIRST_SIDE and ranges_m[k - 1] > farthest:
             k -= 1
         return k
 
 
-def _relative(boxes: Array, volume: ViewVolume) -> tuple[Array, Array]:
-    """Return the middles of boxes relative to a view's centre, and their half sizes."""
-    middle, half = 0.5 * (boxes[:, 0] + boxes[:, 1]), 0.5 * (boxes[:, 1] - boxes[:, 0])
-    return middle - volume.centre_m, half
+@compiled
+def _select(k, sides, low, high, n, cell, inner, view, planes, ranges):  # type: ignore
+    """Return (m, 11) chunks, boxes and squared distance, nearest first, then skirts and rims.
 
-
-def _seen(middle: Array, half: Array, volume: ViewVolume) -> NDArray[np.bool_]:
-    """Return which boxes may reach into a view."""
-    normals, offsets = volume.planes[:, :3].T, volume.planes[:, 3]
-    return np.all(middle @ normals + half @ np.abs(normals) >= -offsets, axis=1)
-
-
-def _rims(chunks: Array, columns: NDArray[np.int64], rows: NDArray[np.int64],
-          other: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int64]]:
-    """Return the skirts of chunks that may adjoin `other` meshes, and whose each is."""
-    if not other.any():
-        return np.empty((0, 4)), np.empty(0, np.int64)
-    columns, rows = columns - columns.min() + 1, rows - rows.min() + 1
-    taken = np.zeros((int(rows.max()) + 2, int(columns.max()) + 2), bool)
-    taken[rows, columns] = True
-    rims, of = [], []
-    for side, (dx, dy) in enumerate(((-1, 0), (1, 0), (0, -1), (0, 1))):
-        of.append(np.flatnonzero(other & ~taken[rows + dy, columns + dx]))
-        edge = chunks[of[-1]]
-        edge[:, 2] += 0.25 * side
-        rims.append(edge)
-    return np.concatenate(rims), np.concatenate(of)
+    They are those of `Selection`. k: the first stride; view: its centre and height; the rest as in
+    `ChunkTree`
+    """
+    # Horizontal distances are compared, squared: the height is subtracted from the ranges.
+    over, half_n = view[3]**2, 0.5 * (n - 1)
+    outer, none = half_n * cell - _ROUNDING_M, 0
+    found, count = np.empty((512, 11)), 0
+    skirts, rims, edges = np.empty((512, 4)), np.empty(512, np.int64), 0
+    places = np.empty((sides[k]**2, 2), np.int64)
+    for f in range(len(places)):
+        places[f, 0], places[f, 1] = f // sides[k], f % sides[k]
+    middle, half, least, most = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    while k >= 0:
+        side, stride, base, first = sides[k], 1 << k, (sides[:k]**2).sum(), count
+        finer = ranges[k - 1] if k else 0.0
+        limit = ranges[k] if k < len(sides) - 1 else 1e9
+        margin = 1.5 * CHUNK * stride * cell
+        taken = np.zeros((side + 2, side + 2), np.bool_)
+        other = np.zeros(len(places), np.bool_)
+        following, coming = np.empty((4 * len(places), 2), np.int64), 0
+        for f in range(len(places)):
+            row, column = places[f]
+            for axis, index in ((0, column), (1, row)):
+                start = CHUNK * stride * index
+                least[axis] = (start - half_n) * cell
+                most[axis] = (min(start + CHUNK * stride, n - 1) - half_n) * cell
+            least[2], most[2] = low[base + row * side + column], high[base + row * side + column]
+            for axis in range(3):
+                middle[axis] = 0.5 * (least[axis] + most[axis]) - view[axis]
+                half[axis] = 0.5 * (most[axis] - least[axis])
+            seen = inner == 0.0 or min(least[0], least[1]) < -inner or max(most[0],
+                                                                           most[1]) > inner
+            for p in range(len(planes) if seen else none):
+                reach = planes[p, 3]
+                for axis in range(3):
+                    reach += middle[axis] * planes[p, axis] + half[axis] * abs(planes[p, axis])
+                seen = seen and reach >= 0.0
+            if not seen:
+                continue
+            nearest = farthest = 0.0
+            for axis in range(2):
+                nearest += max(abs(middle[axis]) - half[axis], 0.0)**2
+                farthest += (abs(middle[axis]) + half[axis])**2
+            into = inner - max(least[0], least[1], -most[0], -most[1])     # the finer grid
+            if nearest < finer**2 - over or (inner > 0.0 and k and into > 0.0):
+                for part in range(4):
+                    below, right = 2 * row + part // 2, 2 * column + part % 2
+                    if max(below, right) < sides[max(k - 1, 0)]:
+                        following[coming, 0], following[coming, 1] = below, right
+                        coming += 1
+                continue
+            # Both sides of a change of stride or of grid have skirts: rounding may lift either
+            # edge above the other.
+            other[count - first] = (
+                farthest > (0.98 * limit)**2 - over or (inner > 0.0 and into > -_ROUNDING_M)
+                or min(least[0], least[1]) < -outer or max(most[0], most[1]) > outer
+                or (k and nearest < (finer + margin)**2 - over))
+            if count == len(found):
+                found = np.concatenate((found, found))
+            found[count, 0], found[count, 1] = column * CHUNK * stride, row * CHUNK * stride
+            found[count, 2], found[count, 3] = stride, limit
+            found[count, 4:7], found[count, 7:10], found[count, 10] = least, most, nearest
+            taken[row + 1, column + 1] = True
+            count += 1
+        for part in range(4):
+            dx, dy = ((-1, 0), (1, 0), (0, -1), (0, 1))[part]
+            for f in range(first, count):
+                column, row = int(found[f, 0]) // (CHUNK * stride), int(found[f, 1]) // (
+                    CHUNK * stride)
+                if other[f - first] and not taken[row + dy + 1, column + dx + 1]:
+                    if edges == len(rims):
+                        skirts, rims = np.concatenate((skirts, skirts)), np.concatenate((rims,
+                                                                                         rims))
+                    skirts[edges], rims[edges] = found[f, :4], f
+                    skirts[edges, 2] += 0.25 * part
+                    edges += 1
+        k -= 1
+        places = following[:coming]
+    order = np.argsort(found[:count, 10], kind='mergesort')
+    place = np.empty(count, np.int64)
+    place[order] = np.arange(count)
+    return found[order], skirts[:edges], place[rims[:edges]]
 
 
 def _chunks(z: NDArray[np.float32], merge: np.ufunc) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from lunar_rover_sim.compiled import compiled
 from lunar_rover_sim.frames import Array, inverse
 from lunar_rover_sim.world.model import World
 
@@ -28,6 +29,15 @@ class ViewVolume:
     centre_m: Array
     planes: Array
     above_m: float
+
+    def sees(self, boxes: Array) -> NDArray[np.bool_]:
+        """Return (m,) whether (m, 2, 3) boxes, least and greatest coordinates [m], may be seen."""
+        middle = 0.5 * (boxes[:, 0] + boxes[:, 1]) - self.centre_m
+        half = 0.5 * (boxes[:, 1] - boxes[:, 0])
+        normals, offsets = self.planes[:, :3].T, self.planes[:, 3]
+        seen: NDArray[np.bool_] = np.all(
+            middle @ normals + half @ np.abs(normals) >= -offsets, axis=1)
+        return seen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,18 +110,26 @@ class Projection:
 
         boxes: least and greatest coordinates, world frame [m]
         """
-        K, height = self.K, self.height
-        corners = np.stack([boxes[:, i, axis] for axis in range(3) for i in (0, 1)], axis=1)
-        x, y, z = corners[:, :2], corners[:, 2:4], corners[:, 4:]
-        offset = T_world_camera[:3, 3]
-        points = np.stack(np.broadcast_arrays((x - offset[0])[:, :, None, None],
-                                              (y - offset[1])[:, None, :, None],
-                                              (z - offset[2])[:, None, None, :]), axis=-1)
-        optical = points.reshape(-1, 3) @ T_world_camera[:3, 1:3]
-        if np.any(optical[:, 1] < self.near_m):
-            ahead = optical[:, 1] > self.near_m
-            rows = K[1, 1] * optical[ahead, 0] / optical[ahead, 1] + K[1, 2]
-            return int(np.clip(np.min(rows, initial=height) - 1, 0, height - 1)), height
-        rows = K[1, 1] * optical[:, 0] / optical[:, 1] + K[1, 2]
-        first = int(np.clip(np.floor(rows.min()) - 1, 0, height - 1))
-        return first, int(np.clip(np.ceil(rows.max()) + 2, first + 1, height))
+        first, last = _rows(boxes, T_world_camera, self.K[1, 1], self.K[1, 2], self.near_m,
+                            self.height)
+        return int(first), int(last)
+
+
+@compiled
+def _rows(boxes, camera, focal, middle, near, height):  # type: ignore[no-untyped-def]
+    """Return `covered_rows` of a (4, 4) camera; focal, middle: of the rows [px]."""
+    least, most, reaches = np.inf, -np.inf, False
+    for box in boxes:
+        for corner in range(8):
+            down = ahead = 0.0
+            for axis in range(3):
+                x = box[(corner >> axis) & 1, axis] - camera[axis, 3]
+                down += x * camera[axis, 1]
+                ahead += x * camera[axis, 2]
+            if ahead > near:
+                row = focal * down / ahead + middle
+                least, most = min(least, row), max(most, row)
+            else:
+                reaches = True      # the camera
+    first = min(max(np.floor(least) - 1.0, 0.0), height - 1.0)
+    return first, height if reaches else min(max(np.ceil(most) + 2.0, first + 1.0), height)

@@ -49,12 +49,13 @@ class RoverShadow:
         rest = link_poses(rover)
         links = list(rest)
         pieces = _pieces(rover)
-        # Corners of all pieces, by link; where each piece begins; how many corners a link has.
-        self._corners = np.concatenate([piece.vertices for piece in pieces])
-        self._starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
-        self._shares = [sum(len(piece.vertices) for piece in pieces if piece.link == link)
-                        for link in range(len(links))]
-        reach = float(np.linalg.norm(self._corners, axis=1).max()) + max(
+        # Corners of all pieces, of each link; where each piece begins.
+        corners = [np.concatenate([np.zeros((0, 3)), *(piece.vertices for piece in pieces
+                                                       if piece.link == link)])
+                   for link in range(len(links))]
+        self._corners, self._starts = corners, np.cumsum([0, *(len(piece.vertices)
+                                                               for piece in pieces)])
+        reach = float(np.linalg.norm(np.concatenate(corners), axis=1).max()) + max(
             float(np.linalg.norm(pose[:3, 3])) for pose in rest.values())
         self.radius_m = reach
         self._half_m = reach + _MARGIN_M    # half extent of the silhouette map
@@ -111,11 +112,9 @@ class RoverShadow:
     def _seen_corners(self, T_world_links: Array, sun_axes: Array) -> Array:
         """Return (v, 3) corners of all pieces in axes of the sun, relative to the rover [m]."""
         offsets = (T_world_links[:, :3, 3] - T_world_links[0, :3, 3]) @ sun_axes.T
-        seen = np.repeat(offsets, self._shares, axis=0)
-        for of, turn in zip(np.split(np.arange(len(seen)), np.cumsum(self._shares)[:-1]),
-                            sun_axes @ T_world_links[:, :3, :3]):
-            seen[of] += self._corners[of] @ turn.T
-        return seen
+        turns = sun_axes @ T_world_links[:, :3, :3]
+        return np.concatenate([offset + corners @ turn.T for offset, corners, turn in
+                               zip(offsets, self._corners, turns)])
 
     def silhouette(self, T_world_links: Array, sun_axes: Array) -> F32:
         """Return the (MAP, MAP, 2) silhouette of the rover as the sun sees it.
@@ -142,11 +141,12 @@ class RoverShadow:
         part = np.s_[max(y - 1, 0):y + height + 1, max(x - 1, 0):x + width + 1]
         inside = np.zeros((MAP, MAP), np.float32)
         inside[part] = cv2.distanceTransform(np.ascontiguousarray(taken[part]), cv2.DIST_L2, 5)
+        distance = outside - inside
         # The transform measures to the centre of the nearest pixel of the other kind.
-        middle = np.where(free > 0, np.float32(0.5), np.float32(-0.5))
-        distance = (outside - inside - middle) * np.float32(1.0 / scale)
-        spread = cv2.dilate(depth, np.ones((25, 25), np.uint8))
-        return np.dstack([distance, np.where(free > 0, spread, depth)]).astype(np.float32)
+        distance -= np.copysign(np.float32(0.5), distance)
+        distance *= np.float32(1.0 / scale)
+        np.copyto(depth, cv2.dilate(depth, np.ones((25, 25), np.uint8)), where=free > 0)
+        return np.asarray(cv2.merge([distance, depth]), np.float32)
 
     def release(self) -> None:
         """Release the GL objects."""

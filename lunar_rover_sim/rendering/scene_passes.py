@@ -152,8 +152,9 @@ class ScenePasses(GlOwner):
         source.rocks.choose(volume, self._samples.projection.focal_px,
                             self._config.detail.rock_min_px)
         shadow, axes, boxes = source.rover_shadow, source.sun_axes, chosen.boxes
-        shaded = shadow.may_shade(np.concatenate([boxes, source.rocks.boxes]), links, axes)
-        cast = shadow.cast(links, axes, seen=bool(shaded.any()))
+        shaded = shadow.may_shade(boxes, links, axes)
+        cast = shadow.cast(links, axes, seen=bool(
+            shaded.any() or shadow.may_shade(source.rocks.boxes, links, axes).any()))
         body = None
         if scene.shows_rover:
             body = source.body.light(links, shadow.radius_m, source.sunlight,
@@ -161,7 +162,7 @@ class ScenePasses(GlOwner):
         for drawing in scene.drawings:
             drawing.rows.append(source.ground.rows(
                 chosen, drawing.projection, scene.T_world_cameras[LEFT],
-                boxes[shaded[:len(boxes)]]))
+                boxes[shaded]))
         return SceneLight(cast, body)
 
     def light(self, scene: Scene) -> None:

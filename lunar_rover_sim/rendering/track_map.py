@@ -93,13 +93,13 @@ class TrackMap:
             self._write_far(self._key(int(k)), self._untouched.far, False)
             self._far[k] = self._full[k] = False
             self._stale[k] = True
-        seen = inside_far & is_in_view(self.boxes, volume)
+        seen = inside_far & volume.sees(self.boxes)
         for k in np.flatnonzero(seen & (self._stale | ~self._far | (inside & ~self.near))):
             self._draw_tile(int(k), bool(inside[k]))
 
     def in_view(self, volume: ViewVolume) -> NDArray[np.bool_]:
         """Return (n,) whether a view may show a tile."""
-        return self._full & is_in_view(self.boxes, volume)
+        return self._full & volume.sees(self.boxes)
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind the textures for a program that draws or lights tracks."""
@@ -178,15 +178,6 @@ class TrackMap:
         side = FAR_TEXELS
         self._far_prints.write(np.ascontiguousarray(texels), (
             key[0] % FAR_TILES * side, key[1] % FAR_TILES * side, side, side))
-
-
-def is_in_view(boxes: Array, volume: ViewVolume) -> NDArray[np.bool_]:
-    """Return (n,) whether a view may show (n, 2, 3) boxes [m]."""
-    middle = 0.5 * (boxes[:, 0] + boxes[:, 1]) - volume.centre_m
-    half = 0.5 * (boxes[:, 1] - boxes[:, 0])
-    normals, offsets = volume.planes[:, :3].T, volume.planes[:, 3]
-    seen: NDArray[np.bool_] = np.all(middle @ normals + half @ np.abs(normals) >= -offsets, axis=1)
-    return seen
 
 
 def _untouched() -> TrackTexels:
