@@ -16,7 +16,8 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag, information
 from lunar_rover_sim.topics import DEPTH_FRAME, FRAME, STATE
 
-_NEAR_NS = 5_000_000_000    # a bag at one clock has a state so near its end
+# Mostly a state is as near the end as the first; a bag at one clock has one within the second.
+_NEAR_NS = 100_000_000, 5_000_000_000
 
 
 def simulated_end_ns(bag: Bag) -> int:
@@ -30,7 +31,7 @@ def simulated_end_ns(bag: Bag) -> int:
         BagError: Where the bag is damaged.
     """
     for names in _by_preference(bag):
-        for start_ns in (max(0, bag.end_ns - _NEAR_NS), None) if names else ():
+        for start_ns in (*(max(0, bag.end_ns - near) for near in _NEAR_NS), None) if names else ():
             end_ns = max((message.time_ns for message in bag.raw(names, start_ns)), default=None)
             if end_ns is not None:
                 return end_ns

@@ -106,7 +106,8 @@ class ChunkTree:
 
 
 @compiled
-def _select(k, sides, low, high, n, cell, inner, view, planes, ranges):  # type: ignore
+def _select(k, sides, low, high, n, cell,  # type: ignore[no-untyped-def]
+            inner, view, planes, ranges):
     """Return (m, 11) chunks, boxes and squared distance, nearest first, then skirts and rims.
 
     They are those of `Selection`. k: the first stride; view: its centre and height; the rest as in

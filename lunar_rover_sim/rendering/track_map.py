@@ -13,7 +13,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.frames import Array
 from lunar_rover_sim.regolith.overlay import CELL_M, Overlay
 from lunar_rover_sim.rendering import texture_units
 from lunar_rover_sim.rendering.context import release_all, set_uniform
