@@ -30,7 +30,7 @@ from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.studies.learning import answer_of, Case, HIDDEN_SEEDS, PACKAGED, SPEED_MPS
 
 GROUND, FROM_S, TO_S = 'highland', 4.0, 8.0
-FILM_HZ = 12.5
+FILM_HZ, FILM_TO_S, FILM_PX = 12.5, 7.0, 288
 CARRIES_N = 0.15        # load on a foot
 
 
@@ -62,12 +62,13 @@ def filmed(walker: str) -> Iterator[np.ndarray]:
     task = make_task(name, {**({} if policy is None else policy.card.options), **options})
     observation = task.reset(np.random.default_rng(HIDDEN_SEEDS[0]))
     picture, every_ns = ChasePicture(task), round(1e9 / FILM_HZ)
-    while task.state.stamp_ns < TO_S * 1e9:
+    while task.state.stamp_ns < FILM_TO_S * 1e9:
         observation = task.step(np.zeros(len(task.actions)) if policy is None
                                 else policy.act(observation)).observation
         if task.state.stamp_ns >= FROM_S * 1e9 and task.state.stamp_ns % every_ns == 0:
-            frame = np.ascontiguousarray(picture.draw()[:, 140:-140])
-            yield cv2.putText(frame, Path(walker).stem, (10, 30), cv2.FONT_HERSHEY_SIMPLEX, 0.8,
+            frame = cv2.resize(picture.draw()[:, 140:-140], (FILM_PX, FILM_PX),
+                               interpolation=cv2.INTER_AREA)
+            yield cv2.putText(frame, Path(walker).stem, (8, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.7,
                               (255, 255, 255), 1, cv2.LINE_AA)
     picture.close()
     task.close()
@@ -76,7 +77,7 @@ def filmed(walker: str) -> Iterator[np.ndarray]:
 def main(path: Path, walkers: list[str]) -> None:
     """Draw or film the walkers beside each other."""
     if path.suffix == '.webp':
-        write_film(path, (np.hstack(row) for row in zip(*map(filmed, walkers))), FILM_HZ, 45)
+        write_film(path, (np.hstack(row) for row in zip(*map(filmed, walkers))), FILM_HZ, 40)
         return
     names = load_rover().legs.names
     figure = Figure(figsize=(4.6 * len(walkers), 4.6), layout='constrained')
