@@ -1,0 +1,48 @@
+"""What the actions of a policy of `Walk` gain: returns with them, and of the gait alone.
+
+    python examples/learning/returns.py feedback --grounds rigid highland
+
+Both walk the same episodes, of the length and the randomisation of the training, on seeds that are
+neither trained on nor hidden.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from lunar_rover_sim.evaluation.statistics import Comparison, Mean
+from lunar_rover_sim.learning.policy_file import Policy
+from lunar_rover_sim.learning.tasks import make_task
+
+FIRST = 20_000
+
+
+def main() -> None:
+    """Print means and the paired test for each ground."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('policy', help='a packaged policy or a file')
+    parser.add_argument('--grounds', nargs='+', default=['rigid', 'highland'])
+    parser.add_argument('--episodes', type=int, default=20)
+    args = parser.parse_args()
+    policy = Policy(args.policy)
+    for ground in args.grounds:
+        task = make_task(policy.card.task, {**policy.card.options, 'ground': ground})
+        alone, learned = np.zeros(args.episodes), np.zeros(args.episodes)
+        for acts, returns in ((False, alone), (True, learned)):
+            for k in range(args.episodes):
+                observation, over = task.reset(np.random.default_rng(FIRST + k)), False
+                while not over:
+                    outcome = task.step(policy.act(observation) if acts
+                                        else np.zeros(len(task.actions)))
+                    observation, over = outcome.observation, (outcome.terminated
+                                                              or outcome.truncated)
+                    returns[k] += outcome.reward
+        task.close()
+        print(f'{ground}: gait alone {Mean.of(alone).text(2)}, with actions '
+              f'{Mean.of(learned).text(2)}; {Comparison.of(learned, alone).text()}', flush=True)
+
+
+if __name__ == '__main__':
+    main()
