@@ -31,6 +31,10 @@ class DetailConfig(Parameters):
                                 low=0.0, high=0.4)
     pit_cover: float = param(0.16, 'share of the ground under craters below the grid', low=0.0,
                              high=1.0)
+    relief_shape_m: float = param(
+        0.0, 'up to this distance relief below the grid has shape: depth, parallax and occlusion '
+        'follow from its heights, less and less in the last fifth; farther away it is light only; '
+        '0: nowhere', unit='m', low=0.0, high=2.5)
     rock_min_px: float = param(0.7, 'rocks that look smaller are not drawn, in samples with '
                                'supersampling', unit='px', low=0.0, high=20.0)
     far_rocks_m: float = param(

@@ -44,18 +44,21 @@ class LitTargets:
 class FrameTargets:
     """Where the geometry of one frame is drawn.
 
-    ground_depth: depth of the ground [m], both images; ground: framebuffers that it is drawn
-    through, of the left and the right camera; lit: the same, of all that is lit; added: of its
+    mesh_depth: depth of the meshes of the ground [m], both images; ground: framebuffers that it is
+    drawn through, of the left and the right camera; ground_depth, surface: the same of the ground
+    itself; lit: the same, of all that is lit; added: of its
     radiance alone; views: the two cameras
     """
 
     def __init__(self, context: moderngl.Context, lit: LitTargets) -> None:
         self._context, self._lit = context, lit
         self.size: tuple[int, int] = lit.radiance.size
+        self.mesh_depth = attachment(context, self.size)
         self.ground_depth = attachment(context, self.size)
         # Each camera has its own framebuffers: when they change, the driver begins to draw.
         self._buffers = [context.depth_renderbuffer(self.size) for _ in range(2)]
-        self.ground = [context.framebuffer([self.ground_depth], b) for b in self._buffers]
+        self.ground = [context.framebuffer([self.mesh_depth], b) for b in self._buffers]
+        self.surface = [context.framebuffer([self.ground_depth], b) for b in self._buffers]
         self.lit = [context.framebuffer(lit.attachments, b) for b in self._buffers]
         self.added = [context.framebuffer([lit.radiance], b) for b in self._buffers]
         self.views = [View(context) for _ in range(2)]
@@ -72,8 +75,8 @@ class FrameTargets:
         """Release the GL objects."""
         if self._truth is not None:
             self._truth.release()
-        release_all(*self.views, *self.added, *self.lit, *self.ground, *self._buffers,
-                    self.ground_depth)
+        release_all(*self.views, *self.added, *self.lit, *self.surface, *self.ground,
+                    *self._buffers, self.ground_depth, self.mesh_depth)
 
 
 class TruthTargets:

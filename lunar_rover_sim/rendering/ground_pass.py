@@ -1,4 +1,4 @@
-"""The pass of the ground: first the depth of its meshes, then the light of each pixel."""
+"""The pass of the ground: depth of its meshes, of the ground itself, then the light of pixels."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from lunar_rover_sim.rendering.crater_map import CraterMap, ROW
 from lunar_rover_sim.rendering.ground_mesh import ChunkMesh, GridTexture, lattice
 from lunar_rover_sim.rendering.projection import Projection, ViewVolume
 from lunar_rover_sim.rendering.relief_brightness import LEVELS
+from lunar_rover_sim.rendering.relief_map import ReliefMap
 from lunar_rover_sim.rendering.surface import Surface, ZONE
 from lunar_rover_sim.rendering.track_map import DEFINES, TrackMap
 from lunar_rover_sim.rendering.track_pass import TrackChoice, TrackPass
@@ -27,9 +28,12 @@ from lunar_rover_sim.world.model import World
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
 # The programs of pixels are named by what they do, which each word says.
 _DEFINES: dict[str, dict[str, Any]] = {
-    'lit': {}, 'unlit': {'UNLIT': 1}, 'refined': {'REFINE': 1}, 'shaded': {'ROVER_SHADOW': 1},
+    'lit': {}, 'unlit': {'UNLIT': 1}, 'shaded': {'ROVER_SHADOW': 1},
+    'surface': {}, 'refined': {'REFINE': 1},
     'tracks': {'TRACKS': 1, **DEFINES}, 'truth': {'TRUTH': 1, 'CRATER_ROW': float(ROW)}}
-_PROGRAMS = ('lit', 'lit refined', 'lit shaded', 'lit refined shaded', 'unlit', 'unlit refined')
+_PROGRAMS = ('lit', 'lit shaded', 'unlit')
+_SURFACES = ('surface', 'surface refined')
+_RELAXED = 1.5            # length of a step over the relief, over what its bounds of slopes allow
 _MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh at full resolution
 
 
@@ -61,13 +65,14 @@ class GroundRows:
     tracks: tuple[int, int] = (0, 0)
     shaded: tuple[int, int] = (0, 0)
 
-    def parts(self, *, lit: bool) -> list[tuple[int, int, str]]:
-        """Return spans of rows, first and one after the last, with what each needs.
+    def parts(self, *needs: str) -> list[tuple[int, int, str]]:
+        """Return spans of rows, first and one after the last, with those of the needs each has.
 
-        lit: whether light is computed, so that shadows matter
+        needs: of 'refined', 'shaded', 'tracks'
         """
-        spans = {'refined': (self.first, self.middle),
-                 'shaded': self.shaded if lit else (0, 0), 'tracks': self.tracks}
+        every = {'refined': (self.first, self.middle), 'shaded': self.shaded,
+                 'tracks': self.tracks}
+        spans = {name: every[name] for name in needs}
         cuts = sorted({self.first, self.last, *(row for span in spans.values() for row in span
                                                 if self.first < row < self.last)})
         return [(top, bottom, ''.join(f' {name}' for name, (first, end) in spans.items()
@@ -100,7 +105,10 @@ class GroundPass:
                                         CHUNK=CHUNK)}
         self._programs: dict[str, moderngl.Program] = {}
         self._screens: dict[str, moderngl.VertexArray] = {}
-        self._load(_PROGRAMS)
+        reach = 0.0 if surface.tiles.flat else detail.relief_shape_m
+        self._relief = (ReliefMap(context, surface, self._levels[0], reach) if reach > 0.0
+                        else None)
+        self._load((*_PROGRAMS, *_SURFACES))
         self._tracks: TrackPass | None = None
 
     @property
@@ -116,8 +124,13 @@ class GroundPass:
             if 'lit' in words:
                 defines |= {**({'LAMP': 1} if self._lamp else {}),
                             **({'SMOOTH': 1} if self._detail.smooth_outlines else {})}
-            program = load_program(self._context, 'screen', 'ground', LEVELS=len(self._levels),
-                                   RELIEF_LEVELS=LEVELS, ZONE=ZONE, **defines)
+            if 'surface' in words:
+                relief = {'RELIEF': 1, 'RELAXED': _RELAXED} if self._relief is not None else {}
+                program = load_program(self._context, 'screen', 'surface', **relief, **defines)
+            else:
+                program = load_program(self._context, 'screen', 'ground',
+                                       LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS, ZONE=ZONE,
+                                       **defines)
             # Samplers of two kinds may not share a unit, used or not.
             set_uniform(program, u_crater_cells=texture_units.CRATER_CELLS,
                         u_crater_list=texture_units.CRATER_LIST)
@@ -126,7 +139,8 @@ class GroundPass:
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; adds to `programs`."""
-        self._load([name.replace('lit', 'lit truth', 1) for name in self._programs])
+        self._load([name.replace('lit', 'lit truth', 1) for name in self._programs
+                    if 'surface' not in name])
 
     def follow(self, tracks: TrackMap) -> None:
         """Draw tracks from now on; adds to `programs`."""
@@ -151,6 +165,11 @@ class GroundPass:
             levels = [selection.within(volume) for selection in around.levels]
         tracks = None if self._tracks is None else self._tracks.choose(volume, levels[0])
         return Chosen(levels, tracks)
+
+    def update(self, volume: ViewVolume) -> None:
+        """Bring the shape of the relief below the grid up to date for a view."""
+        if self._relief is not None:
+            self._relief.update(volume)
 
     def draw_depth(self, chosen: Chosen) -> None:
         """Draw the depth of the chosen meshes into the framebuffer in use."""
@@ -195,14 +214,29 @@ class GroundPass:
         shadow = projection.covered_rows(shaded, T_world_camera) if len(shaded) else (0, 0)
         return GroundRows(first, max(first, middle), last, tracks, shadow)
 
+    def draw_surface(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
+                     mesh_depth: moderngl.Texture) -> None:
+        """Draw the depth of the ground itself, from that of its meshes.
+
+        target: with the depth buffer that the meshes were drawn with; rows: see `rows`
+        """
+        context = self._context
+        context.enable_only(context.DEPTH_TEST)
+        context.depth_func = '1'
+        target.use()
+        for top, bottom, needs in rows.parts('refined', 'tracks'):
+            target.viewport = (window[0], window[1] + top, window[2], bottom - top)
+            self._draw_screen('surface' + needs, mesh_depth)
+        context.depth_func = '<'
+
     def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
              ground_depth: moderngl.Texture, *, lit: bool, add: bool = False,
              truth: bool = False, craters: CraterMap | None = None) -> None:
         """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
 
         add: whether to add to the present radiance
-        target: with the depth buffer that the meshes were drawn with; rows: see `rows`; where the
-        meshes may be coarser than the grid, depth is refined first
+        target: with the depth buffer that the meshes were drawn with; rows: see `rows`
+        ground_depth: of the ground itself
         truth: whether to draw that too, into the attachments of `TruthTargets`; that of light
         needs `lit`; craters: None if their numbers are not asked for
         """
@@ -210,7 +244,7 @@ class GroundPass:
         enable(self._context, self._context.DEPTH_TEST, add=add)
         self._context.depth_func = '>'
         kind = ('lit' if lit else 'unlit') + (' truth' if truth else '')
-        for top, bottom, needs in rows.parts(lit=lit):
+        for top, bottom, needs in rows.parts(*(('shaded',) if lit else ()), 'tracks'):
             target.viewport = (window[0], window[1] + top, window[2], bottom - top)
             name = kind + needs
             if truth:
@@ -222,7 +256,11 @@ class GroundPass:
 
     def _draw_screen(self, name: str, ground_depth: moderngl.Texture) -> None:
         program = self._programs[name]
-        self._surface.bind(program)
+        if 'surface' not in name:
+            self._surface.bind(program)
+            set_uniform(program, u_relief_reach=self._relief.reach_m if self._relief else 0.0)
+        elif self._relief is not None:
+            self._relief.bind(program)
         ground_depth.use(texture_units.GROUND_DEPTH)
         set_uniform(program, u_depth=texture_units.GROUND_DEPTH)
         if self._tracks is not None and 'tracks' in name.split():
@@ -237,6 +275,6 @@ class GroundPass:
     def release(self) -> None:
         """Release the GL objects."""
         release_all(*self._screens.values(), *self.programs, *self._depth_programs.values(),
-                    self._mesh, *self._levels)
+                    self._mesh, *self._levels, *([self._relief] if self._relief else []))
         if self._tracks is not None:
             self._tracks.release()

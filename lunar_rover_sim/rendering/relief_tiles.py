@@ -19,6 +19,7 @@ F32 = NDArray[np.float32]
 
 SLOPE_SCALE = 3.0       # slopes of the tiles lie within plus and minus half of this
 FINER = 2               # the texel of the fine tile is 2**-FINER of that of the coarse one
+RISE_OVER = 0.4         # `rises` is that of a point so many texels above the ground
 _FLAT_TEXELS = 256      # along a side of a tile without relief: any texel of it is like the others
 _TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_share=1.0,
                pit_m=(0.025, 0.22), pebble_m=(0.011, 0.035)),
@@ -31,11 +32,14 @@ class ReliefTile:
     """One periodic tile under a sun.
 
     period_m: side of the tile
+    heights, rises: (n, n) [m], and as `fine_relief.rises` has them; the same under every sun
     codes: RGBA8 of each mip level, (n, n, 4), see `fine_relief.TileLevels`
     slope_variance, spread: (levels,), as there
     """
 
     period_m: float
+    heights: F32
+    rises: F32
     codes: list[NDArray[np.uint8]]
     slope_variance: Array
     spread: Array
@@ -85,7 +89,7 @@ def relief_heights(config: DetailConfig, seed: int) -> list[tuple[float, F32]]:
 def _new_tiles(recipes: tuple[fine_relief.TileRecipe, ...], seed: int,
                sun: SunGeometry) -> ReliefTiles:
     centre, half_range = _horizon_range(sun)
-    coarse, fine = (_tile(recipe.period_m, _relief(recipe, seed, k), sun, centre, half_range)
+    coarse, fine = (_tile(recipe.period_m, *_shape(recipe, seed, k), sun, centre, half_range)
                     for k, recipe in enumerate(recipes))
     return ReliefTiles(coarse, fine, np.asarray(sun.direction_xy), centre, half_range)
 
@@ -99,6 +103,14 @@ def _relief(recipe: fine_relief.TileRecipe, seed: int, k: int) -> F32:
     """Return the heights of tile k, which take most of the time to make it."""
     return kept('relief', [fine_relief.RECIPE, dataclasses.asdict(recipe), seed, k],
                 lambda: fine_relief.relief(recipe, np.random.default_rng([seed, 77, k])))
+
+
+@functools.lru_cache(maxsize=2)     # both tiles
+def _shape(recipe: fine_relief.TileRecipe, seed: int, k: int) -> tuple[F32, F32]:
+    """Return heights and rises of tile k."""
+    heights = _relief(recipe, seed, k)
+    texel = recipe.period_m / len(heights)
+    return heights, fine_relief.rises(heights, texel, RISE_OVER * texel)
 
 
 def _recipes(config: DetailConfig) -> tuple[fine_relief.TileRecipe, ...]:
@@ -118,14 +130,14 @@ def _is_flat(recipe: fine_relief.TileRecipe) -> bool:
     return recipe.rms_slope == recipe.pit_cover == recipe.pebble_cover == 0.0
 
 
-def _tile(period_m: float, heights: F32, sun: SunGeometry, centre: float,
+def _tile(period_m: float, heights: F32, rises: F32, sun: SunGeometry, centre: float,
           half_range: float) -> ReliefTile:
     texel = period_m / heights.shape[0]
     tangents = centre + half_range * np.linspace(-1.0, 1.0, 9)
     horizon = fine_relief.horizon(heights, texel, sun.azimuth_rad, tangents)
-    levels = fine_relief.mip_levels(fine_relief.slopes(heights, texel), horizon, SLOPE_SCALE,
-                                    centre, half_range)
-    return ReliefTile(period_m, levels.codes, levels.slope_variance, levels.spread)
+    levels = fine_relief.mip_levels(fine_relief.slopes(heights, texel), horizon, rises,
+                                    SLOPE_SCALE, centre, half_range)
+    return ReliefTile(period_m, heights, rises, levels.codes, levels.slope_variance, levels.spread)
 
 
 def _horizon_range(sun: SunGeometry) -> tuple[float, float]:

@@ -114,6 +114,7 @@ class ScenePasses(GlOwner):
         for source in sources:
             if source.tracks is not None:
                 source.tracks.update(volume)
+        shared.ground.update(volume)
         chosen = shared.ground.choose(volume, around)
         if shared.lamp is not None and request.lit:
             shared.lamp.draw(T_world_base, shared.world, shared.ground, shared.rocks)
@@ -135,6 +136,12 @@ class ScenePasses(GlOwner):
                     scene.lights = [self._choose_lit(source, scene, volume, chosen)
                                     for source in sources]
                 shared.ground.draw_depth(chosen)
+        for drawing in scene.drawings:
+            for side in drawing.sides:
+                targets = drawing.targets
+                targets.views[side].bind()
+                shared.ground.draw_surface(targets.surface[side], drawing.windows[side],
+                                           drawing.rows[0], targets.mesh_depth)
         return scene
 
     def _begin(self, request: Request) -> tuple[Drawing, Drawing]:

@@ -19,7 +19,10 @@ _GRAIN = (1.0 / 3.1, 1.0, 0.11, 1.4)    # of rocks, see u_grain in shaders/rock.
 
 
 class Surface:
-    """The textures that the ground and the rocks are lit with."""
+    """The textures that the ground and the rocks are lit with.
+
+    tiles: of the relief below the grid, under the present sun
+    """
 
     def __init__(self, context: moderngl.Context, world: World) -> None:
         """Make textures of all levels; `light` fills them."""
@@ -51,7 +54,7 @@ class Surface:
         # Albedo and scattered light are smooth: the nearest mip level suffices.
         self._matter.filter = (context.LINEAR_MIPMAP_NEAREST, context.LINEAR)
         self._release_relief()
-        self._tiles, self._brightness = tiles, brightness
+        self.tiles, self._brightness = tiles, brightness
         for tile in (tiles.coarse, tiles.fine):
             n = len(tile.codes[0])
             relief = context.texture((n, n), 4, tile.codes[0], dtype='f1')
@@ -73,7 +76,7 @@ class Surface:
         for texture, unit in zip(self._relief, (texture_units.TILE_A, texture_units.TILE_B,
                                                 texture_units.RELIEF_FACTOR)):
             texture.use(unit)
-        tiles, brightness = self._tiles, self._brightness
+        tiles, brightness = self.tiles, self._brightness
         set_uniform(program, u_ground=texture_units.GROUND, u_matter=texture_units.MATTER,
                     u_tile_a=texture_units.TILE_A, u_tile_b=texture_units.TILE_B,
                     u_factor=texture_units.RELIEF_FACTOR,

@@ -1,9 +1,10 @@
 """Relief below the grid: periodic tiles of millimetre relief, pits and pebbles.
 
 A tile holds slope and, towards one sun azimuth, the tangent of the horizon over its own mean
-plane. Its salience says where pits, pebbles and their shadows are: where two copies of a tile
-meet, the more salient one is drawn, so that these stay whole. What coarser mip levels average away
-is known as the variance of the slope and the deviation of the horizon of each level.
+plane. Its salience says where pits and pebbles are, and how high they stand over what is around
+them: where two copies of a tile meet, the more salient one is drawn, so that these stay whole. It
+does not depend on the sun, since the shape of the ground follows from it. What coarser mip levels
+average away is known as the variance of the slope and the deviation of the horizon of each level.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ F32 = NDArray[np.float32]
 RECIPE = 3              # rises with every change of what `relief` returns
 SPREAD = 1.8            # a uniform distribution has 3**0.5
 _SALIENCE_TEXELS = 5    # over which salience is smoothed
+_RISE_TEXELS = 128      # as far as `rises` looks
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +69,25 @@ def slopes(height: F32, texel_m: float) -> F32:
         np.subtract(np.roll(height, -1, axis), np.roll(height, 1, axis), out=result[..., k])
     result *= np.float32(0.5 / texel_m)
     return result
+
+
+def rises(height: F32, texel_m: float, over_m: float = 0.0) -> F32:
+    """Return (n, n) bounds of the slope at which periodic heights rise in any direction.
+
+    No line that starts `over_m` above a texel and is steeper meets the heights, as far as
+    `_RISE_TEXELS` texels away. The bound is at most twice too high.
+    """
+    padded = np.pad(height, _RISE_TEXELS, mode='wrap')
+    highest = cv2.dilate(padded, np.ones((3, 3), np.uint8))
+    floor = padded + np.float32(over_m)
+    result = np.maximum((highest - floor) / np.float32(texel_m), 0.0)
+    reach = 1
+    while reach < _RISE_TEXELS:     # what is between `reach` and twice that away
+        highest = cv2.dilate(highest, np.ones((2 * reach + 1,) * 2, np.uint8))
+        np.maximum(result, (highest - floor) / np.float32(reach * texel_m), out=result)
+        reach *= 2
+    inner = slice(_RISE_TEXELS, -_RISE_TEXELS)
+    return np.ascontiguousarray(result[inner, inner], np.float32)
 
 
 def horizon(height: F32, texel_m: float, azimuth_rad: float, tangents: NDArray[np.float64]) -> F32:
@@ -132,18 +153,19 @@ class TileLevels:
     spread: NDArray[np.float64]
 
 
-def mip_levels(slope: F32, tangent: F32, slope_scale: float, centre: float,
+def mip_levels(slope: F32, tangent: F32, rise: F32, slope_scale: float, centre: float,
                half_range: float) -> TileLevels:
     """Return the levels of a tile, for (n, n, 2) slopes and (n, n) tangents of the horizon.
 
     Args:
+        rise: (n, n) as `rises` has it, for the salience.
         centre: Tangent of the sun's elevation.
         half_range: Of the horizon around it. The horizon of a coarser level is its mean, moved so
             that as much of level ground is lit as on the finest one, by half a spread at most: few
             shadows would move it to just below the sun, and slopes that turn away from the sun
             would be dark.
     """
-    channels = [slope, tangent, salience(slope, tangent)]
+    channels = [slope, tangent, salience(slope, rise)]
     square, lit = float(np.mean(tangent * tangent)), float(np.mean(tangent < centre))
     codes, variance, spreads = [], [], []
     for level in range(int(np.log2(len(tangent))) + 1):
@@ -188,10 +210,10 @@ def disc_share(angle: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(0.5 + x * (0.6366 - 0.1366 * x * x))
 
 
-def salience(slope: F32, tangent: F32) -> F32:
-    """Return (n, n) values from 0 to 1 that are high on pits and pebbles and in their shadows."""
+def salience(slope: F32, rise: F32) -> F32:
+    """Return (n, n) values from 0 to 1 that are high on pits and pebbles and close to them."""
     energy = np.square(slope[..., 0]) + np.square(slope[..., 1])
-    energy += np.square(np.maximum(tangent, np.float32(0.0)))
+    energy += np.square(rise)
     edge = 3 * _SALIENCE_TEXELS
     padded = np.pad(energy, edge, mode='wrap')
     smooth = cv2.GaussianBlur(padded, (0, 0), _SALIENCE_TEXELS)[edge:-edge, edge:-edge]

@@ -147,6 +147,7 @@ PASSES = {
     "rover's shadow map": (('rover_shadow', 'RoverShadow', 'cast'),
                            ('rover_shadow', 'RoverShadow', 'may_shade')),
     'mesh depth': (('ground_pass', 'GroundPass', 'draw_depth'),),
+    'ground surface': (('ground_pass', 'GroundPass', 'draw_surface'),),
     'ground light': (('ground_pass', 'GroundPass', 'draw'),),
     'rocks and rover': (('rock_pass', 'RockPass', 'draw'), ('rover_pass', 'RoverPass', 'draw')),
     'reading': (('scene_passes', 'ScenePasses', 'read'),),

@@ -189,7 +189,7 @@ def test_ground_beyond_and_below_the_grid(unchanged: Unchanged) -> None:
     slope = fine_relief.slopes(height, recipe.period_m / recipe.n)
     horizon = fine_relief.horizon(height, recipe.period_m / recipe.n, 0.6,
                                   np.linspace(-0.2, 1.1, 14))
-    made = fine_relief.mip_levels(slope, horizon, 3.0, 0.1, 0.5)
+    made = fine_relief.mip_levels(slope, horizon, horizon, 3.0, 0.1, 0.5)
     rocks = far_rocks.far_rocks(world, 9.0)
     # Places of far rocks follow from exponentials in single precision, on no lattice.
     unchanged(1e-4, albedo_1=far_albedo.far_albedo(world, 1),

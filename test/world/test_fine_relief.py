@@ -188,7 +188,7 @@ def test_levels_hold_means_and_what_they_average_away():
     chequer = (np.arange(n) + np.arange(n)[:, None]) % 2
     slope[..., 0], slope[..., 1] = 0.25, np.where(chequer, 0.5, -0.5)
     tangent = np.where(chequer, 0.5, 0.1).astype(np.float32)
-    tile = fine_relief.mip_levels(slope, tangent, 2.0, centre, half_range)
+    tile = fine_relief.mip_levels(slope, tangent, tangent, 2.0, centre, half_range)
     assert [len(level) for level in tile.codes] == [16, 8, 4, 2, 1]
     np.testing.assert_allclose(tile.slope_variance, [0.3125] + [0.0625] * 4, atol=1e-6)
     np.testing.assert_allclose(tile.spread, [0.0] + [0.2 * fine_relief.SPREAD] * 4, atol=1e-6)
@@ -208,7 +208,8 @@ def test_the_lit_share_is_that_of_the_finest_level():
     rng = np.random.default_rng(3)
     tangent = (0.05 + rng.exponential(0.1, (256, 256))).astype(np.float32)
     sun = float(np.quantile(tangent, 0.1))
-    tile = fine_relief.mip_levels(np.zeros((256, 256, 2), np.float32), tangent, 2.0, sun, 0.4)
+    flat = np.zeros((256, 256, 2), np.float32)
+    tile = fine_relief.mip_levels(flat, tangent, tangent, 2.0, sun, 0.4)
     for k in (1, 2, 4, 6):
         horizon = (tile.codes[k][..., 2] / 127.5 - 1.0) * 0.4 + sun
         assert np.mean(fine_relief.disc_share((sun - horizon) / tile.spread[k])) \
@@ -222,11 +223,28 @@ def test_a_few_shadows_leave_slopes_that_turn_away_from_the_sun_lit():
     """
     tangent = np.full((256, 256), 0.0, np.float32)
     tangent[np.random.default_rng(4).random(tangent.shape) < 0.01] = 0.35
-    tile = fine_relief.mip_levels(np.zeros((256, 256, 2), np.float32), tangent, 2.0, 0.25, 0.4)
+    flat = np.zeros((256, 256, 2), np.float32)
+    tile = fine_relief.mip_levels(flat, tangent, tangent, 2.0, 0.25, 0.4)
     for k in (2, 4, 6):
         horizon = (tile.codes[k][..., 2] / 127.5 - 1.0) * 0.4 + 0.25
         assert np.mean(horizon) < 0.05
         assert np.mean(fine_relief.disc_share((0.15 - horizon) / tile.spread[k])) > 0.97
+
+
+def test_rises_bound_the_slopes_around():
+    """Of random heights: no line from over a texel that is steeper meets them."""
+    rng = np.random.default_rng(2)
+    height = rng.normal(size=(512, 512)).astype(np.float32)**3
+    rise = fine_relief.rises(height, 0.01, 0.002)
+    for _ in range(3000):
+        (y, x), (dy, dx) = rng.integers(0, 512, 2), rng.integers(-80, 81, 2)
+        if dx or dy:
+            up = height[(y + dy) % 512, (x + dx) % 512] - height[y, x] - 0.002
+            assert up / (0.01 * np.hypot(dx, dy)) <= rise[y, x] * (1.0 + 1e-5) + 1e-5
+    one = np.zeros((512, 512), np.float32)
+    one[100, 100] = 0.05
+    rise = fine_relief.rises(one, 0.01)
+    assert 0.05 / 0.3 <= rise[100, 130] <= 2.0 * 0.05 / 0.3 + 1e-6 and rise[400, 400] == 0.0
 
 
 def test_a_pebble_is_salient_wherever_it_lies():
@@ -242,5 +260,5 @@ def test_a_pebble_is_salient_wherever_it_lies():
 def test_codes_stay_within_a_byte():
     slope = np.full((4, 4, 2), 9.0, np.float32)
     tangent = np.full((4, 4), -9.0, np.float32)
-    level = fine_relief.mip_levels(slope, tangent, 2.0, 0.2, 0.4).codes[0]
+    level = fine_relief.mip_levels(slope, tangent, tangent, 2.0, 0.2, 0.4).codes[0]
     assert np.all(level[..., :2] == 255) and np.all(level[..., 2] == 0)

@@ -2,6 +2,7 @@
 #include "common.glsl"
 #include "ray.glsl"
 #include "relief.glsl"
+#include "relief_share.glsl"
 #ifdef TRACKS
 #include "tracks.glsl"
 #endif
@@ -25,43 +26,6 @@ uniform vec2 u_diffuse;         // diffuse albedo / pi of ground and rocks
 // Sampled at pixel centres: on llvmpipe texelFetch takes longer, since it checks bounds.
 float depth_at(vec2 p) { return textureLod(u_depth, p * u_texel, 0.0).r; }
 
-#ifdef REFINE
-// Where the mesh is coarser than the grid, find where the ray meets the triangles of the grid.
-uniform vec3 u_refine;          // nearest and farthest depth, bound of the mesh's error [m]
-#include "heights.glsl"
-
-float ground_at(vec2 xy) {
-#ifdef TRACKS
-    return grid_height(xy) + print_height(xy);
-#else
-    return grid_height(xy);
-#endif
-}
-
-float refined(float depth, vec3 ray) {
-    vec3 origin = u_camera;
-    // A loop ends as soon as no pixel of a block needs it.
-    int steps = depth > u_refine.x && depth < u_refine.y ? 8 : 0;
-    float reach = min(u_refine.z / max(-ray.z, 0.25 * u_refine.z), 0.06 * depth);
-    float t = depth - reach, low = t, high = -1.0, f_low = -1.0, f_high = 0.0;
-    for (int i = 0; i <= steps && steps > 0; i++) {
-        float f = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
-        if (f <= 0.0) { high = t; f_high = f; break; }
-        low = t;
-        f_low = f;
-        t += reach * 0.25;
-    }
-    int turns = high > 0.0 && f_low > 0.0 ? 2 : 0;
-    if (turns == 0) return depth;
-    for (int i = 0; i < turns; i++) {
-        t = low + (high - low) * f_low / max(f_low - f_high, 1e-9);
-        float f = origin.z + ray.z * t - ground_at(origin.xy + ray.xy * t);
-        if (f > 0.0) { low = t; f_low = f; } else { high = t; f_high = f; }
-    }
-    return low + (high - low) * f_low / max(f_low - f_high, 1e-9);
-}
-#endif
-
 // Most pixels use a single mip level, which halves the work; levels still change smoothly.
 float mip(float level) {
     float whole = floor(level);
@@ -75,9 +39,6 @@ const float SHARPER = 0.3;
 void main() {
     float depth = depth_at(gl_FragCoord.xy);
     vec3 ray = pixel_ray(pixel());
-#ifdef REFINE
-    depth = refined(depth, ray);
-#endif
     o_depth = depth;
     vec3 relative = ray * depth;
     vec2 xy = relative.xy + u_camera.xy;
@@ -102,6 +63,9 @@ void main() {
     // Relief below the grid has the most contrast: little of it may be left out along the view,
     // on slopes that turn away from the camera either.
     float facing = dot(normalize(vec3(-ground.xy, 1.0)), view);
+    // Where relief has shape, rays meet what faces them.
+    float shaped = relief_share(xy);
+    facing = max(facing, shaped);
     float footprint = min(size / max(facing, 0.02), 12.0 * size);
     float detail = min(mip(log2(footprint) + u_tile.w - SHARPER), float(RELIEF_LEVELS - 1));
     vec4 scales = relief_scales(detail);
@@ -146,7 +110,8 @@ void main() {
         * disc(tangent - dot(relief.slope_a, heading) - relief.horizon.y, width + scales.z);
     float sunlit = drawn;       // gain and factor are of brightness
     drawn *= scales.w / (1.0 + (scales.w - 1.0) * drawn);
-    drawn *= relief_factor(detail, cosine, dot(up, u_sun), dot(u_sun, view), tangent);
+    drawn *= mix(relief_factor(detail, cosine, dot(up, u_sun), dot(u_sun, view), tangent), 1.0,
+                 shaped);
 #ifdef TRACKS
     float beside = mix(disc(untouched - print.horizon, width), print.seen, print.coarse);
     drawn = mix(1.0, drawn, kept) * beside;

@@ -20,6 +20,14 @@ float print_height(vec2 xy) {
     return touched && is_near(xy) ? textureLod(u_soil, print_place(xy), 0.0).r : 0.0;
 }
 
+// Height change [m] of a place, and the share of the relief below the grid that is left there.
+vec2 soil_at(vec2 xy) {
+    bool touched = textureLod(u_touched, xy * u_windows.z, 0.0).r > 0.5;
+    if (!touched || !is_near(xy)) return vec2(0.0, 1.0);
+    vec2 s = textureLod(u_soil, print_place(xy), 0.0).rg;
+    return vec2(s.x, 1.0 - max(s.y, 0.6 * clamp(abs(s.x) * 1000.0, 0.0, 1.0) * (1.0 - s.y)));
+}
+
 // footprint: log2 of its size [m]
 Print print_at(vec2 xy, float footprint) {
     if (textureLod(u_touched, xy * u_windows.z, 0.0).r < 0.5)

@@ -1,0 +1,171 @@
+"""Relief below the grid is shape near the cameras: one set of heights for depth and shadow."""
+
+import camera_scene as scene
+import cv2
+import numpy as np
+import pytest
+
+from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.frames import sun_direction
+from lunar_rover_sim.illumination import hapke
+from lunar_rover_sim.rendering.config import DetailConfig
+from lunar_rover_sim.rendering.relief_tiles import start_tiles
+from lunar_rover_sim.rendering.renderer import Renderer
+from lunar_rover_sim.rover.pose import RoverPose
+
+DETAIL = DetailConfig(relief_shape_m=2.5, bounce=False, smooth_outlines=False)
+SUN = scene.SunConfig(azimuth_deg=0.0, elevation_deg=15.0)
+YAWS_DEG = (180.0, 150.0)       # away from the sun
+NEAR_M = 1.9                    # all relief is shape up to here
+
+
+class Heights:
+    """The relief below the grid, looked up in the tiles as shaders/relief_place.glsl does."""
+
+    def __init__(self, seed):
+        sun = sun_direction(SUN.azimuth_deg, SUN.elevation_deg)
+        tiles = start_tiles(DETAIL, seed, sun).result()
+        self.tiles = tiles.coarse, tiles.fine
+        self.salience = tiles.coarse.codes[0][..., 3].astype(np.float32) / 255.0
+
+    def __call__(self, xy):
+        """Return (n,) heights at (n, 2) places [m]."""
+        wave = (0.93 * xy[:, ::-1]) % 1.0 - 0.5
+        p = xy + 0.2 * wave * (1.0 - 2.0 * np.abs(wave))
+        q = np.stack([p[:, 0] - 0.57735027 * p[:, 1], 1.15470054 * p[:, 1]], axis=1)
+        corner = np.floor(q).astype(np.int64)
+        f = q - corner
+        upper = f.sum(axis=1) > 1.0
+        weights = np.where(upper[:, None],
+                           np.stack([f.sum(axis=1) - 1.0, 1.0 - f[:, 1], 1.0 - f[:, 0]], axis=1),
+                           np.stack([1.0 - f.sum(axis=1), f[:, 0], f[:, 1]], axis=1))
+        cells = corner[:, None] + np.array([[0, 0], [1, 0], [0, 1]])
+        cells[upper, 0] += 1
+        order = np.argsort(-weights, axis=1, kind='stable')
+        pick = np.arange(len(xy))
+        first, second = cells[pick, order[:, 0]], cells[pick, order[:, 1]]
+        lead = (weights[pick, order[:, 0]] - weights[pick, order[:, 1]]) / 0.1
+        own, next_one = shifts(first), shifts(second)
+        period = [tile.period_m for tile in self.tiles]
+        lead = lead + (bilinear(self.salience, p / period[0] + own[:, :2])
+                       - bilinear(self.salience, p / period[0] + next_one[:, :2]))
+        other = np.clip(0.5 - 3.0 * lead, 0.0, 1.0)
+        height = np.zeros(len(xy))
+        for share, shift in ((1.0 - other, own), (other, next_one)):
+            for k, tile in enumerate(self.tiles):
+                at = p / period[k] + shift[:, 2 * k:2 * k + 2]
+                height += share * bilinear(tile.heights, at)
+        return height
+
+
+def shifts(cells):
+    """Return the (n, 4) places of both tiles in (n, 2) cells, over their periods."""
+    x, y = (axis.astype(np.uint32) for axis in cells.T)
+    h = x * np.uint32(0x9e3779b9) + y * np.uint32(0x85ebca6b)
+    h = (h ^ (h >> 16)) * np.uint32(0x7feb352d)
+    h = (h ^ (h >> 15)) * np.uint32(0x846ca68b)
+    h ^= h >> 16
+    return np.stack([h >> bits & 0xff for bits in (0, 8, 16, 24)], axis=1) / 256.0
+
+
+def bilinear(values, at):
+    """Return periodic (n, n) values at (m, 2) places, over the period."""
+    n = len(values)
+    place = at * n - 0.5
+    whole = np.floor(place).astype(int)
+    x, y = (place - whole).T
+    i, j = whole.T % n
+    i1, j1 = (i + 1) % n, (j + 1) % n
+    return ((values[j, i] * (1 - x) + values[j, i1] * x) * (1 - y)
+            + (values[j1, i] * (1 - x) + values[j1, i1] * x) * y)
+
+
+@pytest.fixture(scope='module')
+def views():
+    """Return of some pixels of views: depth, that by rays, radiance and that of the law, phase,
+    and whether rays to the sun are free."""
+    config = scene.config(detail=DETAIL, sun=SUN, camera=CameraConfig(640, 480))
+    result = []
+    with Renderer(scene.plane(257, far=False), scene.ROVER, config, 1) as renderer:
+        heights = Heights(1)
+        for yaw_deg in YAWS_DEG:
+            state = RoverPose(scene.pose(yaw_deg=yaw_deg))
+            frame = renderer.render(state, 0, ('radiance', 'depth', 'shadow'))
+            T = state.T_world_base @ renderer.rig.T_base_left
+            result.append(looked_up(frame, renderer.rig.rays(), T, heights, config))
+    return result, renderer.rig
+
+
+def looked_up(frame, rays, T, heights, config):
+    """Return what is drawn of some pixels, and what rays against the heights find there."""
+    rng = np.random.default_rng(0)
+    points = frame.depth_m[..., None] * (rays @ T[:3, :3].T) + T[:3, 3]
+    away = np.hypot(*(points[..., :2] - T[:2, 3]).transpose(2, 0, 1))
+    # Shadow of the relief within that of the rover is marked as the relief's own.
+    of_rover = cv2.dilate((frame.shadow[..., 1] > 0).astype(np.uint8),
+                          np.ones((13, 13), np.uint8))
+    chosen = np.nonzero((away < NEAR_M) & (of_rover == 0))
+    pick = rng.choice(len(chosen[0]), 16000, replace=False)
+    chosen = chosen[0][pick], chosen[1][pick]
+    ray, depth = (rays @ T[:3, :3].T)[chosen], frame.depth_m[chosen]
+    # From above all relief on, in steps of 1 mm of height and less than 4 mm along the ground.
+    step = np.minimum(0.001 / -ray[:, 2], 0.004 / np.hypot(*ray[:, :2].T))
+    t = (0.03 - T[2, 3]) / ray[:, 2]
+    met, before, after = np.full(len(t), np.nan), np.zeros(len(t)), np.zeros(len(t))
+    active = np.arange(len(t))
+    for _ in range(600):
+        place = T[:3, 3] + t[active, None] * ray[active]
+        after[active] = place[:, 2] - heights(place[:, :2])
+        hit = after[active] <= 0.0
+        k = active[hit]
+        met[k] = t[k] - step[k] * after[k] / np.minimum(after[k] - before[k], -1e-9)
+        active = active[~hit]
+        before[active] = after[active]
+        t[active] += step[active]
+    sun = sun_direction(SUN.azimuth_deg, SUN.elevation_deg)
+    free = np.ones(len(t), bool)
+    place = T[:3, 3] + met[:, None] * ray
+    for along in np.arange(0.002, 0.16, 0.002):
+        k = np.flatnonzero(free)
+        q = place[k] + along * sun
+        free[k] = q[:, 2] > heights(q[:, :2]) - 3e-4
+    view = -ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    law = config.sun.irradiance * hapke.reflectance(
+        sun[2], view[:, 2], view @ sun, hapke.parameter_set(config.reflectance.ground),
+        albedo=config.reflectance.albedo_scale)
+    phase_deg = np.degrees(np.arccos(np.clip(view @ sun, -1.0, 1.0)))
+    return dict(depth=depth, met=met, free=free, radiance=frame.radiance[chosen], law=law,
+                phase_deg=phase_deg, height=place[:, 2])
+
+
+def joined(views, name):
+    return np.concatenate([view[name] for view in views[0]])
+
+
+def test_disparity_is_that_of_the_heights(views):
+    """At 640 x 480, of three quarters of the pixels, and of those on pebbles.
+
+    At silhouettes, on the far rims of pits above all, a pixel shows one of two places.
+    """
+    _, rig = views
+    met, height = joined(views, 'met'), joined(views, 'height')
+    error = rig.focal_px * rig.baseline_m * np.abs(1.0 / joined(views, 'depth') - 1.0 / met)
+    pebbles, pits = height > 0.006, height < -0.01
+    for some in (np.ones(len(met), bool), pebbles):
+        assert np.percentile(error[some], 75) < 0.1
+    assert np.median(error[pits]) < 0.1 and pits.sum() > 500 and pebbles.sum() > 150
+
+
+def test_ground_hides_its_shadows_away_from_the_sun(views):
+    """Dark ground by phase angle is what rays find, within 4 points: texels of shadow are means.
+
+    Without shape 8 % were dark at 1.5 to 3 deg. The mean is that of the law without a factor.
+    """
+    phase_deg, free = joined(views, 'phase_deg'), joined(views, 'free')
+    radiance, law = joined(views, 'radiance'), joined(views, 'law')
+    dark = radiance < 0.25 * law
+    for low, high in ((1, 3), (3, 6), (6, 10), (10, 15), (15, 20), (20, 25)):
+        some = (phase_deg >= low) & (phase_deg < high)
+        assert some.sum() > 100
+        assert -0.01 < dark[some].mean() - np.mean(~free[some]) < 0.04
+        assert radiance[some].mean() / law[some].mean() == pytest.approx(1.0, abs=0.08)
