@@ -44,7 +44,8 @@ def test_clouds_of_a_lidar_become_a_map(peer):
             clouds.publish(cloud)
 
     with running('mapping_node', '-p', 'depth:=lidar'):
-        peer.spin_until(lambda: heights and any(100 in grid.data for grid in grids),
+        peer.spin_until(lambda: heights and heights[-1].width
+                        and any(100 in grid.data for grid in grids),
                         meanwhile=send)
     found = traversability_of(next(grid for grid in reversed(grids) if 100 in grid.data))
     rows, columns = np.nonzero(found.cost == 100)
