@@ -221,7 +221,8 @@ class GroundPass:
         target: with the depth buffer that the meshes were drawn with; rows: see `rows`
         """
         context = self._context
-        context.enable_only(context.DEPTH_TEST)
+        # Without relief the depth buffer stays that of the meshes: writing it takes time.
+        context.enable_only(context.NOTHING if self._relief is None else context.DEPTH_TEST)
         context.depth_func = '1'
         target.use()
         for top, bottom, needs in rows.parts('refined', 'tracks'):

@@ -91,6 +91,8 @@ void main() {
     depth = displaced(depth, ray);
 #endif
     o_depth = depth;
+#ifdef RELIEF
     vec4 clip = u_clip * vec4(ray * depth, 1.0);
     gl_FragDepth = depth > 0.0 ? 0.5 + 0.5 * clip.z / clip.w : 1.0;
+#endif
 }
