@@ -2,10 +2,11 @@
 
     python test/faults.py -o FOLDER [--seed 1] [--scale 1.0] [--only KIND]
 
-Each fault must have its effect within LIMIT_S: the run ends with a status that is not 0 and one
-line that names the cause, or goes on and completes where that is what is documented; the bag up
-to the fault opens; nothing is left running. Faults are drawn from the seed. Writes faults.json
-and faults.md into FOLDER and exits with 1 if any fault was not survived.
+Each fault must have its effect within LIMIT_S, times `slowness` of a loaded machine: the run ends
+with a status that is not 0 and one line that names the cause, or goes on and completes where that
+is what is documented; the bag up to the fault opens; nothing is left running. Faults are drawn
+from the seed. Writes faults.json and faults.md into FOLDER and exits with 1 if any fault was not
+survived.
 
 Kinds: kill (SIGKILL of a node), stop (SIGSTOP of a node), disk (a small tmpfs fills; needs root),
 world (files of the world vanish while the nodes start or run), cmd_vel (NaN, infinity, 1e9, a
@@ -25,8 +26,7 @@ import signal
 import subprocess
 import time
 
-from faulty_run import (ALL, BLIND, END_S, Fault, LIMIT_S, must_end, opens, Run, SMALL_WORLD,
-                        START_S)
+from faulty_run import ALL, BLIND, END_S, Fault, must_end, opens, Run, SMALL_WORLD, START_S
 import numpy as np
 
 from lunar_rover_sim.bag.reader import open_bag
@@ -119,12 +119,12 @@ def lose_world(fault: Fault, folder: Path, world: Path) -> None:
         start = time.monotonic()
         fault.status, fault.said = run.finish(END_S)
         fault.took_s = time.monotonic() - start
+        if fault.status:    # who goes on takes as long as the run
+            run.judge_time(fault)
         if fault.status == 0:
             opens(fault, run, complete=True)
         elif fault.status is None:
             fault.problems.append('neither ended nor went on')
-        elif fault.took_s > LIMIT_S:
-            fault.problems.append(f'took {fault.took_s:.1f} s')
         elif str(copy) not in fault.said and 'world' not in fault.said:
             fault.problems.append(f'does not name the world: {fault.said[-300:]}')
         elif len(fault.said.splitlines()) != 1:
@@ -171,8 +171,7 @@ def shout(faults: list[Fault], folder: Path, world: Path) -> None:
                 while clock.now_ns() < target_ns and time.monotonic() < sent + START_S:
                     time.sleep(0.02)
                 fault.took_s = time.monotonic() - sent
-                if fault.took_s > LIMIT_S:
-                    fault.problems.append(f'half a second took {fault.took_s:.1f} s after it')
+                run.judge_time(fault)
             node.destroy_node()
         if not trouble and run.process.poll() is None:
             run.process.send_signal(signal.SIGINT)
@@ -244,10 +243,11 @@ def report(done: list[Fault], total: int, seed: int, folder: Path) -> None:
     (folder / 'faults.json').write_text(
         json.dumps([dataclasses.asdict(f) for f in done], indent=1) + '\n')
     kinds = Counter(f.kind for f in done)
-    load = float(np.median([f.load for f in done]))
+    load, slow = (float(np.median([getattr(f, name) for f in done]))
+                  for name in ('load', 'slowness'))
     lines = [f'{len(done)} of {total} faults injected, seed {seed}; median load {load:.1f} on '
-             f'{os.cpu_count()} cores.', '',
-             '| fault | injected | as documented | within 10 s | slowest [s] |',
+             f'{os.cpu_count()} cores, where work took {slow:.1f} times its processor time.', '',
+             '| fault | injected | as documented | in time | slowest [s] |',
              '|---|---|---|---|---|']
     for kind, count in kinds.items():
         of_kind = [f for f in done if f.kind == kind]

@@ -106,6 +106,7 @@ def test_a_killed_run_takes_its_nodes_along(tmp_path: Path) -> None:
     run.communicate(timeout=LIMIT_S)
     for process in {*nodes, *monitors}:
         wait_until_gone(process)
+    assert why_incomplete(folder / 'bag')
     with open_bag(readable_bag(folder)) as bag:
         assert bag.counts['/odom'] > 0
 

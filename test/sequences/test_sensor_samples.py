@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import functools
 import io
 import json
 from pathlib import Path
@@ -16,7 +18,7 @@ import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import open_bag
-from lunar_rover_sim.errors import BagError
+from lunar_rover_sim.errors import BagError, SequenceError
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz
 from lunar_rover_sim.rover.description import Legs
 from lunar_rover_sim.sequences.export import export, FORMATS
@@ -155,23 +157,54 @@ def test_scans_that_are_not_whole_are_refused(tmp_path: Path,
     assert not (tmp_path / 'out').exists()
 
 
+SENSOR_TOPICS = tuple(topic.name for topic in topics.of_legs(OF_SENSORS, Legs().names))
+Exported = Callable[..., tuple[dict[str, bytes], dict[str, str]]]
+
+
+@pytest.fixture(scope='module')
+def exported(items: list[synthetic.Item], tmp_path_factory: pytest.TempPathFactory) -> Exported:
+    """Return what makes, of a format and lacking topics, its files and why topics are left out."""
+    few = [item for item in items if item.topic == topics.TF_STATIC.name
+           or header_ns(item.message) <= 300 * MS]
+
+    @functools.cache
+    def made(kind: str, lacking: tuple[str, ...] = ()) -> tuple[dict[str, bytes], dict[str, str]]:
+        folder = tmp_path_factory.mktemp('table') / 'run'     # which names the sequence
+        bag = synthetic.write(folder / 'bag', [i for i in few if i.topic not in lacking])
+        notes = export(bag, folder / 'out', kind)
+        assert all(len(note.splitlines()) == 1 for note in notes)
+        reasons = {}
+        for note in notes:
+            if note.startswith('left out: '):
+                names, _, reason = note.removeprefix('left out: ').partition('; ')
+                reasons.update(dict.fromkeys(names.split(', '), reason))
+        # The calibration is of all sensors of the bag.
+        return {str(path.relative_to(folder)): path.read_bytes()
+                for path in (folder / 'out').rglob('*')
+                if path.is_file() and path.name != 'calibration.yaml'}, reasons
+
+    return made
+
+
+@pytest.mark.parametrize('topic', SENSOR_TOPICS)
 @pytest.mark.parametrize('kind', FORMATS)
-def test_each_format_names_every_sensor_that_it_leaves_out(kind: str, bag: Path,
-                                                           tmp_path: Path) -> None:
-    """Sensors in the bag are in what the format takes, or in a line `left out`."""
-    notes = export(bag, tmp_path / 'out', kind)
-    named = {name for note in notes if note.startswith('left out: ')
-             for name in note.removeprefix('left out: ').partition(';')[0].split(', ')}
-    taken = {*FORMATS[kind].needs, *FORMATS[kind].uses}
-    if kind == 'kitti':
-        taken.remove('lidar/points')    # velodyne holds the other cloud
-    with open_bag(bag) as opened:
-        there = {topic.name for topic in topics.of_legs(OF_SENSORS, Legs().names)
-                 if opened.count(topic.name)}
-    lacking = [topic for topic in OF_SENSORS if topic.name not in taken]
-    assert named == there.intersection(
-        topic.name for topic in topics.of_legs(lacking, Legs().names))
-    assert all(len(note.splitlines()) == 1 for note in notes)
+def test_a_sensor_is_in_a_format_or_named(kind: str, topic: str, exported: Exported) -> None:
+    """Without its messages the files are others, or there are none; else a line says why."""
+    files, reasons = exported(kind)
+    if topic in reasons:
+        assert reasons[topic]
+        return
+    try:
+        assert exported(kind, (topic,))[0] != files
+    except SequenceError as error:
+        assert topic in str(error)
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_what_is_named_changes_nothing(kind: str, exported: Exported) -> None:
+    """Nothing of the sensors that are left out is in the files."""
+    files, reasons = exported(kind)
+    assert exported(kind, tuple(reasons))[0] == files
 
 
 def test_a_topic_without_messages_is_not_left_out(tmp_path: Path) -> None:
