@@ -1,3 +1,4 @@
+# Untried: written after the sourced installation of ./bootstrap.
 # ROS 2 Jazzy with this package in a workspace: docker build -t lunar_rover_sim . &&
 # docker run --rm -p 127.0.0.1:8765:8765 -v "$PWD/runs:/runs" lunar_rover_sim \
 #   lunar_rover_sim run baseline --fast --duration 5 -o /runs/a
