@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from lunar_rover_sim.frames import Array, tilt_deg
 
-# A rover that lies on its side on a slope of 20 deg is tilted by 70 deg; no slope on which it walks
-# is that steep. It counts as upright again below 45 deg: one that rocks on its side has tipped
-# over once.
+# A rover on its side on a slope of 20 deg is tilted by 70 deg; no slope on which it walks is that
+# steep. It counts as upright again below 45 deg: one that rocks on its side has tipped over once.
 TIPPED_DEG, _UPRIGHT_DEG = 70.0, 45.0
 
 
