@@ -18,7 +18,6 @@ import yaml
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import header_ns
-from lunar_rover_sim.bag.messages import header_ns
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.errors import BagError, SequenceError
 from lunar_rover_sim.frames import inverse, matrix_from_wxyz
