@@ -145,7 +145,11 @@ class Comparison:
         ranks = stats.rankdata(np.abs(difference))
         observed = float(np.sign(difference) @ ranks)
         sums = _signs(len(ranks)) @ ranks
-        p = float(np.mean(np.abs(sums) >= abs(observed) - 1e-9))
+        extreme = int(np.sum(np.abs(sums) >= abs(observed) - 1e-9))
+        # In a sample of the ways, that of the data counts, too: p is never 0 (Phipson and Smyth,
+        # Statistical Applications in Genetics and Molecular Biology 9, 2010).
+        own = int(len(ranks) > _EXACT_PAIRS)
+        p = (extreme + own) / (len(sums) + own)
         return cls(len(a), median, p, observed / float(ranks.sum()))
 
     @property
@@ -156,6 +160,16 @@ class Comparison:
     def text(self) -> str:
         """Return n, effect and p."""
         return f'n = {self.pairs}, effect {self.effect:+.2f}, p = {self.p:.2g}'
+
+
+def either_alone_p(first: int, second: int) -> float:
+    """Return the exact two-sided p of McNemar's test (Psychometrika 12, 1947).
+
+    Args:
+        first: Pairs in which only the first succeeds.
+        second: Pairs in which only the second does.
+    """
+    return float(stats.binomtest(first, first + second).pvalue) if first + second else 1.0
 
 
 def signed_rank_p(differences: Array) -> float:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from lunar_rover_sim.errors import StudyError
-from lunar_rover_sim.evaluation.statistics import Comparison, Mean, Share
+from lunar_rover_sim.evaluation.statistics import Comparison, either_alone_p, Mean, Share
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.files.atomic import atomic_write
 from lunar_rover_sim.files.figures import save_figure
@@ -202,8 +202,11 @@ def _comparisons(groups: dict[tuple[str, float, str, str], dict[int, GoalDrive]]
             pair = Comparison.of([_badness(seen[s]) for s in seeds],
                                  [_badness(of[s]) for s in seeds])
             word = 'shown' if pair.sign else 'not shown'
+            alone = [sum(a[s].arrived and not b[s].arrived for s in seeds)
+                     for a, b in ((seen, of), (of, seen))]
             lines.append(f'- {scenario}, sun {sun:g}°, seen by {pose} against {name}: '
-                         f'{pair.text()}: a difference is {word}.')
+                         f'{pair.text()}: a difference is {word}; alone arrived {alone[0]} '
+                         f'against {alone[1]}, p = {either_alone_p(*alone):.2g}.')
     return lines
 
 

@@ -134,3 +134,20 @@ def test_neighbours_change_sides_together():
     p, _ = statistics.permutation_p(first, second, np.random.default_rng(1), 200)
     # The distance is 3 / 27 whichever side the block is on: all shuffles reach it.
     assert p == 1.0
+
+
+def test_a_sampled_p_is_never_zero():
+    """30 pairs have more signs than are tried: the data themselves count as one way."""
+    rng = np.random.default_rng(5)
+    first = rng.uniform(1.0, 2.0, 30)
+    p = statistics.Comparison.of(first, first - rng.uniform(0.1, 0.5, 30)).p
+    assert 0.0 < p < 0.001
+    mixed = statistics.Comparison.of(rng.standard_normal(30), rng.standard_normal(30))
+    assert mixed.p > 0.05
+
+
+@pytest.mark.parametrize('first,second,p', [(0, 0, 1.0), (3, 3, 1.0), (6, 0, 2 / 2**6),
+                                            (1, 5, 2 * 7 / 2**6)])
+def test_success_of_one_alone_is_a_throw_of_a_coin(first, second, p):
+    assert statistics.either_alone_p(first, second) == pytest.approx(p)
+    assert statistics.either_alone_p(second, first) == pytest.approx(p)
