@@ -1,4 +1,4 @@
-"""Commands and nodes where no ROS is installed: one line that says so."""
+"""Commands and nodes where no ROS, or no extra, is installed."""
 
 from __future__ import annotations
 
@@ -56,3 +56,21 @@ def test_run_without_ros(tmp_path: Path) -> None:
     assert not folder.exists()
     finished = without_ros('cli.main', 'main', "['bag', 'check', '/no/such/bag']")
     assert finished.stderr == 'lunar_rover_sim: /no/such/bag: there is no such bag\n'
+
+
+# What the extras bring; each is imported by the command that needs it, when it needs it.
+_EXTRAS = ('distributed', 'foxglove', 'gymnasium', 'onnx', 'onnxruntime', 'pxr', 'rclpy',
+           'sb3_contrib', 'stable_baselines3')
+
+
+def test_every_command_starts_without_extras() -> None:
+    """In a process of its own: here the modules of the package have been imported before."""
+    script = f"""
+import sys
+sys.modules.update(dict.fromkeys({_EXTRAS!r}))
+from lunar_rover_sim.cli.main import parser
+parser()
+"""
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              cwd=ROOT, timeout=LIMIT_S)
+    assert finished.returncode == 0, finished.stderr

@@ -36,7 +36,7 @@ from lunar_rover_sim.sequences.export import export, FORMATS, WEBDATASET
 from lunar_rover_sim.sequences.left_out import hazards_left_out, sensors_left_out
 from lunar_rover_sim.sequences.shards import DEFAULT_SIZE
 from lunar_rover_sim.sequences.webdataset import ShardOptions
-from lunar_rover_sim.usd.output import stage_bytes
+from lunar_rover_sim.usd.names import stage_bytes
 
 _USD = 'usd'
 _DATED = tuple(name for name, kind in FORMATS.items() if kind.is_dated)

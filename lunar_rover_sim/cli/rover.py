@@ -13,7 +13,7 @@ from lunar_rover_sim.rover.rover_file import load_rover
 from lunar_rover_sim.rover.urdf import urdf
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.usd.output import is_stage, stage_bytes, SUFFIXES
+from lunar_rover_sim.usd.names import is_stage, stage_bytes, SUFFIXES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

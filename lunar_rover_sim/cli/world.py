@@ -26,7 +26,7 @@ from lunar_rover_sim.rendering.snapshot import four_views
 from lunar_rover_sim.run.node_config import PhysicsNodeConfig, RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.usd.output import is_stage, stage_bytes
+from lunar_rover_sim.usd.names import is_stage, stage_bytes
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.export import write as write_mesh
 from lunar_rover_sim.world.map_sheet import write as write_sheet

@@ -14,33 +14,7 @@ from pathlib import Path
 from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import one_line, UsdError, with_extra
 from lunar_rover_sim.files.atomic import partial_folder
-
-SUFFIXES = ('.usd', '.usda', '.usdc', '.usdz')
-
-
-def is_stage(path: Path) -> bool:
-    """Return whether a file name has the suffix of a stage."""
-    return path.suffix.lower() in SUFFIXES
-
-
-def is_package(path: Path) -> bool:
-    """Return whether a stage of this name is one file with all its parts."""
-    return path.suffix.lower() == '.usdz'
-
-
-def parts_name(path: Path) -> str:
-    """Return the name of the folder with the parts of a stage, beside it."""
-    return f'{path.stem}_parts'
-
-
-def stage_bytes(path: Path) -> int:
-    """Return the size of a file, with its parts where it is a stage that has some."""
-    size = path.stat().st_size
-    if is_stage(path) and not is_package(path):
-        parts = path.with_name(parts_name(path))
-        size += sum(file.stat().st_size for file in parts.rglob('*') if file.is_file())
-    return size
-
+from lunar_rover_sim.usd.names import is_package, is_stage, parts_name, SUFFIXES
 
 try:
     from pxr import (Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdSemantics, UsdShade,
