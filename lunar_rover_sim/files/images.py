@@ -46,12 +46,13 @@ def _read(path: Path, error: type[LunarRoverSimError], mode: str) -> NDArray[Any
     """Return the pixels in a mode of Pillow with 8 bits; 16-bit levels as (h, w) uint16."""
     check_regular(path, error)
     try:
-        with warnings.catch_warnings(), Image.open(path) as picture:
+        with warnings.catch_warnings():
             # Pillow prints one for a damaged EXIF, which says nothing of the pixels.
             warnings.simplefilter('ignore')
-            if picture.mode.startswith('I'):
-                return np.asarray(picture).astype(np.uint16)
-            return np.asarray(picture.convert(mode), dtype=np.uint8)
+            with Image.open(path) as picture:
+                if picture.mode.startswith('I'):
+                    return np.asarray(picture).astype(np.uint16)
+                return np.asarray(picture.convert(mode), dtype=np.uint8)
     except Exception as reason:  # Pillow's readers raise errors of many classes on a damaged file
         words = one_line(reason)
         raise error(f'{path}: cannot be read as a picture: {words}') from None

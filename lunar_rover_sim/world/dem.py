@@ -266,6 +266,7 @@ class GeoRaster(Raster):
             raise WorldError(f'{self.path}: cannot be read, it may be cut short: '
                              f'{reason}') from None
         known = ~np.ma.getmaskarray(values)
-        heights = np.ma.getdata(values).astype(float)
+        with np.errstate(invalid='ignore'):     # signalling NaN, which is refused as NaN is
+            heights = np.ma.getdata(values).astype(float)
         scale, offset = self._data.scales[band - 1], self._data.offsets[band - 1]
         return heights * scale + offset, known
