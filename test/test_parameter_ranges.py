@@ -212,6 +212,7 @@ def test_what_only_the_next_message_depends_on_is_live(kind):
 # Bounds that are not round, and why. A bound is to be remembered: one that is odd has a reason.
 REASONS = {
     'CraterConfig.irregularity.high': 'the radii of an outline would cross',
+    'DetailConfig.relief_shape_m.high': 'half of the map of heights around the cameras',
     'GaitConfig.spokes.high': 'a dozen', 'Legs.spokes.high': 'a dozen',
     'GroundConfig.friction.high': 'the tangent of 58 deg',
     'HazardCameraConfig.horizontal_fov_deg.high': 'the widest lens that is sold',
