@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 
+from episodes import run_episode
 import numpy as np
 
 from lunar_rover_sim.evaluation.statistics import Comparison, Mean
@@ -29,16 +30,10 @@ def main() -> None:
     policy = Policy(args.policy)
     for ground in args.grounds:
         task = make_task(policy.card.task, {**policy.card.options, 'ground': ground})
-        alone, learned = np.zeros(args.episodes), np.zeros(args.episodes)
-        for acts, returns in ((False, alone), (True, learned)):
-            for k in range(args.episodes):
-                observation, over = task.reset(np.random.default_rng(FIRST + k)), False
-                while not over:
-                    outcome = task.step(policy.act(observation) if acts
-                                        else np.zeros(len(task.actions)))
-                    observation, over = outcome.observation, (outcome.terminated
-                                                              or outcome.truncated)
-                    returns[k] += outcome.reward
+        still = np.zeros(len(task.actions))
+        alone, learned = np.array([[run_episode(task, act, FIRST + k)[0]
+                                    for k in range(args.episodes)]
+                                   for act in (lambda _: still, policy.act)])
         task.close()
         print(f'{ground}: gait alone {Mean.of(alone).text(2)}, with actions '
               f'{Mean.of(learned).text(2)}; {Comparison.of(learned, alone).text()}', flush=True)

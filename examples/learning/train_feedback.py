@@ -16,6 +16,7 @@ import pickle
 import time
 
 import cma
+from episodes import run_episode
 import numpy as np
 from rich.progress import track
 from train_gait import EVALUATED, log, tuned
@@ -109,15 +110,9 @@ def _count(task: RoverTask) -> int:
 def mean_return(task: RoverTask, numbers: np.ndarray, seeds: range) -> float:
     """Return the mean return of episodes with a feedback."""
     weight, bias = layer(task, numbers)
-    returns = []
-    for seed in seeds:
-        observation, total, over = task.reset(np.random.default_rng(seed)), 0.0, False
-        while not over:
-            outcome = task.step(weight @ observation + bias)
-            observation, total = outcome.observation, total + outcome.reward
-            over = outcome.terminated or outcome.truncated
-        returns.append(total - FAILED * outcome.terminated)
-    return float(np.mean(returns))
+    episodes = [run_episode(task, lambda observation: weight @ observation + bias, seed)
+                for seed in seeds]
+    return float(np.mean([total - FAILED * failed for total, failed in episodes]))
 
 
 if __name__ == '__main__':

@@ -19,6 +19,7 @@ import time
 from typing import Any
 
 import cma
+from episodes import run_episode
 import numpy as np
 from rich.progress import track
 from torch.utils.tensorboard import SummaryWriter
@@ -103,16 +104,8 @@ def best_phases(task: RoverTask, args: argparse.Namespace) -> np.ndarray:
 
 def cost(task: RoverTask, action: np.ndarray, seeds: range) -> float:
     """Return the mean cost of episodes with one constant action."""
-    costs = []
-    for seed in seeds:
-        task.reset(np.random.default_rng(seed))
-        total, over = 0.0, False
-        while not over:
-            outcome = task.step(action)
-            total -= outcome.reward
-            over = outcome.terminated or outcome.truncated
-        costs.append(total + FAILED * outcome.terminated)
-    return float(np.mean(costs))
+    episodes = [run_episode(task, lambda _: action, seed) for seed in seeds]
+    return float(np.mean([FAILED * failed - total for total, failed in episodes]))
 
 
 def tuned(policy: str, rover: str) -> dict[str, Any]:

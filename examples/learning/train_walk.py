@@ -13,6 +13,7 @@ import json
 from pathlib import Path
 import time
 
+from episodes import run_episode
 import numpy as np
 from sb3_vector import Sb3Vector
 from stable_baselines3 import PPO, SAC
@@ -91,15 +92,8 @@ class Evaluation(BaseCallback):
 
     def keep(self, model: PPO | SAC) -> None:
         """Evaluate, and write checkpoint, policy and a line of the log."""
-        returns = []
-        for seed in EVALUATED:
-            observation, total, over = self._task.reset(np.random.default_rng(seed)), 0.0, False
-            while not over:
-                action, _ = model.predict(observation, deterministic=True)
-                outcome = self._task.step(action)
-                observation, total = outcome.observation, total + outcome.reward
-                over = outcome.terminated or outcome.truncated
-            returns.append(total)
+        returns = [run_episode(self._task, lambda observation: model.predict(
+            observation, deterministic=True)[0], seed)[0] for seed in EVALUATED]
         self._task.close()
         line = {'decisions': int(model.num_timesteps), 'return': float(np.mean(returns)),
                 'returns': np.round(returns, 2).tolist()}

@@ -1,4 +1,4 @@
-"""How a run ends, whoever drives it: who is stopped when, what failed, when a bag is marked."""
+"""The end of a run: the order in which nodes stop, failures, and the mark on the bag."""
 
 from __future__ import annotations
 

@@ -1,0 +1,26 @@
+"""One episode of a task without exploration, for what trains and judges policies here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lunar_rover_sim.learning.task import RoverTask
+
+
+def run_episode(task: RoverTask, act: Callable[[np.ndarray], np.ndarray],
+                seed: int) -> tuple[float, bool]:
+    """Return the sum of rewards of an episode, and whether it was terminated early.
+
+    Args:
+        task: It is reset first.
+        act: Observation → action.
+        seed: Of the episode.
+    """
+    observation, total, over = task.reset(np.random.default_rng(seed)), 0.0, False
+    while not over:
+        outcome = task.step(act(observation))
+        observation, total = outcome.observation, total + outcome.reward
+        over = outcome.terminated or outcome.truncated
+    return total, outcome.terminated
