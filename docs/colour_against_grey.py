@@ -14,14 +14,12 @@ import cv2
 import numpy as np
 from scipy import stats
 
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.depth import disparity_from_depth
 from lunar_rover_sim.stereo.error import stereo_errors
 from lunar_rover_sim.stereo.points import grey
-from lunar_rover_sim.stereo.sgm import SgmMatcher
 
 PLACES, TURNS, SUN_DEG = 10, 4, 10.0
 COLUMNS = 'CPU of a pair [ms]', 'bad-1 [%]', 'density [%]', 'ORB keypoints', 'exposure [ms]'
@@ -34,8 +32,8 @@ def main() -> None:
         scenario = Scenario.load('baseline', [f'render_node.sensor.encoding={encoding}',
                                               f'render_node.sun.elevation_deg={SUN_DEG}'])
         world, orb = scenario.load_world(), cv2.ORB_create(10_000, fastThreshold=20)
-        matcher, rows = SgmMatcher.from_scenario(scenario), []
-        with Renderer.from_scenario(scenario, world) as renderer:
+        matcher, rows = scenario.matcher(), []
+        with scenario.renderer(world) as renderer:
             for k in range(PLACES):
                 state = RoverPose(standing(world, 0.5 * k - 2.0, 0.4 * k - 2.0, 150.0 + 36.0 * k,
                                            HEIGHT_M))

@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
@@ -44,7 +43,7 @@ def pictures(name: str, width: int) -> list[tuple[str, NDArray[np.generic]]]:
     world = load_world(cached(scenario.world, scenario.shared.seed))
     azimuth = scenario.render_node.sun.azimuth_deg
     shown = []
-    with Renderer.from_scenario(scenario, world) as renderer:
+    with scenario.renderer(world) as renderer:
         for elevation in ELEVATIONS_DEG:
             renderer.set_sun(azimuth, elevation)
             for place, height in PLACES:

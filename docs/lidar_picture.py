@@ -12,9 +12,7 @@ import matplotlib
 import numpy as np
 
 from lunar_rover_sim.camera.rig import StereoRig
-from lunar_rover_sim.lidar.lidar import Lidar
 from lunar_rover_sim.lidar.motion import ScanMotion
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
@@ -38,10 +36,10 @@ def main() -> None:
     rover = scenario.rover
     T_world_base = standing(world, 0.0, 0.0, YAW_DEG, rover.standing_height_m)
     state = RoverPose(T_world_base, np.zeros(4))
-    with Renderer.from_scenario(scenario, world) as renderer:
+    with scenario.renderer(world) as renderer:
         settle(renderer, state)
         image = np.asarray(renderer.render(state, 0, ('left',)).left)
-    lidar = Lidar.from_scenario(scenario, world)
+    lidar = scenario.lidar(world)
     cloud = lidar.scan(ScanMotion([0.0, 0.1], [T_world_base, T_world_base])).cloud()
     points = np.stack([cloud[axis] for axis in 'xyz'], axis=1).astype(float)
     T = T_world_base @ lidar.T_base_lidar

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.evaluation.image_statistics import GreyPair, image_statistics, MEASURES
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import settle
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
@@ -97,7 +96,7 @@ def _ours() -> list[NDArray[np.uint8]]:
         f'render_node.camera.horizontal_fov_deg={FOV_DEG}', 'render_node.sensor.encoding=rgb8'])
     world = load_world(cached(scenario.world, scenario.shared.seed))
     azimuth, pictures = scenario.render_node.sun.azimuth_deg, []
-    with Renderer.from_scenario(scenario, world) as renderer:
+    with scenario.renderer(world) as renderer:
         T_camera_base = np.linalg.inv(renderer.rig.T_base_left)
         for photograph in PHOTOGRAPHS:
             renderer.set_sun(azimuth, photograph.sun_deg)

@@ -6,22 +6,21 @@ In a browser, with all topics: `lunar_rover_sim run baseline --view -o runs/view
 import matplotlib.pyplot as plt
 import numpy as np
 
-from lunar_rover_sim import GaitController, Renderer, Scenario, Simulation
+from lunar_rover_sim import Scenario
 
 
 def main(duration_s: float = 20.0) -> int:
     """Walk an arc and show five pictures a second; return how many were shown."""
     scenario = Scenario.load('baseline')
     world = scenario.load_world()
-    gait = GaitController.from_scenario(scenario)
+    gait = scenario.gait_controller()
     gait.set_velocity(0.12, 0.05)
     figure, (left, above) = plt.subplots(1, 2, figsize=(10, 4), layout='constrained')
     above.set(xlabel='x [m]', ylabel='y [m]')
     path = [np.zeros(2)]
     line, = above.plot([], [])
     image, shown = None, 0
-    with Simulation.from_scenario(scenario, world) as simulation, \
-            Renderer.from_scenario(scenario, world) as renderer:
+    with scenario.simulation(world) as simulation, scenario.renderer(world) as renderer:
         state = simulation.state
         while state.stamp_ns < duration_s * 1e9 and plt.fignum_exists(figure.number):
             for _ in range(40):     # 0.2 s

@@ -6,7 +6,7 @@ As a node, in lockstep with all others: docs/tutorials/controller.md.
 import math
 import sys
 
-from lunar_rover_sim import GaitController, Scenario, Simulation
+from lunar_rover_sim import Scenario
 from lunar_rover_sim.frames import rpy_from_wxyz
 
 NEAR_M = 0.05
@@ -23,8 +23,8 @@ def command(position_m, yaw_rad: float, goal_m: tuple[float, float]) -> tuple[fl
 def main(x_m: float, y_m: float, longest_s: float = 60.0) -> float:
     """Walk to a point on flat ground; return how far away from it the rover ends [m]."""
     scenario = Scenario.load('flat')
-    gait = GaitController.from_scenario(scenario)
-    with Simulation.from_scenario(scenario, scenario.load_world()) as simulation:
+    gait = scenario.gait_controller()
+    with scenario.simulation(scenario.load_world()) as simulation:
         state = simulation.state
         away_m = math.inf
         while away_m > NEAR_M and state.stamp_ns < longest_s * 1e9:

@@ -5,7 +5,7 @@ It believes that the rover does as it is told. What slip and turns leave of that
 
 import numpy as np
 
-from lunar_rover_sim import evaluate, GaitController, Scenario, Simulation, Trajectory
+from lunar_rover_sim import evaluate, Scenario, Trajectory
 from lunar_rover_sim.frames import wxyz_from_rpy
 
 FORWARD_MPS, YAW_RATE_RADPS = 0.12, 0.1
@@ -24,10 +24,10 @@ def dead_reckoning(stamps_ns: np.ndarray) -> Trajectory:
 def main(duration_s: float = 5.0) -> float:
     """Walk an arc; return the absolute trajectory error [m]."""
     scenario = Scenario.load('baseline')
-    gait = GaitController.from_scenario(scenario)
+    gait = scenario.gait_controller()
     gait.set_velocity(FORWARD_MPS, YAW_RATE_RADPS)
     states = []
-    with Simulation.from_scenario(scenario, scenario.load_world()) as simulation:
+    with scenario.simulation(scenario.load_world()) as simulation:
         state = simulation.state
         while state.stamp_ns < duration_s * 1e9:
             legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)

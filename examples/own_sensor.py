@@ -5,7 +5,7 @@ As a sensor of the simulator, with a topic of its own: CONTRIBUTING.md, "A senso
 
 import numpy as np
 
-from lunar_rover_sim import GaitController, Scenario, Simulation
+from lunar_rover_sim import Scenario
 from lunar_rover_sim.frames import rpy_from_wxyz
 
 
@@ -27,10 +27,10 @@ def main(duration_s: float = 3.0) -> np.ndarray:
     """Walk, and return the readings (n, 2) [deg]."""
     scenario = Scenario.load('baseline')
     sensor = Inclinometer(np.random.default_rng(scenario.shared.seed))
-    gait = GaitController.from_scenario(scenario)
+    gait = scenario.gait_controller()
     gait.set_velocity(0.12, 0.0)
     readings = []
-    with Simulation.from_scenario(scenario, scenario.load_world()) as simulation:
+    with scenario.simulation(scenario.load_world()) as simulation:
         state = simulation.state
         while state.stamp_ns < duration_s * 1e9:
             legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)

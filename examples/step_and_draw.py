@@ -6,17 +6,16 @@ import sys
 import cv2
 import numpy as np
 
-from lunar_rover_sim import GaitController, Renderer, Scenario, Simulation
+from lunar_rover_sim import Scenario
 
 
 def main(folder: Path) -> None:
     """Write left.png, right.png and depth_m.npy to a folder."""
     scenario = Scenario.load('baseline', seed=3)
     world = scenario.load_world()
-    gait = GaitController.from_scenario(scenario)
+    gait = scenario.gait_controller()
     gait.set_velocity(0.12, 0.1)        # m/s ahead, rad/s to the left
-    with Simulation.from_scenario(scenario, world) as simulation, \
-            Renderer.from_scenario(scenario, world) as renderer:
+    with scenario.simulation(world) as simulation, scenario.renderer(world) as renderer:
         state = simulation.state
         while state.stamp_ns < 2_000_000_000:
             legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)

@@ -7,7 +7,7 @@ Needs `pip install '.[cluster]'`.
 from distributed import Client, LocalCluster
 import numpy as np
 
-from lunar_rover_sim import GaitController, Scenario, Simulation
+from lunar_rover_sim import Scenario
 
 SPEEDS_MPS = (0.04, 0.08, 0.12, 0.16)
 
@@ -15,9 +15,9 @@ SPEEDS_MPS = (0.04, 0.08, 0.12, 0.16)
 def walk(speed_mps: float, duration_s: float, overrides: tuple[str, ...]) -> float:
     """Walk straight on; return the speed that is reached [m/s]."""
     scenario = Scenario.load('baseline', overrides)
-    gait = GaitController.from_scenario(scenario)
+    gait = scenario.gait_controller()
     gait.set_velocity(speed_mps, 0.0)
-    with Simulation.from_scenario(scenario, scenario.load_world()) as simulation:
+    with scenario.simulation(scenario.load_world()) as simulation:
         start = state = simulation.state
         while state.stamp_ns < duration_s * 1e9:
             legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)

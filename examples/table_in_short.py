@@ -3,19 +3,17 @@
 `lunar_rover_sim benchmark` makes the whole table: recordings, other SLAM programs, seeds.
 """
 
-from lunar_rover_sim import (evaluate, GaitController, Renderer, Scenario, Simulation, Trajectory,
-                             VisualOdometry)
+from lunar_rover_sim import evaluate, Scenario, Trajectory, VisualOdometry
 
 SCENARIOS = 'baseline', 'feature_sparse', 'low_albedo'
 
 
 def drive(scenario: Scenario, duration_s: float):
     """Walk an arc, track every image at 20 Hz, and return the result of the evaluation."""
-    gait, world = GaitController.from_scenario(scenario), scenario.load_world()
+    gait, world = scenario.gait_controller(), scenario.load_world()
     gait.set_velocity(0.12, 0.05)
     states = []
-    with Simulation.from_scenario(scenario, world) as simulation, \
-            Renderer.from_scenario(scenario, world) as renderer:
+    with scenario.simulation(world) as simulation, scenario.renderer(world) as renderer:
         odometry, state = VisualOdometry.of_rig(renderer.rig), simulation.state
         for k in range(round(duration_s * 200)):
             legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)

@@ -35,8 +35,3 @@ def check_argument(name: str, value: object, kind: type | tuple[type, ...], vali
 def check_path(name: str, value: object) -> None:
     """Raise ConfigError unless an argument is a path."""
     check_argument(name, value, (str, os.PathLike), 'a path')
-
-
-def check_scenario(value: object, kind: type) -> None:
-    """Raise ConfigError unless an argument is a scenario: its class, or a protocol of it."""
-    check_argument('scenario', value, kind, 'a Scenario (Scenario.load(...))')

@@ -55,8 +55,7 @@ def test_objects_say_what_they_are(tmp_path: Path) -> None:
     scenario = Scenario.load('flat')
     bag_path = synthetic_bag.write(tmp_path / 'bag', synthetic_bag.drive(
         0.2, only=(topics.ODOM, topics.LEFT_IMAGE)))
-    with open_bag(bag_path) as bag, lunar_rover_sim.Simulation.from_scenario(
-            scenario, world) as simulation:
+    with open_bag(bag_path) as bag, scenario.simulation(world) as simulation:
         for one, words in ((world, world.hash), (scenario, 'flat'), (bag, '2 topics, 42 messages'),
                            (simulation, 'kg at (0.00, 0.00) m, 0 s')):
             assert words in repr(one).replace('-0.00', '0.00') and len(repr(one)) < 200
@@ -111,14 +110,10 @@ def test_overrides_are_texts_or_a_mapping(overrides: Any) -> None:
 
 
 @pytest.mark.parametrize('wrong', ['baseline', Path('baseline.yaml'), None])
-@pytest.mark.parametrize('call', [
-    lambda scenario: record(scenario, 'never'), lunar_rover_sim.Simulation.from_scenario,
-    lunar_rover_sim.Renderer.from_scenario, lunar_rover_sim.Lidar.from_scenario,
-    lunar_rover_sim.GaitController.from_scenario, lunar_rover_sim.SgmMatcher.from_scenario])
-def test_the_name_of_a_scenario_is_none(call: Callable[[Any], object], wrong: Any) -> None:
+def test_the_name_of_a_scenario_is_none(wrong: Any) -> None:
     """The error tells how to get one."""
     with pytest.raises(ConfigError) as raised:
-        call(wrong)
+        record(wrong, 'never')
     assert str(raised.value) == (f'scenario: {wrong!r} is not valid; valid is a Scenario '
                                  '(Scenario.load(...))')
 

@@ -25,14 +25,12 @@ from lunar_rover_sim.frames import Array
 from lunar_rover_sim.parameters import nearest
 from lunar_rover_sim.rendering.frame import LAYERS
 from lunar_rover_sim.rendering.layer_pictures import contact_sheet
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import HEIGHT_M, settle, settled, standing
 from lunar_rover_sim.rover.description import MOST_LEGS
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
 from lunar_rover_sim.run.recorded_run import RecordedRun
 from lunar_rover_sim.run.scenario import Scenario
-from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.cache import cached
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.world_folder import load_world
@@ -92,14 +90,14 @@ def run(args: argparse.Namespace) -> int:
     angles = np.radians(args.joints)
     poses = [_standing(world, pose) for pose in args.pose or [(0.0, 0.0, 0.0, HEIGHT_M)]]
     with Progress('computing the sunlight'):
-        renderer = Renderer.from_scenario(scenario, world)
+        renderer = scenario.renderer(world)
     with renderer:
         renderer.follow(overlay)
         mounts = [entry.mount(world, renderer.config.sun.azimuth_deg)
                   for entry in others if entry.mount is not None]
         drawn = [renderer.add_camera(entry.config, mount, samples=SAMPLES if isinstance(
             entry.config, ChaseConfig) else 1) for entry, mount in zip(others, mounts)]
-        matcher = SgmMatcher.from_scenario(scenario)
+        matcher = scenario.matcher()
         make_new_folder(args.output)
         for k, T in enumerate(poses):
             state = RoverPose(T, angles, np.array(args.twist[:3]), np.array(args.twist[3:]))

@@ -14,7 +14,6 @@ from lunar_rover_sim.cli import options
 from lunar_rover_sim.cli.terminal import Progress, say
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import BASE_FRAME
-from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.cache import cached
@@ -51,10 +50,10 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("view: there is no display (DISPLAY is not set) for MuJoCo's window")
     with Progress('building the world'):
         world = load_world(args.world or cached(scenario.world, scenario.shared.seed))
-    gait = GaitController.from_scenario(scenario)
+    gait = scenario.gait_controller()
     gait.set_velocity(args.speed, args.turn)
     node = scenario.physics_node
-    with Simulation.from_scenario(scenario, world) as simulation, _window(simulation) as window:
+    with scenario.simulation(world) as simulation, _window(simulation) as window:
         steps = node.state_period_ns // node.step_ns
         state, shown_s, start_s = simulation.state, 0.0, time.monotonic()
         while window.is_running():

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.arguments import brief, check_scenario
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, GaitError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.calibration import GaitCalibration
@@ -17,8 +16,7 @@ from lunar_rover_sim.gait.config import GaitConfig
 from lunar_rover_sim.gait.phases import LegPhases
 from lunar_rover_sim.gait.shaping import ShapingFunction
 from lunar_rover_sim.gait.stride import STAND, Stride
-from lunar_rover_sim.physics.config import PhysicsConfig
-from lunar_rover_sim.rover.description import Legs, RoverDescription
+from lunar_rover_sim.rover.description import Legs
 
 MAX_COMMAND = 10.0      # [m/s] or [rad/s], far beyond any walk: a mistake of units
 _MIN_DUTY, _MAX_DUTY = 0.1, 0.9
@@ -39,23 +37,6 @@ class LegCommand:
     velocity_radps: Array
     angle_rad: Array
     phase: Array
-
-
-@runtime_checkable
-class WalkingScenario(Protocol):
-    """What a gait controller needs of a scenario."""
-
-    @property
-    def gait_controller_node(self) -> GaitConfig:
-        """The parameters of the gait."""
-
-    @property
-    def physics_node(self) -> PhysicsConfig:
-        """The parameters of physics, which name the ground."""
-
-    @property
-    def rover(self) -> RoverDescription:
-        """The rover."""
 
 
 class GaitController:
@@ -90,19 +71,6 @@ class GaitController:
         self._offsets = self._config.offsets(legs)
         self._calibration = calibration or GaitCalibration.default()
         self.reset()
-
-    @classmethod
-    def from_scenario(cls, scenario: WalkingScenario) -> GaitController:
-        """Return the controller of a scenario, with the calibration of its ground.
-
-        Raises:
-            ConfigError: If its gait does not fit its rover or its calibration cannot be read.
-        """
-        check_scenario(scenario, WalkingScenario)
-        config = scenario.gait_controller_node.for_rover(scenario.rover)
-        calibration = GaitCalibration.of(config, scenario.physics_node.ground.name,
-                                         scenario.rover.name)
-        return cls(config, calibration, scenario.rover.legs)
 
     @property
     def config(self) -> GaitConfig:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 
-from lunar_rover_sim.arguments import check_scenario
 from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.frames import Array
-from lunar_rover_sim.illumination.config import ReflectanceConfig
 from lunar_rover_sim.lidar.beam_pattern import beam_pattern
 from lunar_rover_sim.lidar.config import DROP, LidarConfig
 from lunar_rover_sim.lidar.motion import ScanMotion
@@ -25,47 +20,6 @@ from lunar_rover_sim.rover.mounts import lidar_pose
 from lunar_rover_sim.rover.pose import Posed
 from lunar_rover_sim.world.far_rocks import far_rocks
 from lunar_rover_sim.world.model import World
-
-
-class Seeded(Protocol):
-    """What all nodes of a scenario share."""
-
-    @property
-    def seed(self) -> int:
-        """Seed of everything random."""
-
-
-class Reflecting(Protocol):
-    """What is drawn."""
-
-    @property
-    def reflectance(self) -> ReflectanceConfig:
-        """Kind and brightness of the regolith."""
-
-
-@runtime_checkable
-class ScannedScenario(Protocol):
-    """What `Lidar.from_scenario` needs of a scenario."""
-
-    @property
-    def shared(self) -> Seeded:
-        """Parameters of all nodes."""
-
-    @property
-    def rover(self) -> RoverDescription:
-        """The rover."""
-
-    @property
-    def lidar_node(self) -> LidarConfig:
-        """The sensor."""
-
-    @property
-    def render_node(self) -> Reflecting:
-        """What the cameras see: the laser falls on the same regolith."""
-
-    def load_world(self) -> World:
-        """Return the world, built if need be."""
-
 
 _STREAM = 7                 # of random numbers, among those of a seed
 
@@ -105,15 +59,6 @@ class Lidar:
         self._caster = RayCaster(pyramids, hulls)
         self._returns = ReturnModel(config, world.albedo, world.ground.cell_m, rocks.albedo)
         self._soft: SoftCells | None = None
-
-    @classmethod
-    def from_scenario(cls, scenario: ScannedScenario, world: World | None = None) -> Lidar:
-        """Return the sensor of a scenario, on another world if one is given."""
-        check_scenario(scenario, ScannedScenario)
-        config = dataclasses.replace(scenario.lidar_node,
-                                     reflectance=scenario.render_node.reflectance)
-        return cls(scenario.load_world() if world is None else world, scenario.rover, config,
-                   scenario.shared.seed)
 
     @property
     def legs_met(self) -> bool:

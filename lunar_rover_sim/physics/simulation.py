@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import numbers
 from types import TracebackType
-from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lunar_rover_sim.arguments import brief, check_scenario
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import matrix_from_wxyz, tilt_deg
 from lunar_rover_sim.physics.config import PhysicsConfig
@@ -35,22 +34,6 @@ MAX_COMMAND_RADPS = 1e6
 MAX_START_TILT_DEG = 60.0  # settled at more, the rover lies on its side or leans on a rock
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FULL = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
-
-
-@runtime_checkable
-class SimulatedScenario(Protocol):
-    """What a simulation needs of a scenario."""
-
-    @property
-    def physics_node(self) -> PhysicsConfig:
-        """The parameters of the simulation."""
-
-    @property
-    def rover(self) -> RoverDescription:
-        """The rover."""
-
-    def load_world(self) -> World:
-        """Return the world of the scenario."""
 
 
 class Simulation:
@@ -100,14 +83,6 @@ class Simulation:
         self._start_contact = self._ground_contact
         if self._soft_ground is not None:
             self._soft_ground.keep_start()
-
-    @classmethod
-    def from_scenario(cls, scenario: SimulatedScenario, world: World | None = None) -> Simulation:
-        """Return the simulation of a scenario, on another world if one is given."""
-        check_scenario(scenario, SimulatedScenario)
-        if world is None:
-            world = scenario.load_world()
-        return cls(world, scenario.rover, scenario.physics_node)
 
     def __enter__(self) -> Simulation:
         return self

@@ -9,7 +9,6 @@ from types import TracebackType
 
 import moderngl
 
-from lunar_rover_sim.arguments import check_scenario
 from lunar_rover_sim.camera.config import FurtherCameraConfig, SensorConfig
 from lunar_rover_sim.camera.fisheye import FisheyeCamera, geometry_of
 from lunar_rover_sim.camera.mount import BodyMount, Mount
@@ -25,7 +24,6 @@ from lunar_rover_sim.rendering.checked_state import checked_state
 from lunar_rover_sim.rendering.config import RenderConfig
 from lunar_rover_sim.rendering.context import create_context
 from lunar_rover_sim.rendering.frame import StereoFrame
-from lunar_rover_sim.rendering.rendered_scenario import RenderedScenario
 from lunar_rover_sim.rendering.scene import Request
 from lunar_rover_sim.rendering.world_light import WorldLight
 from lunar_rover_sim.rendering.world_passes import WorldPasses
@@ -77,13 +75,6 @@ class Renderer:
         except Exception:
             self.close()
             raise
-
-    @classmethod
-    def from_scenario(cls, scenario: RenderedScenario, world: World | None = None) -> Renderer:
-        """Return the renderer of a scenario; world: loaded from the scenario if it is None."""
-        check_scenario(scenario, RenderedScenario)
-        return cls(scenario.load_world() if world is None else world, scenario.rover,
-                   scenario.render_node, scenario.shared.seed)
 
     @property
     def sensor(self) -> SensorModel:

@@ -10,7 +10,7 @@ from pathlib import Path
 import time
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.arguments import brief, check_path, check_scenario
+from lunar_rover_sim.arguments import brief, check_argument, check_path
 from lunar_rover_sim.bag.config import ALL
 from lunar_rover_sim.bag.reader import open_bag
 from lunar_rover_sim.bag.totals import simulated_end_ns
@@ -205,7 +205,7 @@ def record(scenario: Scenario, folder: str | Path, *, world: str | Path | None =
         GraphError: If rclpy is missing, a node fails or nothing was recorded.
         WorldError: For a damaged world.
     """
-    check_scenario(scenario, Scenario)
+    check_argument('scenario', scenario, Scenario, 'a Scenario (Scenario.load(...))')
     check_path('folder', folder)
     if world is not None:
         check_path('world', world)

@@ -15,7 +15,7 @@ import dataclasses
 import html
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from lunar_rover_sim.arguments import brief, check_path
 from lunar_rover_sim.errors import ConfigError, WorldError
@@ -40,6 +40,13 @@ from lunar_rover_sim.world.config import DEM, WorldConfig
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.site import reported_site, Site
 from lunar_rover_sim.world.world_folder import load_world as load_world_folder
+
+if TYPE_CHECKING:
+    from lunar_rover_sim.gait.controller import GaitController
+    from lunar_rover_sim.lidar.lidar import Lidar
+    from lunar_rover_sim.physics.simulation import Simulation
+    from lunar_rover_sim.rendering.renderer import Renderer
+    from lunar_rover_sim.stereo.sgm import SgmMatcher
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,6 +194,62 @@ class Scenario:
                 values = {k: v for k, v in values.items() if k not in shared}
             result[section] = {ROS_KEY: values}
         return result
+
+    # What a scenario makes is imported when it is made: a program that reads a scenario loads
+    # neither MuJoCo nor a renderer.
+
+    def simulation(self, world: World | None = None) -> Simulation:
+        """Return the physics, on another world if one is given.
+
+        Raises:
+            ConfigError: If a parameter is not valid with the others.
+            WorldError: If the world cannot be built or read.
+        """
+        from lunar_rover_sim.physics.simulation import Simulation
+        return Simulation(self._world(world), self.rover, self.physics_node)
+
+    def gait_controller(self) -> GaitController:
+        """Return the gait controller, with the calibration of its ground.
+
+        Raises:
+            ConfigError: If the gait does not fit the rover or its calibration cannot be read.
+        """
+        from lunar_rover_sim.gait.calibration import GaitCalibration
+        from lunar_rover_sim.gait.controller import GaitController
+        config = self.gait_controller_node.for_rover(self.rover)
+        calibration = GaitCalibration.of(config, self.physics_node.ground.name, self.rover.name)
+        return GaitController(config, calibration, self.rover.legs)
+
+    def renderer(self, world: World | None = None) -> Renderer:
+        """Return the renderer of the cameras, of another world if one is given.
+
+        Raises:
+            RenderError: If there is no OpenGL.
+            WorldError: If the world cannot be built or read.
+        """
+        from lunar_rover_sim.rendering.renderer import Renderer
+        return Renderer(self._world(world), self.rover, self.render_node, self.shared.seed)
+
+    def matcher(self) -> SgmMatcher:
+        """Return the matcher of stereo pairs; its maps know the depth."""
+        from lunar_rover_sim.camera.rig import StereoRig
+        from lunar_rover_sim.stereo.sgm import SgmMatcher
+        return SgmMatcher(self.render_node.sgm, StereoRig(self.rover, self.render_node.camera))
+
+    def lidar(self, world: World | None = None) -> Lidar:
+        """Return the LiDAR, on another world if one is given.
+
+        Raises:
+            ConfigError: If the rover is before every beam.
+            WorldError: If the world cannot be built or read.
+        """
+        from lunar_rover_sim.lidar.lidar import Lidar
+        config = dataclasses.replace(self.lidar_node,
+                                     reflectance=self.render_node.reflectance)
+        return Lidar(self._world(world), self.rover, config, self.shared.seed)
+
+    def _world(self, world: World | None) -> World:
+        return self.load_world() if world is None else world
 
     def to_yaml(self) -> str:
         """Return the scenario as YAML; loading it gives an equal scenario.

@@ -6,17 +6,15 @@ Trans. Pattern Analysis and Machine Intelligence 30(2), 2008.
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lunar_rover_sim.arguments import brief, check_scenario
-from lunar_rover_sim.camera.config import CameraConfig
+from lunar_rover_sim.arguments import brief
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import StereoError
-from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.stereo.config import SgmConfig
 from lunar_rover_sim.stereo.depth import DisparityMap
 from lunar_rover_sim.stereo.refinement import refined, unexplained
@@ -27,31 +25,6 @@ _MODES = {'sgbm': cv2.STEREO_SGBM_MODE_SGBM, 'hh': cv2.STEREO_SGBM_MODE_HH,
 
 _MARGIN_OVERLAP_PX = 32     # of the left margin with the rest; paths begin there
 _HALF_TURNS = 2             # of the refinement of what was matched at half the resolution
-
-
-@runtime_checkable
-class MatchedScenario(Protocol):
-    """What `SgmMatcher.from_scenario` needs of a scenario."""
-
-    @property
-    def rover(self) -> RoverDescription:
-        """The rover: it carries the cameras."""
-
-    @property
-    def render_node(self) -> StereoConfig:
-        """Cameras and matching."""
-
-
-class StereoConfig(Protocol):
-    """The parameters of a pair of cameras and of their matching."""
-
-    @property
-    def camera(self) -> CameraConfig:
-        """Both cameras."""
-
-    @property
-    def sgm(self) -> SgmConfig:
-        """Matching."""
 
 
 class SgmMatcher:
@@ -69,13 +42,6 @@ class SgmMatcher:
         self._half_reach = least + 16 * -(-(most - least) // 16)
         self._half_matcher = _sgbm(config, least, self._half_reach - least,
                                    max(config.block_size - 2, 1))
-
-    @classmethod
-    def from_scenario(cls, scenario: MatchedScenario) -> SgmMatcher:
-        """Return the matcher of a scenario; its maps know the depth."""
-        check_scenario(scenario, MatchedScenario)
-        node = scenario.render_node
-        return cls(node.sgm, StereoRig(scenario.rover, node.camera))
 
     def match(self, left: NDArray[Any], right: NDArray[Any]) -> DisparityMap:
         """Match two (h, w) or (h, w, 3) images, uint8 or uint16.

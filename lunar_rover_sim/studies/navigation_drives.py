@@ -17,7 +17,6 @@ import numpy as np
 from lunar_rover_sim.errors import PhysicsError
 from lunar_rover_sim.evaluation.true_surface import TrueSurface
 from lunar_rover_sim.frames import Array, matrix_from_wxyz, path_length, se3, wxyz_from_matrix
-from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.navigation.config import MapConfig, TRUTH, WHEELS
 from lunar_rover_sim.navigation.elevation_map import ElevationMap
 from lunar_rover_sim.navigation.navigator import ARRIVED, FAILED, Navigator, TILT
@@ -219,7 +218,7 @@ def drive_to(scenario: Scenario, world: World, goal_m: tuple[float, float], driv
     truth = dataclasses.replace(truth, stamp_ns=round(limit_s * 1e9))   # it never grows old
     shortest = Planner(truth, nav.plan, limits.half_width_m, (0.0, 0.0)).plan(goal_m)
     with Simulation(world, scenario.rover, scenario.physics_node) as simulation:
-        controller = GaitController.from_scenario(scenario)
+        controller = scenario.gait_controller()
         steps = max(1, round(STATE_PERIOD_S / simulation.config.step_s))
         state = simulation.state
         estimate = Estimate(pose, scenario, state, noise_seed)

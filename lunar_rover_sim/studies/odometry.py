@@ -12,7 +12,6 @@ from scipy import stats
 from lunar_rover_sim.errors import StudyError
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.physics.tip_over import TIPPED_DEG
 from lunar_rover_sim.rover.description import RoverDescription
 from lunar_rover_sim.run.scenario import Scenario
@@ -92,8 +91,8 @@ def _drive(scenario: Scenario, duration_s: float, seed: int) -> Walk:
     def command(controller: GaitController, stamp_ns: int) -> None:
         controller.set_velocity(*commands[int(stamp_ns * 1e-9 / COMMAND_S)], stamp_ns)
 
-    with Simulation.from_scenario(scenario) as simulation:
-        return walk(simulation, GaitController.from_scenario(scenario), duration_s, command)
+    with scenario.simulation() as simulation:
+        return walk(simulation, scenario.gait_controller(), duration_s, command)
 
 
 def judge(walks: Sequence[Walk], rover: RoverDescription, counts_per_turn: int,

@@ -20,7 +20,6 @@ from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.depth import disparity_from_depth, DisparityMap
 from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
-from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.model import World
 
 _RADIUS = 0.15           # of the loop, over half the side of the world
@@ -41,8 +40,8 @@ def study(scenario: Scenario, frames: int, figures: Path | None = None,
         raise StudyError(f'frames: {frames} is not valid; valid is >= 1')
     world = scenario.load_world()
     total = StereoErrors()
-    with Renderer.from_scenario(scenario, world) as renderer:
-        matcher = SgmMatcher.from_scenario(scenario)
+    with scenario.renderer(world) as renderer:
+        matcher = scenario.matcher()
         progress(0, frames)
         for k in range(frames):
             frame, right_depth_m = _draw(renderer, _pose(world, k / frames), k)

@@ -35,9 +35,9 @@ _BORDER = 3             # rows at top and bottom that are left out
 
 def renderer_of(name: str, width: int, world: World | None, **detail: object) -> Renderer:
     """Return a renderer of a scenario with some values of `detail`."""
-    return Renderer.from_scenario(Scenario.load(name, [
+    return Scenario.load(name, [
         f'render_node.camera.width={width}', f'render_node.camera.height={width * 3 // 4}',
-        *(f'render_node.detail.{key}={value}' for key, value in detail.items())]), world)
+        *(f'render_node.detail.{key}={value}' for key, value in detail.items())]).renderer(world)
 
 
 def states(renderer: Renderer) -> list[RoverPose]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import tempfile
 import time
 
-from lunar_rover_sim import Lidar, record, Scenario, Simulation
+from lunar_rover_sim import record, Scenario
 
 NODES = 'physics_node, gait_controller_node, drive_node, recorder_node, lidar_node'
 OVERRIDES = (f'run.nodes=[{NODES}]', 'recorder_node.topics=[all, lidar/points, lidar/scan]')
@@ -35,8 +35,8 @@ def of_node(name: str) -> tuple[float, float]:
 def alone(name: str, count: int = 100) -> float:
     """Return CPU time [ms] of a scan, one after the other of a rover that stands."""
     scenario = Scenario.load(name, OVERRIDES, seed=3)
-    lidar = Lidar.from_scenario(scenario)
-    with Simulation.from_scenario(scenario) as simulation:
+    lidar = scenario.lidar()
+    with scenario.simulation() as simulation:
         state = simulation.state
     lidar.scan(state)
     begin = time.process_time()

@@ -159,10 +159,9 @@ PASSES = {
 
 def walk(scenario, count=40):
     """Return states of a rover that walks, 0.05 s apart."""
-    from lunar_rover_sim import GaitController, Simulation
-    gait, states = GaitController.from_scenario(scenario), []
+    gait, states = scenario.gait_controller(), []
     gait.set_velocity(0.12, 0.0)
-    with Simulation.from_scenario(scenario) as simulation:
+    with scenario.simulation() as simulation:
         state = simulation.state
         for k in range(200 + 10 * count):
             legs = gait.update(state.stamp_ns, state.joint_angle_rad, state.joint_velocity_radps)
@@ -207,7 +206,10 @@ def timed(renderer, spent):
 def serve(scenario):
     """Draw the states that numbers in lines of stdin name; print ms of CPU for each."""
     states = np.load(sys.stdin.readline().strip())
-    with Renderer.from_scenario(Scenario.load(scenario)) as renderer:
+    loaded = Scenario.load(scenario)
+    # Scenarios of versions before 1.0 make no renderer.
+    with (loaded.renderer() if hasattr(loaded, 'renderer')
+          else Renderer.from_scenario(loaded)) as renderer:
         def draw(k):
             state = RoverPose(*(states[field.name][k] for field in dataclasses.fields(RoverPose)))
             renderer.render(state, k)
@@ -223,7 +225,7 @@ def serve(scenario):
 def compare(scenario, clones, rounds):
     """Print what passes take in this checkout, and a pair's CPU over that of another one."""
     states = walk(Scenario.load(scenario))
-    with Renderer.from_scenario(Scenario.load(scenario)) as renderer:
+    with Scenario.load(scenario).renderer() as renderer:
         for k, state in enumerate(states[:4]):
             renderer.render(state, k)
         spent = collections.Counter()

@@ -26,7 +26,6 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from repetition import features, inliers  # noqa: E402
 
-from lunar_rover_sim.rendering.renderer import Renderer  # noqa: E402
 from lunar_rover_sim.rendering.snapshot import settle, standing  # noqa: E402
 from lunar_rover_sim.rover.pose import RoverPose  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
@@ -80,7 +79,7 @@ def view(renderer, place, number, depth_m):
 
 def row(name, count, most_m, depth_m):
     """Return the cells of the table for a scenario."""
-    one, two = (Renderer.from_scenario(scenario, scenario.load_world()) for scenario in
+    one, two = (scenario.renderer(scenario.load_world()) for scenario in
                 (Scenario.load(name, _NO_PATTERN, seed=seed) for seed in _WORLDS))
     with one, two:
         tangent = 0.5 * one.rig.width / one.rig.focal_px

@@ -23,7 +23,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from brightness import DIRECTIONS_DEG, views  # noqa: E402
 from resolution import against_finer, finer_camera  # noqa: E402
 
-from lunar_rover_sim.rendering.renderer import Renderer  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 EDGES_M = (0.4, 0.7, 1.2, 2.0, 3.5, 7.0, 20.0)
@@ -31,9 +30,9 @@ EDGES_M = (0.4, 0.7, 1.2, 2.0, 3.5, 7.0, 20.0)
 
 def renderer_of(name, width, samples):
     """Return a renderer of a scenario."""
-    return Renderer.from_scenario(Scenario.load(name, [
+    return Scenario.load(name, [
         f'render_node.camera.width={width}', f'render_node.camera.height={width * 3 // 4}',
-        f'render_node.detail.supersampling={samples}']))
+        f'render_node.detail.supersampling={samples}']).renderer()
 
 
 def cells(values, digits):

@@ -18,8 +18,6 @@ import numpy as np
 
 sys.path.insert(0, os.getcwd())
 
-from lunar_rover_sim.gait.controller import GaitController  # noqa: E402
-from lunar_rover_sim.physics.simulation import Simulation  # noqa: E402
 from lunar_rover_sim.run.scenario import Scenario  # noqa: E402
 
 MOVED_M, STATE_S, SAMPLE = 1e-12, 0.005, 10
@@ -31,8 +29,8 @@ def walk(seed: int, moved_m: float, args: argparse.Namespace) -> np.ndarray:
     ground = ([f'physics_node.ground.model={args.ground}'] if args.ground == 'rigid' else
               ['physics_node.ground.model=regolith', f'physics_node.ground.preset={args.ground}'])
     scenario = Scenario.load('baseline', [*ground, f'world.seed={seed}'])
-    controller, places = GaitController.from_scenario(scenario), []
-    with Simulation.from_scenario(scenario) as simulation:
+    controller, places = scenario.gait_controller(), []
+    with scenario.simulation() as simulation:
         simulation.data.qpos[0] += moved_m
         state = simulation.state
         for step in range(round(args.duration / STATE_S)):

@@ -21,7 +21,6 @@ import numpy as np
 
 from lunar_rover_sim.evaluation.statistics import Median
 from lunar_rover_sim.rendering.frame import FLOWS, RIGHT_TRUTH
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
@@ -35,7 +34,7 @@ KINDS = {'pair and depth': PAIR, 'left truth and flows': LEFT,
 
 def serve(scenario):
     """Draw what lines of stdin ask for, kind and pose; print ms of CPU for each."""
-    with Renderer.from_scenario(Scenario.load(scenario)) as renderer:
+    with Scenario.load(scenario).renderer() as renderer:
         def state(k, ahead_rad=0.0):
             angle = 2.0 * np.pi * k / POSES + ahead_rad
             return RoverPose(standing(renderer.world, 3.0 * np.sin(angle),

@@ -21,7 +21,6 @@ from lunar_rover_sim.bag.messages import header_ns, pose_matrix  # noqa: E402
 from lunar_rover_sim.bag.reader import open_bag  # noqa: E402
 from lunar_rover_sim.errors import GraphError  # noqa: E402
 from lunar_rover_sim.inspection.check import check  # noqa: E402
-from lunar_rover_sim.lidar.lidar import Lidar  # noqa: E402
 from lunar_rover_sim.lidar.motion import ScanMotion  # noqa: E402
 from lunar_rover_sim.lidar.scan import POINT  # noqa: E402
 from lunar_rover_sim.nodes.conversions import time_msg  # noqa: E402
@@ -47,7 +46,7 @@ def test_scans_in_a_bag(tmp_path):
     assert '/lidar/points_deskewed' not in result.counts
     report = check(result.bag)
     assert not report.failed and 'scans' in {finding.check for finding in report.findings}
-    lidar = Lidar.from_scenario(result.scenario)
+    lidar = result.scenario.lidar()
     with open_bag(result.bag) as bag:
         states = {ns: pose_matrix(odom) for _, ns, odom in bag.messages(['/odom'])}
         angles = {ns: legs.position[:4] for _, ns, legs in bag.messages(['/joint_states'])}

@@ -21,7 +21,6 @@ from lunar_rover_sim.frames import sun_direction
 from lunar_rover_sim.illumination.sun_path import SunPath
 from lunar_rover_sim.inspection.check import check
 from lunar_rover_sim.regolith.config import GroundConfig
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.plan import resolve
 from lunar_rover_sim.run.recording import record
@@ -76,7 +75,7 @@ def test_a_run_in_lockstep(tmp_path: Path) -> None:
     # The last picture has the light of the last step; noise and legs aside.
     last = max(images)
     state = RoverPose(odometry[last], joint_angle_rad=np.asarray(joints[last]))
-    with Renderer.from_scenario(result.scenario) as renderer:
+    with result.scenario.renderer() as renderer:
         drawn = []
         for step in (0, path.step(last)):
             if step:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import types
 
 import mujoco
 import numpy as np
-from physics_scene import make_world, rough_heights, ROVER, simulate
+from physics_scene import make_world, rough_heights, simulate
 import pytest
 
 from lunar_rover_sim.errors import ConfigError, PhysicsError
 from lunar_rover_sim.frames import matrix_from_wxyz
-from lunar_rover_sim.physics.config import PhysicsConfig, StartPose
-from lunar_rover_sim.physics.simulation import Simulation
+from lunar_rover_sim.physics.config import StartPose
 from lunar_rover_sim.regolith.config import GroundConfig
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.rocks import Rocks, RockShape
 
 
@@ -28,12 +27,12 @@ def ray_heights(simulation, xy: np.ndarray) -> np.ndarray:
                                           geom) for x, y in xy])
 
 
-def test_a_simulation_of_a_scenario_may_be_on_another_world():
+def test_a_simulation_of_a_scenario_may_be_on_another_world(monkeypatch):
     own, other = make_world(), make_world(np.full((401, 401), 2.0))
-    scenario = types.SimpleNamespace(physics_node=PhysicsConfig(), rover=ROVER,
-                                     load_world=lambda: own)
+    monkeypatch.setattr(Scenario, 'load_world', lambda self: own)
+    scenario = Scenario.load('flat')
     for world, height_m in ((None, 0.0), (other, 2.0)):
-        with Simulation.from_scenario(scenario, world) as simulation:
+        with scenario.simulation(world) as simulation:
             assert 0.0 < simulation.state.position_m[2] - height_m < 0.2
 
 

@@ -138,7 +138,7 @@ def test_a_renderer_of_a_scenario(world):
     scenario = Scenario.load('baseline', [*PLAIN, 'render_node.camera.width=160',
                                           'render_node.camera.height=120'], seed=3)
     state = RoverPose(pose_on(world, 1.0, 0.0))
-    with Renderer.from_scenario(scenario, world) as renderer:
+    with scenario.renderer(world) as renderer:
         frame = renderer.render(state)
     with Renderer(world, scenario.rover, scenario.render_node, 3) as renderer:
         expected = renderer.render(state)

@@ -15,7 +15,6 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.camera.chase import ChaseCameraConfig, ChaseConfig, ChaseMount
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.gait.config import GaitConfig
-from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.illumination.config import SunConfig
 from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.rendering.config import RenderConfig
@@ -104,7 +103,7 @@ def test_its_odometry_stands_on_the_tripods():
 def test_it_stands_walks_at_the_commanded_speed_and_turns():
     """With its own table, on flat rigid ground."""
     scenario = Scenario.load('flat', rover='hexapod')
-    controller = GaitController.from_scenario(scenario)
+    controller = scenario.gait_controller()
     assert controller.calibration.conditions['legs'] == 6
     with Simulation(flat_world(4.0), ROVER, scenario.physics_node) as simulation:
         still = walk(simulation, controller, 1.0, lambda *_: None)

@@ -2,13 +2,11 @@
 
 import pytest
 
-from lunar_rover_sim.rendering.renderer import Renderer
 from lunar_rover_sim.rendering.snapshot import settle, standing
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.stereo.depth import disparity_from_depth
 from lunar_rover_sim.stereo.error import stereo_errors, StereoErrors
-from lunar_rover_sim.stereo.sgm import SgmMatcher
 
 # A small world in small images.
 SMALL = ('world.size_m=12.8', 'world.surroundings.samples=257', 'render_node.camera.width=320',
@@ -22,9 +20,9 @@ YAWS_DEG = (120.0, 330.0)       # the sun, at 60 deg, is in neither image
 def test_the_default_matcher_is_not_biased(name):
     """Without refinement the median is at -0.12 to -0.24 px."""
     scenario = Scenario.load(name, SMALL)
-    world, matcher = scenario.load_world(), SgmMatcher.from_scenario(scenario)
+    world, matcher = scenario.load_world(), scenario.matcher()
     errors = StereoErrors()
-    with Renderer.from_scenario(scenario, world) as renderer:
+    with scenario.renderer(world) as renderer:
         for k, yaw_deg in enumerate(YAWS_DEG):
             state = RoverPose(standing(world, 0.6 * k, -0.4 * k, yaw_deg))
             settle(renderer, state)

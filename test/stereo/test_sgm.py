@@ -198,7 +198,7 @@ def test_a_matcher_of_a_scenario_knows_the_depth():
     scenario = Scenario.load('baseline', ['render_node.camera.width=400',
                                           'render_node.sgm.num_disparities=64',
                                           'rover.stereo.baseline_m=0.12'])
-    matcher = SgmMatcher.from_scenario(scenario)
+    matcher = scenario.matcher()
     left, right = textured_pair(np.full(240, 20.0))
     disparity = matcher.match(left, right)
     focal_px = 200.0 / np.tan(np.radians(0.5 * scenario.render_node.camera.horizontal_fov_deg))

@@ -12,8 +12,6 @@ import pytest
 from lunar_rover_sim.errors import ConfigError, GaitError, PhysicsError
 from lunar_rover_sim.files.paths import config_path
 from lunar_rover_sim.gait.calibration import GaitCalibration
-from lunar_rover_sim.gait.controller import GaitController
-from lunar_rover_sim.physics.simulation import Simulation
 from lunar_rover_sim.run.scenario import Scenario
 
 
@@ -26,8 +24,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_walk_without_ros(cache: None) -> None:
     """The rover walks forward at the commanded speed, on the world of its scenario."""
     scenario = Scenario.load('flat', ['world.size_m=6.4', 'world.surroundings.extent_m=4'], seed=3)
-    gait = GaitController.from_scenario(scenario)
-    with Simulation.from_scenario(scenario) as simulation:
+    gait = scenario.gait_controller()
+    with scenario.simulation() as simulation:
         gait.set_velocity(0.1, 0.0)     # forward [m/s], yaw rate [rad/s]
         state = simulation.state
         for _ in range(600):
@@ -43,7 +41,7 @@ def test_a_walk_without_ros(cache: None) -> None:
 def test_a_scenario_on_a_world_of_my_own() -> None:
     """A world that is given is not built; start and step are those of the scenario."""
     scenario = Scenario.load('flat', ['physics_node.start.x_m=1.5', 'physics_node.step_s=0.0005'])
-    with Simulation.from_scenario(scenario, make_world()) as simulation:
+    with scenario.simulation(make_world()) as simulation:
         assert simulation.state.position_m[0] == pytest.approx(1.5, abs=0.02)
         assert simulation.advance(2).stamp_ns == 1_000_000
 
@@ -52,20 +50,20 @@ def test_a_gait_of_another_rover_is_refused() -> None:
     """As gait_controller_node says it."""
     scenario = Scenario.load('flat', ['rover.legs.spokes=5', 'gait_controller_node.spokes=3'])
     with pytest.raises(ConfigError, match='spokes: 3 is not valid for the gait; valid is 5'):
-        GaitController.from_scenario(scenario)
+        scenario.gait_controller()
 
 
 def test_the_gait_has_the_spokes_of_the_rover() -> None:
     """They are given once."""
     scenario = Scenario.load('flat', ['rover.legs.spokes=5'])
-    assert GaitController.from_scenario(scenario).config.spokes == 5
+    assert scenario.gait_controller().config.spokes == 5
 
 
 def test_a_calibration_that_is_missing_is_named() -> None:
     """The error tells how to make one."""
     scenario = Scenario.load('flat', ['gait_controller_node.calibration=none.yaml'])
     with pytest.raises(ConfigError, match='none.yaml cannot be read: .* `lunar_rover_sim calibr'):
-        GaitController.from_scenario(scenario)
+        scenario.gait_controller()
 
 
 def test_a_number_beyond_all_bounds_in_a_table(tmp_path: Path) -> None:
@@ -80,12 +78,12 @@ def test_a_number_beyond_all_bounds_in_a_table(tmp_path: Path) -> None:
 def test_bad_input_raises_one_line_of_the_package() -> None:
     """What is not finite or of another shape is named with what is valid."""
     scenario = Scenario.load('flat')
-    gait = GaitController.from_scenario(scenario)
+    gait = scenario.gait_controller()
     with pytest.raises(GaitError, match=r'^velocity: nan m/s and 0.0 rad/s is not valid; valid'):
         gait.set_velocity(math.nan, 0.0)
     with pytest.raises(GaitError, match=r'^joint velocity: \[0.0\] is not valid; valid are 4'):
         gait.update(0, np.zeros(4), [0.0])
-    with Simulation.from_scenario(scenario, make_world()) as simulation:
+    with scenario.simulation(make_world()) as simulation:
         with pytest.raises(PhysicsError, match=r'^command: \[1.0, 2.0\] is not valid; valid is'):
             simulation.command([1.0, 2.0])
         with pytest.raises(PhysicsError, match=r'^advance: 0 is not valid; valid is a whole num'):
