@@ -26,15 +26,57 @@ from lunar_rover_sim.rendering.view import Window
 from lunar_rover_sim.world.model import World
 
 _MESH_ERROR_M = 0.012     # of the coarse meshes within `exact_m`, on ground of usual roughness
-# The programs of pixels are named by what they do, which each word says.
-_DEFINES: dict[str, dict[str, Any]] = {
-    'lit': {}, 'unlit': {'UNLIT': 1}, 'shaded': {'ROVER_SHADOW': 1},
-    'surface': {}, 'refined': {'REFINE': 1},
-    'tracks': {'TRACKS': 1, **DEFINES}, 'truth': {'TRUTH': 1, 'CRATER_ROW': float(ROW)}}
-_PROGRAMS = ('lit', 'lit shaded', 'unlit')
-_SURFACES = ('surface', 'surface refined')
 _RELAXED = 1.5            # length of a step over the relief, over what its bounds of slopes allow
 _MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh at full resolution
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshKind:
+    """What a program of meshes draws.
+
+    outer: a level whose chunks overlap the finer level, which is cut out; skirt: skirts; cut: what
+    the blocks of tracks leave
+    """
+
+    outer: bool = False
+    skirt: bool = False
+    cut: bool = False
+
+    @property
+    def defines(self) -> dict[str, Any]:
+        """Those of its shaders."""
+        return {**({'OUTER': 1} if self.outer else {}), **({'CUT': 1} if self.cut else {}),
+                **({'SKIRT': 1, 'CHUNK': CHUNK} if self.skirt else {})}
+
+
+@dataclasses.dataclass(frozen=True)
+class PixelKind:
+    """What a program of pixels computes: depth of the ground itself, or else light or truth of it.
+
+    refined: where meshes are coarser than the grid; shaded: where the shadow of the rover may
+    fall; tracks: where there may be any
+    """
+
+    surface: bool = False
+    refined: bool = False
+    lit: bool = False
+    shaded: bool = False
+    truth: bool = False
+    tracks: bool = False
+
+    @property
+    def defines(self) -> dict[str, Any]:
+        """Those of its shaders."""
+        truth = {'TRUTH': 1, 'CRATER_ROW': float(ROW)}
+        return {**({} if self.lit or self.surface else {'UNLIT': 1}),
+                **({'REFINE': 1} if self.refined else {}),
+                **({'ROVER_SHADOW': 1} if self.shaded else {}),
+                **(truth if self.truth else {}),
+                **({'TRACKS': 1, **DEFINES} if self.tracks else {})}
+
+
+_KINDS = (PixelKind(surface=True), PixelKind(surface=True, refined=True), PixelKind(),
+          PixelKind(lit=True), PixelKind(lit=True, shaded=True))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,18 +107,17 @@ class GroundRows:
     tracks: tuple[int, int] = (0, 0)
     shaded: tuple[int, int] = (0, 0)
 
-    def parts(self, *needs: str) -> list[tuple[int, int, str]]:
-        """Return spans of rows, first and one after the last, with those of the needs each has.
+    def parts(self, *needs: str) -> list[tuple[int, int, dict[str, bool]]]:
+        """Return spans of rows, first and one after the last, with which needs each has.
 
-        needs: of 'refined', 'shaded', 'tracks'
+        needs: of `PixelKind`: 'refined', 'shaded', 'tracks'
         """
         every = {'refined': (self.first, self.middle), 'shaded': self.shaded,
                  'tracks': self.tracks}
         spans = {name: every[name] for name in needs}
         cuts = sorted({self.first, self.last, *(row for span in spans.values() for row in span
                                                 if self.first < row < self.last)})
-        return [(top, bottom, ''.join(f' {name}' for name, (first, end) in spans.items()
-                                      if first <= top < end))
+        return [(top, bottom, {name: first <= top < end for name, (first, end) in spans.items()})
                 for top, bottom in zip(cuts, cuts[1:])]
 
 
@@ -96,19 +137,15 @@ class GroundPass:
             inner = grid.half_extent_m
         self._mesh = ChunkMesh(context)
         self._ranges = level_ranges([level.tree for level in self._levels], detail)
-        # A level is 'outer' where its chunks overlap the finer level, which is then cut out.
-        self._depth_programs = {
-            'inner': load_program(context, 'terrain', 'terrain'),
-            'outer': load_program(context, 'terrain', 'terrain', OUTER=1),
-            'inner skirt': load_program(context, 'terrain', 'terrain', SKIRT=1, CHUNK=CHUNK),
-            'outer skirt': load_program(context, 'terrain', 'terrain', OUTER=1, SKIRT=1,
-                                        CHUNK=CHUNK)}
-        self._programs: dict[str, moderngl.Program] = {}
-        self._screens: dict[str, moderngl.VertexArray] = {}
+        self._mesh_programs: dict[MeshKind, moderngl.Program] = {}
+        self._load_meshes(MeshKind(outer, skirt) for outer in (False, True)
+                          for skirt in (False, True))
+        self._programs: dict[PixelKind, moderngl.Program] = {}
+        self._screens: dict[PixelKind, moderngl.VertexArray] = {}
         reach = 0.0 if surface.tiles.flat else detail.relief_shape_m
         self._relief = (ReliefMap(context, surface, self._levels[0], reach) if reach > 0.0
                         else None)
-        self._load((*_PROGRAMS, *_SURFACES))
+        self._load(_KINDS)
         self._tracks: TrackPass | None = None
 
     @property
@@ -116,42 +153,41 @@ class GroundPass:
         """Those that compute light or truth, for the constants of the light."""
         return tuple(self._programs.values())
 
-    def _load(self, names: Iterable[str]) -> None:
+    def _load_meshes(self, kinds: Iterable[MeshKind]) -> None:
+        for kind in kinds:
+            self._mesh_programs[kind] = load_program(self._context, 'terrain', 'terrain',
+                                                     **kind.defines)
+
+    def _load(self, kinds: Iterable[PixelKind]) -> None:
         """Compile programs of pixels."""
-        for name in names:
-            words = name.split()
-            defines = {key: value for word in words for key, value in _DEFINES[word].items()}
-            if 'lit' in words:
-                defines |= {**({'LAMP': 1} if self._lamp else {}),
-                            **({'SMOOTH': 1} if self._detail.smooth_outlines else {})}
-            if 'surface' in words:
+        for kind in kinds:
+            if kind.surface:
                 relief = {'RELIEF': 1, 'RELAXED': _RELAXED} if self._relief is not None else {}
-                program = load_program(self._context, 'screen', 'surface', **relief, **defines)
+                program = load_program(self._context, 'screen', 'surface', **relief,
+                                       **kind.defines)
             else:
+                light = {**({'LAMP': 1} if self._lamp else {}),
+                         **({'SMOOTH': 1} if self._detail.smooth_outlines else {})}
                 program = load_program(self._context, 'screen', 'ground',
                                        LEVELS=len(self._levels), RELIEF_LEVELS=LEVELS, ZONE=ZONE,
-                                       **defines)
+                                       **kind.defines, **(light if kind.lit else {}))
             # Samplers of two kinds may not share a unit, used or not.
             set_uniform(program, u_crater_cells=texture_units.CRATER_CELLS,
                         u_crater_list=texture_units.CRATER_LIST)
-            self._programs[name] = program
-            self._screens[name] = self._context.vertex_array(program, [])
+            self._programs[kind] = program
+            self._screens[kind] = self._context.vertex_array(program, [])
 
     def prepare_truth(self) -> None:
         """Be able to draw truth from now on; adds to `programs`."""
-        self._load([name.replace('lit', 'lit truth', 1) for name in self._programs
-                    if 'surface' not in name])
+        self._load([dataclasses.replace(kind, truth=True) for kind in self._programs
+                    if not kind.surface])
 
     def follow(self, tracks: TrackMap) -> None:
         """Draw tracks from now on; adds to `programs`."""
-        context = self._context
         reach = _MESH_TRACKS * float(self._ranges[0][0])
-        self._tracks = TrackPass(context, tracks, self._levels[0], reach)
-        for kind in ('', ' skirt'):
-            self._depth_programs[f'inner{kind} cut'] = load_program(
-                context, 'terrain', 'terrain', CUT=1,
-                **({'SKIRT': 1, 'CHUNK': CHUNK} if kind else {}))
-        self._load([f'{name} tracks' for name in self._programs])
+        self._tracks = TrackPass(self._context, tracks, self._levels[0], reach)
+        self._load_meshes(MeshKind(skirt=skirt, cut=True) for skirt in (False, True))
+        self._load([dataclasses.replace(kind, tracks=True) for kind in self._programs])
 
     def choose(self, volume: ViewVolume, around: Chosen | None = None) -> Chosen:
         """Choose what to draw for a view.
@@ -175,24 +211,24 @@ class GroundPass:
         """Draw the depth of the chosen meshes into the framebuffer in use."""
         tracks = chosen.tracks
         for level, selection in zip(self._levels, chosen.levels):
-            name, cut = 'inner' if level.tree.aligned else 'outer', ''
-            chunks = selection.chunks
+            outer, cut, chunks = not level.tree.aligned, False, selection.chunks
             if self._tracks is not None and tracks is not None and level is self._levels[0]:
                 self._tracks.draw_blocks(tracks)
-                cut = ' cut'
-                self._draw_chunks('inner cut', level, chunks[tracks.cut])
+                cut = True
+                self._draw_chunks(MeshKind(cut=True), level, chunks[tracks.cut])
                 chunks = chunks[~tracks.cut]
-            self._draw_chunks(name, level, chunks)
-            self._draw_chunks(f'{name} skirt{cut}', level, selection.skirts)
+            self._draw_chunks(MeshKind(outer), level, chunks)
+            self._draw_chunks(MeshKind(outer, skirt=True, cut=cut), level, selection.skirts)
 
-    def _draw_chunks(self, name: str, level: GridTexture, chunks: Array) -> None:
-        context, program = self._context, self._depth_programs[name]
-        skirt = 'skirt' in name     # seen from both sides
-        context.enable_only(context.DEPTH_TEST | (context.NOTHING if skirt else context.CULL_FACE))
+    def _draw_chunks(self, kind: MeshKind, level: GridTexture, chunks: Array) -> None:
+        context, program = self._context, self._mesh_programs[kind]
+        # Skirts are seen from both sides.
+        context.enable_only(context.DEPTH_TEST | (context.NOTHING if kind.skirt
+                                                  else context.CULL_FACE))
         level.bind(program)
-        if self._tracks is not None and 'cut' in name:
+        if self._tracks is not None and kind.cut:
             self._tracks.bind_cut(program)
-        self._mesh.draw(program, chunks, skirt=skirt)
+        self._mesh.draw(program, chunks, skirt=kind.skirt)
 
     def rows(self, chosen: Chosen, projection: Projection, T_world_camera: Array,
              shaded: Array) -> GroundRows:
@@ -227,7 +263,7 @@ class GroundPass:
         target.use()
         for top, bottom, needs in rows.parts('refined', 'tracks'):
             target.viewport = (window[0], window[1] + top, window[2], bottom - top)
-            self._draw_screen('surface' + needs, mesh_depth)
+            self._draw_screen(PixelKind(surface=True, **needs), mesh_depth)
         context.depth_func = '<'
 
     def draw(self, target: moderngl.Framebuffer, window: Window, rows: GroundRows,
@@ -244,38 +280,37 @@ class GroundPass:
         # Depth rejects blocks of pixels of the sky before they are computed.
         enable(self._context, self._context.DEPTH_TEST, add=add)
         self._context.depth_func = '>'
-        kind = ('lit' if lit else 'unlit') + (' truth' if truth else '')
         for top, bottom, needs in rows.parts(*(('shaded',) if lit else ()), 'tracks'):
             target.viewport = (window[0], window[1] + top, window[2], bottom - top)
-            name = kind + needs
+            kind = PixelKind(lit=lit, truth=truth, **needs)
             if truth:
-                set_uniform(self._programs[name], u_crater_texel=(0.0, 0.0))
+                set_uniform(self._programs[kind], u_crater_texel=(0.0, 0.0))
                 if craters is not None:
-                    craters.bind(self._programs[name])
-            self._draw_screen(name, ground_depth)
+                    craters.bind(self._programs[kind])
+            self._draw_screen(kind, ground_depth)
         self._context.depth_func = '<'
 
-    def _draw_screen(self, name: str, ground_depth: moderngl.Texture) -> None:
-        program = self._programs[name]
-        if 'surface' not in name:
+    def _draw_screen(self, kind: PixelKind, ground_depth: moderngl.Texture) -> None:
+        program = self._programs[kind]
+        if not kind.surface:
             self._surface.bind(program)
             set_uniform(program, u_relief_reach=self._relief.reach_m if self._relief else 0.0)
         elif self._relief is not None:
             self._relief.bind(program)
         ground_depth.use(texture_units.GROUND_DEPTH)
         set_uniform(program, u_depth=texture_units.GROUND_DEPTH)
-        if self._tracks is not None and 'tracks' in name.split():
+        if self._tracks is not None and kind.tracks:
             self._tracks.bind(program)
-        if 'refined' in name:
+        if kind.refined:
             finest = self._levels[0]
             finest.heights.use(texture_units.HEIGHTS)
             set_uniform(program, u_heights=texture_units.HEIGHTS, u_lattice=lattice(finest.grid),
                         u_refine=(0.8 * self._ranges[0][0], self._detail.exact_m, _MESH_ERROR_M))
-        self._screens[name].render(vertices=3)
+        self._screens[kind].render(vertices=3)
 
     def release(self) -> None:
         """Release the GL objects."""
-        release_all(*self._screens.values(), *self.programs, *self._depth_programs.values(),
+        release_all(*self._screens.values(), *self.programs, *self._mesh_programs.values(),
                     self._mesh, *self._levels, *([self._relief] if self._relief else []))
         if self._tracks is not None:
             self._tracks.release()

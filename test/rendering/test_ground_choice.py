@@ -74,9 +74,13 @@ def test_chunks_tile_the_ground_outside_the_finer_grid() -> None:
 def test_rows_by_what_they_need() -> None:
     """Spans cover the ground's rows once, each with all that any of its rows needs."""
     rows = GroundRows(first=10, middle=60, last=100, tracks=(70, 120), shaded=(90, 95))
-    assert rows.parts('refined', 'shaded', 'tracks') == [
-        (10, 60, ' refined'), (60, 70, ''), (70, 90, ' tracks'), (90, 95, ' shaded tracks'),
-        (95, 100, ' tracks')]
-    assert rows.parts('refined', 'tracks') == [
-        (10, 60, ' refined'), (60, 70, ''), (70, 100, ' tracks')]
+
+    def parts(*needs: str) -> list[tuple[int, int, list[str]]]:
+        return [(top, bottom, [name for name, has in found.items() if has])
+                for top, bottom, found in rows.parts(*needs)]
+    assert parts('refined', 'shaded', 'tracks') == [
+        (10, 60, ['refined']), (60, 70, []), (70, 90, ['tracks']), (90, 95, ['shaded', 'tracks']),
+        (95, 100, ['tracks'])]
+    assert parts('refined', 'tracks') == [
+        (10, 60, ['refined']), (60, 70, []), (70, 100, ['tracks'])]
     assert GroundRows().parts('refined') == []
