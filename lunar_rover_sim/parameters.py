@@ -73,7 +73,8 @@ def group(cls: type) -> Any:
 def named(cls: type, default: Callable[[], Named[Any]] = Named) -> Any:
     """Declare a field `Named[cls]`: sets that a user adds by their names.
 
-    default: makes those without which none are given; where any are given, they are all
+    Args:
+        default: Makes those without which none are given; where any are given, they are all.
     """
     return dataclasses.field(default_factory=default, metadata={'named': cls})
 
@@ -97,8 +98,11 @@ class Parameters:
     def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str = '') -> T:
         """Build the set from nested plain values; `where` prefixes names in errors.
 
-        Keys may be dotted (`imu.rate_hz`), as ROS 2 writes them. Raises ConfigError on an unknown
-        name (with the nearest valid ones), a wrong type or a value out of range.
+        Keys may be dotted (`imu.rate_hz`), as ROS 2 writes them.
+
+        Raises:
+            ConfigError: For an unknown name (with the nearest valid ones), a wrong type or a value
+                out of range.
         """
         if not isinstance(mapping, Mapping):
             raise ConfigError(f'{where or cls.__name__}: {brief(mapping)} is not a mapping of '
@@ -141,7 +145,8 @@ class Parameters:
                 documented: bool = False) -> Iterator[tuple[str, Any, ParamInfo, Any]]:
         """Yield (dotted name, value, info, type) of every parameter.
 
-        documented: for each `Named` field, yield one set with its defaults, called NAME
+        Args:
+            documented: For each `Named` field, yield one set with its defaults, called NAME.
         """
         hints = _hints(type(self))
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
@@ -167,8 +172,11 @@ def _named_sets(cls: type[T], value: Any, where: str) -> Named[T]:
 def nest(mapping: Mapping[str, Any], where: str = '') -> dict[str, Any]:
     """Return the mapping with dotted keys turned into nested mappings.
 
-    Raises ConfigError, in which `where` is the prefix of names, if a key is not text, or if a
-    parameter is given twice: nested and dotted.
+    Args:
+        where: Prefix of names in errors.
+
+    Raises:
+        ConfigError: If a key is not text, or if a parameter is given twice: nested and dotted.
     """
     result: dict[str, Any] = {}
     for key, value in mapping.items():

@@ -27,10 +27,11 @@ EVENT = 'event'      # irregular
 class Topic:
     """One line of the contract.
 
-    type: as ROS 2 writes it, `package/msg/Name`
-    rate: STATE, FRAME, DEPTH_FRAME, SCAN, LATCHED or EVENT
-    frame_id: that of the header; empty where the type has none
-    on_request: made only while somebody subscribes; a recorder of all topics leaves it out
+    Attributes:
+        type: As ROS 2 writes it, `package/msg/Name`.
+        rate: STATE, FRAME, DEPTH_FRAME, SCAN, LATCHED or EVENT.
+        frame_id: That of the header; empty where the type has none.
+        on_request: Made only while somebody subscribes; a recorder of all topics leaves it out.
     """
 
     name: str
@@ -45,7 +46,9 @@ class Topic:
         """Return the frame of its header.
 
         True poses keep the world frame when `odom` belongs to an estimator.
-        separate_truth: whether it does
+
+        Args:
+            separate_truth: Whether it does.
         """
         in_world = self.frame_id == frames.ODOM_FRAME and self.name != 'odom'
         return frames.TRUE_ODOM_FRAME if separate_truth and in_world else self.frame_id
@@ -326,7 +329,8 @@ def legs_of(names: Iterable[str]) -> tuple[str, ...]:
 def hazard(camera: str) -> tuple[Topic, ...]:
     """Return the topics of a hazard camera, in the order of OF_HAZARD.
 
-    camera: its name; of a pair, with /left or /right
+    Args:
+        camera: Its name; of a pair, with /left or /right.
     """
     frame_id = HAZARD_IMAGE.frame_id.replace(NAME, camera.replace('/', '_'))
     return tuple(dataclasses.replace(topic, name=topic.name.replace(NAME, camera),

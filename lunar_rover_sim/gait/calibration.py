@@ -59,18 +59,23 @@ def packaged_calibration(ground: str, rover: str = DEFAULT_ROVER) -> str:
 class GaitCalibration:
     """Forward speed and yaw rate over phase rate and turn, and their inverse.
 
-    phase_rates_hz: (n,) increasing, > 0; turns: (m,) increasing from 0 to 1, see `Stride.turning`
-    forward_mps, yaw_rate_radps: (n, m) measured mean velocities, turning left
-    duty_factor, foot_width_deg: of the measured gait; another gait is scaled by the ratio of its
-        advance per cycle, 2 l sin(width / 2) / duty
-    conditions: the other conditions of the measurement, see `gait.conditions`
-
     Right turns mirror left turns, and backward motion mirrors forward motion. Between the rows and
     columns, with r the half track, a velocity (v, w) has the course c = atan2(w r, v) and the
     speed s = hypot(v, w r). Along each row the turn is a monotonic function of the course (the
     measured values are made monotonic, so that a range without effect is skipped), and along each
     course the speed is a monotonic function of the phase rate. Both are inverted by linear
-    interpolation. Raises ConfigError if the table cannot be inverted.
+    interpolation.
+
+    Attributes:
+        phase_rates_hz: (n,) increasing, > 0.
+        turns: (m,) increasing from 0 to 1, see `Stride.turning`.
+        forward_mps, yaw_rate_radps: (n, m) measured mean velocities, turning left.
+        duty_factor, foot_width_deg: Of the measured gait; another gait is scaled by the ratio of
+            its advance per cycle, 2 l sin(width / 2) / duty.
+        conditions: The other conditions of the measurement, see `gait.conditions`.
+
+    Raises:
+        ConfigError: If the table cannot be inverted.
     """
 
     phase_rates_hz: tuple[float, ...]
@@ -151,8 +156,12 @@ class GaitCalibration:
            rover: str = DEFAULT_ROVER) -> GaitCalibration:
         """Return the map that a gait names, or else the packaged one of a rover on a ground.
 
-        ground: `rigid`, or the name of a soil; rover: its name
-        Raises ConfigError as `load`.
+        Args:
+            ground: `rigid`, or the name of a soil.
+            rover: Its name.
+
+        Raises:
+            ConfigError: As `load`.
         """
         name = config.calibration or packaged_calibration(ground, rover)
         return cls.load(find_file(_KIND, name) if is_packaged(name) else name)
@@ -161,7 +170,8 @@ class GaitCalibration:
     def load(cls, path: str | Path | None) -> GaitCalibration:
         """Read a table from YAML; None gives the analytic default.
 
-        Raises ConfigError, which names the file, if it is missing, unreadable or not a table.
+        Raises:
+            ConfigError: If it is missing, unreadable or not a table; the error names the file.
         """
         if path is None:
             return cls.default()
@@ -196,7 +206,8 @@ class GaitCalibration:
     def save(self, path: str | Path) -> None:
         """Write the table as YAML, whole or not at all; an existing file is replaced.
 
-        Raises GaitError if it cannot be written.
+        Raises:
+            GaitError: If it cannot be written.
         """
         document: dict[str, Any] = {
             'conditions': dict(self.conditions), 'duty_factor': self.duty_factor,

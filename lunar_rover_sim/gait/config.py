@@ -91,7 +91,8 @@ class GaitConfig(Parameters):
     def offsets(self, legs: Legs) -> tuple[float, ...]:
         """Return the phase offsets [cycles] of the legs of a rover.
 
-        Raises ConfigError if they are custom and not one for each leg.
+        Raises:
+            ConfigError: If they are custom and not one for each leg.
         """
         if self.gait == OWN:
             return tuple(leg.phase for leg in legs.each.values())
@@ -107,8 +108,9 @@ class GaitConfig(Parameters):
     def for_rover(self: G, rover: RoverDescription) -> G:
         """Return the parameters with the number of spokes that the rover's legs have.
 
-        Raises ConfigError if the parameters name another number, if the foot width is not
-        compatible with it, or if phase offsets are not one for each leg.
+        Raises:
+            ConfigError: If the parameters name another number, if the foot width is not compatible
+                with it, or if phase offsets are not one for each leg.
         """
         spokes = rover.legs.spokes
         if self.spokes not in (0, spokes):

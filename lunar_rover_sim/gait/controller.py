@@ -62,8 +62,11 @@ class GaitController:
                  calibration: GaitCalibration | None = None, legs: Legs = Legs()) -> None:
         """Stand, until the first command.
 
-        legs: those of the rover; by default the four of the packaged one
-        Raises ConfigError if the phase offsets are not one for each leg.
+        Args:
+            legs: Those of the rover; by default the four of the packaged one.
+
+        Raises:
+            ConfigError: If the phase offsets are not one for each leg.
         """
         self._config = config or GaitConfig()
         self._legs = legs

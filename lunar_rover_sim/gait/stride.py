@@ -13,11 +13,12 @@ _OFFSET_HELD = 0.6    # it is held up to this share of the rest, past the revers
 class Stride:
     """The settings of the gait that make one velocity.
 
-    phase_rate_hz: cycles per second of all legs, >= 0
-    duty_offset: added to the duty factor on the left, taken from it on the right; positive turns
-        left, because the left feet then move more slowly and stand longer
-    left_sweep, right_sweep: factor on the foot width of that side, -1 to 1; the sign is the
-        direction in which its legs turn
+    Attributes:
+        phase_rate_hz: Cycles per second of all legs, >= 0.
+        duty_offset: Added to the duty factor on the left, taken from it on the right; positive
+            turns left, because the left feet then move more slowly and stand longer.
+        left_sweep, right_sweep: Factor on the foot width of that side, -1 to 1; the sign is the
+            direction in which its legs turn.
     """
 
     phase_rate_hz: float = 0.0

@@ -28,7 +28,11 @@ _LATEST_NS = 5 * NS_PER_S    # longer than a run waits for the last answers
 
 
 def check(path: Path | str, progress: Callable[[], None] | None = None) -> CheckReport:
-    """Check a bag; `progress` is called once per message. Raises BagError if it cannot be read."""
+    """Check a bag; `progress` is called once per message.
+
+    Raises:
+        BagError: If it cannot be read.
+    """
     report = CheckReport()
     ends_ns: list[int] = []
     read: dict[str, int] = {}

@@ -126,11 +126,14 @@ def predictions(scenario: RecordedScenario, odom_ns: NDArray[np.int64], poses: A
                 info: Any, frames_ns: NDArray[np.int64]) -> list[PredictionMiss]:
     """Return the miss at the recorded frame rate, then at 2, 4, 8 times that rate.
 
-    odom_ns (n,) stamps and poses (n, 7) of the odometry: position and quaternion wxyz
-    info, frames_ns: a CameraInfo of the left camera, and the stamps of its images
-
     Rates that are not on stamps of the odometry are left out. Empty if the recording does not
     describe its rover, or holds too little.
+
+    Args:
+        scenario: That of the recording.
+        odom_ns: (n,) stamps of the odometry.
+        poses: (n, 7) of it: position and quaternion wxyz.
+        info, frames_ns: A CameraInfo of the left camera, and the stamps of its images.
     """
     steps = np.diff(np.unique(frames_ns))
     if 'rover' not in scenario.sections or not len(steps) or not info.p[0] > 0.0:

@@ -52,7 +52,8 @@ def set_contact(model: mujoco.MjModel, config: ContactConfig, geoms: np.ndarray,
                 tip_radius_m: float) -> None:
     """Write the contact parameters into the given geoms of a compiled model.
 
-    Raises ConfigError where the model's time step cannot resolve the contact.
+    Raises:
+        ConfigError: Where the model's time step cannot resolve the contact.
     """
     step = model.opt.timestep
     model.opt.impratio = config.shear_damping_nspm / config.damping_nspm

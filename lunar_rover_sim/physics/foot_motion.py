@@ -35,10 +35,13 @@ LOADED_PART = 0.005   # of the weight: a leg that carries less has no foot on th
 class FootMotion:
     """The feet at one stamp, in the order of the rover's legs.
 
-    loaded: (legs,) whether the leg stands on something; sweep and slip are 0 where it does not
-    sweep_mps: (legs,) speed backward past the axle
-    slip_mps: (legs,) speed backward over the ground
-    axle_mps: (legs,) speed of the axles ahead along the ground, loaded or not: sweep less slip
+    Attributes:
+        loaded: (legs,) whether the leg stands on something; sweep and slip are 0 where it does
+            not.
+        sweep_mps: (legs,) speed backward past the axle.
+        slip_mps: (legs,) speed backward over the ground.
+        axle_mps: (legs,) speed of the axles ahead along the ground, loaded or not: sweep less
+            slip.
     """
 
     loaded: NDArray[np.bool_]
@@ -103,9 +106,11 @@ class FootObserver:
 class SlipMeter:
     """Sums up the ways of the feet.
 
-    swept_m, slipped_m: (legs,) ways backward past the axle and over the ground since the start
-    driven_m: of the rover, by the mean sweep of the legs that are loaded at a time
-    way_m: that it went along its heading, also while no leg is loaded
+    Attributes:
+        swept_m, slipped_m: (legs,) ways backward past the axle and over the ground since the
+            start.
+        driven_m: Of the rover, by the mean sweep of the legs that are loaded at a time.
+        way_m: That it went along its heading, also while no leg is loaded.
     """
 
     def __init__(self, legs: int) -> None:

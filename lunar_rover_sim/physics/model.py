@@ -28,7 +28,9 @@ def build_model(world: World, rover: RoverDescription, config: PhysicsConfig) ->
     """Return the model of the rover on the finest level of the world, with its rocks.
 
     The height field has the samples of the world's grid, and the same two triangles per cell.
-    Raises PhysicsError if MuJoCo cannot simulate such a rover.
+
+    Raises:
+        PhysicsError: If MuJoCo cannot simulate such a rover.
     """
     spec = rover_spec(rover)
     option = spec.option

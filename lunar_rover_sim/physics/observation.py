@@ -20,8 +20,10 @@ _CROSS = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
 class Observer:
     """Reads states from MuJoCo's data; the IMU measures the motion since the state before.
 
-    leg_wrench: (legs, 6) of the present step, torque and force on each leg in world axes, about
-    the centre of mass of the rover; motor_torque: (legs,) of the present step
+    Attributes:
+        leg_wrench: (legs, 6) of the present step, torque and force on each leg in world axes,
+            about the centre of mass of the rover.
+        motor_torque: (legs,) of the present step.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rover: RoverDescription,

@@ -21,7 +21,8 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid, rover:
           start: StartPose) -> None:
     """Put the rover at the start pose, clear of the ground and of rocks; writes `data.qpos`.
 
-    Raises ConfigError if the start is not on the ground, or if there is no room for the rover.
+    Raises:
+        ConfigError: If the start is not on the ground, or if there is no room for the rover.
     """
     limit = ground.half_extent_m - MARGIN_M
     for name, value in (('start.x_m', start.x_m), ('start.y_m', start.y_m)):

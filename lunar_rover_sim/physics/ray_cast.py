@@ -17,7 +17,10 @@ def reaches_sky(simulation: Simulation, point_m: Array, directions: Array) -> ND
     """Return which rays from a (3,) place in (n, 3) directions hit no ground, rock or rover.
 
     The ground is the fine one that the rover walks on, before it has changed it; nothing beyond it
-    is looked at. Raises PhysicsError after the simulation was closed.
+    is looked at.
+
+    Raises:
+        PhysicsError: After the simulation was closed.
     """
     model, data = simulation.model, simulation.data
     return np.array([mujoco.mj_ray(model, data, point_m, ray, None, 1, _NO_BODY, _GEOM) < 0.0

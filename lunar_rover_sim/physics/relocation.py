@@ -21,8 +21,11 @@ def relocate(model: mujoco.MjModel, data: mujoco.MjData, ground: HeightGrid,
              linear_mps: ArrayLike | None, angular_radps: ArrayLike | None) -> None:
     """Write pose (world frame) and velocity (world axes) of base_link into `data`.
 
-    What is None stays, and so do the legs. Raises PhysicsError, and changes nothing, if that is
-    not a pose above the ground with the legs free of it, or a velocity of MAX_SPEED and more.
+    What is None stays, and so do the legs.
+
+    Raises:
+        PhysicsError: If that is not a pose above the ground with the legs free of it, or a
+            velocity of MAX_SPEED and more; nothing is changed then.
     """
     qpos, qvel = data.qpos.copy(), data.qvel.copy()
     if position_m is not None:

@@ -34,8 +34,9 @@ BALL_RADIUS_M, BALL_SPACING_M = 0.014, 0.1
 class SoilRows:
     """Where the soil of each tip is in the model, in the order of legs and spokes.
 
-    first_tip, tips: geoms of the tips are first_tip, first_tip + 2, ... in MuJoCo's order
-    solref: (n, 2) parameters of the pairs while the soil holds
+    Attributes:
+        first_tip, tips: Geoms of the tips are first_tip, first_tip + 2, ... in MuJoCo's order.
+        solref: (n, 2) parameters of the pairs while the soil holds.
     """
 
     first_tip: int
@@ -82,7 +83,8 @@ def set_soil(model: mujoco.MjModel, rover: RoverDescription, soil: Soil,
              contact: ContactConfig) -> SoilRows:
     """Write elasticity and friction of a soil into a compiled model with `add_soil`.
 
-    Raises ConfigError where the model's time step cannot resolve them.
+    Raises:
+        ConfigError: Where the model's time step cannot resolve them.
     """
     names = [tip_geom(leg, spoke)
              for leg in rover.legs.names for spoke in range(rover.legs.spokes)]

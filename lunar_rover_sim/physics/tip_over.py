@@ -12,8 +12,9 @@ TIPPED_DEG, _UPRIGHT_DEG = 70.0, 45.0
 class TipOver:
     """Notices when the base tilts so far that the rover does not come back by itself.
 
-    tilt_deg: angle between the z axes of base and world at the newest pose [deg]
-    lies: whether the rover has tipped over and not come back
+    Attributes:
+        tilt_deg: Angle between the z axes of base and world at the newest pose [deg].
+        lies: Whether the rover has tipped over and not come back.
     """
 
     def __init__(self) -> None:

@@ -87,7 +87,8 @@ class GroundConfig(Parameters):
     def soil(self, gravity_mps2: float) -> Soil:
         """Return the soil under a gravity [m/s^2].
 
-        Raises ConfigError without gravity, where grains do not hold together.
+        Raises:
+            ConfigError: Without gravity, where grains do not hold together.
         """
         if gravity_mps2 <= 0.0:
             raise ConfigError(f'gravity_mps2: {gravity_mps2:g} is not valid on ground.model ='

@@ -39,8 +39,9 @@ class SoilMap:
 
     `law.looseness_factors` makes factors on bearing and friction of it.
 
-    looseness: from 0, the soil as it is, to 1
-    variation: 0 for a uniform soil, 1 for its full looseness
+    Attributes:
+        looseness: From 0, the soil as it is, to 1.
+        variation: 0 for a uniform soil, 1 for its full looseness.
     """
 
     looseness: HeightGrid

@@ -24,8 +24,10 @@ _MOST_SAMPLES = 6_000_000
 class GroundPatch(FinePart):
     """A rectangle around all that was changed, on every k-th sample of the overlay.
 
-    x_m (nx,), y_m (ny,): positions; height_m: (ny, nx) height of the changed ground
-    change_m, compaction_m: (ny, nx) what was changed of it
+    Attributes:
+        x_m, y_m: (nx,) and (ny,) positions.
+        height_m: (ny, nx) height of the changed ground.
+        change_m, compaction_m: (ny, nx) what was changed of it.
     """
 
     change_m: NDArray[np.float64]
@@ -35,8 +37,10 @@ class GroundPatch(FinePart):
 def changed_patch(ground: HeightGrid, overlay: Overlay) -> GroundPatch:
     """Return the patch of an overlay on its untouched ground.
 
-    It is on samples of 5 mm, on coarser ones only beyond 6 million of them. Raises WorldError
-    where nothing was changed.
+    It is on samples of 5 mm, on coarser ones only beyond 6 million of them.
+
+    Raises:
+        WorldError: Where nothing was changed.
     """
     changed = overlay.snapshot().index
     if not len(changed):

@@ -67,7 +67,8 @@ def plate_force_n(shape: ResistiveForce, bearing_npm3: float, area_m2: float, de
                   beta_rad: float, gamma_rad: float) -> tuple[float, float]:
     """Return (F_x, F_z) [N] on a plate, x against the motion forward, z up.
 
-    bearing_npm3: zeta [N/m^3], force per area and depth of a flat plate that is pressed down.
+    Args:
+        bearing_npm3: Zeta [N/m^3], force per area and depth of a flat plate that is pressed down.
     """
     alpha_x, alpha_z = shape.alpha(beta_rad, gamma_rad)
     scale = bearing_npm3 / shape.bearing * area_m2 * depth_m

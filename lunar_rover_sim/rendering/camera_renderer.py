@@ -131,7 +131,8 @@ class CameraRenderer(GlOwner):
     def _strays_to(self, index: int) -> Callable[[Array], bool]:
         """Return whether sunlight strays in the lens, and a face is the one to draw it.
 
-        index: of the face; the result takes the (3,) direction to the sun in its axes
+        Args:
+            index: Of the face; the result takes the (3,) direction to the sun in its axes.
         """
         def strays(direction: Array) -> bool:
             own = self._faces.turns[index] @ direction
@@ -291,7 +292,8 @@ class Sized(Protocol):
 def check_size(context: moderngl.Context, image: Sized, samples: int = 1) -> None:
     """Raise RenderError if the device cannot draw a pair of images of this size.
 
-    samples: along a side of a pixel
+    Args:
+        samples: Along a side of a pixel.
     """
     width, height = image.width, image.height
     limit = context.info['GL_MAX_TEXTURE_SIZE'] // samples

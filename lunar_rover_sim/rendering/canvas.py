@@ -19,10 +19,13 @@ FRAMES_UNDER_WAY = 2    # one is lit while the geometry of the next one is drawn
 class Drawing:
     """A pair of images of one frame.
 
-    projection: of both cameras; targets: of the frame
-    windows: places of both images in their attachments
-    sides: cameras that draw; lit_sides: those of which light is computed
-    rows: of the ground, as `GroundPass.rows`, for each source of light
+    Attributes:
+        projection: Of both cameras.
+        targets: Of the frame.
+        windows: Places of both images in their attachments.
+        sides: Cameras that draw.
+        lit_sides: Those of which light is computed.
+        rows: Of the ground, as `GroundPass.rows`, for each source of light.
     """
 
     projection: Projection
@@ -36,7 +39,9 @@ class Drawing:
 class Canvas(GlOwner):
     """Where the pairs of images of one size are drawn.
 
-    projection: of both cameras; lit: what all frames are lit into
+    Attributes:
+        projection: Of both cameras.
+        lit: What all frames are lit into.
     """
 
     def __init__(self, context: moderngl.Context, projection: Projection, *,

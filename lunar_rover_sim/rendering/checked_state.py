@@ -17,7 +17,8 @@ _FIELDS = {
 def checked_state(state: Posed, legs: int) -> RoverPose:
     """Return pose and motion of a state; raise RenderError if they are not valid.
 
-    legs: how many the rover has; a state that has no values of legs has them at rest at 0
+    Args:
+        legs: How many the rover has; a state that has no values of legs has them at rest at 0.
     """
     values = {}
     fields = {**_FIELDS,

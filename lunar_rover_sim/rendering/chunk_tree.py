@@ -31,12 +31,13 @@ _ROUNDING_M = 1e-3
 class Selection:
     """Chunks to draw, nearest first.
 
-    chunks: (m, 4) first column, first row, stride, and the distance that the stride is used up
-        to [m]
-    boxes: (m, 2, 3) least and greatest coordinates of each chunk, world frame [m]
-    skirts: (s, 4) like chunks, one row for each side of a chunk that may adjoin another mesh; the
-        number of the side, 0 to 3, is the fraction of the stride, in quarters
-    rims: (s,) index of the chunk that each skirt belongs to
+    Attributes:
+        chunks: (m, 4) first column, first row, stride, and the distance that the stride is used up
+            to [m].
+        boxes: (m, 2, 3) least and greatest coordinates of each chunk, world frame [m].
+        skirts: (s, 4) like chunks, one row for each side of a chunk that may adjoin another mesh;
+            the number of the side, 0 to 3, is the fraction of the stride, in quarters.
+        rims: (s,) index of the chunk that each skirt belongs to.
     """
 
     chunks: Array
@@ -56,7 +57,9 @@ class Selection:
 class ChunkTree:
     """Chooses the chunks of one height grid.
 
-    inner_half_m: half extent of the finer grid that covers the middle of this one; 0 for none [m]
+    Attributes:
+        inner_half_m: Half extent of the finer grid that covers the middle of this one; 0 for none
+            [m].
     """
 
     def __init__(self, grid: HeightGrid, inner_half_m: float) -> None:
@@ -87,7 +90,8 @@ class ChunkTree:
     def select(self, volume: ViewVolume, ranges_m: NDArray[np.float64]) -> Selection:
         """Choose the chunks for a view.
 
-        ranges_m: (depth,) distance up to which each stride is fine enough, increasing [m]
+        Args:
+            ranges_m: (depth,) distance up to which each stride is fine enough, increasing [m].
         """
         found, skirts, rims = _select(
             self._first_stride(volume, ranges_m), self._sides, self._low, self._high, self.n,

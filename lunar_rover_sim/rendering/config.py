@@ -50,7 +50,8 @@ class DetailConfig(Parameters):
     def with_samples(self, least: int) -> DetailConfig:
         """Return it with at least so many samples along a side of a pixel.
 
-        Raises ConfigError if the number is not valid.
+        Raises:
+            ConfigError: If the number is not valid.
         """
         wanted = dataclasses.replace(self, supersampling=least)
         return wanted if least > self.supersampling else self

@@ -20,7 +20,8 @@ log = logging.getLogger(__name__)
 def create_context() -> moderngl.Context:
     """Return a standalone EGL context of OpenGL 3.3 core or later.
 
-    Raises RenderError, naming the packages to install, if there is no usable device.
+    Raises:
+        RenderError: If there is no usable device; the error names the packages to install.
     """
     try:
         context = moderngl.create_context(
@@ -39,8 +40,10 @@ def load_program(context: moderngl.Context, vertex: str, fragment: str,
                  **defines: Any) -> moderngl.Program:
     """Compile shaders/<vertex>.vert and <fragment>.frag with `defines` set.
 
-    `#include "name.glsl"` lines are replaced by that file. Raises RenderError if the driver
-    cannot compile the result.
+    `#include "name.glsl"` lines are replaced by that file.
+
+    Raises:
+        RenderError: If the driver cannot compile the result.
     """
     head = '#version 330 core\n' + ''.join(f'#define {name} {value}\n'
                                            for name, value in defines.items())

@@ -30,8 +30,9 @@ _CELLS = 512        # along a side of each level
 class CraterLists(NamedTuple):
     """Craters by cell, as shaders/ground_truth.glsl reads them.
 
-    cells: (levels, n, n, 2) first entry of each cell's list, and the one after the last
-    entries: (m, 4) centre x, y [m], square of the radius [m2], number in the image of craters
+    Attributes:
+        cells: (levels, n, n, 2) first entry of each cell's list, and the one after the last.
+        entries: (m, 4) centre x, y [m], square of the radius [m2], number in the image of craters.
     """
 
     cells: F32
@@ -42,8 +43,9 @@ def crater_lists(craters: Craters, half_extents_m: list[float],
                  cells: int = _CELLS) -> CraterLists:
     """Return the craters of each cell of each level, the youngest first.
 
-    half_extents_m: of the levels, finest first. A list ends with the first crater that covers all
-    of its cell.
+    Args:
+        half_extents_m: Of the levels, finest first. A list ends with the first crater that covers
+            all of its cell.
     """
     order = np.argsort(craters.time, kind='stable')
     numbers = np.minimum(order + FIRST_CRATER, LAST_LABEL)

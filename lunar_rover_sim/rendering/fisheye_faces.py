@@ -42,10 +42,12 @@ _TURNS = (np.eye(3),
 class Face:
     """One face and the part of the fisheye image that it shows.
 
-    R_camera_face: (3, 3) its axes in those of the fisheye; projection: what is drawn
-    first, end: column and row of the first pixel, and after the last one, of that part
-    shows: (rows, columns) which pixels within are its own; source: (rows, columns, 2) int, column
-        and row in the face nearest to what they show
+    Attributes:
+        R_camera_face: (3, 3) its axes in those of the fisheye.
+        projection: What is drawn.
+        first, end: Column and row of the first pixel, and after the last one, of that part.
+        shows: (rows, columns) which pixels within are its own.
+        source: (rows, columns, 2) int, column and row in the face nearest to what they show.
     """
 
     R_camera_face: Array
@@ -60,7 +62,8 @@ def faces(camera: FisheyeCamera, config: HazardCameraConfig,
           samples: int = 1) -> tuple[Face, ...]:
     """Return the faces that a fisheye needs, the front one first.
 
-    samples: of a face along a side of a pixel of the fisheye, at least
+    Args:
+        samples: Of a face along a side of a pixel of the fisheye, at least.
     """
     places = camera.pixels()
     directions = camera.directions(places)
@@ -207,7 +210,8 @@ def _mean_at(image, places):  # type: ignore[no-untyped-def]
 def _depth_at(depth, places, outline):  # type: ignore[no-untyped-def]
     """Return the (n,) depths at (n, 2) places, column and row.
 
-    outline: least difference of inverse depths of two surfaces [1/m]
+    Args:
+        outline: Least difference of inverse depths of two surfaces [1/m].
     """
     h, w = depth.shape
     result = np.empty(len(places), np.float32)

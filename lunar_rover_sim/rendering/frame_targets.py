@@ -22,10 +22,12 @@ _KINDS = {'f4': np.float32, 'f1': np.uint8, 'nu2': np.uint16}
 class LitTargets:
     """What all frames are lit into.
 
-    radiance, depth: textures of float32 [W m-2 sr-1], [m]. Depth is along the optical axis, 0 for
-        the sky, and negative for rocks and the rover
-    tint: texture of the colour, as shaders/tint.glsl stores it; None without colour
-    attachments: all of them; framebuffer: the same
+    Attributes:
+        radiance, depth: Textures of float32 [W m-2 sr-1], [m]. Depth is along the optical axis, 0
+            for the sky, and negative for rocks and the rover.
+        tint: Texture of the colour, as shaders/tint.glsl stores it; None without colour.
+        attachments: All of them.
+        framebuffer: The same.
     """
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int], *,
@@ -44,10 +46,13 @@ class LitTargets:
 class FrameTargets:
     """Where the geometry of one frame is drawn.
 
-    mesh_depth: depth of the meshes of the ground [m], both images; ground: framebuffers that it is
-    drawn through, of the left and the right camera; ground_depth, surface: the same of the ground
-    itself; lit: the same, of all that is lit; added: of its
-    radiance alone; views: the two cameras
+    Attributes:
+        mesh_depth: Depth of the meshes of the ground [m], both images.
+        ground: Framebuffers that it is drawn through, of the left and the right camera.
+        ground_depth, surface: The same of the ground itself.
+        lit: The same, of all that is lit.
+        added: Of its radiance alone.
+        views: The two cameras.
     """
 
     def __init__(self, context: moderngl.Context, lit: LitTargets) -> None:
@@ -82,7 +87,8 @@ class FrameTargets:
 class TruthTargets:
     """Where light is drawn together with the truth of pixels, as shaders/truth.glsl has it.
 
-    framebuffers: those of `FrameTargets.lit` with further attachments
+    Attributes:
+        framebuffers: Those of `FrameTargets.lit` with further attachments.
     """
 
     def __init__(self, context: moderngl.Context, lit: LitTargets,
@@ -99,8 +105,9 @@ class TruthTargets:
              padding: tuple[int, int]) -> dict[str, NDArray[Any]]:
         """Return those of 'label', 'crater', 'shadow' and 'normal' that are in `layers`.
 
-        side, size, padding: as for `read_image`; the first two are (h, w) uint16, shadow is
-        (h, w, 3) uint8, normal (h, w, 3) float32
+        Args:
+            side, size, padding: As for `read_image`; the first two are (h, w) uint16, shadow is
+                (h, w, 3) uint8, normal (h, w, 3) float32.
         """
         drawn = self.framebuffers[side]
         result: dict[str, NDArray[Any]] = {}
@@ -121,8 +128,9 @@ class TruthTargets:
 class LinkTargets:
     """Where it is drawn which pixels show which link of the rover.
 
-    link: texture of bytes: 0 where none is seen, else 1 + the index of the link
-    framebuffer: of it
+    Attributes:
+        link: Texture of bytes: 0 where none is seen, else 1 + the index of the link.
+        framebuffer: Of it.
     """
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
@@ -149,9 +157,11 @@ def read_image(target: moderngl.Framebuffer, index: int, side: int, size: tuple[
                kind: str = 'f4') -> NDArray[Any]:
     """Read one image of attachment `index`: (h, w) or (h, w, components).
 
-    side: 0 for the left image, 1 for the right; size: rows and columns drawn of each, `padding`
-    columns and rows beyond the edges of the image included; kind: of float32, of bytes ('f1') or
-    of numbers of 16 bits ('nu2')
+    Args:
+        side: 0 for the left image, 1 for the right.
+        size: Rows and columns drawn of each, `padding` columns and rows beyond the edges of the
+            image included.
+        kind: Of float32, of bytes ('f1') or of numbers of 16 bits ('nu2').
     """
     h, w = size
     shape = (h, w) if components == 1 else (h, w, components)

@@ -18,7 +18,9 @@ _LOWER = 256            # added to the column of a vertex at the lower rim of a 
 class GridTexture:
     """The heights of one grid on the GPU, and the choice of its chunks.
 
-    inner_half_m: half extent of the finer grid that covers the middle of this one; 0 for none [m]
+    Attributes:
+        inner_half_m: Half extent of the finer grid that covers the middle of this one; 0 for none
+            [m].
     """
 
     def __init__(self, context: moderngl.Context, grid: HeightGrid, inner_half_m: float) -> None:

@@ -34,8 +34,10 @@ _MESH_TRACKS = 0.85       # reach of the mesh of tracks, over that of the mesh a
 class MeshKind:
     """What a program of meshes draws.
 
-    outer: a level whose chunks overlap the finer level, which is cut out; skirt: skirts; cut: what
-    the blocks of tracks leave
+    Attributes:
+        outer: A level whose chunks overlap the finer level, which is cut out.
+        skirt: Skirts.
+        cut: What the blocks of tracks leave.
     """
 
     outer: bool = False
@@ -53,8 +55,10 @@ class MeshKind:
 class PixelKind:
     """What a program of pixels computes: depth of the ground itself, or else light or truth of it.
 
-    refined: where meshes are coarser than the grid; shaded: where the shadow of the rover may
-    fall; tracks: where there may be any
+    Attributes:
+        refined: Where meshes are coarser than the grid.
+        shaded: Where the shadow of the rover may fall.
+        tracks: Where there may be any.
     """
 
     surface: bool = False
@@ -96,9 +100,11 @@ class Chosen:
 class GroundRows:
     """The rows of an image that the ground covers.
 
-    first, last: the first one, and the one after the last; middle: the first one below all coarse
-    meshes; tracks, shaded: the first one, and the one after the last, that may show tracks and the
-    rover's shadow
+    Attributes:
+        first, last: The first one, and the one after the last.
+        middle: The first one below all coarse meshes.
+        tracks, shaded: The first one, and the one after the last, that may show tracks and the
+            rover's shadow.
     """
 
     first: int = 0
@@ -192,7 +198,8 @@ class GroundPass:
     def choose(self, volume: ViewVolume, around: Chosen | None = None) -> Chosen:
         """Choose what to draw for a view.
 
-        around: what was chosen for a view that contains this one, from the same place
+        Args:
+            around: What was chosen for a view that contains this one, from the same place.
         """
         if around is None:
             levels = [level.tree.select(volume, reach)
@@ -234,7 +241,8 @@ class GroundPass:
              shaded: Array) -> GroundRows:
         """Return the rows that the ground covers, the same in both images of a rectified pair.
 
-        shaded: (m, 2, 3) those of the chosen boxes that the rover's shadow may fall on
+        Args:
+            shaded: (m, 2, 3) those of the chosen boxes that the rover's shadow may fall on.
         """
         spans = [projection.covered_rows(selection.boxes, T_world_camera)
                  for selection in chosen.levels if len(selection.chunks)]
@@ -254,7 +262,9 @@ class GroundPass:
                      mesh_depth: moderngl.Texture) -> None:
         """Draw the depth of the ground itself, from that of its meshes.
 
-        target: with the depth buffer that the meshes were drawn with; rows: see `rows`
+        Args:
+            target: With the depth buffer that the meshes were drawn with.
+            rows: See `rows`.
         """
         context = self._context
         # Without relief the depth buffer stays that of the meshes: writing it takes time.
@@ -271,11 +281,14 @@ class GroundPass:
              truth: bool = False, craters: CraterMap | None = None) -> None:
         """Light the pixels that the meshes cover, or with `lit` false, only compute their depth.
 
-        add: whether to add to the present radiance
-        target: with the depth buffer that the meshes were drawn with; rows: see `rows`
-        ground_depth: of the ground itself
-        truth: whether to draw that too, into the attachments of `TruthTargets`; that of light
-        needs `lit`; craters: None if their numbers are not asked for
+        Args:
+            add: Whether to add to the present radiance.
+            target: With the depth buffer that the meshes were drawn with.
+            rows: See `rows`.
+            ground_depth: Of the ground itself.
+            truth: Whether to draw that too, into the attachments of `TruthTargets`; that of light
+                needs `lit`.
+            craters: None if their numbers are not asked for.
         """
         # Depth rejects blocks of pixels of the sky before they are computed.
         enable(self._context, self._context.DEPTH_TEST, add=add)

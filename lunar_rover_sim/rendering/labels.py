@@ -59,8 +59,10 @@ def vocabulary(rocks: Rocks, craters: Craters, world_hash: str, legs: Sequence[s
     of VisionInfo. Besides, `rocks` and `craters` are catalogues as columns; the row of number n
     is n - `first_id`.
 
-    rocks: near and far ones, in the order of their labels; world_hash: of the world they are in;
-    legs: names of those of the rover
+    Args:
+        rocks: Near and far ones, in the order of their labels.
+        world_hash: Of the world they are in.
+        legs: Names of those of the rover.
     """
     def column(values: Any) -> list[Any]:
         return np.round(np.asarray(values, float), _DIGITS).tolist()

@@ -127,7 +127,8 @@ def tone_mapped(radiance: NDArray[np.floating]) -> U8:
 def disparity_picture(disparity_px: NDArray[np.floating], most_px: float | None = None) -> U8:
     """Return (h, w, 3) BGR colours of disparity, large warm, small cold; below 0 black.
 
-    most_px: the warmest; None: the greatest one
+    Args:
+        most_px: The warmest; None: the greatest one.
     """
     known = disparity_px >= 0.0
     most = max(float(disparity_px.max(initial=1.0)), 1.0) if most_px is None else most_px

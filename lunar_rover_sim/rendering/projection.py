@@ -21,9 +21,10 @@ _MARGIN_M = 0.01        # of view volumes, beyond the cameras' own positions
 class ViewVolume:
     """The part of the world that one camera or a stereo pair may see.
 
-    centre_m: (3,) mean camera position, world frame [m]
-    planes: (p, 4) half-spaces relative to the centre: a . x + d >= 0 for visible x [m]
-    above_m: height of the centre above the ground [m]
+    Attributes:
+        centre_m: (3,) mean camera position, world frame [m].
+        planes: (p, 4) half-spaces relative to the centre: a . x + d >= 0 for visible x [m].
+        above_m: Height of the centre above the ground [m].
     """
 
     centre_m: Array
@@ -44,8 +45,10 @@ class ViewVolume:
 class Projection:
     """A pinhole camera and its range of depth.
 
-    K: (3, 3) intrinsics [px], pixel centres at whole numbers; width, height: image size [px];
-    near_m, far_m: least and greatest depth that is drawn [m]
+    Attributes:
+        K: (3, 3) intrinsics [px], pixel centres at whole numbers.
+        width, height: Image size [px].
+        near_m, far_m: Least and greatest depth that is drawn [m].
     """
 
     K: Array
@@ -108,7 +111,8 @@ class Projection:
     def covered_rows(self, boxes: Array, T_world_camera: Array) -> tuple[int, int]:
         """Return the first image row that (m, 2, 3) boxes may cover, and the one after the last.
 
-        boxes: least and greatest coordinates, world frame [m]
+        Args:
+            boxes: Least and greatest coordinates, world frame [m].
         """
         first, last = _rows(boxes, T_world_camera, self.K[1, 1], self.K[1, 2], self.near_m,
                             self.height)

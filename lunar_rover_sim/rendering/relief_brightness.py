@@ -48,13 +48,14 @@ _EDGES = np.array([-0.6, -0.33, -0.2, -0.12, -0.06, -0.02, 0.02, 0.06, 0.12, 0.2
 class ReliefBrightness:
     """How ground with drawn relief is lit, by the mip level of the fine tile.
 
-    scales: (4, 4) coefficients of cubics in the level, constants first, of: tangent of the
-        roughness left to the law, half width of the edge of shadows of the coarse and of the fine
-        tile (as tangents), gain of lit shares
-    factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are `azimuth_nodes`,
-    `cosine_nodes` and the tangent of the sun over the local plane, `tangent` times HEIGHTS. Its
-    inverse is interpolated: it falls to 0 where the sun sets behind relief
-    tangent: that of the sun over level ground
+    Attributes:
+        scales: (4, 4) coefficients of cubics in the level, constants first, of: tangent of the
+            roughness left to the law, half width of the edge of shadows of the coarse and of the
+            fine tile (as tangents), gain of lit shares.
+        factor: (LEVELS, COSINES, AZIMUTHS, 4) factor on sunlight; nodes are `azimuth_nodes`,
+            `cosine_nodes` and the tangent of the sun over the local plane, `tangent` times
+            HEIGHTS. Its inverse is interpolated: it falls to 0 where the sun sets behind relief.
+        tangent: That of the sun over level ground.
     """
 
     scales: NDArray[np.float32]

@@ -26,7 +26,8 @@ _LIFT_M = 1.0               # most that ground within reach is above or below th
 class ReliefMap:
     """The texture of heights, and what brings it up to date.
 
-    reach_m: distance up to which relief has shape
+    Attributes:
+        reach_m: Distance up to which relief has shape.
     """
 
     def __init__(self, context: moderngl.Context, surface: Surface, finest: GridTexture,

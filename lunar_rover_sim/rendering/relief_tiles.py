@@ -31,10 +31,11 @@ _TILES = (dict(n=2048, period_m=6.4, longest_m=0.08, hurst=0.7, pit_share=1.0,
 class ReliefTile:
     """One periodic tile under a sun.
 
-    period_m: side of the tile
-    heights, rises: (n, n) [m], and as `fine_relief.rises` has them; the same under every sun
-    codes: RGBA8 of each mip level, (n, n, 4), see `fine_relief.TileLevels`
-    slope_variance, spread: (levels,), as there
+    Attributes:
+        period_m: Side of the tile.
+        heights, rises: (n, n) [m], and as `fine_relief.rises` has them; the same under every sun.
+        codes: RGBA8 of each mip level, (n, n, 4), see `fine_relief.TileLevels`.
+        slope_variance, spread: (levels,), as there.
     """
 
     period_m: float
@@ -54,8 +55,9 @@ class ReliefTile:
 class ReliefTiles:
     """The tiles under a sun; the next renderer of the same scene has the same object.
 
-    heading: (2,) horizontal unit vector towards the sun
-    centre, half_range: of the tangents of the horizon
+    Attributes:
+        heading: (2,) horizontal unit vector towards the sun.
+        centre, half_range: Of the tangents of the horizon.
     """
 
     coarse: ReliefTile

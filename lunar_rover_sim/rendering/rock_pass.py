@@ -30,16 +30,20 @@ _RADIUS = 0.75          # of a ball around a rock of diameter 1
 class RockPass:
     """Draws the rocks.
 
-    programs: of light, and of light with truth once that is prepared
-    boxes: (m, 2, 3) least and greatest coordinates of the chosen rocks, world frame [m]
+    Attributes:
+        programs: Of light, and of light with truth once that is prepared.
+        boxes: (m, 2, 3) least and greatest coordinates of the chosen rocks, world frame [m].
     """
 
     def __init__(self, context: moderngl.Context, rocks: Rocks, shapes: tuple[RockShape, ...],
                  light: F32, ground_m: Array, surface: Surface, lamp: bool) -> None:
         """Make meshes and programs.
 
-        light: (m, 5) as `Sunlight.rock_light`; ground_m: (m,) height of the ground under each
-        rock; surface: textures to light with; lamp: whether there is one
+        Args:
+            light: (m, 5) as `Sunlight.rock_light`.
+            ground_m: (m,) height of the ground under each rock.
+            surface: Textures to light with.
+            lamp: Whether there is one.
         """
         self._context, self._surface = context, surface
         self._defines = {'ROVER_SHADOW': 1, **({'LAMP': 1} if lamp else {})}
@@ -108,7 +112,8 @@ class RockPass:
     def any_in_cone(self, T_world_view: Array, width: float) -> bool:
         """Return whether any rock may reach into a cone around the axis of a view.
 
-        width: radius of the cone at depth 1
+        Args:
+            width: Radius of the cone at depth 1.
         """
         offset = self._position - T_world_view[:3, 3:].astype(np.float32)
         ahead = T_world_view[:3, 2].astype(np.float32) @ offset
@@ -120,8 +125,9 @@ class RockPass:
     def draw(self, *, truth: bool = False, add: bool = False) -> None:
         """Draw the chosen rocks into the framebuffer in use.
 
-        add: whether to add to the present radiance; truth: whether to draw that too, into the
-        attachments of `TruthTargets`
+        Args:
+            add: Whether to add to the present radiance.
+            truth: Whether to draw that too, into the attachments of `TruthTargets`.
         """
         enable(self._context, self._context.DEPTH_TEST | self._context.CULL_FACE, add=add)
         program = self.programs[int(truth)]

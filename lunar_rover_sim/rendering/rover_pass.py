@@ -26,7 +26,8 @@ MAP = 768               # pixels along a side of the map of the shadow of the ro
 class RoverPass:
     """Draws the rover.
 
-    programs: of light, and of light with truth once that is prepared
+    Attributes:
+        programs: Of light, and of light with truth once that is prepared.
     """
 
     def __init__(self, context: moderngl.Context, rover: RoverDescription, lamp: bool) -> None:
@@ -79,7 +80,8 @@ class RoverPass:
     def is_in_cone(self, T_world_links: Array, T_world_view: Array, width: float) -> bool:
         """Return whether a face may reach into a cone around the axis of a view.
 
-        width: radius of the cone at depth 1
+        Args:
+            width: Radius of the cone at depth 1.
         """
         for link, T in enumerate(inverse(T_world_view) @ T_world_links):
             # The box of a link is tested first, then its faces.
@@ -99,7 +101,9 @@ class RoverPass:
               irradiance: float) -> Uniforms:
         """Return the light on the rover.
 
-        radius_m: reach of the rover from its base; irradiance: of the sun, normal [W/m2]
+        Args:
+            radius_m: Reach of the rover from its base.
+            irradiance: Of the sun, normal [W/m2].
         """
         base = T_world_links[0]
         span = base[2, 3] + radius_m * np.array([-0.5, 0.8])
@@ -113,7 +117,9 @@ class RoverPass:
     def cast(self, T_world_links: Array, sun_axes: Array, radius_m: float) -> None:
         """Draw the map of the rover's shadow on itself; another framebuffer is in use afterwards.
 
-        sun_axes: (3, 3) as `rock_shadow.sun_axes`; radius_m: reach of the rover from its base
+        Args:
+            sun_axes: (3, 3) as `rock_shadow.sun_axes`.
+            radius_m: Reach of the rover from its base.
         """
         axes = np.array([[1.0], [1.0], [-1.0]]) * sun_axes / (1.05 * radius_m)
         self._from_sun = np.eye(4)
@@ -130,8 +136,9 @@ class RoverPass:
              add: bool = False) -> None:
         """Draw the rover into the framebuffer in use.
 
-        add: whether to add to the present radiance; truth: whether to draw that too, into the
-        attachments of `TruthTargets`
+        Args:
+            add: Whether to add to the present radiance.
+            truth: Whether to draw that too, into the attachments of `TruthTargets`.
         """
         enable(self._context, self._context.DEPTH_TEST, add=add)
         program = self.programs[int(truth)]
@@ -143,7 +150,8 @@ class RoverPass:
     def mark(self, T_world_links: Array, depth: moderngl.Texture) -> None:
         """Draw 1 + the index of the link that is seen into the framebuffer in use.
 
-        depth: of all that is seen, in a texture of the same size [m]
+        Args:
+            depth: Of all that is seen, in a texture of the same size [m].
         """
         self._context.enable_only(self._context.DEPTH_TEST)
         depth.use(texture_units.GROUND_DEPTH)

@@ -65,8 +65,10 @@ class RoverShadow:
     def cast(self, T_world_links: Array, sun_axes: Array, *, seen: bool) -> Uniforms:
         """Draw the map of the shadow for `bind`; return where it is.
 
-        T_world_links: (links, 4, 4); sun_axes: (3, 3) as `rock_shadow.sun_axes`; seen: whether
-        the shadow may be in view; if not, nothing is drawn
+        Args:
+            T_world_links: (links, 4, 4).
+            sun_axes: (3, 3) as `rock_shadow.sun_axes`.
+            seen: Whether the shadow may be in view; if not, nothing is drawn.
         """
         right, up, _ = sun_axes
         centre = T_world_links[0, :3, 3]
@@ -98,7 +100,8 @@ class RoverShadow:
                   sun_axes: Array) -> NDArray[np.bool_]:
         """Return for (m, 2, 3) boxes whether the shadow may fall on anything in them, (m,).
 
-        boxes: least and greatest coordinates, world frame [m]; the rest as for `cast`
+        Args:
+            boxes: Least and greatest coordinates, world frame [m]; the rest as for `cast`.
         """
         corners = self._seen_corners(T_world_links, sun_axes)
         low, high = corners.min(axis=0), corners.max(axis=0)

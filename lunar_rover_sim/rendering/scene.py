@@ -37,10 +37,12 @@ Uniforms = dict[str, Any]       # values by the names of shader uniforms
 class Request:
     """The layers of a frame, and its index, which gives each frame its own noise.
 
-    other: the state that flow leads to
+    Attributes:
+        other: The state that flow leads to.
 
-    Raises RenderError for an unknown layer, for flow without another state, and for an index that
-    is not a whole number.
+    Raises:
+        RenderError: For an unknown layer, for flow without another state, and for an index that is
+            not a whole number.
     """
 
     layers: frozenset[str]
@@ -126,8 +128,9 @@ class SeenSun(ImagedSun):
 class SceneLight:
     """What the light of one source needs of a frame.
 
-    shadow: uniforms of the rover's shadow; body: of the light on the rover, None if it is out of
-        view
+    Attributes:
+        shadow: Uniforms of the rover's shadow.
+        body: Of the light on the rover, None if it is out of view.
     """
 
     shadow: Uniforms
@@ -138,14 +141,16 @@ class SceneLight:
 class Scene:
     """A frame whose geometry is drawn.
 
-    pixels: images of depth and truth; samples: those that light is computed for, the same or with
-        several samples a pixel
-    state: what the frame shows; T_world_links: (links, 4, 4); T_world_cameras: (4, 4) of both
-        cameras
-    lights: of each of `WorldPasses.sources`, the sun first
-    sun: what the cameras see of the sun, None if it cannot reach their lenses
-    above_m: height of the middle of the cameras above the ground
-    shows_rover: whether the rover is in view
+    Attributes:
+        pixels: Images of depth and truth.
+        samples: Those that light is computed for, the same or with several samples a pixel.
+        state: What the frame shows.
+        T_world_links: (links, 4, 4).
+        T_world_cameras: (4, 4) of both cameras.
+        lights: Of each of `WorldPasses.sources`, the sun first.
+        sun: What the cameras see of the sun, None if it cannot reach their lenses.
+        above_m: Height of the middle of the cameras above the ground.
+        shows_rover: Whether the rover is in view.
     """
 
     request: Request

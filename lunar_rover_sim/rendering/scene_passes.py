@@ -60,9 +60,13 @@ class ScenePasses(GlOwner):
                  strays: Callable[[Array], bool], samples: int = 1) -> None:
         """Make targets and passes of these cameras.
 
-        shared: what draws the world; mount: carries the cameras; projection: of both;
-        sees_rover: whether the rover may show in the images; strays: as for `SunPass`
-        samples: along a side of a pixel
+        Args:
+            shared: What draws the world.
+            mount: Carries the cameras.
+            projection: Of both.
+            sees_rover: Whether the rover may show in the images.
+            strays: As for `SunPass`.
+            samples: Along a side of a pixel.
         """
         super().__init__()
         self._context, self._config, self._shared = context, config, shared
@@ -100,7 +104,8 @@ class ScenePasses(GlOwner):
                       around: Chosen | None = None) -> Scene:
         """Draw the depth of the ground and choose what else is in view.
 
-        around: as for `GroundPass.choose`
+        Args:
+            around: As for `GroundPass.choose`.
         """
         projection, T_world_base = self._samples.projection, state.T_world_base
         shared = self._shared
@@ -298,7 +303,8 @@ class ScenePasses(GlOwner):
              label: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
         """Return the flows that a scene asks for, by layer, to its other state.
 
-        K: (3, 3) intrinsics [px] of these (h, w) images of the left camera
+        Args:
+            K: (3, 3) intrinsics [px] of these (h, w) images of the left camera.
         """
         other = scene.request.other
         assert other is not None

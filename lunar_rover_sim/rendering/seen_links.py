@@ -21,7 +21,9 @@ def seen_links(rover: RoverDescription, T_base_cameras: Iterable[Array],
     """Return the indices of links that may show in the images: 0 base_link, then the legs.
 
     A link counts if a camera sees one of its triangles at any leg angle, or nearly so.
-    T_base_cameras: (4, 4) poses of the optical frames
+
+    Args:
+        T_base_cameras: (4, 4) poses of the optical frames.
     """
     links, parts = list(link_poses(rover)), visual_parts(rover)
     meshes = [merge([(part.vertices.astype(float), part.faces.astype(np.int64))

@@ -26,8 +26,11 @@ def standing(world: World, x_m: float, y_m: float, yaw_deg: float,
              height_m: float = HEIGHT_M) -> Array:
     """Return T_world_base (4, 4) of a rover that stands upright on the slope at a place.
 
-    height_m: of base_link above the ground, square to the slope. Raises ConfigError outside the
-    world.
+    Args:
+        height_m: Of base_link above the ground, square to the slope.
+
+    Raises:
+        ConfigError: Outside the world.
     """
     outside = world.outside(x_m, y_m)
     if outside:
@@ -67,8 +70,10 @@ def four_views(world: World, azimuth_deg: float,
                elevation_deg: float) -> list[tuple[str, NDArray[np.generic]]]:
     """Return titles and (h, w) images of the rover's left camera, in four directions to the sun.
 
-    Where the sun is below the horizontal the rover's lamp is on. Raises RenderError if there is
-    no usable EGL device.
+    Where the sun is below the horizontal the rover's lamp is on.
+
+    Raises:
+        RenderError: If there is no usable EGL device.
     """
     night = elevation_deg < 0.0
     sensor = SensorConfig(exposure_mode='auto', auto_lag=0.0, auto_max_s=0.05)

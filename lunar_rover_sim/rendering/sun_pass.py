@@ -53,8 +53,10 @@ class SunPass:
                  strays: Callable[[Array], bool]) -> None:
         """Make targets.
 
-        projection: of both cameras; strays: whether sunlight from a (3,) direction, in axes of
-        the cameras, strays in their lenses
+        Args:
+            projection: Of both cameras.
+            strays: Whether sunlight from a (3,) direction, in axes of the cameras, strays in their
+                lenses.
         """
         self._projection, self._strays = projection, strays
         radius = self._radius = math.radians(0.5 * config.sun.angular_diameter_deg)

@@ -21,7 +21,8 @@ _GRAIN = (1.0 / 3.1, 1.0, 0.11, 1.4)    # of rocks, see u_grain in shaders/rock.
 class Surface:
     """The textures that the ground and the rocks are lit with.
 
-    tiles: of the relief below the grid, under the present sun
+    Attributes:
+        tiles: Of the relief below the grid, under the present sun.
     """
 
     def __init__(self, context: moderngl.Context, world: World) -> None:

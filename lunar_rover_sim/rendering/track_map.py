@@ -35,8 +35,11 @@ _RIM_M = 0.02               # greatest height of a rim that casts a shadow
 class TrackMap:
     """The textures of the tracks.
 
-    keys: (n, 2) tiles that have tracks, or may lie in their shadow; blocks: (n, 2, 2) which of
-    their blocks have relief; boxes: (n, 2, 3) [m]; near: (n,) whether they are in the near window
+    Attributes:
+        keys: (n, 2) tiles that have tracks, or may lie in their shadow.
+        blocks: (n, 2, 2) which of their blocks have relief.
+        boxes: (n, 2, 3) [m].
+        near: (n,) whether they are in the near window.
     """
 
     def __init__(self, context: moderngl.Context, ground: HeightGrid, overlay: Overlay,

@@ -27,9 +27,11 @@ _BLOCKS = 2 * NEAR_TILES    # of the near window, along one side
 class TrackChoice:
     """Tracks that a view shows.
 
-    blocks: for each of the strides (m, 3) first samples and stride; wanted: (80, 80) which blocks
-    of the near window are drawn, [iy, ix], wrapped around; cut: (chunks,) whether blocks are drawn
-    over a chunk of the finest level; boxes: (n, 2, 3) of all tiles with tracks in view [m]
+    Attributes:
+        blocks: For each of the strides (m, 3) first samples and stride.
+        wanted: (80, 80) which blocks of the near window are drawn, [iy, ix], wrapped around.
+        cut: (chunks,) whether blocks are drawn over a chunk of the finest level.
+        boxes: (n, 2, 3) of all tiles with tracks in view [m].
     """
 
     blocks: list[Array]

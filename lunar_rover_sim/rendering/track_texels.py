@@ -45,9 +45,11 @@ class TrackSun:
 class TrackTexels:
     """Texels of a tile.
 
-    prints, soil: of each level of the near window, (n, n, 4) and (n, n, 2) float16; far: (5, 5, 4)
-    blocks: (2, 2) whether a block [iy, ix] has relief; the samples at its edges count
-    full: whether there is anything to show
+    Attributes:
+        prints, soil: Of each level of the near window, (n, n, 4) and (n, n, 2) float16.
+        far: (5, 5, 4).
+        blocks: (2, 2) whether a block [iy, ix] has relief; the samples at its edges count.
+        full: Whether there is anything to show.
     """
 
     prints: list[NDArray[np.float16]]
@@ -61,8 +63,11 @@ class TrackTexels:
 class Surroundings:
     """The samples that the texels of a tile depend on.
 
-    height: (ny, nx) height changes [m]; corner: the tile's first sample in it, ix and iy;
-    compaction: (TILE, TILE) that of the tile [m]; reach_m: how far shadows may come from
+    Attributes:
+        height: (ny, nx) height changes [m].
+        corner: The tile's first sample in it, ix and iy.
+        compaction: (TILE, TILE) that of the tile [m].
+        reach_m: How far shadows may come from.
     """
 
     height: Array

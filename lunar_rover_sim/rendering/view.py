@@ -28,8 +28,9 @@ class View:
               window: Window, size: tuple[int, int]) -> None:
         """Set where the camera is, what it sees, and where its image lies.
 
-        volume: of all cameras that the ground is chosen for; window: place of the image within
-        attachments of this size [px]
+        Args:
+            volume: Of all cameras that the ground is chosen for.
+            window: Place of the image within attachments of this size [px].
         """
         K, camera = projection.K, T_world_camera
         block = np.zeros((), _BLOCK)

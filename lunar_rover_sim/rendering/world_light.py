@@ -25,11 +25,14 @@ from lunar_rover_sim.world.rocks import Rocks
 class WorldLight:
     """The light of a sun on a world.
 
-    sun: whose light it is; sunlight: what it sees; sun_axes: as `rock_shadow.sun_axes`
-    rock_light: as `Sunlight.rock_light`
-    texels: of the ground, by level, until they are drawn with
-    tiles, brightness: of the relief below the grid
-    earth: the light of the Earth on the same world; None if it is not drawn
+    Attributes:
+        sun: Whose light it is.
+        sunlight: What it sees.
+        sun_axes: As `rock_shadow.sun_axes`.
+        rock_light: As `Sunlight.rock_light`.
+        texels: Of the ground, by level, until they are drawn with.
+        tiles, brightness: Of the relief below the grid.
+        earth: The light of the Earth on the same world; None if it is not drawn.
     """
 
     sun: SunConfig

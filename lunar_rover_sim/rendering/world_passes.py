@@ -38,11 +38,14 @@ class WorldPasses(GlOwner):
 
     What they have chosen for a camera holds from the geometry of a frame to its light.
 
-    world, rover, config, seed: as given
-    sunlight, sun_axes: what the sun sees; ground, rocks, body, rover_shadow: passes;
-    lamp: None without a lamp; tracks: None before `follow`
-    programs: of all passes that compute light or truth
-    earth: passes of the light of the Earth, as if that were the sun; None if it is not drawn
+    Attributes:
+        world, rover, config, seed: As given.
+        sunlight, sun_axes: What the sun sees.
+        ground, rocks, body, rover_shadow: Passes.
+        lamp: None without a lamp.
+        tracks: None before `follow`.
+        programs: Of all passes that compute light or truth.
+        earth: Passes of the light of the Earth, as if that were the sun; None if it is not drawn.
     """
 
     def __init__(self, context: moderngl.Context, world: World, rover: RoverDescription,

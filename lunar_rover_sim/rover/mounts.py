@@ -57,11 +57,12 @@ def footprint_pose(rover: RoverDescription, R_world_base: Array,
                    T_base_link: dict[str, Array]) -> Array:
     """Return T_base_footprint (4, 4): no roll, no pitch, the yaw of base_link.
 
-    R_world_base: (3, 3) orientation of base_link
-    T_base_link: leg → (4, 4), as `visual.link_poses` returns them
-
     The origin lies vertically below (above) that of base_link, at the height of the lowest point
     of the spheres at the tips of the spokes.
+
+    Args:
+        R_world_base: (3, 3) orientation of base_link.
+        T_base_link: Leg → (4, 4), as `visual.link_poses` returns them.
     """
     legs = rover.legs
     tips = (legs.spoke_length_m - legs.tip_radius_m) * np.array(legs.spoke_directions())

@@ -51,11 +51,12 @@ def _zeros(count: int) -> Array:
 class RoverPose:
     """A pose, and a motion, that no simulation has to produce. By default the rover is at rest.
 
-    T_world_base: (4, 4) pose of base_link in the world, translation in metres
-    joint_angle_rad: (legs,) [rad]; empty: all 0
-    linear_velocity_mps: (3,) of the origin of base_link, base axes
-    angular_velocity_radps: (3,) base axes
-    joint_velocity_radps: (legs,); empty: at rest
+    Attributes:
+        T_world_base: (4, 4) pose of base_link in the world, translation in metres.
+        joint_angle_rad: (legs,) [rad]; empty: all 0.
+        linear_velocity_mps: (3,) of the origin of base_link, base axes.
+        angular_velocity_radps: (3,) base axes.
+        joint_velocity_radps: (legs,); empty: at rest.
     """
 
     T_world_base: Array

@@ -16,7 +16,8 @@ _MOST_BYTES = 1 << 18
 def load_rover(path: str | Path | None = None) -> RoverDescription:
     """Return a rover by its YAML file, or by the name of a packaged one; by default `quad`.
 
-    Raises ConfigError if there is none, or if it cannot be read or is not valid.
+    Raises:
+        ConfigError: If there is none, or if it cannot be read or is not valid.
     """
     path = find_file('rover', str(path or DEFAULT_ROVER))
     content = read_yaml(path, _MOST_BYTES)

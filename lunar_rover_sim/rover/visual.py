@@ -37,9 +37,13 @@ GLOSS = {GOLD: (0.22, 0.75, 0.22), ALUMINIUM: (0.38, 0.6, 0.0), WHITE: (0.55, 0.
 class VisualPart(NamedTuple):
     """One part of one colour.
 
-    link: base_link or the name of a leg; vertices: (v, 3) float32 in that link's frame [m], leg
-    frames at the axle with joint angle 0; faces: (f, 3) int32, counter-clockwise seen from
-    outside; albedo: linear red, green, blue reflectance; gloss: as in `GLOSS`.
+    Attributes:
+        link: base_link or the name of a leg.
+        vertices: (v, 3) float32 in that link's frame [m], leg frames at the axle with joint angle
+            0.
+        faces: (f, 3) int32, counter-clockwise seen from outside.
+        albedo: Linear red, green, blue reflectance.
+        gloss: As in `GLOSS`.
     """
 
     link: str

@@ -77,7 +77,8 @@ class PowerMonitors:
     def measure(self, motor_torque_nm: ArrayLike, joint_velocity_radps: ArrayLike) -> LinePower:
         """Return what the parts show.
 
-        motor_torque_nm, joint_velocity_radps: (legs,) torques and speeds
+        Args:
+            motor_torque_nm, joint_velocity_radps: (legs,) torques and speeds.
         """
         c, supply_v = self._config, self._motor.supply_voltage_v
         power_w = np.maximum(self._motor.electric_power_w(

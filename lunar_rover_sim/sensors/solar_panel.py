@@ -49,10 +49,12 @@ def solar_power_w(config: SolarPanelConfig, sun: SeenSun | None, irradiance: flo
                   R_world_base: Array) -> float:
     """Return the electric power of a panel [W].
 
-    sun: what its place sees of the sun; irradiance: normal, of the whole disc [W/m2]
-    R_world_base: (3, 3) attitude of the rover
-    It is irradiance x visible share of the disc x cosine of incidence x area x efficiency. Light
-    of the ground, and how cells reflect grazing light and suffer from heat, are left out.
+    Args:
+        sun: What its place sees of the sun.
+        irradiance: Normal, of the whole disc [W/m2].
+        R_world_base: (3, 3) attitude of the rover It is irradiance x visible share of the disc x
+            cosine of incidence x area x efficiency. Light of the ground, and how cells reflect
+            grazing light and suffer from heat, are left out.
     """
     if sun is None:
         return 0.0

@@ -72,9 +72,10 @@ class StarCamera:
                 earth: Array | None) -> Array | None:
         """Return the measured (3, 3) rotation R_world_base, None where stars cannot be seen.
 
-        angular_velocity_radps: (3,) of the rover
-        sun: what the place of the tracker sees of the sun
-        earth: (3,) unit vector to the Earth, world axes; None below the horizon or unknown
+        Args:
+            angular_velocity_radps: (3,) of the rover.
+            sun: What the place of the tracker sees of the sun.
+            earth: (3,) unit vector to the Earth, world axes; None below the horizon or unknown.
         """
         c = self._config
         sight = R_world_base @ self._R_base_sensor[:, 2]

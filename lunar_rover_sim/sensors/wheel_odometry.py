@@ -85,9 +85,10 @@ class WheelOdometryConfig(Parameters):
 class Rolling:
     """How a rover goes on over a ground while its feet roll.
 
-    forward_scale, yaw_scale: its way and its turn over those of the feet
-    forward_stddev, lateral_stddev [m/sqrt(m)], yaw_stddev [rad/sqrt(m)]: error along, across and
-        of the heading, for each root of a metre that the legs have rolled
+    Attributes:
+        forward_scale, yaw_scale: Its way and its turn over those of the feet forward_stddev,
+            lateral_stddev [m/sqrt(m)], yaw_stddev [rad/sqrt(m)]: error along, across and of the
+            heading, for each root of a metre that the legs have rolled.
     """
 
     forward_scale: float
@@ -124,8 +125,10 @@ _OF_ROVERS = {('hexapod', 'rigid'): Rolling(0.987, 1.176, 0.05, 0.035, 0.17)}
 class Rolled:
     """The way that the feet rolled between two states, before any scale.
 
-    forward_m: of the rover along its heading; yaw_rad: its turn; way_m: mean of the legs, without
-    signs
+    Attributes:
+        forward_m: Of the rover along its heading.
+        yaw_rad: Its turn.
+        way_m: Mean of the legs, without signs.
     """
 
     forward_m: float
@@ -136,7 +139,9 @@ class Rolled:
 class _Group(NamedTuple):
     """Legs on which the rover stands at a time: indices of those on the left and on the right.
 
-    turn_per_m: turn for half of what the right feet get on more; offset_m: y of the middle
+    Attributes:
+        turn_per_m: Turn for half of what the right feet get on more.
+        offset_m: Y of the middle.
     """
 
     left: list[int]
@@ -211,9 +216,11 @@ class RollingFeet:
 class WheelOdometry:
     """Sums up a pose from angles of the legs; it begins at 0, certain.
 
-    pose: (3,) x, y [m] and yaw [rad] in the frame of the start; covariance: (3, 3) of it
-    twist: (2,) forward speed [m/s] and yaw rate [rad/s] over the last interval
-    twist_variance: (3,) of forward speed, lateral speed [m^2/s^2] and yaw rate [rad^2/s^2]
+    Attributes:
+        pose: (3,) x, y [m] and yaw [rad] in the frame of the start.
+        covariance: (3, 3) of it.
+        twist: (2,) forward speed [m/s] and yaw rate [rad/s] over the last interval.
+        twist_variance: (3,) of forward speed, lateral speed [m^2/s^2] and yaw rate [rad^2/s^2].
     """
 
     def __init__(self, rover: RoverDescription, counts_per_turn: int, rolling: Rolling) -> None:
