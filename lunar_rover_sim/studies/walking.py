@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lunar_rover_sim.frames import rpy_from_wxyz
 from lunar_rover_sim.gait.controller import GaitController
 from lunar_rover_sim.physics.simulation import Simulation
-from lunar_rover_sim.world.config import preset
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.grid import HeightGrid
 from lunar_rover_sim.world.model import World
 from lunar_rover_sim.world.rocks import Rocks
@@ -62,7 +62,8 @@ def flat_world(half_extent_m: float = 15.0, cell_m: float = 0.025) -> World:
     ground = HeightGrid(np.zeros((n, n), np.float32), cell_m)
     rocks = Rocks(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)),
                   np.zeros((0, 4)), np.zeros(0, np.float32), np.array([0.1]))
-    return World((ground,), np.ones((n, n), np.float32), rocks, (), preset('flat'), 'flat')
+    return World((ground,), np.ones((n, n), np.float32), rocks, (), Scenario.load('flat').world,
+                 'flat')
 
 
 def sloping_world(slope_deg: float, half_extent_m: float = 5.0) -> World:

@@ -7,10 +7,9 @@ than the average highland. The source of each default that is a property of the 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 from lunar_rover_sim.errors import ConfigError
-from lunar_rover_sim.parameters import check, group, nearest, param, Parameters, ParamInfo
+from lunar_rover_sim.parameters import check, group, param, Parameters, ParamInfo
 
 PROCEDURAL, DEM, MESH = 'procedural', 'dem', 'mesh'
 
@@ -239,36 +238,3 @@ class WorldConfig(Parameters):
     def samples(self) -> int:
         """Samples along a side of the ground."""
         return round(self.size_m / self.cell_m) + 1
-
-
-# The worlds of the packaged scenarios. The flat one is an empty plane to the horizon.
-PRESETS: dict[str, dict[str, Any]] = {
-    'baseline': {},
-    'feature_sparse': {
-        'relief': {'rms_slope_deg': 0.4, 'far_rms_slope_deg': 1.5},
-        'craters': {'density': 0.012, 'min_diameter_m': 0.4, 'age_exponent': 3.0},
-        'rocks': {'abundance': 0.0015, 'min_diameter_m': 0.05},
-        'albedo': {'variation': 0.015, 'grain': 0.01},
-    },
-    'low_albedo': {
-        'relief': {'far_rms_slope_deg': 1.6, 'far_hurst': 0.76},
-        'rocks': {'abundance': 0.010},
-    },
-    'mare_apollo': {
-        'relief': {'far_rms_slope_deg': 1.6, 'far_hurst': 0.76},
-        'rocks': {'site': 'surveyor_1'},
-    },
-    'flat': {
-        'relief': {'rms_slope_deg': 0.0, 'far_rms_slope_deg': 0.0},
-        'craters': {'density': 0.0},
-        'rocks': {'abundance': 0.0},
-        'albedo': {'variation': 0.0, 'grain': 0.0},
-    },
-}
-
-
-def preset(name: str) -> WorldConfig:
-    """Return the parameters of the world of that name; raise ConfigError if there is none."""
-    if name not in PRESETS:
-        raise ConfigError(f'world: no preset {name!r}; {nearest(name, PRESETS)}')
-    return WorldConfig.from_mapping(PRESETS[name], 'world')

@@ -1,4 +1,4 @@
-"""The recipe: what is refused, and that scenarios and presets agree."""
+"""The recipe: what is refused."""
 
 import pytest
 
@@ -6,7 +6,9 @@ from lunar_rover_sim.errors import ConfigError
 from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world.build import build_world
 from lunar_rover_sim.world.cache import cached
-from lunar_rover_sim.world.config import preset, PRESETS, WorldConfig
+from lunar_rover_sim.world.config import WorldConfig
+
+FLAT = Scenario.load('flat').world
 
 
 @pytest.mark.parametrize('mapping, message', [
@@ -33,16 +35,6 @@ def test_mapping_round_trip():
     assert config.samples == 2049
 
 
-@pytest.mark.parametrize('name', PRESETS)
-def test_scenarios_have_the_preset_worlds(name):
-    assert Scenario.load(name).world == preset(name)
-
-
-def test_unknown_preset():
-    with pytest.raises(ConfigError, match='did you mean flat'):
-        preset('flta')
-
-
 @pytest.mark.parametrize('seed, message', [
     (-1, r'^seed: -1 is not valid; valid is >= 0$'),
     (1.5, r'^seed: 1\.5 is not a whole number$'),
@@ -50,9 +42,9 @@ def test_unknown_preset():
 ])
 def test_a_seed_is_a_whole_number_from_0_on(seed, message):
     with pytest.raises(ConfigError, match=message):
-        build_world(preset('flat'), seed)
+        build_world(FLAT, seed)
     with pytest.raises(ConfigError, match=message):
-        cached(preset('flat'), seed)
+        cached(FLAT, seed)
 
 
 @pytest.mark.parametrize('seed', [-2, -7, 0.5, 'one'])
@@ -63,6 +55,6 @@ def test_the_seed_of_a_recipe_is_a_whole_number_or_that_of_the_scenario(seed):
 
 
 def test_the_seed_of_the_recipe_wins():
-    assert preset('flat').with_seed(7).seed == 7
-    assert preset('flat').with_seed(0).seed == 0
+    assert FLAT.with_seed(7).seed == 7
+    assert FLAT.with_seed(0).seed == 0
     assert WorldConfig(seed=3).with_seed(7).seed == 3

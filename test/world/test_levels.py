@@ -10,9 +10,10 @@ import pytest
 from waiting import LIMIT_S
 import worlds
 
+from lunar_rover_sim.run.scenario import Scenario
 from lunar_rover_sim.world import levels as nest
 from lunar_rover_sim.world.build import build_world, drop_m
-from lunar_rover_sim.world.config import LEVEL_RATIO, preset, WorldConfig
+from lunar_rover_sim.world.config import LEVEL_RATIO, WorldConfig
 from lunar_rover_sim.world.grid import HeightGrid
 
 
@@ -138,7 +139,7 @@ def test_start_is_gentle():
 
 
 def test_flat_is_flat_but_for_the_sphere():
-    world = build_world(preset('flat'), 3)
+    world = build_world(Scenario.load('flat').world, 3)
     assert not world.ground.heights_m.any()
     # The drop of the sphere at the farthest corners, and nothing else.
     for level in world.levels[1:]:
