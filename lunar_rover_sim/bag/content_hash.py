@@ -18,10 +18,11 @@ from collections.abc import Callable, Mapping
 import hashlib
 from pathlib import Path
 import struct
+from typing import Any
 
 from rosbags.typesys.base import TypesysError
 
-from lunar_rover_sim.bag.reader import Bag, open_bag
+from lunar_rover_sim.bag.reader import Bag, open_bag, RawMessage
 from lunar_rover_sim.bag.totals import AT_WALL_TIME, is_one_of
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.topics import RECORDED
@@ -66,6 +67,41 @@ def is_skipped(topic: str) -> bool:
     return is_one_of(topic, SKIPPED)
 
 
+class ContentHash:
+    """The hashes of the topics of an open bag, from its messages one by one.
+
+    Attributes:
+        topics: Those that count, see `SKIPPED`; each of their messages is to be added.
+    """
+
+    def __init__(self, bag: Bag) -> None:
+        self._bag = bag
+        self.topics = [topic for topic in bag.types if not is_skipped(topic)]
+        self._states = {topic: _TopicHash() for topic in self.topics}
+
+    def add(self, message: RawMessage, decoded: Any) -> None:
+        """Take the next message, and the same decoded.
+
+        Raises:
+            BagError: If it cannot be serialised again.
+        """
+        try:
+            payload = self._bag.typestore.serialize_cdr(decoded, message.msgtype,
+                                                        little_endian=True)
+        except (TypesysError, struct.error) as error:
+            raise BagError(f'{self._bag.path}: a {message.msgtype} cannot be hashed: '
+                           f'{error}') from None
+        self._states[message.topic].add(self._bag.stamp_ns(message), payload)
+
+    def by_topic(self) -> dict[str, str]:
+        """Return topic → hexadecimal hash."""
+        return {topic: state.hexdigest() for topic, state in self._states.items()}
+
+    def of_bag(self) -> str:
+        """Return the hexadecimal hash of the bag."""
+        return combine(self.by_topic(), self._bag.types)
+
+
 def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -> dict[str, str]:
     """Return topic → hexadecimal hash; `progress` is called once per message.
 
@@ -73,7 +109,7 @@ def topic_hashes(path: Path | str, progress: Callable[[], None] | None = None) -
         BagError: If the bag cannot be read.
     """
     with open_bag(path) as bag:
-        return _hash_topics(bag, progress)
+        return _read(bag, progress).by_topic()
 
 
 def bag_hash(path: Path | str) -> str:
@@ -83,7 +119,7 @@ def bag_hash(path: Path | str) -> str:
         BagError: If the bag cannot be read.
     """
     with open_bag(path) as bag:
-        return combine(_hash_topics(bag, None), bag.types)
+        return _read(bag, None).of_bag()
 
 
 def combine(hashes: Mapping[str, str], types: Mapping[str, str]) -> str:
@@ -92,19 +128,10 @@ def combine(hashes: Mapping[str, str], types: Mapping[str, str]) -> str:
     return hashlib.sha256(''.join(lines).encode()).hexdigest()
 
 
-def _hash_topics(bag: Bag, progress: Callable[[], None] | None) -> dict[str, str]:
-    topics = [topic for topic in bag.types if not is_skipped(topic)]
-    states = {topic: _TopicHash() for topic in topics}
-    store = bag.typestore
-    if topics:
-        for message in bag.raw(topics):
-            decoded = bag.decode(message.data, message.msgtype)
-            try:
-                payload = store.serialize_cdr(decoded, message.msgtype, little_endian=True)
-            except (TypesysError, struct.error) as error:
-                raise BagError(f'{bag.path}: a {message.msgtype} cannot be hashed: '
-                               f'{error}') from None
-            states[message.topic].add(bag.stamp_ns(message), payload)
-            if progress is not None:
-                progress()
-    return {topic: state.hexdigest() for topic, state in states.items()}
+def _read(bag: Bag, progress: Callable[[], None] | None) -> ContentHash:
+    hashes = ContentHash(bag)
+    for message in bag.raw(hashes.topics) if hashes.topics else ():
+        hashes.add(message, bag.decode(message.data, message.msgtype))
+        if progress is not None:
+            progress()
+    return hashes

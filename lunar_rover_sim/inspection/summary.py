@@ -8,12 +8,11 @@ import dataclasses
 from pathlib import Path
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.content_hash import bag_hash
-from lunar_rover_sim.bag.messages import xyz
+from lunar_rover_sim.bag.content_hash import ContentHash
 from lunar_rover_sim.bag.reader import Bag, open_bag
-from lunar_rover_sim.bag.totals import driven_distance_m, every_step, simulated_end_ns
+from lunar_rover_sim.bag.totals import simulated_end_ns
 from lunar_rover_sim.inspection import tracking
-from lunar_rover_sim.inspection.tracking import PredictionMiss
+from lunar_rover_sim.inspection.tracking import Drive, PredictionMiss
 from lunar_rover_sim.seconds import NS_PER_S
 
 
@@ -52,11 +51,19 @@ class Summary:
 
 
 def summarise(path: Path) -> Summary:
-    """Return the summary of a bag; the distance is that along the true path."""
+    """Return the summary of a bag, read once; the distance is that along the true path."""
     with open_bag(path) as bag:
-        return Summary(dict(bag.counts), simulated_end_ns(bag) / NS_PER_S, _distance_m(bag),
-                       bag.size_bytes, bag_hash(path), tuple(tracking.of_bag(bag)),
-                       _slam_states(bag), missing_tf(bag))
+        hashes, drive, slam = ContentHash(bag), Drive(bag), Counter[str]()
+        status = bag.resolve(topics.SLAM_STATUS.name) if bag.has(topics.SLAM_STATUS.name) else ''
+        for message in bag.raw(hashes.topics) if hashes.topics else ():
+            decoded = bag.decode(message.data, message.msgtype)
+            hashes.add(message, decoded)
+            drive.add(message, decoded)
+            if message.topic == status and decoded.status:
+                slam[decoded.status[0].message] += 1
+        return Summary(dict(bag.counts), simulated_end_ns(bag) / NS_PER_S, drive.distance_m(),
+                       bag.size_bytes, hashes.of_bag(), tuple(drive.predictions()), slam,
+                       missing_tf(bag))
 
 
 def missing_tf(bag: Bag) -> tuple[str, ...]:
@@ -67,25 +74,6 @@ def missing_tf(bag: Bag) -> tuple[str, ...]:
             'has the poses',)
 
 
-def _slam_states(bag: Bag) -> Counter[str]:
-    """Return the number of frames by what slam_node said of each; empty without one."""
-    if not bag.has(topics.SLAM_STATUS.name):
-        return Counter()
-    return Counter(message.status[0].message
-                   for _, _, message in bag.messages([topics.SLAM_STATUS.name]) if message.status)
-
-
 def _slam_line(states: Mapping[str, int]) -> str:
     counts = ', '.join(f'{count} {state}' for state, count in sorted(states.items()))
     return f'slam: {sum(states.values())} frames answered: {counts}'
-
-
-def _distance_m(bag: Bag) -> float:
-    """Return the distance driven; of the odometry only what it needs is held in memory."""
-    if not bag.has(bag.truth):
-        return 0.0
-    stamped = ((message.time_ns, message) for message in bag.raw([bag.truth]))
-    decoded = ((stamp_ns, bag.decode(message.data, message.msgtype))
-               for stamp_ns, message in every_step(stamped))
-    return driven_distance_m((stamp_ns, xyz(odometry.pose.pose.position))
-                             for stamp_ns, odometry in decoded)

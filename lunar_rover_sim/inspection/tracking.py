@@ -9,6 +9,7 @@ several times a second: the fewer frames, the farther off the prediction.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 import dataclasses
 from typing import Any
@@ -17,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import frames, topics
-from lunar_rover_sim.bag.messages import odometry_row
-from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.bag.messages import header_ns, odometry_row
+from lunar_rover_sim.bag.reader import Bag, RawMessage
 from lunar_rover_sim.bag.recorded_scenario import recorded_scenario, RecordedScenario
+from lunar_rover_sim.bag.totals import driven_distance_m
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.errors import ConfigError
@@ -164,26 +166,41 @@ def predictions(scenario: RecordedScenario, odom_ns: NDArray[np.int64], poses: A
     return found
 
 
-def of_bag(bag: Bag) -> list[PredictionMiss]:
-    """Return `predictions` of a bag with one rover; empty where it lacks odometry or images."""
-    if not (bag.has(bag.truth) and bag.has(topics.LEFT_INFO.name)):
-        return []
-    frames_ns = np.array([bag.stamp_ns(message) for message in bag.raw([topics.LEFT_INFO.name])],
-                         np.int64)
-    steps = np.diff(np.unique(frames_ns))
-    if not len(steps):
-        return []
-    # Of the odometry only what the highest rate uses is decoded and held in memory.
-    first_ns, finest_ns = int(frames_ns.min()), int(np.median(steps)) / 2**(_RATES - 1)
-    odom_ns, poses = [], []
-    for message in bag.raw([bag.truth]):
-        stamp_ns = bag.stamp_ns(message)
-        assert stamp_ns is not None     # nav_msgs/Odometry has a header
-        if round(first_ns + round((stamp_ns - first_ns) / finest_ns) * finest_ns) == stamp_ns:
-            odom_ns.append(stamp_ns)
-            poses.append(odometry_row(bag.decode(message.data, message.msgtype))[:7])
-    return predictions(recorded_scenario(bag), np.array(odom_ns, np.int64),
-                       np.array(poses).reshape(-1, 7), bag.first(topics.LEFT_INFO.name), frames_ns)
+class Drive:
+    """The true way of the one rover of a bag, and its frames, from the messages one by one."""
+
+    def __init__(self, bag: Bag) -> None:
+        self._bag = bag
+        self._truth, self._camera = (bag.resolve(name) if bag.has(name) else ''
+                                     for name in (bag.truth, topics.LEFT_INFO.name))
+        # Flat arrays: an hour of objects would take ten times their memory.
+        self._times_ns, self._odom_ns, self._frames_ns = array('q'), array('q'), array('q')
+        self._poses = array('d')
+        self._info: Any = None
+
+    def add(self, message: RawMessage, decoded: Any) -> None:
+        """Take a message, and the same decoded; of other topics they are left out."""
+        if message.topic == self._truth and message.msgtype == topics.ODOM.type:
+            self._times_ns.append(message.time_ns)
+            self._odom_ns.append(header_ns(decoded))
+            self._poses.extend(odometry_row(decoded)[:7])
+        elif message.topic == self._camera and message.msgtype == topics.LEFT_INFO.type:
+            self._frames_ns.append(header_ns(decoded))
+            self._info = self._info or decoded
+
+    def distance_m(self) -> float:
+        """Return the distance driven [m]; 0 without odometry."""
+        return driven_distance_m(zip(self._times_ns, self._pose_rows().tolist()))
+
+    def predictions(self) -> list[PredictionMiss]:
+        """Return `predictions` of the drive; empty where odometry or images are missing."""
+        if self._info is None or not self._odom_ns:
+            return []
+        return predictions(recorded_scenario(self._bag), np.array(self._odom_ns, np.int64),
+                           self._pose_rows(), self._info, np.array(self._frames_ns, np.int64))
+
+    def _pose_rows(self) -> Array:
+        return np.array(self._poses, float).reshape(-1, 7)
 
 
 def sentence(found: Sequence[PredictionMiss]) -> str:

@@ -1,5 +1,6 @@
 """Whether a frame rate fits its motion, by motions of a known answer; the last lines of a run."""
 
+from collections import Counter
 import copy
 import dataclasses
 
@@ -8,7 +9,7 @@ import pytest
 import synthetic_bag as synthetic
 
 from lunar_rover_sim import topics
-from lunar_rover_sim.bag.reader import open_bag
+from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.camera.config import CameraConfig
 from lunar_rover_sim.camera.rig import StereoRig
 from lunar_rover_sim.frames import matrix_from_wxyz, se3, wxyz_from_rpy
@@ -41,8 +42,7 @@ def drive(monkeypatch, factor, **options):
 
 def test_a_rate_that_is_too_low_is_a_warning_that_names_one_that_is_not(tmp_path, monkeypatch):
     path = synthetic.write(tmp_path / 'bag', drive(monkeypatch, 5.0))
-    with open_bag(path) as bag:
-        found = tracking.of_bag(bag)
+    found = summarise(path).tracking
     assert [miss.rate_hz for miss in found] == pytest.approx([10.0, 20.0, 40.0])   # of 200 Hz
     assert found[0].median_px > 2.0 * found[1].median_px > 4.0 * found[2].median_px
     assert found[0].lost > tracking.MAX_LOST >= found[1].lost
@@ -80,8 +80,7 @@ def test_the_truth_is_judged_where_it_has_a_topic_of_its_own(tmp_path, monkeypat
         if item.topic == topics.ODOM.name:
             item.message.pose.pose = still
     path = synthetic.write(tmp_path / 'bag', items + truth)
-    with open_bag(path) as bag:
-        found = tracking.of_bag(bag)
+    found = summarise(path).tracking
     assert found[0].lost > tracking.MAX_LOST
     finding = next(f for f in check(path).findings if f.check == 'tracking')
     assert finding.detail == tracking.sentence(found)
@@ -193,3 +192,20 @@ def test_without_a_slam_program_there_is_no_line(tmp_path):
     summary = summarise(synthetic.write(tmp_path / 'bag', items))
     assert summary.slam == {}
     assert 'slam' not in summary.lines()
+
+
+def test_a_summary_reads_the_bag_once(tmp_path, monkeypatch):
+    """Every reading unpacks all images: no message comes twice but those that say how it was."""
+    path = synthetic.write(tmp_path / 'bag', synthetic.drive(1.0))
+    read, raw = Counter(), Bag.raw
+
+    def counted(bag, *args, **options):
+        for message in raw(bag, *args, **options):
+            read[message.topic] += 1
+            yield message
+
+    monkeypatch.setattr(Bag, 'raw', counted)
+    counts = summarise(path).counts
+    for name in (topics.LEFT_IMAGE.name, topics.LEFT_INFO.name):
+        assert read[f'/{name}'] == counts[f'/{name}']
+    assert read[f'/{topics.ODOM.name}'] < 1.5 * counts[f'/{topics.ODOM.name}']     # and its end
