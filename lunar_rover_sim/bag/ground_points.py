@@ -8,18 +8,20 @@ so that the index of the sample follows from them.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.messages import header_ns
-from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import BagError
 from lunar_rover_sim.regolith.overlay import CELL_M, GroundChanges, Overlay
 from lunar_rover_sim.seconds import NS_PER_S
 from lunar_rover_sim.world.grid import HeightGrid
+
+if TYPE_CHECKING:    # nodes that write points read no bag
+    from lunar_rover_sim.bag.reader import Bag
 
 POINT = np.dtype([(name, '<f4') for name in ('x', 'y', 'z', 'height_change', 'compaction')])
 FLOAT32 = 7     # of sensor_msgs/PointField

@@ -17,9 +17,9 @@ import dataclasses
 import functools
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-import scipy.fft
 
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig
 from lunar_rover_sim.frames import Array
@@ -113,7 +113,7 @@ class Glare:
         """Prepare the kernel; shape: rows and columns of cells; pixels: of the whole image."""
         self._corners = shape[0] + 1, shape[1] + 1
         self._veil = lens.config.veil_share * cell_px**2 / pixels
-        self._padded = tuple(scipy.fft.next_fast_len(2 * n, real=True) for n in shape)
+        self._padded = tuple(cv2.getOptimalDFTSize(2 * n) for n in shape)
         # Light comes from anywhere within a cell.
         offsets = (np.arange(_OFFSETS) + 0.5) / _OFFSETS
         rows, columns = (np.where(np.arange(n) <= n // 2, np.arange(n), np.arange(n) - n)
@@ -124,14 +124,14 @@ class Glare:
             for dx in offsets:
                 kernel += lens.scatter(
                     scale * np.hypot((rows - dy)[:, None], (columns - dx)[None]))
-        self._kernel = scipy.fft.rfft2(kernel * (scale / _OFFSETS)**2)
+        self._kernel = np.fft.rfft2(kernel * (scale / _OFFSETS)**2)
 
     def of(self, irradiance: NDArray[np.floating]) -> Array:
         """Return the irradiance (k, rows + 1, columns + 1) that arrives astray at corners.
 
         irradiance: (k, rows, columns) mean radiance of the cells of k images, times cos^4
         """
-        spectrum = scipy.fft.rfft2(irradiance, s=self._padded) * self._kernel
-        scattered = scipy.fft.irfft2(spectrum, s=self._padded)
+        spectrum = np.fft.rfft2(irradiance, s=self._padded) * self._kernel
+        scattered = np.fft.irfft2(spectrum, s=self._padded)
         veil = self._veil * irradiance.sum(axis=(1, 2), keepdims=True)
         return scattered[:, :self._corners[0], :self._corners[1]] + veil

@@ -11,12 +11,12 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import statistics
 from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from lunar_rover_sim.camera.blooming import bloom
 from lunar_rover_sim.camera.config import CameraConfig, LensConfig, SensorConfig
@@ -264,7 +264,8 @@ def _normal_samples() -> F32:
     by symmetry; the kurtosis is 2.999.
     """
     count = 1 << _NORMAL_BITS
-    bounds = ndtri(np.arange(count + 1) / count)
+    quantile = statistics.NormalDist().inv_cdf
+    bounds = np.array([-np.inf, *(quantile(k / count) for k in range(1, count)), np.inf])
     density = np.exp(-0.5 * bounds**2) / math.sqrt(2.0 * math.pi)
     means = count * (density[:-1] - density[1:])
     return (means / math.sqrt(np.mean(means**2))).astype(np.float32)

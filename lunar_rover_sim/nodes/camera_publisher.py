@@ -26,11 +26,11 @@ from lunar_rover_sim.nodes.message_types import message_class
 from lunar_rover_sim.nodes.vision_conversions import (detections, label_info, vision_info,
                                                       vision_messages)
 from lunar_rover_sim.rendering import layer_pictures
+from lunar_rover_sim.rendering.instances import instances
 from lunar_rover_sim.rendering.labels import class_names, vocabulary
 from lunar_rover_sim.rendering.renderer import FurtherCamera, Renderer
 from lunar_rover_sim.rover.pose import RoverPose
 from lunar_rover_sim.run.node_config import RenderNodeConfig
-from lunar_rover_sim.sequences.instances import instances
 from lunar_rover_sim.stereo.points import points_from_depth
 from lunar_rover_sim.stereo.sgm import SgmMatcher
 from lunar_rover_sim.world.craters import Craters

@@ -12,8 +12,8 @@ from typing import Any
 
 from std_msgs.msg import Header
 
+from lunar_rover_sim.rendering.instances import CRATER, Instance
 from lunar_rover_sim.rendering.labels import FIRST_CRATER, LABEL_FIRST_ROCK, METHOD
-from lunar_rover_sim.sequences.instances import CRATER, Instance
 
 _FIRST = {CRATER: FIRST_CRATER}     # number of the first one; rocks otherwise
 

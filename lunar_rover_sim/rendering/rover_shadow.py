@@ -14,8 +14,6 @@ import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from lunar_rover_sim.frames import Array
 from lunar_rover_sim.rendering import texture_units
@@ -177,6 +175,9 @@ def _split(part: VisualPart, link: int) -> list[_Piece]:
     sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=-1).reshape(-1, 2)
     side = len(faces) + np.unique(sides, axis=0, return_inverse=True)[1].reshape(-1)
     ends = np.repeat(np.arange(len(faces)), 3), side
+    # Here, because they take time to import, and the parts of a rover are found once.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
     graph = coo_array((np.ones(len(side)), ends), shape=(side.max() + 1,) * 2)
     count, label = connected_components(graph, directed=False)
     result = []

@@ -19,7 +19,8 @@ from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.errors import SequenceError
 from lunar_rover_sim.files.paths import counted
-from lunar_rover_sim.sequences.instances import CATEGORIES, Instance, LEAST_PX, run_lengths
+from lunar_rover_sim.rendering.instances import CATEGORIES, Instance, LEAST_PX
+from lunar_rover_sim.sequences.instances import run_lengths
 from lunar_rover_sim.sequences.labelled import LabelledSequence
 from lunar_rover_sim.sequences.sequence import PngWriter
 

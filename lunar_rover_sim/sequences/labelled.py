@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim import topics
 from lunar_rover_sim.bag.reader import Bag
+from lunar_rover_sim.rendering.instances import Instance, instances
 from lunar_rover_sim.sequences.further import RecordedCamera
-from lunar_rover_sim.sequences.instances import check_pinhole, Instance, instances
+from lunar_rover_sim.sequences.instances import check_pinhole
 from lunar_rover_sim.sequences.sequence import PngWriter, Sequence
 
 

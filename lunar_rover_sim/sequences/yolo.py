@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from lunar_rover_sim.bag.reader import Bag
 from lunar_rover_sim.files.paths import counted
-from lunar_rover_sim.sequences.instances import CATEGORIES, Instance, LEAST_PX, outline
+from lunar_rover_sim.rendering.instances import CATEGORIES, Instance, LEAST_PX
+from lunar_rover_sim.sequences.instances import outline
 from lunar_rover_sim.sequences.labelled import LabelledSequence
 from lunar_rover_sim.sequences.sequence import PngWriter
 

@@ -26,13 +26,13 @@ from lunar_rover_sim.nodes import conversions, image_conversions  # noqa: E402
 from lunar_rover_sim.nodes import vision_conversions  # noqa: E402
 from lunar_rover_sim.nodes.message_types import definition_of  # noqa: E402
 from lunar_rover_sim.physics.state import RoverState  # noqa: E402
+from lunar_rover_sim.rendering.instances import instances  # noqa: E402
 from lunar_rover_sim.rendering.labels import class_names, LABEL_FIRST_ROCK  # noqa: E402
 from lunar_rover_sim.rover.description import Legs, RoverDescription  # noqa: E402
 from lunar_rover_sim.sensors.imu import ImuSample  # noqa: E402
 from lunar_rover_sim.sensors.registry import OdometryConfig  # noqa: E402
 from lunar_rover_sim.sensors.wheel_odometry import Rolling, WheelOdometry  # noqa: E402
 from lunar_rover_sim.sensors.wheel_odometry import WheelOdometryConfig  # noqa: E402
-from lunar_rover_sim.sequences.instances import instances  # noqa: E402
 
 LEG_JOINTS = [f'{leg}_joint' for leg in Legs().names]
 
